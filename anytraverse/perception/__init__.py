@@ -1,0 +1,120 @@
+"""Who turns words and a frame into attention maps and an embedding: the `Perceiver` protocol and its kinds.
+
+A perceiver works in three steps, so that judging a frame again and a new word cost no second encoding:
+encode(image) -> features; attend(features, prompts) -> maps; embed(features) -> embedding.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.errors import ExampleError, PerceiverError
+from anytraverse.frame import Image
+from anytraverse.regions import Box
+
+Features = Any
+"""What `encode` made of a frame. Opaque: only the perceiver that made it can read it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """What a perceiver keeps of a tapped box: a finite float32 vector of its own meaning.
+
+    It is tied to `model_id`: another model refuses it.
+    """
+
+    model_id: str
+    vector: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        if self.vector.ndim != 1 or not np.isfinite(self.vector).all():
+            raise ExampleError("an example must be one finite vector: tap the thing again")
+
+
+@dataclass(frozen=True)
+class Prompt:
+    """What is looked for: a word, tapped examples of it, or both."""
+
+    word: str
+    examples: tuple[Example, ...] = ()
+
+
+@dataclass(frozen=True)
+class DefaultThresholds:
+    """The thresholds that go with a perceiver and its embedding; config may override each.
+
+    roi: mean uncertainty of the ROI above which something in it is unknown, in (0, 1].
+    scene: cosine to the reference below which the scene has changed, in [-1, 1].
+    tile: uncertainty of the worst tile above which something is unknown, in (0, 1], or None: not judged.
+    """
+
+    roi: float
+    scene: float
+    tile: float | None = None
+
+
+class Perceiver(Protocol):
+    """The eyes: one instance serves one thread."""
+
+    @property
+    def model_id(self) -> str:
+        """Names model, weights and embedding; examples and embeddings of another id mean nothing here."""
+
+    @property
+    def vocabulary(self) -> tuple[str, ...] | None:
+        """The words it can ground, or None when the vocabulary is open."""
+
+    @property
+    def defaults(self) -> DefaultThresholds:
+        """Thresholds that suit its maps and its embedding."""
+
+    def meaning(self, word: str) -> str:
+        """The name under which synonyms meet ("path" and "trail"); UnknownWordError for a word it cannot ground."""
+
+    def encode(self, image: Image) -> Features:
+        """One pass over an RGB frame, (height, width, 3) uint8 of any size. The expensive step."""
+
+    def attend(self, features: Features, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
+        """Attention maps, (len(prompts), h, w), each value in [0, 1], at the model's own resolution.
+
+        Absolute, not relative: a thing that fits no prompt is low in every map. A prompt with examples needs
+        no known word; of a known word and its examples the larger attention counts.
+        Raises UnknownWordError, ExampleError.
+        """
+
+    def embed(self, features: Features) -> NDArray[np.float32]:
+        """The scene: a unit-norm vector, (d,)."""
+
+    def example(self, features: Features, box: Box) -> Example:
+        """An example of what the box shows. Raises ExampleError when the box is too small to teach anything."""
+
+
+KINDS: dict[str, tuple[str, str]] = {
+    "builtin": ("anytraverse.perception.builtin", "Builtin"),
+}
+"""Kind -> (module, class). The module is imported only when the kind is chosen."""
+
+
+def make_perceiver(name: str) -> Perceiver:
+    """The perceiver called `name`: "kind" or "kind:argument", e.g. "builtin".
+
+    Raises PerceiverError for an unknown kind or one that fails to load.
+    """
+    kind, _, argument = name.partition(":")
+    if kind not in KINDS:
+        raise PerceiverError(f'no perceiver is called "{kind}": choose one of {", ".join(KINDS)}')
+    module, attribute = KINDS[kind]
+    try:
+        factory = getattr(importlib.import_module(module), attribute)
+    except ImportError as error:
+        raise PerceiverError(
+            f'perceiver "{kind}" needs {error.name}: pip install "anytraverse-companion[rover]"'
+        ) from error
+    perceiver: Perceiver = factory(argument) if argument else factory()
+    return perceiver

@@ -1,0 +1,42 @@
+"""A camera's frame, with the id and capture time that go with it to the last message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]
+"""RGB, (height, width, 3), uint8."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture.
+
+    id: rises by at least one from frame to frame of one camera.
+    captured_at: seconds on the caller's monotonic clock.
+    image: RGB, (height, width, 3), uint8.
+    """
+
+    id: int
+    captured_at: float
+    image: Image
+
+
+def is_image(image: Any) -> bool:
+    """Whether `image` is a non-empty RGB uint8 array."""
+    return (
+        isinstance(image, np.ndarray)
+        and image.dtype == np.uint8
+        and image.ndim == 3
+        and image.shape[2] == 3
+        and image.size > 0
+    )
+
+
+def is_black(image: Image, level: float = 4.0) -> bool:
+    """Whether the picture shows nothing: its mean is below `level` of 255 (lens cap, camera starting)."""
+    return float(image.mean()) < level

@@ -1,0 +1,37 @@
+"""From attention maps and weights to one traversability and one uncertainty map (AnyTraverse, arXiv 2506.16826).
+
+Poolings and uncertainties are chosen by name, so that the paper's other options have their place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Map = NDArray[np.float32]
+
+
+def weighted_max(attention: Map, weights: Map) -> Map:
+    """Weighted max pooling: at each pixel the w_n m_n of largest absolute value; of equals the lowest.
+
+    attention: (n, h, w) in [0, 1]; weights: (n,) in [-1, 1]. Returns the signed map, (h, w) in [-1, 1].
+    Not finite in, not finite out. Without words nothing is known to be drivable: 0.
+    """
+    if len(attention) == 0:
+        return np.zeros(attention.shape[1:], dtype=np.float32)
+    weighted = attention * weights[:, None, None]
+    lowest, highest = weighted.min(axis=0), weighted.max(axis=0)
+    return np.where(np.isnan(lowest) | (-lowest >= highest), lowest, highest).astype(np.float32)
+
+
+def one_minus_max(attention: Map) -> Map:
+    """Uncertainty: 1 - max_n m_n, (h, w) in [0, 1]. Without words: 1."""
+    if len(attention) == 0:
+        return np.ones(attention.shape[1:], dtype=np.float32)
+    return (1.0 - attention.max(axis=0)).astype(np.float32)
+
+
+POOLINGS: dict[str, Callable[[Map, Map], Map]] = {"max": weighted_max}
+UNCERTAINTIES: dict[str, Callable[[Map], Map]] = {"max": one_minus_max}

@@ -1,0 +1,141 @@
+"""The operator's words and their weights: tau = {(pi_n, w_n)} of the paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from anytraverse.errors import PreferencesError
+
+MAX_WORDS = 16
+MAX_WORD_LENGTH = 48
+_RESERVED = ":;"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A weight in [-1, 1] and its stamp: a logical clock, so that it holds on a computer without a clock."""
+
+    weight: float
+    order: int = 0
+
+
+def clean_word(word: str) -> str:
+    """`word` in the one spelling under which it is kept: lower case, single spaces.
+
+    Raises PreferencesError when it is empty, longer than 48 characters, not printable or holds ':' or ';'.
+    """
+    if not word.replace("\t", " ").isprintable():
+        raise PreferencesError(f"{word!r} holds characters that cannot be printed: use letters and spaces")
+    cleaned = " ".join(word.split()).lower()
+    if not cleaned:
+        raise PreferencesError("a word is empty: write it as `grass: 1`")
+    if len(cleaned) > MAX_WORD_LENGTH:
+        raise PreferencesError(
+            f'"{cleaned[:20]}..." has {len(cleaned)} characters: {MAX_WORD_LENGTH} at most'
+        )
+    if any(mark in cleaned for mark in _RESERVED):
+        raise PreferencesError(f'"{cleaned}" holds ":" or ";", which separate words: leave them out')
+    return cleaned
+
+
+def check_weight(word: str, weight: float) -> float:
+    """`weight` as a float in [-1, 1]. Raises PreferencesError."""
+    weight = float(weight)
+    if not math.isfinite(weight) or not -1.0 <= weight <= 1.0:
+        raise PreferencesError(f'weight {weight:g} of "{word}" is not in -1 (never drive) to 1 (drive)')
+    return weight + 0.0  # -0.0 becomes 0.0
+
+
+class Preferences(Mapping[str, float]):
+    """An immutable mapping word -> weight, in the order of setting, at most 16 words.
+
+    Each word carries the stamp of its setting; `order` 0 means configured.
+    """
+
+    def __init__(self, settings: Mapping[str, Setting] | None = None) -> None:
+        cleaned: dict[str, Setting] = {}
+        for raw, setting in (settings or {}).items():
+            word = clean_word(raw)
+            if word in cleaned:
+                raise PreferencesError(f'"{word}" stands twice: keep one')
+            cleaned[word] = Setting(check_weight(word, setting.weight), setting.order)
+        if len(cleaned) > MAX_WORDS:
+            raise PreferencesError(f"{len(cleaned)} words: {MAX_WORDS} at most can be in use")
+        self._settings = cleaned
+
+    @classmethod
+    def of(cls, weights: Mapping[str, float], order: int = 0) -> Preferences:
+        """Preferences from word -> weight, all with one stamp. Raises PreferencesError."""
+        return cls({word: Setting(weight, order) for word, weight in weights.items()})
+
+    @classmethod
+    def parse(cls, text: str, order: int = 0) -> Preferences:
+        """Read `grass: 1; rock: -0.8` (a trailing `;` is allowed). Raises PreferencesError."""
+        settings: dict[str, Setting] = {}
+        parts = text.split(";")
+        if parts and not parts[-1].strip():
+            parts.pop()
+        for part in parts:
+            raw, colon, number = part.rpartition(":")
+            if not colon:
+                raise PreferencesError(
+                    f'"{part.strip()}" has no weight: write it as `word: weight`, e.g. `grass: 1`'
+                )
+            word = clean_word(raw)
+            try:
+                weight = float(number)
+            except ValueError:
+                raise PreferencesError(
+                    f'"{number.strip()}" is not a weight for "{word}": give a number from -1 to 1'
+                ) from None
+            if word in settings:
+                raise PreferencesError(f'"{word}" stands twice: keep one')
+            settings[word] = Setting(check_weight(word, weight), order)
+        return cls(settings)
+
+    def format(self) -> str:
+        """The text that `parse` reads."""
+        return "; ".join(f"{word}: {weight:g}" for word, weight in self.items())
+
+    def __getitem__(self, word: str) -> float:
+        return self._settings[word].weight
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._settings)
+
+    def __len__(self) -> int:
+        return len(self._settings)
+
+    def __eq__(self, other: object) -> bool:
+        """Same words with the same weights; neither stamps nor order count."""
+        return dict(self) == dict(other) if isinstance(other, Preferences) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self.items()))
+
+    def __repr__(self) -> str:
+        return f"Preferences({self.format()!r})"
+
+    @property
+    def settings(self) -> Mapping[str, Setting]:
+        """Word -> weight and stamp."""
+        return dict(self._settings)
+
+    def order(self, word: str) -> int:
+        """The stamp of the word's setting."""
+        return self._settings[word].order
+
+    def merged(self, newer: Preferences) -> Preferences:
+        """nu(tau, newer): newer wins, the rest stays. Beyond 16 words the least recently set ones go."""
+        settings = {word: setting for word, setting in self._settings.items() if word not in newer}
+        settings.update(newer._settings)
+        while len(settings) > MAX_WORDS:
+            del settings[min(settings, key=lambda word: settings[word].order)]
+        return Preferences(settings)
+
+    def without(self, *words: str) -> Preferences:
+        """These preferences less some words; a word that is not in use is no error."""
+        gone = {clean_word(word) for word in words}
+        return Preferences({word: setting for word, setting in self._settings.items() if word not in gone})

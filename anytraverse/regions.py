@@ -1,0 +1,78 @@
+"""Regions of an image in fractions of its width and height, free of any resolution."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.errors import RegionError
+
+
+class Region(Protocol):
+    """A part of the image. `Box` is one; a polygon would be another."""
+
+    @property
+    def bounds(self) -> Box:
+        """The smallest box around the region."""
+
+    def mask(self, height: int, width: int) -> NDArray[np.bool_]:
+        """Pixels whose centre lies inside, (height, width); may be empty when the region is tiny."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """An axis-aligned box: left, top, right, bottom as fractions in [0, 1]; right > left, bottom > top."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    def __post_init__(self) -> None:
+        sides = (self.left, self.top, self.right, self.bottom)
+        if not all(math.isfinite(side) and 0.0 <= side <= 1.0 for side in sides):
+            raise RegionError(f"box {sides} has a side outside 0 to 1: give fractions of the image")
+        if self.right <= self.left or self.bottom <= self.top:
+            raise RegionError(f"box {sides} is empty: left < right and top < bottom are needed")
+
+    @property
+    def bounds(self) -> Box:
+        """The box itself."""
+        return self
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """(x, y) as fractions."""
+        return (self.left + self.right) / 2, (self.top + self.bottom) / 2
+
+    def mask(self, height: int, width: int) -> NDArray[np.bool_]:
+        """Pixels whose centre lies inside, (height, width)."""
+        mask = np.zeros((height, width), dtype=np.bool_)
+        mask[self.slices(height, width)] = True
+        return mask
+
+    def slices(self, height: int, width: int) -> tuple[slice, slice]:
+        """Rows and columns whose pixel centres lie inside; empty slices when there are none."""
+        rows = slice(math.ceil(self.top * height - 0.5), math.ceil(self.bottom * height - 0.5))
+        columns = slice(math.ceil(self.left * width - 0.5), math.ceil(self.right * width - 0.5))
+        return rows, columns
+
+    def grown(self, factor: float) -> Box:
+        """This box with its sides scaled about the centre by `factor` > 0, cut at the image's edge."""
+        x, y = self.centre
+        half_width = (self.right - self.left) / 2 * factor
+        half_height = (self.bottom - self.top) / 2 * factor
+        return Box(
+            max(0.0, x - half_width),
+            max(0.0, y - half_height),
+            min(1.0, x + half_width),
+            min(1.0, y + half_height),
+        )
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether the point (x, y), in fractions, lies inside or on the edge."""
+        return self.left <= x <= self.right and self.top <= y <= self.bottom

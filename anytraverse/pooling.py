@@ -1,4 +1,6 @@
-"""From attention maps and weights to one traversability and one uncertainty map (AnyTraverse, arXiv 2506.16826).
+"""From attention maps and weights to one traversability and one uncertainty map.
+
+Source: AnyTraverse, arXiv 2506.16826.
 
 Poolings and uncertainties are chosen by name, so that the paper's other options have their place.
 """
@@ -23,14 +25,16 @@ def weighted_max(attention: Map, weights: Map) -> Map:
         return np.zeros(attention.shape[1:], dtype=np.float32)
     weighted = attention * weights[:, None, None]
     lowest, highest = weighted.min(axis=0), weighted.max(axis=0)
-    return np.where(np.isnan(lowest) | (-lowest >= highest), lowest, highest).astype(np.float32)
+    signed: Map = np.where(np.isnan(lowest) | (-lowest >= highest), lowest, highest).astype(np.float32)
+    return signed
 
 
 def one_minus_max(attention: Map) -> Map:
     """Uncertainty: 1 - max_n m_n, (h, w) in [0, 1]. Without words: 1."""
     if len(attention) == 0:
         return np.ones(attention.shape[1:], dtype=np.float32)
-    return (1.0 - attention.max(axis=0)).astype(np.float32)
+    uncertainty: Map = (1.0 - attention.max(axis=0)).astype(np.float32)
+    return uncertainty
 
 
 POOLINGS: dict[str, Callable[[Map, Map], Map]] = {"max": weighted_max}

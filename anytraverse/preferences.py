@@ -97,7 +97,7 @@ class Preferences(Mapping[str, float]):
 
     def format(self) -> str:
         """The text that `parse` reads."""
-        return "; ".join(f"{word}: {weight:g}" for word, weight in self.items())
+        return "; ".join(f"{word}: {weight:.12g}" for word, weight in self.items())
 
     def __getitem__(self, word: str) -> float:
         return self._settings[word].weight

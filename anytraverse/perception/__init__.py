@@ -75,7 +75,7 @@ class Perceiver(Protocol):
         """Thresholds that suit its maps and its embedding."""
 
     def meaning(self, word: str) -> str:
-        """The name under which synonyms meet ("path" and "trail"); UnknownWordError for a word it cannot ground."""
+        """The name under which synonyms meet ("path", "trail"); UnknownWordError when it cannot ground it."""
 
     def encode(self, image: Image) -> Features:
         """One pass over an RGB frame, (height, width, 3) uint8 of any size. The expensive step."""
@@ -92,7 +92,7 @@ class Perceiver(Protocol):
         """The scene: a unit-norm vector, (d,)."""
 
     def example(self, features: Features, box: Box) -> Example:
-        """An example of what the box shows. Raises ExampleError when the box is too small to teach anything."""
+        """An example of what the box shows. Raises ExampleError when it is too small to teach anything."""
 
 
 KINDS: dict[str, tuple[str, str]] = {

@@ -1,0 +1,228 @@
+"""The operator's answer (TUNNEL 45003) and what comes back: its acknowledgement (45004)."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+from companion.wire.ids import VERSION, Motion, Outcome, Reasons, Result, Stage
+from companion.wire.packing import (
+    Fractions,
+    PayloadError,
+    Reader,
+    box_to_u16,
+    fraction_to_u16,
+    i16_to_signed,
+    signed_to_i16,
+    text_to_bytes,
+    u16_to_box,
+    u16_to_fraction,
+)
+from companion.wire.payloads import check_version
+
+MAX_PAYLOAD = 128
+MAX_WORD_BYTES = 96
+_HEAD = struct.Struct("<BIHBBBB")
+_CODE = struct.Struct("<B")
+_WEIGHT = struct.Struct("<h")
+_TAP = struct.Struct("<I4Hh")
+_ID = struct.Struct("<H")
+_ACK = struct.Struct("<BIHBBBHHBI")
+
+
+class _Code(IntEnum):
+    SET = 1
+    TAP = 2
+    FORGET_WORD = 3
+    FORGET_CALL = 4
+    NEW_EPISODE = 5
+
+
+@dataclass(frozen=True)
+class SetWord:
+    """Give `word` a weight in [-1, 1]."""
+
+    word: str
+    weight: float
+
+
+@dataclass(frozen=True)
+class TapBox:
+    """Make what `box` (fractions) shows in the frame `frame_id` an example of `word`, with a weight."""
+
+    frame_id: int
+    box: Fractions
+    word: str
+    weight: float
+
+
+@dataclass(frozen=True)
+class ForgetWord:
+    """Take `word` out of use."""
+
+    word: str
+
+
+@dataclass(frozen=True)
+class ForgetCall:
+    """Take what the answer to call `id` taught out of the memory."""
+
+    id: int
+
+
+@dataclass(frozen=True)
+class NewEpisode:
+    """Forget all answered scenes."""
+
+
+Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode
+
+
+def _pack_operation(operation: Operation) -> bytes:
+    match operation:
+        case SetWord(word, weight):
+            return (
+                _CODE.pack(_Code.SET)
+                + _WEIGHT.pack(signed_to_i16(weight))
+                + text_to_bytes(word, MAX_WORD_BYTES)
+            )
+        case TapBox(frame_id, box, word, weight):
+            tap = _TAP.pack(frame_id & 0xFFFFFFFF, *box_to_u16(box), signed_to_i16(weight))
+            return _CODE.pack(_Code.TAP) + tap + text_to_bytes(word, MAX_WORD_BYTES)
+        case ForgetWord(word):
+            return _CODE.pack(_Code.FORGET_WORD) + text_to_bytes(word, MAX_WORD_BYTES)
+        case ForgetCall(call_id):
+            return _CODE.pack(_Code.FORGET_CALL) + _ID.pack(call_id)
+        case NewEpisode():
+            return _CODE.pack(_Code.NEW_EPISODE)
+
+
+def _weight(raw: int) -> float:
+    weight = i16_to_signed(raw)
+    if weight is None:
+        raise PayloadError("a weight is missing")
+    return weight
+
+
+def _read_operation(reader: Reader) -> Operation:
+    (code,) = reader.take(_CODE)
+    if code == _Code.SET:
+        (raw,) = reader.take(_WEIGHT)
+        return SetWord(reader.text(), _weight(raw))
+    if code == _Code.TAP:
+        frame_id, left, top, right, bottom, raw = reader.take(_TAP)
+        box = u16_to_box((left, top, right, bottom))
+        if box is None:
+            raise PayloadError("a tap has no box")
+        return TapBox(frame_id, box, reader.text(), _weight(raw))
+    if code == _Code.FORGET_WORD:
+        return ForgetWord(reader.text())
+    if code == _Code.FORGET_CALL:
+        (call_id,) = reader.take(_ID)
+        return ForgetCall(call_id)
+    if code == _Code.NEW_EPISODE:
+        return NewEpisode()
+    raise PayloadError(f"operation {code} is unknown: update this end")
+
+
+@dataclass(frozen=True)
+class AnswerMessage:
+    """An answer, or one part of it when it is long.
+
+    transaction: chosen at random by the sender, never 0; the same one is applied once.
+    target: id of the call or hold, 0 for the current one.
+    part, parts: this is part `part` (from 0) of `parts`; the operations of all parts count in order.
+    """
+
+    transaction: int
+    target: int
+    motion: Motion
+    operations: tuple[Operation, ...] = ()
+    part: int = 0
+    parts: int = 1
+
+    def pack(self) -> bytes:
+        """The payload's bytes. Raises PayloadError over 128 bytes: send the operations in several parts."""
+        head = _HEAD.pack(
+            VERSION, self.transaction, self.target, self.motion, self.part, self.parts, len(self.operations)
+        )
+        payload = head + b"".join(_pack_operation(operation) for operation in self.operations)
+        if len(payload) > MAX_PAYLOAD:
+            raise PayloadError(f"answer of {len(payload)} bytes: send it in several parts")
+        return payload
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> AnswerMessage:
+        """Read and check. Raises PayloadError."""
+        reader = Reader(payload)
+        version, transaction, target, motion, part, parts, count = reader.take(_HEAD)
+        check_version(version)
+        if transaction == 0 or part >= parts:
+            raise PayloadError("transaction 0 or a part beyond the last")
+        operations = tuple(_read_operation(reader) for _ in range(count))
+        reader.end()
+        try:
+            return cls(transaction, target, Motion(motion), operations, part, parts)
+        except ValueError as error:
+            raise PayloadError(str(error)) from error
+
+
+@dataclass(frozen=True)
+class Acknowledgement:
+    """What became of an answer, also after judging the frames again.
+
+    target: the id it was applied to. stage, outcome: where the call or hold stands now.
+    reasons: of the newest frame; roi_uncertainty, worst_tile: of the call's frame, all judged again.
+    words: hash of all words in use. text: for a person, at most 90 bytes.
+    """
+
+    transaction: int
+    target: int
+    result: Result
+    stage: Stage
+    outcome: Outcome
+    roi_uncertainty: float | None
+    worst_tile: float | None
+    reasons: Reasons
+    words: int
+    text: str
+
+    def pack(self) -> bytes:
+        """The payload's bytes."""
+        return _ACK.pack(
+            VERSION,
+            self.transaction,
+            self.target,
+            self.result,
+            self.stage,
+            self.outcome,
+            fraction_to_u16(self.roi_uncertainty),
+            fraction_to_u16(self.worst_tile),
+            self.reasons,
+            self.words,
+        ) + text_to_bytes(self.text, 90)
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Acknowledgement:
+        """Read and check. Raises PayloadError."""
+        reader = Reader(payload)
+        version, transaction, target, result, stage, outcome, mean, tile, reasons, words = reader.take(_ACK)
+        text = reader.text()
+        reader.end()
+        check_version(version)
+        try:
+            return cls(
+                transaction,
+                target,
+                Result(result),
+                Stage(stage),
+                Outcome(outcome),
+                u16_to_fraction(mean),
+                u16_to_fraction(tile),
+                Reasons(reasons),
+                words,
+                text,
+            )
+        except ValueError as error:
+            raise PayloadError(str(error)) from error

@@ -1,0 +1,135 @@
+"""The numbers of the wire. They never change meaning: a new meaning takes a new number."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from enum import IntEnum, IntFlag
+
+COMPONENT_ID = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER."""
+
+AUTOPILOT_COMPONENT_ID = 1
+
+ANSWER_COMMAND = 31010
+"""MAV_CMD_USER_1: param1 id of the call or hold (0 = the current one), param2 `Motion` or 4."""
+
+TUNNEL_SUMMARY = 45001
+TUNNEL_CALL = 45002
+TUNNEL_ANSWER = 45003
+TUNNEL_ACKNOWLEDGEMENT = 45004
+
+VERSION = 1
+"""Version of all payload layouts; a receiver refuses another."""
+
+MAX_TEXT = 50
+"""Bytes of a STATUSTEXT that every ground station shows whole."""
+
+
+class State(IntEnum):
+    """What the companion is doing, in the summary and in the low byte of its heartbeat's custom_mode."""
+
+    STARTING = 0
+    OK = 1
+    CALLING = 2
+    HOLDING = 3
+    BLOCKED = 4
+    FAULT = 5
+    OFF = 6
+
+
+class Reasons(IntFlag):
+    """Why a frame is not OK."""
+
+    NONE = 0
+    UNKNOWN_SCENE = 1
+    UNKNOWN_OBJECT = 2
+    BLOCKED = 4
+    FAULT = 8
+
+
+class Kind(IntEnum):
+    """What an id names: a call for words, or a hold without one."""
+
+    CALL = 1
+    HOLD = 2
+
+
+class Stage(IntEnum):
+    """Where a call or hold stands."""
+
+    OPEN = 1
+    """It asks for an answer."""
+    ANSWERED = 2
+    """Its answer covers it; the hold waits for "go" or for a clear view."""
+    CLEAR = 3
+    """Its reasons are gone; it asks "clear now, go?"."""
+    CLOSED = 4
+
+
+class Outcome(IntEnum):
+    """How a call or hold was closed."""
+
+    NONE = 0
+    ANSWERED = 1
+    ACCEPTED = 2
+    PASSED = 3
+    TAKEN_OVER = 4
+    RECOVERED = 5
+    SWITCHED_OFF = 6
+
+
+class Motion(IntEnum):
+    """What an answer says about driving. NONE: the words apply, the hold stands."""
+
+    NONE = 0
+    GO = 1
+    STAY = 2
+    LOOK_AGAIN = 3
+
+
+SET_WEIGHT = 4
+"""param2 of the answer command: param3 index of the word's parameter, param4 its weight."""
+
+
+class Result(IntEnum):
+    """What became of an answer."""
+
+    APPLIED = 0
+    APPLIED_NOT_REMEMBERED = 1
+    """In force until the next restart: the journal could not be written."""
+    NOT_COVERED = 2
+    """In force and remembered, but the call's frame still has its reason: the call stays open."""
+    STALE = 3
+    """The id names no open call or hold."""
+    REFUSED = 4
+    """Nothing was changed; the text says why."""
+    DENIED = 5
+    """The sender may not."""
+    BUSY = 6
+    """Nothing was changed yet: send it again."""
+
+
+class Policy(IntEnum):
+    """What the companion may do to the vehicle."""
+
+    REPORT = 0
+    SHADOW = 1
+    HOLD = 2
+    OFF = 3
+
+
+def heartbeat_mode(state: State, current_id: int) -> int:
+    """custom_mode of the heartbeat: the state in the low byte, the open call's or hold's id above it."""
+    return int(state) | (current_id & 0xFFFF) << 8
+
+
+def read_heartbeat_mode(custom_mode: int) -> tuple[State, int]:
+    """State and id from a heartbeat's custom_mode. Raises ValueError for a state of a later version."""
+    return State(custom_mode & 0xFF), custom_mode >> 8 & 0xFFFF
+
+
+def words_hash(weights: Mapping[str, float]) -> int:
+    """CRC-32 of words and weights (to 1e-4), in any order: do both ends mean the same?"""
+    text = ";".join(f"{word}:{round(weight * 10_000)}" for word, weight in sorted(weights.items()))
+    return zlib.crc32(text.encode())

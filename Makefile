@@ -1,0 +1,36 @@
+# What a newcomer types. Each target does its own set-up, in .venv and nowhere else.
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint types check clean ready-rover ready-dev
+
+# A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
+unexport PYTHONPATH PYTHONHOME
+
+PYTHON_IN_VENV := .venv/bin/python
+
+demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, SEED=7 another trail, OUT=folder
+	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
+
+test: ready-dev ## run the tests; ARGS="-k wheel" passes options on to pytest
+	@$(PYTHON_IN_VENV) -m pytest $(ARGS)
+
+lint: ready-dev ## check style and format
+	@$(PYTHON_IN_VENV) -m ruff check .
+	@$(PYTHON_IN_VENV) -m ruff format --check .
+
+types: ready-dev ## check types
+	@$(PYTHON_IN_VENV) -m mypy
+
+check: lint types test ## all three, as before a commit
+
+clean: ## remove .venv, caches and builds (what a demo wrote stays)
+	@rm -rf .venv build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+help: ## this list; PYTHON=python3.12 before or after any target chooses the interpreter
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1	\2/p' $(firstword $(MAKEFILE_LIST)) | while IFS='	' read -r name what; do \
+		printf '  make %-6s %s\n' "$$name" "$$what"; done
+
+# Two set-ups in one .venv: the first demo waits only for what a rover needs,
+# and the developer's tools, several times as big, come with the first `make test`.
+ready-rover ready-dev: ready-%:
+	@GOAL='$(firstword $(MAKECMDGOALS))' sh .ci/setup.sh $*

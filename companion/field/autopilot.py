@@ -1,0 +1,158 @@
+"""The autopilot: ArduPilot Rover as a companion computer and a ground station see it on MAVLink.
+
+It routes between its two ports, obeys modes, arming and parameters, and drives the rover. No sockets and no
+clock of its own: parsed frames and times come in, frames leave through `send(port, frame)`, which says
+whether anybody was there to send to.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.field import telemetry
+from companion.field.commands import Commands
+from companion.field.modes import Mode
+from companion.field.parameters import Parameter, Parameters
+from companion.field.router import Port, Router
+from companion.field.rover import Drive, Rover
+
+SYSTEM = 1
+COMPONENT = 1
+COMPANION = 191
+PARAMETER_GAP = 0.02
+LOGGED_MODES = 200
+HAND = "hand"
+
+
+@dataclass(frozen=True)
+class ModeChange:
+    """An entry of the mode log: rover time in s, the new mode, and "companion", "gcs" or "hand"."""
+
+    t: float
+    mode: Mode
+    by: str
+
+
+class Autopilot:
+    """Boots disarmed in HOLD. Accepts HOLD in every mode, whoever asks."""
+
+    def __init__(self, rover: Rover, send: Callable[[Port, bytes], bool]) -> None:
+        self.rover = rover
+        self.parameters = Parameters()
+        self.parameters.set("CRUISE_SPEED", rover.cruise_speed)
+        self.mode = Mode.HOLD
+        self.armed = False
+        self.mode_log: deque[ModeChange] = deque(maxlen=LOGGED_MODES)
+        self.bytes_from_companion = 0
+        self.router = Router(SYSTEM, COMPONENT)
+        self.streams = {port: telemetry.Streams() for port in Port}
+        self._send = send
+        self._mav = {port: mavlink.MAVLink(None, SYSTEM, COMPONENT) for port in Port}
+        self._commands = Commands(self)
+        self._next_heartbeat = 0.0
+        self._listing: dict[Port, deque[Parameter]] = {port: deque() for port in Port}
+        self._next_listed = dict.fromkeys(Port, 0.0)
+        self._apply()
+
+    def receive(self, port: Port, frame: Any) -> None:
+        """Route and obey one parsed frame that came in on `port`."""
+        route = self.router.decide(port, frame)
+        if route.forward:
+            self._forward(port.other, frame)
+        if route.execute:
+            self._execute(port, frame)
+
+    def poll(self, now: float) -> None:
+        """Say what is due at `now` (s, any steady clock): heartbeat, streams, parameters being listed."""
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + telemetry.HEARTBEAT_PERIOD
+            self._beat()
+        for port, streams in self.streams.items():
+            for number in streams.due(now):
+                self.say(port, telemetry.MESSAGES[number][0](self.rover))
+            if self._listing[port] and now >= self._next_listed[port]:
+                self._next_listed[port] = now + PARAMETER_GAP
+                self.say_parameter(port, self._listing[port].popleft())
+
+    def say(self, port: Port, message: Any) -> None:
+        """Send a message of the autopilot's own on one port."""
+        mav = self._mav[port]
+        frame = message.pack(mav)
+        mav.seq = (mav.seq + 1) % 256
+        self._send(port, frame)
+
+    def say_parameter(self, port: Port, row: Parameter) -> None:
+        self.say(
+            port,
+            mavlink.MAVLink_param_value_message(
+                row.name.encode(), row.value, row.kind, len(self.parameters), row.index
+            ),
+        )
+
+    def set_mode(self, mode: Mode, by: str) -> None:
+        """Enter `mode`; the heartbeat tells both ports at once."""
+        if mode is Mode.AUTO and self.mode is not Mode.AUTO and self.parameters["MIS_RESTART"]:
+            self.rover.restart_mission()
+        changed = mode is not self.mode
+        self.mode = mode
+        self._apply()
+        if changed:
+            self.mode_log.append(ModeChange(self.rover.time, mode, by))
+            self._beat()
+
+    def arm(self, *, on: bool) -> None:
+        changed = on is not self.armed
+        self.armed = on
+        self._apply()
+        if changed:
+            self._beat()
+            self._tell("Throttle armed" if on else "Throttle disarmed")
+
+    def set_parameter(self, name: str, value: float) -> Parameter | None:
+        """As `Parameters.set`; what the rover drives by takes effect at once."""
+        row = self.parameters.set(name, value)
+        self.rover.cruise_speed = self.parameters["WP_SPEED"] or self.parameters["CRUISE_SPEED"]
+        return row
+
+    def _apply(self) -> None:
+        drives = {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}
+        self.rover.drive = drives.get(self.mode, Drive.BRAKE) if self.armed else Drive.OFF
+
+    def _beat(self) -> None:
+        for port in Port:
+            self.say(port, telemetry.heartbeat(self.mode, armed=self.armed))
+
+    def _tell(self, text: str) -> None:
+        for port in Port:
+            self.say(port, mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, text.encode()))
+
+    def _forward(self, port: Port, frame: Any) -> None:
+        raw = bytes(frame.get_msgbuf())
+        sent = self._send(port, raw)
+        if sent and port is Port.GCS and frame.get_srcComponent() == COMPANION:
+            self.bytes_from_companion += len(raw)
+
+    def _execute(self, port: Port, frame: Any) -> None:
+        kind = frame.get_type()
+        if kind in ("COMMAND_LONG", "COMMAND_INT"):
+            self._commands.run(port, frame)
+        elif kind == "SET_MODE":
+            asked = [frame.base_mode, frame.custom_mode]
+            result = self._commands.set_mode(port, [float(value) for value in asked])
+            self._commands.acknowledge(port, frame, int(mavlink.MAVLINK_MSG_ID_SET_MODE), result)
+        elif kind == "PARAM_REQUEST_LIST":
+            self._listing[port] = deque(self.parameters.rows())
+        elif kind == "PARAM_REQUEST_READ":
+            row = self.parameters.find(frame.param_id, frame.param_index)
+            if row is not None:
+                self.say_parameter(port, row)
+        elif kind == "PARAM_SET":
+            row = self.set_parameter(frame.param_id, frame.param_value)
+            if row is not None:
+                for at in Port:
+                    self.say_parameter(at, row)

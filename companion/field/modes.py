@@ -1,0 +1,35 @@
+"""ArduPilot Rover's modes, as far as this autopilot knows them."""
+
+from __future__ import annotations
+
+import enum
+
+from pymavlink.dialects.v20 import development as mavlink
+
+
+class Mode(enum.IntEnum):
+    """Value: HEARTBEAT.custom_mode. MANUAL and AUTO drive; the others stand still."""
+
+    MANUAL = 0
+    HOLD = 4
+    LOITER = 5
+    AUTO = 10
+    RTL = 11
+    GUIDED = 15
+
+
+def base_mode(mode: Mode, *, armed: bool) -> int:
+    """HEARTBEAT.base_mode: always with the custom-mode bit; 0x80 says armed."""
+    bits = int(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+    if mode in (Mode.MANUAL, Mode.HOLD):
+        bits |= int(mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
+    else:
+        bits |= int(mavlink.MAV_MODE_FLAG_GUIDED_ENABLED)
+    if armed:
+        bits |= int(mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+    return bits
+
+
+def system_status(mode: Mode) -> int:
+    """HEARTBEAT.system_status: standby in HOLD, active in every other mode, armed or not."""
+    return int(mavlink.MAV_STATE_STANDBY if mode is Mode.HOLD else mavlink.MAV_STATE_ACTIVE)

@@ -1,0 +1,95 @@
+"""The autopilot's parameters: a fixed, ordered table of names that ArduPilot Rover uses.
+
+Values travel as floats whatever their type, as ArduPilot sends them. Most only sit there to be read;
+CRUISE_SPEED and MIS_RESTART change how the rover drives.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import development as mavlink
+
+INT8 = int(mavlink.MAV_PARAM_TYPE_INT8)
+INT16 = int(mavlink.MAV_PARAM_TYPE_INT16)
+INT32 = int(mavlink.MAV_PARAM_TYPE_INT32)
+REAL32 = int(mavlink.MAV_PARAM_TYPE_REAL32)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row: its position in the list, its MAVLink type and the range it keeps to."""
+
+    name: str
+    index: int
+    kind: int
+    value: float
+    low: float
+    high: float
+
+
+_DEFAULTS: tuple[tuple[str, int, float, float, float], ...] = (
+    ("SYSID_THISMAV", INT16, 1, 1, 255),
+    ("SYSID_MYGCS", INT16, 255, 1, 255),
+    ("FRAME_CLASS", INT8, 1, 0, 3),
+    ("ARMING_CHECK", INT32, 0, 0, 1 << 20),
+    ("ARMING_REQUIRE", INT8, 1, 0, 2),
+    ("INITIAL_MODE", INT8, 4, 0, 15),
+    ("MODE_CH", INT8, 8, 0, 16),
+    ("CRUISE_SPEED", REAL32, 2.5, 0.0, 5.0),
+    ("CRUISE_THROTTLE", INT8, 50, 5, 100),
+    ("WP_SPEED", REAL32, 0.0, 0.0, 5.0),
+    ("WP_RADIUS", REAL32, 2.0, 0.1, 100.0),
+    ("MIS_RESTART", INT8, 0, 0, 1),
+    ("MIS_TOTAL", INT16, 6, 0, 32766),
+    ("ATC_ACCEL_MAX", REAL32, 1.0, 0.0, 10.0),
+    ("ATC_DECEL_MAX", REAL32, 1.4, 0.0, 10.0),
+    ("ATC_BRAKE", INT8, 1, 0, 1),
+    ("MOT_SLEWRATE", INT16, 100, 0, 1000),
+    ("TURN_RADIUS", REAL32, 0.9, 0.0, 10.0),
+    ("AVOID_ENABLE", INT8, 3, 0, 7),
+    ("AVOID_MARGIN", REAL32, 2.0, 0.1, 10.0),
+    ("AVOID_BACKUP_SPD", REAL32, 0.75, 0.0, 2.0),
+    ("FS_ACTION", INT8, 2, 0, 5),
+    ("FS_GCS_ENABLE", INT8, 0, 0, 2),
+    ("FS_GCS_TIMEOUT", REAL32, 5.0, 2.0, 120.0),
+    ("FS_TIMEOUT", REAL32, 1.5, 1.0, 100.0),
+    ("SCR_ENABLE", INT8, 0, 0, 1),
+)
+
+
+class Parameters:
+    """Reading by name or index; a set that makes no sense leaves the old value standing."""
+
+    def __init__(self) -> None:
+        self._rows = [
+            Parameter(name, i, kind, float(v), low, high)
+            for i, (name, kind, v, low, high) in enumerate(_DEFAULTS)
+        ]
+        self._index = {row.name: row.index for row in self._rows}
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, name: str) -> float:
+        return self._rows[self._index[name]].value
+
+    def rows(self) -> tuple[Parameter, ...]:
+        return tuple(self._rows)
+
+    def find(self, name: str, index: int = -1) -> Parameter | None:
+        """By index when it is >= 0, else by name; None when there is no such parameter."""
+        at = self._index.get(name, -1) if index < 0 else index
+        return self._rows[at] if 0 <= at < len(self._rows) else None
+
+    def set(self, name: str, value: float) -> Parameter | None:
+        """The row as it is afterwards: changed, or as before when `value` is not finite or out of range."""
+        row = self.find(name)
+        if row is None or not math.isfinite(value) or not row.low <= value <= row.high:
+            return row
+        if row.kind != REAL32:
+            value = float(round(value))
+        changed = Parameter(row.name, row.index, row.kind, float(value), row.low, row.high)
+        self._rows[row.index] = changed
+        return changed

@@ -1,0 +1,118 @@
+"""Who hears what: the autopilot's routing between its two ports, as ArduPilot does it.
+
+A route is a (system, component) heard on a port. Messages without a target, or for everyone, go to the
+other port; messages with a target go only where that target was heard. Routes never expire. Pure: frames
+in, decisions out, no sockets.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+MAX_ROUTES = 20
+EVERYONE = 0
+
+# Ids that ArduPilot knows and passes on. What is not here is dropped, like any id of a private dialect.
+_PASSED = (
+    "HEARTBEAT SYSTEM_TIME PING SET_MODE PARAM_REQUEST_READ PARAM_REQUEST_LIST PARAM_VALUE PARAM_SET "
+    "GLOBAL_POSITION_INT ATTITUDE SYS_STATUS RC_CHANNELS_OVERRIDE MANUAL_CONTROL VFR_HUD RC_CHANNELS "
+    "REQUEST_DATA_STREAM COMMAND_INT COMMAND_LONG COMMAND_ACK FILE_TRANSFER_PROTOCOL TIMESYNC "
+    "AUTOPILOT_VERSION DISTANCE_SENSOR OBSTACLE_DISTANCE NAMED_VALUE_FLOAT NAMED_VALUE_INT STATUSTEXT "
+    "PARAM_EXT_REQUEST_READ PARAM_EXT_REQUEST_LIST PARAM_EXT_VALUE PARAM_EXT_SET PARAM_EXT_ACK TUNNEL "
+    "MISSION_COUNT MISSION_REQUEST_LIST MISSION_REQUEST_INT MISSION_ITEM_INT MISSION_ACK MISSION_CURRENT"
+)
+PASSED_IDS = frozenset(int(getattr(mavlink, f"MAVLINK_MSG_ID_{name}")) for name in _PASSED.split())
+
+
+class Port(enum.Enum):
+    """The autopilot's two serial ports; the value is the name used in reports."""
+
+    COMPANION = "companion"
+    GCS = "gcs"
+
+    @property
+    def other(self) -> Port:
+        return Port.GCS if self is Port.COMPANION else Port.COMPANION
+
+
+@dataclass(frozen=True)
+class Route:
+    """What becomes of one frame: passed to the other port, executed here, both or neither."""
+
+    forward: bool
+    execute: bool
+
+
+DROPPED = Route(forward=False, execute=False)
+
+
+class Parser:
+    """Frames of one datagram. Half a frame at its end is forgotten: it cannot harm the next datagram."""
+
+    def __init__(self) -> None:
+        self.bad = 0
+
+    def frames(self, datagram: bytes) -> list[Any]:
+        """The whole, correct frames of known ids in `datagram`, in order; the rest is counted in `bad`."""
+        mav = mavlink.MAVLink(None)
+        mav.robust_parsing = True
+        try:
+            parsed = mav.parse_buffer(datagram) or []
+        except (mavlink.MAVError, ValueError, IndexError, struct.error):
+            self.bad += 1
+            return []
+        known = [frame for frame in parsed if frame.get_msgId() >= 0]
+        self.bad += len(parsed) - len(known)
+        return known
+
+
+class Router:
+    """Learns who is where and decides about each frame. `system` and `component` are the autopilot's own."""
+
+    def __init__(self, system: int = 1, component: int = 1) -> None:
+        self._system = system
+        self._component = component
+        self._routes: list[tuple[int, int, Port]] = []
+
+    def heard(self, port: Port) -> set[tuple[int, int]]:
+        """Every (system, component) heard on `port` so far."""
+        return {(system, component) for system, component, at in self._routes if at is port}
+
+    def decide(self, port: Port, frame: Any) -> Route:
+        """Learn the sender of a frame that came in on `port` and decide what becomes of it."""
+        sender = (frame.get_srcSystem(), frame.get_srcComponent())
+        if sender == (self._system, self._component) or frame.get_msgId() not in PASSED_IDS:
+            return DROPPED
+        self._learn(*sender, port)
+        system = int(getattr(frame, "target_system", EVERYONE))
+        component = int(getattr(frame, "target_component", EVERYONE))
+        if (system, component) == (self._system, self._component):
+            return Route(forward=False, execute=True)
+        return Route(
+            forward=self._is_beyond(port.other, system, component),
+            execute=self._is_for_autopilot(system, component),
+        )
+
+    def _learn(self, system: int, component: int, port: Port) -> None:
+        route = (system, component, port)
+        if system != EVERYONE and route not in self._routes and len(self._routes) < MAX_ROUTES:
+            self._routes.append(route)
+
+    def _is_beyond(self, port: Port, system: int, component: int) -> bool:
+        if system == EVERYONE:
+            return True
+        # Within its own system the component decides; another system is reached through any of its parts.
+        by_component = system == self._system and component != EVERYONE
+        return any(
+            (system, component) == known if by_component else system == known[0] for known in self.heard(port)
+        )
+
+    def _is_for_autopilot(self, system: int, component: int) -> bool:
+        """ArduPilot up to 4.6 also executes what is meant for a component of its system that it has not
+        heard yet; this one does not. That trap would be added here."""
+        return system in (EVERYONE, self._system) and component in (EVERYONE, self._component)

@@ -1,0 +1,149 @@
+"""What a frame was found to be: maps, figures, and every reason why it is not OK."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.frame import Frame
+from anytraverse.history import Embedding, Entry, Match
+from anytraverse.perception import Features, Prompt
+from anytraverse.preferences import Preferences
+from anytraverse.roi import KNOWN, RoiFigures
+
+Map = NDArray[np.float32]
+
+
+class Reason(str, Enum):
+    """Why a frame is not OK. The first two are calls for words."""
+
+    UNKNOWN_SCENE = "unknown_scene"
+    UNKNOWN_OBJECT = "unknown_object"
+    BLOCKED = "blocked"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One figure against its threshold.
+
+    bad: on the wrong side of the threshold. clear: on the good side by the margin; between both, neither.
+    value and threshold are NaN where a figure has none.
+    """
+
+    reason: Reason
+    figure: str
+    bad: bool
+    clear: bool
+    value: float = math.nan
+    threshold: float = math.nan
+
+    @classmethod
+    def above(cls, reason: Reason, figure: str, value: float, threshold: float, margin: float) -> Finding:
+        """Bad above the threshold; NaN is bad."""
+        return cls(reason, figure, not value <= threshold, value <= threshold - margin, value, threshold)
+
+    @classmethod
+    def below(cls, reason: Reason, figure: str, value: float, threshold: float, margin: float) -> Finding:
+        """Bad below the threshold; NaN is bad."""
+        return cls(reason, figure, not value >= threshold, value >= threshold + margin, value, threshold)
+
+    @classmethod
+    def fault(cls, figure: str) -> Finding:
+        """Something is broken, and `figure` says what."""
+        return cls(Reason.FAULT, figure, bad=True, clear=False)
+
+
+@dataclass(eq=False)
+class Observation:
+    """A frame after its one expensive pass, so that it can be judged again without another.
+
+    `attended` keeps the last attention maps with the prompts that they answer.
+    """
+
+    frame: Frame
+    features: Features
+    embedding: Embedding
+    attended: tuple[tuple[Prompt, ...], Map] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """Maps at the model's own resolution, float32.
+
+    attention: (n, h, w) in [0, 1], one for each word in `Assessment.words`, in order.
+    signed: (h, w) in [-1, 1], the pooled weights. uncertainty: (h, w) in [0, 1].
+    """
+
+    attention: Map
+    signed: Map
+    uncertainty: Map
+
+    @property
+    def traversability(self) -> Map:
+        """The signed map clipped to [0, 1], (h, w)."""
+        clipped: Map = np.clip(self.signed, 0.0, 1.0)
+        return clipped
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Pixels that some word explains, (h, w)."""
+        if len(self.attention) == 0:
+            return np.zeros(self.signed.shape, dtype=np.bool_)
+        explained: NDArray[np.bool_] = self.attention.max(axis=0) >= KNOWN
+        return explained
+
+    @property
+    def drivable(self) -> NDArray[np.bool_]:
+        """Known pixels whose strongest word has a weight above 0, (h, w)."""
+        return self.known & (self.signed > 0)
+
+    @property
+    def not_drivable(self) -> NDArray[np.bool_]:
+        """Known pixels that are not drivable, (h, w)."""
+        return self.known & ~(self.signed > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """One judged frame. `maps`, `roi` and `observation` are None where a fault left nothing to judge.
+
+    age: seconds from capture to judging. similarity: cosine to the reference, None without one.
+    match: the remembered scene that fits a changed scene, adopted or waiting for more votes.
+    adopted: the remembered scene whose words came into force with this frame.
+    """
+
+    frame: Frame
+    words: Preferences
+    findings: tuple[Finding, ...]
+    age: float
+    maps: Maps | None = None
+    roi: RoiFigures | None = None
+    similarity: float | None = None
+    match: Match | None = None
+    adopted: Entry | None = None
+    observation: Observation | None = field(default=None, repr=False)
+
+    @property
+    def reasons(self) -> frozenset[Reason]:
+        """All reasons, not the first."""
+        return frozenset(finding.reason for finding in self.findings if finding.bad)
+
+    @property
+    def ok(self) -> bool:
+        """Judged, and without a reason."""
+        return bool(self.findings) and not self.reasons
+
+    def is_clear(self, reason: Reason) -> bool:
+        """Whether every figure of `reason` is on the good side by its margin."""
+        if reason is not Reason.FAULT and Reason.FAULT in self.reasons:
+            return False
+        return all(finding.clear for finding in self.findings if finding.reason is reason)
+
+    def finding(self, reason: Reason) -> Finding | None:
+        """The first bad finding of `reason`."""
+        return next((one for one in self.findings if one.reason is reason and one.bad), None)

@@ -1,0 +1,92 @@
+"""Answered scenes: H = {(e_c, tau_c)} of the paper, bounded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.perception import Example
+from anytraverse.preferences import Preferences
+
+Embedding = NDArray[np.float32]
+"""A unit-norm scene embedding, (d,) float32."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where and when, as far as known: degrees, degrees from north, seconds since 1970."""
+
+    latitude: float | None = None
+    longitude: float | None = None
+    heading: float | None = None
+    time: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One answered scene: what it looked like and all the words that were in force after the answer.
+
+    order: the stamp of its making, unique. matched: the stamp of its last match.
+    call_id: the call that was answered; 0 for the first scene, which nobody was asked about.
+    """
+
+    embedding: Embedding
+    preferences: Preferences
+    order: int
+    matched: int
+    call_id: int = 0
+    examples: Mapping[str, tuple[Example, ...]] = field(default_factory=dict)
+    place: Place = field(default_factory=Place)
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """The entry most similar to a frame, and the cosine."""
+
+    entry: Entry
+    similarity: float
+
+
+class History(Sequence[Entry]):
+    """An immutable sequence of entries. Beyond `limit` the least recently matched goes."""
+
+    def __init__(self, entries: Sequence[Entry] = (), limit: int = 256) -> None:
+        kept = sorted(entries, key=lambda entry: entry.matched, reverse=True)[:limit]
+        self._entries = tuple(sorted(kept, key=lambda entry: entry.order))
+        self.limit = limit
+
+    def __getitem__(self, index: int) -> Entry:  # type: ignore[override]
+        return self._entries[index]
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def best(self, embedding: Embedding) -> Match | None:
+        """The MOST similar entry (argmax of the cosine), whatever its similarity; None when empty."""
+        best: Match | None = None
+        for entry in self._entries:
+            similarity = float(entry.embedding @ embedding)
+            if best is None or similarity > best.similarity:
+                best = Match(entry, similarity)
+        return best
+
+    def added(self, entry: Entry) -> History:
+        """With one more entry."""
+        return History((*self._entries, entry), self.limit)
+
+    def touched(self, entry: Entry, order: int) -> History:
+        """With `entry` stamped as matched at `order`."""
+        return History(
+            [replace(one, matched=order) if one.order == entry.order else one for one in self._entries],
+            self.limit,
+        )
+
+    def without_call(self, call_id: int) -> History:
+        """Less what the answer to one call taught."""
+        return History([entry for entry in self._entries if entry.call_id != call_id], self.limit)

@@ -1,0 +1,102 @@
+"""The words of the built-in perceiver and how each of them looks.
+
+Centres and spreads of the features in ground_features.py, from labelled frames of forest tracks, gravel roads
+and meadows (`bench/fit_lexicon.py`), rounded and widened by hand for other cameras.
+"""
+
+from __future__ import annotations
+
+from anytraverse.errors import UnknownWordError
+from anytraverse.perception.looks import Look
+
+_GRASS = (
+    Look((-0.17, 0.08), (0.27, 0.12), (0.0, 0.45), (-1.9, 0.55), rows=(0.3, 1.0)),
+    Look((-0.08, 0.06), (0.09, 0.07), (-0.1, 0.35), (-2.0, 0.5), rows=(0.3, 1.0)),
+)
+_DRY_GRASS = (Look((0.0, 0.05), (0.28, 0.12), (0.1, 0.35), (-1.9, 0.5), rows=(0.3, 1.0)),)
+_BUSH = (Look((-0.14, 0.09), (0.12, 0.11), (-0.4, 0.35), (-1.75, 0.4), rows=(0.15, 1.0)),)
+_TREE = (
+    Look((-0.11, 0.08), (0.05, 0.11), (-0.35, 0.5), (-1.6, 0.45), rows=(0.0, 0.6)),
+    Look((0.08, 0.08), (0.15, 0.12), (-0.7, 0.35), (-1.6, 0.45), rows=(0.0, 0.6)),
+)
+_DIRT = (
+    Look((0.13, 0.08), (0.2, 0.14), (0.1, 0.4), (-2.3, 0.6), rows=(0.3, 1.0)),
+    Look((0.05, 0.04), (0.04, 0.06), (0.1, 0.4), (-2.3, 0.6), rows=(0.3, 1.0)),
+)
+_GRAVEL = (Look((0.0, 0.04), (0.02, 0.06), (0.2, 0.35), (-2.2, 0.5), rows=(0.3, 1.0)),)
+_ROAD = (Look((0.0, 0.04), (0.02, 0.06), (0.2, 0.35), (-2.9, 0.5), rows=(0.3, 1.0)),)
+_MUD = (Look((0.12, 0.06), (0.18, 0.1), (-0.6, 0.3), (-2.3, 0.6), rows=(0.35, 1.0)),)
+_SAND = (Look((0.1, 0.05), (0.27, 0.1), (0.45, 0.3), (-2.7, 0.5), rows=(0.3, 1.0)),)
+_WATER = (Look((-0.1, 0.07), (-0.12, 0.1), (0.2, 0.45), (-3.0, 0.5), rows=(0.35, 1.0)),)
+_ROCK = (Look((0.0, 0.04), (0.02, 0.06), (-0.1, 0.4), (-1.6, 0.4), rows=(0.3, 1.0)),)
+_LOG = (Look((0.15, 0.07), (0.25, 0.1), (-0.5, 0.35), (-1.7, 0.4), rows=(0.3, 1.0)),)
+_SKY = (
+    Look((-0.13, 0.1), (-0.15, 0.13), (0.6, 0.4), (-3.1, 0.5), rows=(0.0, 0.5)),
+    Look((-0.03, 0.03), (0.0, 0.04), (0.9, 0.3), (-3.3, 0.5), rows=(0.0, 0.5)),
+)
+
+LOOKS: dict[str, tuple[Look, ...]] = {
+    "grass": _GRASS,
+    "dry grass": _DRY_GRASS,
+    "bush": _BUSH,
+    "tree": _TREE,
+    "vegetation": (*_GRASS, *_DRY_GRASS, *_BUSH, *_TREE),
+    "trail": (*_DIRT, *_GRAVEL, *_ROAD),
+    "dirt": _DIRT,
+    "gravel": _GRAVEL,
+    "road": _ROAD,
+    "mud": _MUD,
+    "sand": _SAND,
+    "water": _WATER,
+    "rock": _ROCK,
+    "log": _LOG,
+    "sky": _SKY,
+}
+"""Concept -> its looks."""
+
+_SYNONYMS: dict[str, str] = {
+    "meadow": "grass",
+    "lawn": "grass",
+    "green grass": "grass",
+    "hay": "dry grass",
+    "straw": "dry grass",
+    "bushes": "bush",
+    "shrub": "bush",
+    "shrubs": "bush",
+    "undergrowth": "bush",
+    "trees": "tree",
+    "forest": "tree",
+    "woods": "tree",
+    "plants": "vegetation",
+    "foliage": "vegetation",
+    "path": "trail",
+    "track": "trail",
+    "dirt path": "dirt",
+    "dirt road": "dirt",
+    "dirt track": "dirt",
+    "earth": "dirt",
+    "soil": "dirt",
+    "gravel road": "gravel",
+    "gravel path": "gravel",
+    "pebbles": "gravel",
+    "asphalt": "road",
+    "pavement": "road",
+    "concrete": "road",
+    "puddle": "water",
+    "pond": "water",
+    "rocks": "rock",
+    "stone": "rock",
+    "boulder": "rock",
+    "logs": "log",
+    "trunk": "log",
+}
+
+VOCABULARY: tuple[str, ...] = (*LOOKS, *_SYNONYMS)
+
+
+def meaning(word: str) -> str:
+    """The concept of a word. Raises UnknownWordError."""
+    concept = _SYNONYMS.get(word, word)
+    if concept not in LOOKS:
+        raise UnknownWordError(word, VOCABULARY)
+    return concept

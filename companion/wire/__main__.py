@@ -1,0 +1,5 @@
+"""`python -m companion.wire` prints the message table as markdown."""
+
+from companion.wire.messages import markdown
+
+print(markdown(), end="")

@@ -1,0 +1,99 @@
+"""Every message on the wire, in one table. Rates, sizes, priorities, docs and tests come from it."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+Direction = Literal["to ground", "from ground", "to autopilot", "from autopilot"]
+Bucket = Literal["unsolicited", "asked"]
+
+UP: Direction = "to ground"
+DOWN: Direction = "from ground"
+OUT: Direction = "to autopilot"
+IN: Direction = "from autopilot"
+FREE: Bucket = "unsolicited"
+ASKED: Bucket = "asked"
+
+
+class Message(NamedTuple):
+    """One row. period: s, or None for no fixed rate. bytes: the longest frame, unsigned MAVLink 2.
+
+    priority: 0 is sent first; None: the companion does not send it. bucket: which byte budget pays, if any.
+    """
+
+    name: str
+    mavlink: str
+    purpose: str
+    direction: Direction
+    period: float | None
+    bytes: int
+    priority: int | None
+    bucket: Bucket | None
+    when_lost: str
+
+
+_Row = tuple[str, str, str, Direction, float | None, int, int | None, Bucket | None, str]
+
+# name, MAVLink, what for, direction, period, bytes, priority, budget, when lost
+# fmt: off
+_ROWS: tuple[_Row, ...] = (
+    ("heartbeat",   "HEARTBEAT",           "alive; state, open id",   UP,   1.0,  21,  0,    FREE,  "the next one"),
+    ("call text",   "STATUSTEXT",          "call or hold, for eyes",  UP,   None, 63,  1,    FREE,  "repeated"),
+    ("call data",   "TUNNEL 45002",        "the same, for programs",  UP,   None, 145, 1,    FREE,  "repeated"),
+    ("answer ack",  "TUNNEL 45004",        "outcome of an answer",    UP,   None, 145, 2,    ASKED, "answer again"),
+    ("command ack", "COMMAND_ACK",         "outcome of a command",    UP,   None, 22,  2,    ASKED, "command again"),
+    ("echo",        "PARAM_VALUE",         "value set or asked for",  UP,   None, 37,  3,    ASKED, "asked again"),
+    ("news",        "PARAM_VALUE",         "value changed by itself", UP,   None, 37,  3,    FREE,  "read the list"),
+    ("text",        "STATUSTEXT",          "news, refusals",          UP,   None, 63,  4,    FREE,  "lost"),
+    ("summary",     "TUNNEL 45001",        "figures of the frame",    UP,   1.0,  64,  5,    FREE,  "gap in sequence"),
+    ("number",      "NAMED_VALUE_FLOAT",   "figures to plot",         UP,   2.0,  27,  6,    FREE,  "the next one"),
+    ("list",        "PARAM_VALUE",         "all parameters",          UP,   None, 37,  7,    ASKED, "gap in index"),
+    ("answer",      "TUNNEL 45003",        "motion, words, taps",     DOWN, None, 145, None, None,  "sent again"),
+    ("command",     "COMMAND_LONG 31010",  "motion, weight",          DOWN, None, 45,  None, None,  "sent again"),
+    ("set",         "PARAM_SET",           "a weight, a setting",     DOWN, None, 35,  None, None,  "sent again"),
+    ("read",        "PARAM_REQUEST_*",     "one value, the list",     DOWN, None, 32,  None, None,  "asked again"),
+    ("mode",        "COMMAND_LONG 176",    "hold and resume",         OUT,  None, 45,  0,    None,  "three tries"),
+    ("interval",    "COMMAND_LONG 511",    "asks for position",       OUT,  10.0, 45,  7,    None,  "the next one"),
+    ("vehicle",     "HEARTBEAT",           "id, mode, armed",         IN,   1.0,  21,  None, None,  "the next one"),
+    ("position",    "GLOBAL_POSITION_INT", "place, speed",            IN,   0.5,  40,  None, None,  "none after 5 s"),
+    ("mode ack",    "COMMAND_ACK",         "mode taken or not",       IN,   None, 22,  None, None,  "heartbeat tells"),
+)
+# fmt: on
+TABLE = tuple(Message(*row) for row in _ROWS)
+MESSAGES = {message.name: message for message in TABLE}
+
+SUMMARY_PERIOD_WHILE_CALLING = 5.0
+"""s between summaries while a call or hold is open; the numbers stop."""
+
+DATA_PERIOD = 1.0
+DATA_REPEATS = 5
+DATA_SLOW_PERIOD = 10.0
+CLOSED_REPEATS = 3
+"""Call data: `DATA_REPEATS` times one a second, then every `DATA_SLOW_PERIOD` s; a closed one three times."""
+
+TEXT_PERIOD = 15.0
+TEXT_ALERT_AFTER = 45.0
+TEXT_SLOW_PERIOD = 60.0
+"""Call text: at once, every 15 s, after 45 s as an ALERT, then every 60 s."""
+
+NUMBERS = ("AT_TRAV", "AT_UNC", "AT_SIM", "AT_CALL")
+
+
+def quiet_rate() -> float:
+    """Bytes per second at most while nothing happens: heartbeat, summary and numbers."""
+    count = {"heartbeat": 1, "summary": 1, "number": len(NUMBERS)}
+    return sum(n * MESSAGES[name].bytes / (MESSAGES[name].period or 1.0) for name, n in count.items())
+
+
+def markdown() -> str:
+    """The table for docs/protocol.md."""
+    lines = [
+        "| message | MAVLink | what for | direction | every | bytes | priority | budget | when lost |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in TABLE:
+        period = "" if row.period is None else f"{row.period:g} s"
+        priority = "" if row.priority is None else str(row.priority)
+        cells = (row.name, row.mavlink, row.purpose, row.direction, period, str(row.bytes), priority)
+        lines.append("| " + " | ".join((*cells, row.bucket or "", row.when_lost)) + " |")
+    return "\n".join(lines) + "\n"

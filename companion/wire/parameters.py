@@ -1,0 +1,125 @@
+"""The parameters of component 191: names of at most 16 characters, fixed while the companion runs.
+
+The prefix AT_ is used by no autopilot: before an autopilot has heard component 191, ArduPilot itself
+executes what is meant for it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from companion.wire.ids import Policy
+
+MAX_NAME = 16
+MAX_WORDS = 24
+MAX_PARAMETERS = 48
+NOT_IN_USE = -2.0
+"""A word's or a tile threshold's value when it is not in use."""
+
+THR_ROI = "AT_THR_ROI"
+THR_SCENE = "AT_THR_SCENE"
+THR_TILE = "AT_THR_TILE"
+THR_TRAV = "AT_THR_TRAV"
+POLICY = "AT_POLICY"
+WORD_PREFIX = "AT_W_"
+_ROOM = MAX_NAME - len(WORD_PREFIX)
+_ALIAS = re.compile(r"[A-Z0-9_]+")
+_NO_ALIASES: Mapping[str, str] = MappingProxyType({})
+
+
+class ParameterError(ValueError):
+    """A vocabulary or a value that no parameter can carry."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter (REAL32). Values: [minimum, maximum], `special` besides, whole numbers only if `whole`.
+
+    word: what a weight belongs to, None for settings.
+    """
+
+    name: str
+    value: float
+    minimum: float
+    maximum: float
+    special: float | None = None
+    whole: bool = False
+    read_only: bool = False
+    word: str | None = None
+
+    def accepts(self, value: float) -> bool:
+        """Whether `value` is finite and allowed."""
+        if not math.isfinite(value):
+            return False
+        if self.special is not None and value == self.special:
+            return True
+        return self.minimum <= value <= self.maximum and not (self.whole and value != int(value))
+
+    def allowed(self) -> str:
+        """The range as a person reads it: "0 to 1 or -2"."""
+        special = "" if self.special is None else f" or {self.special:g}"
+        return f"{self.minimum:g} to {self.maximum:g}{special}"
+
+
+_SETTINGS = (
+    Parameter(THR_ROI, 0.3, 0.0, 1.0),
+    Parameter(THR_SCENE, 0.8, -1.0, 1.0),
+    Parameter(THR_TILE, NOT_IN_USE, 0.0, 1.0, special=NOT_IN_USE),
+    Parameter(THR_TRAV, 0.4, 0.0, 1.0),
+    Parameter(POLICY, float(Policy.REPORT), 0.0, float(max(Policy)), whole=True),
+)
+
+
+def word_parameter(word: str, alias: str | None = None) -> str:
+    """The name of a word's weight: "dry grass" -> "AT_W_DRY_GRASS". Raises ParameterError."""
+    if alias is not None:
+        plain = alias
+    else:
+        ascii_only = unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode()
+        plain = re.sub(r"[^A-Z0-9]+", "_", ascii_only.upper()).strip("_")[:_ROOM].rstrip("_")
+    name = WORD_PREFIX + plain
+    if not _ALIAS.fullmatch(plain) or len(name) > MAX_NAME:
+        raise ParameterError(f'word "{word}" needs an alias of 1 to {_ROOM} characters from A-Z, 0-9 and _')
+    return name
+
+
+def build(
+    vocabulary: Sequence[str],
+    weights: Mapping[str, float],
+    settings: Mapping[str, float],
+    *,
+    aliases: Mapping[str, str] = _NO_ALIASES,
+) -> tuple[Parameter, ...]:
+    """The fixed list: the settings, then a weight for every word of the configured vocabulary.
+
+    weights: of the words in use; the others get -2. settings: values by parameter name (AT_THR_ROI, ...);
+    those not named keep their defaults. aliases: word -> what follows AT_W_ where the plain one does not do.
+    Raises ParameterError for unknown names, values out of range, more than 24 words, names that collide.
+    """
+    if len(vocabulary) > MAX_WORDS:
+        raise ParameterError(f"{len(vocabulary)} words are configured, at most {MAX_WORDS} fit: remove some")
+    for name in settings.keys() - {setting.name for setting in _SETTINGS}:
+        raise ParameterError(f"there is no setting {name}")
+    for word in (weights.keys() | aliases.keys()) - set(vocabulary):
+        raise ParameterError(f'word "{word}" is not in the configured vocabulary: add it there')
+    listed = [_with_value(setting, settings.get(setting.name, setting.value)) for setting in _SETTINGS]
+    owners: dict[str, str] = {}
+    for word in vocabulary:
+        name = word_parameter(word, aliases.get(word))
+        if name in owners:
+            raise ParameterError(f'words "{owners[name]}" and "{word}" are both {name}: give one an alias')
+        owners[name] = word
+        weight = Parameter(name, NOT_IN_USE, -1.0, 1.0, special=NOT_IN_USE, word=word)
+        listed.append(_with_value(weight, weights.get(word, NOT_IN_USE)))
+    return tuple(listed)
+
+
+def _with_value(parameter: Parameter, value: float) -> Parameter:
+    if not parameter.accepts(value):
+        raise ParameterError(f"{parameter.name} = {value:g} is refused: it takes {parameter.allowed()}")
+    return replace(parameter, value=value)

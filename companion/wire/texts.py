@@ -1,0 +1,183 @@
+"""STATUSTEXT texts: what happened and what to do, in at most 50 bytes, one function a kind.
+
+"C7" is call 7, "H9" hold 9; "ok/stay/word" are the three answers: go, stay, or name the thing.
+"""
+
+from __future__ import annotations
+
+import math
+
+from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
+
+_ANSWERS = "ok/stay/word"
+_OUTCOMES = {
+    Outcome.NONE: "over",
+    Outcome.ANSWERED: "answered, thank you",
+    Outcome.ACCEPTED: "accepted, driving on",
+    Outcome.PASSED: "the thing has passed",
+    Outcome.TAKEN_OVER: "a human took over",
+    Outcome.RECOVERED: "fault is gone",
+    Outcome.SWITCHED_OFF: "companion switched off",
+}
+
+
+def fit(text: str) -> str:
+    """One line of at most 50 bytes, cut between characters."""
+    line = "".join(character if character.isprintable() else " " for character in text)
+    return line.encode(errors="replace")[:MAX_TEXT].decode(errors="ignore")
+
+
+def name(kind: Kind, number: int) -> str:
+    """ "C7" or "H9"."""
+    return f"{'C' if kind == Kind.CALL else 'H'}{number}"
+
+
+def percent(share: float | None) -> str:
+    """[0, 1] as "38%"; None and NaN as "?%"."""
+    if share is None or not math.isfinite(share):
+        return "?%"
+    return f"{min(1.0, max(0.0, share)):.0%}"
+
+
+def _similarity(value: float | None) -> str:
+    return "" if value is None or not math.isfinite(value) else f" {min(1.0, max(-1.0, value)):.2f}"
+
+
+def unknown_object(call: int, uncertainty: float | None) -> str:
+    """A thing ahead that no word explains."""
+    return fit(f"C{call} unknown thing ahead {percent(uncertainty)}: {_ANSWERS}")
+
+
+def unknown_scene(call: int, similarity: float | None) -> str:
+    """A place unlike the known ones."""
+    return fit(f"C{call} new place{_similarity(similarity)}: {_ANSWERS}")
+
+
+def unknown_both(call: int, uncertainty: float | None) -> str:
+    """A new place and an unknown thing in it."""
+    return fit(f"C{call} new place, unknown thing {percent(uncertainty)}: {_ANSWERS}")
+
+
+def trial_call(call: int) -> str:
+    """A call made to see whether the operator hears it."""
+    return fit(f"C{call} TEST call, nothing is wrong: {_ANSWERS}")
+
+
+def still_unknown(call: int, uncertainty: float | None) -> str:
+    """The answer did not cover the thing."""
+    return fit(f"C{call} stays open: still unknown {percent(uncertainty)}")
+
+
+def still_new(call: int, similarity: float | None) -> str:
+    """The answer did not cover the place."""
+    return fit(f"C{call} stays open: still a new place{_similarity(similarity)}")
+
+
+def answered_waiting(kind: Kind, number: int) -> str:
+    """The words are known now; the vehicle waits."""
+    return fit(f"{name(kind, number)} answered, holding: go when ready")
+
+
+def blocked(number: int, drivable: float | None, kind: Kind = Kind.HOLD) -> str:
+    """The ground ahead is known and not drivable."""
+    return fit(f"{name(kind, number)} blocked {percent(drivable)} drivable: waiting")
+
+
+def clear(kind: Kind, number: int) -> str:
+    """The reasons are gone and the vehicle still stands."""
+    return fit(f"{name(kind, number)} clear now, go?")
+
+
+def fault(number: int, what: str, kind: Kind = Kind.HOLD) -> str:
+    """The companion cannot judge: `what` in two or three words ("no fresh frame")."""
+    return fit(f"{name(kind, number)} FAULT {what}")
+
+
+def recovered() -> str:
+    """The fault is gone."""
+    return "Companion sees again"
+
+
+def closed(kind: Kind, number: int, outcome: Outcome) -> str:
+    """A call or hold is over."""
+    return fit(f"{name(kind, number)} closed: {_OUTCOMES[outcome]}")
+
+
+def shadow(kind: Kind, number: int) -> str:
+    """Shadow policy: what a hold policy would have done."""
+    return fit(f"{name(kind, number)} shadow: would have held here")
+
+
+def holding(kind: Kind, number: int) -> str:
+    """The autopilot has confirmed the hold."""
+    return fit(f"{name(kind, number)} holding")
+
+
+def hold_failed(kind: Kind, number: int) -> str:
+    """The autopilot did not take the hold: severity ALERT."""
+    return fit(f"{name(kind, number)} HOLD FAILED: STOP BY HAND")
+
+
+def resumed(kind: Kind, number: int, mode: str) -> str:
+    """The mode before the hold is back."""
+    return fit(f"{name(kind, number)} resumed {mode}")
+
+
+def resume_failed(kind: Kind, number: int) -> str:
+    """The autopilot did not take the mode back: severity ALERT."""
+    return fit(f"{name(kind, number)} RESUME FAILED: set the mode by hand")
+
+
+def send_target_again() -> str:
+    """GUIDED lost its target in HOLD."""
+    return "GUIDED lost its target: send the target again"
+
+
+def off() -> str:
+    """Nobody watches the trail."""
+    return "Companion OFF: nobody watches the trail"
+
+
+def policy(value: Policy) -> str:
+    """What the companion may do, after it changed."""
+    return fit(f"Companion policy: {value.name.lower()}")
+
+
+def stale(number: int) -> str:
+    """An answer to an id that is not open."""
+    return fit(f"No open call or hold {number}: nothing changed")
+
+
+def not_remembered(kind: Kind, number: int) -> str:
+    """The journal could not be written."""
+    return fit(f"{name(kind, number)} applied, not remembered: disk?")
+
+
+def word_dropped(word: str) -> str:
+    """Too many words in use: the least recently set one went."""
+    return fit(f"Too many words, out of use: {word}")
+
+
+def sender_refused(system: int) -> str:
+    """A sender that may not change anything."""
+    return fit(f"Sender {system} refused: not in allowed_senders")
+
+
+def value_refused(parameter: str, allowed: str) -> str:
+    """A parameter's value out of range; `allowed` is its range."""
+    return fit(f"{parameter} takes {allowed}: kept")
+
+
+def read_only(parameter: str) -> str:
+    """A parameter that cannot be set."""
+    return fit(f"{parameter} is read-only: kept")
+
+
+def other_version() -> str:
+    """The ground speaks another version of the payloads."""
+    return "Ground plug-in of another version: update it"
+
+
+def refused(reason: str) -> str:
+    """Anything else that was not done."""
+    return fit(f"Refused: {reason}")

@@ -1,6 +1,6 @@
 """The built-in perceiver: a lexicon of ground words over colour, light, roughness and height in the image.
 
-It needs no download and about two milliseconds a frame. Grass, paths, vegetation and sky are its strong words;
+It needs no download and a few milliseconds a frame. Grass, paths, vegetation and sky are its strong words;
 water, rock and log are weak: tap such things rather than naming them.
 """
 
@@ -31,6 +31,13 @@ class Builtin:
     model_id = MODEL_ID
     vocabulary = VOCABULARY
     defaults = DefaultThresholds(roi=0.3, scene=0.85, tile=0.6)
+
+    def __init__(self, argument: str = "") -> None:
+        """Raises PerceiverError for an argument: it takes none."""
+        if argument:
+            raise PerceiverError(
+                f'the built-in perceiver takes no argument: write "builtin", not "builtin:{argument}"'
+            )
 
     def meaning(self, word: str) -> str:
         """The concept under which synonyms meet. Raises UnknownWordError."""

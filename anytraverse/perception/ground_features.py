@@ -31,9 +31,10 @@ Grid = NDArray[np.float32]
 def ground_features(image: Image) -> Grid:
     """FEATURES on a grid of the image's aspect, (h, w, 5) float32, finite; the longer side has 96 cells."""
     height, width = grid_shape(*image.shape[:2])
-    detailed = cv2.resize(image, (width * _DETAIL, height * _DETAIL), interpolation=cv2.INTER_AREA)
-    colours = cv2.resize(detailed, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
-    colours = cv2.GaussianBlur(colours, (3, 3), 0).reshape(height, width, 3)
+    size = width * _DETAIL, height * _DETAIL
+    detailed = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    averaged = cv2.resize(detailed, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+    colours = cv2.GaussianBlur(averaged, (3, 3), 0).reshape(height, width, 3)
     luminance = cv2.transform(colours, _MEAN).reshape(height, width)
     median = float(np.median(luminance)) + 1.0
     dim = _DIM * median + 1.0
@@ -61,4 +62,4 @@ def _roughness(detailed: Image, dim: float, size: tuple[int, int]) -> Grid:
     mean = cv2.blur(tones, (_WINDOW, _WINDOW))
     variance = cv2.blur(tones * tones, (_WINDOW, _WINDOW)) - mean * mean
     variance = cv2.resize(np.maximum(variance, 0.0), size, interpolation=cv2.INTER_AREA)
-    return (0.5 * np.log(variance + _FLAT**2)).astype(np.float32).reshape(size[1], size[0])
+    return np.asarray(0.5 * np.log(variance + _FLAT**2), dtype=np.float32).reshape(size[1], size[0])

@@ -98,5 +98,5 @@ def meaning(word: str) -> str:
     """The concept of a word. Raises UnknownWordError."""
     concept = _SYNONYMS.get(word, word)
     if concept not in LOOKS:
-        raise UnknownWordError(word, VOCABULARY)
+        raise UnknownWordError(word, tuple(LOOKS))
     return concept

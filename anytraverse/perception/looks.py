@@ -1,4 +1,4 @@
-"""Looks: how a kind of ground appears, as broad bell curves over its features, and how well a frame fits them."""
+"""Looks: how a kind of ground appears, as broad bell curves over features, and how well a frame fits them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def attention(grid: Grid, prompts: Sequence[Sequence[Look]]) -> NDArray[np.float
     looks = [look for own in prompts for look in own]
     starts = np.cumsum([0, *(len(own) for own in prompts[:-1])])
     distance = _squared_distance(grid, looks)
-    spreads = np.array([[spread for _, spread in look[LOOK]] for look in looks], dtype=np.float32)
+    spreads = _curves(looks)[1]
     likelihood = -0.5 * distance - np.log(spreads).sum(axis=1)[:, None]
     likelihood = np.maximum.reduceat(likelihood, starts, axis=0)
     closest = np.minimum.reduce(distance, axis=0)
@@ -52,11 +52,17 @@ def attention(grid: Grid, prompts: Sequence[Sequence[Look]]) -> NDArray[np.float
 def _squared_distance(grid: Grid, looks: Sequence[Look]) -> NDArray[np.float32]:
     """Squared Mahalanobis distance of each cell to each look, (looks, cells)."""
     cells = grid[..., LOOK].reshape(-1, 4)
-    centres, spreads = np.array([look[LOOK] for look in looks], dtype=np.float32).transpose(2, 0, 1)
+    centres, spreads = _curves(looks)
     weights = 1 / spreads**2
     distance = weights @ (cells * cells).T - 2 * (weights * centres) @ cells.T
     distance += (weights * centres**2).sum(axis=1)[:, None]
     rows = np.repeat(grid[:, 0, -1], grid.shape[1])
     top, bottom = np.array([look.rows for look in looks], dtype=np.float32).T
     outside = np.maximum(top[:, None] - rows, rows - bottom[:, None]).clip(min=0.0) / _ROW_SOFTNESS
-    return np.maximum(distance, 0.0) + outside**2
+    return np.asarray(np.maximum(distance, 0.0) + outside**2, dtype=np.float32)
+
+
+def _curves(looks: Sequence[Look]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Centres and spreads, (looks, 4) each."""
+    curves = np.array([look[LOOK] for look in looks], dtype=np.float32)
+    return curves[..., 0], curves[..., 1]

@@ -1,0 +1,244 @@
+"""Pictures of a judged frame: a panel with every map, a small tile with the state, sheets of tiles.
+
+All functions take and return RGB uint8 and leave their arguments as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from anytraverse.assessment import Assessment, Maps
+from anytraverse.drawing import (
+    AMBER,
+    ATTENTION_STOPS,
+    FAINT,
+    GREEN,
+    INK,
+    PAPER,
+    SIGNED_STOPS,
+    UNCERTAINTY_STOPS,
+    VERMILION,
+    VIOLET,
+    YELLOW,
+    Colour,
+    Map,
+    coloured,
+    enlarged,
+    fitted,
+    hatching,
+    outline,
+    ramp,
+    shortened,
+    text_width,
+    tint,
+    write,
+)
+from anytraverse.frame import Image
+from anytraverse.regions import Box, Region
+
+_MARGIN = 20
+_GAP = 16
+_LARGE = 440  # px, width of image and pooled maps
+_CAPTION = 30
+_BAR = 34
+_RELIEF = 0.3  # how much of the picture's own light shows through a map
+_UNSURE = 0.35  # uncertainty from which a tile is hatched
+
+
+class _Scale(NamedTuple):
+    stops: tuple[Colour, ...]
+    low: float
+    high: float
+    labels: tuple[str, str, str]
+
+
+_SIGNED = _Scale(SIGNED_STOPS, -1, 1, ("-1 not drivable", "0", "1 drivable"))
+_UNCERTAIN = _Scale(UNCERTAINTY_STOPS, 0, 1, ("0 known", "", "1 unknown"))
+_ATTENTION = _Scale(ATTENTION_STOPS, 0, 1, ("0", "", "1"))
+
+
+def draw_panel(image: Image, assessment: Assessment, region: Region, title: str = "") -> Image:
+    """Image, pooled maps and every word's map with colour bars and figures, 1392 pixels wide."""
+    large = [_framed(fitted(image, _LARGE), "Image", _roi_note(assessment), None)]
+    _mark(large[0], image, assessment, region)
+    small: list[Image] = []
+    if assessment.maps is not None:
+        maps, roi = assessment.maps, assessment.roi
+        trav = f"ROI mean {roi.traversability:.2f}" if roi else ""
+        unc = f"ROI mean {roi.uncertainty:.2f}, worst tile {roi.worst_tile.uncertainty:.2f}" if roi else ""
+        for values, name, note, scale in (
+            (maps.signed, "Traversability", trav, _SIGNED),
+            (maps.uncertainty, "Uncertainty", unc, _UNCERTAIN),
+        ):
+            large.append(_map(image, values, name, note, scale=scale, region=region, width=_LARGE))
+        small = _word_maps(image, maps, assessment, region)
+    rows = [_header(assessment, title), _row(large)]
+    columns = 4
+    rows += [_row(small[i : i + columns]) for i in range(0, len(small), columns)]
+    width = 3 * _LARGE + 2 * _GAP + 2 * _MARGIN
+    sheet = [_padded(row, width) for row in rows]
+    return np.vstack([*sheet, _blank(_MARGIN // 2, width)])
+
+
+def draw_state(
+    image: Image,
+    assessment: Assessment,
+    title: str,
+    colour: Colour = GREEN,
+    *,
+    region: Region,
+    note: str = "",
+    width: int = 480,
+) -> Image:
+    """The image under its judgement, with a bar in the state's colour above and the figures below.
+
+    Green is drivable, vermilion is not; violet stripes are unknown. White: the ROI. Yellow: the worst tile,
+    where it is over `_UNSURE`.
+    """
+    picture = fitted(image, width)
+    height = picture.shape[0]
+    if assessment.maps is not None:
+        signed = enlarged(assessment.maps.signed, width, height)
+        unsure = enlarged(assessment.maps.uncertainty, width, height)
+        tint(picture, GREEN, 0.4 * signed.clip(0, 1))
+        tint(picture, VERMILION, 0.45 * (-signed).clip(0, 1))
+        strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
+        tint(picture, VIOLET, strength * (0.25 + 0.55 * hatching(height, width)))
+    _draw_boxes(picture, assessment, region.bounds)
+    bar = np.full((34, width, 3), colour, dtype=np.uint8)
+    write(bar, shortened(title, width - 24, 16, bold=True), (12, 23), 16, _readable_on(colour), bold=True)
+    foot = np.full((30, width, 3), INK, dtype=np.uint8)
+    text = note or _figures(assessment)
+    write(foot, shortened(text, width - 24, 13), (12, 20), 13, (233, 236, 239))
+    return np.vstack([bar, picture, foot])
+
+
+def contact_sheet(tiles: Sequence[Image], columns: int, title: str = "") -> Image:
+    """Tiles in a grid, row by row, on paper. Raises ValueError without tiles or columns."""
+    if not tiles or columns < 1:
+        raise ValueError("a contact sheet needs at least one tile and one column")
+    width = max(tile.shape[1] for tile in tiles)
+    height = max(tile.shape[0] for tile in tiles)
+    columns = min(columns, len(tiles))
+    rows = -(-len(tiles) // columns)
+    head = 56 if title else _GAP
+    sheet = _blank(head + rows * (height + _GAP), _GAP + columns * (width + _GAP))
+    if title:
+        write(sheet, shortened(title, sheet.shape[1] - 2 * _GAP, 22, bold=True), (_GAP, 37), 22, bold=True)
+    for index, tile in enumerate(tiles):
+        row, column = divmod(index, columns)
+        top, left = head + row * (height + _GAP), _GAP + column * (width + _GAP)
+        sheet[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
+    return sheet
+
+
+def _header(assessment: Assessment, title: str) -> Image:
+    width = 3 * _LARGE + 2 * _GAP
+    header = _blank(64, width)
+    reasons = ", ".join(sorted(reason.value.replace("_", " ") for reason in assessment.reasons)) or "OK"
+    colour = GREEN if assessment.ok else VERMILION
+    wide = text_width(reasons, 18, bold=True) + 28
+    cv2.rectangle(header, (0, 18), (wide, 50), colour, -1)
+    write(header, reasons, (14, 40), 18, PAPER, bold=True)
+    words = "   ".join(f"{word} {weight:+.2g}" for word, weight in assessment.words.items())
+    write(header, shortened(title, width - wide - 24, 18, bold=True), (wide + 18, 32), 18, bold=True)
+    write(header, shortened(words, width - wide - 24, 14), (wide + 18, 52), 14, FAINT)
+    return header
+
+
+def _word_maps(image: Image, maps: Maps, assessment: Assessment, region: Region) -> list[Image]:
+    width = (3 * _LARGE - _GAP) // 4
+    tiles = []
+    for (word, weight), values in zip(assessment.words.items(), maps.attention, strict=True):
+        inside = region.mask(*values.shape)
+        note = f"ROI mean {values[inside].mean():.2f}" if inside.any() else ""
+        name = f"{word}  {weight:+.2g}"
+        tiles.append(_map(image, values, name, note, scale=_ATTENTION, region=region, width=width))
+    return tiles
+
+
+def _map(
+    image: Image, values: Map, name: str, note: str, *, scale: _Scale, region: Region, width: int
+) -> Image:
+    """A map in colours with the picture's relief, its caption and its colour bar."""
+    base = fitted(image, width)
+    picture = coloured(enlarged(values, width, base.shape[0]), scale.stops, scale.low, scale.high)
+    relief = cv2.cvtColor(base, cv2.COLOR_RGB2GRAY).astype(np.float32)[..., None] / 255
+    shaded = (picture * (1 - _RELIEF + _RELIEF * relief)).round().astype(np.uint8)
+    outline(shaded, region.bounds, PAPER, 1)
+    return _framed(shaded, name, note, scale)
+
+
+def _framed(picture: Image, name: str, note: str, scale: _Scale | None) -> Image:
+    """A picture with its caption above and its colour bar, or room for one, below."""
+    width = picture.shape[1]
+    caption = _blank(_CAPTION, width)
+    write(caption, name, (0, 21), 16, bold=True)
+    room = width - text_width(name, 16, bold=True) - 14
+    text = shortened(note, room, 13)
+    write(caption, text, (width - text_width(text, 13) - 1, 21), 13, FAINT)
+    below = _blank(_BAR, width)
+    if scale is not None:
+        colours = ramp(scale.stops)[np.linspace(0, 255, width).round().astype(int)]
+        below[6:14] = colours
+        left, middle, right = scale.labels
+        write(below, left, (0, 29), 12, FAINT)
+        write(below, middle, ((width - text_width(middle, 12)) // 2, 29), 12, FAINT)
+        write(below, right, (width - text_width(right, 12) - 1, 29), 12, FAINT)
+    return np.vstack([caption, picture, below])
+
+
+def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> None:
+    """Draw the boxes into the picture inside a framed tile."""
+    height = fitted(image, tile.shape[1]).shape[0]
+    _draw_boxes(tile[_CAPTION : _CAPTION + height], assessment, region.bounds)
+
+
+def _draw_boxes(picture: Image, assessment: Assessment, roi: Box) -> None:
+    outline(picture, roi, PAPER, 2)
+    if assessment.roi is not None and assessment.roi.worst_tile.uncertainty > _UNSURE:
+        outline(picture, assessment.roi.worst_tile.box, YELLOW, 2)
+
+
+def _roi_note(assessment: Assessment) -> str:
+    unsure = assessment.roi is not None and assessment.roi.worst_tile.uncertainty > _UNSURE
+    return "white: ROI, yellow: look here" if unsure else "white: ROI"
+
+
+def _figures(assessment: Assessment) -> str:
+    if assessment.roi is None:
+        return "; ".join(finding.figure for finding in assessment.findings if finding.bad) or "not judged"
+    roi = assessment.roi
+    parts = [f"uncertainty {roi.uncertainty:.2f}", f"worst tile {roi.worst_tile.uncertainty:.2f}"]
+    if assessment.similarity is not None:
+        parts.append(f"similarity {assessment.similarity:.2f}")
+    return "   ".join([f"drivable {roi.traversability:.2f}", *parts])
+
+
+def _readable_on(colour: Colour) -> Colour:
+    return INK if np.dot(colour, (0.299, 0.587, 0.114)) > 150 or colour == AMBER else PAPER
+
+
+def _blank(height: int, width: int) -> Image:
+    return np.full((height, width, 3), PAPER, dtype=np.uint8)
+
+
+def _row(tiles: Sequence[Image]) -> Image:
+    """Tiles side by side with gaps, aligned at the top."""
+    height = max(tile.shape[0] for tile in tiles)
+    parts: list[Image] = []
+    for tile in tiles:
+        below = _blank(height - tile.shape[0], tile.shape[1])
+        parts += [np.vstack([tile, below]), _blank(height, _GAP)]
+    return np.hstack(parts[:-1])
+
+
+def _padded(row: Image, width: int) -> Image:
+    """A row with margins, filled up to `width`."""
+    sheet = _blank(row.shape[0] + 8, width)
+    sheet[: row.shape[0], _MARGIN : _MARGIN + row.shape[1]] = row
+    return sheet

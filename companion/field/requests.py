@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,9 +9,11 @@ from companion.field.autopilot import HAND
 from companion.field.control import FieldError
 from companion.field.modes import Mode
 from companion.field.simulation import Simulation
+from companion.field.telemetry import RC_CHANNELS
 
 Request = dict[str, Any]
 MAX_HAND_SECONDS = 60.0
+FIRST_SWITCH = 5  # the channels below are the sticks
 
 
 class Requests:
@@ -35,6 +36,7 @@ class Requests:
             "mode": self._mode,
             "move": self._move,
             "remove": lambda request: simulation.remove(self._thing(request)),
+            "rc": self._rc,
             "start": lambda _: self.start(),
             "stop": lambda _: stop(),
             "throttle": self._throttle,
@@ -57,9 +59,9 @@ class Requests:
 
     def _mode(self, request: Request) -> None:
         name = request.get("mode")
-        if name not in Mode.__members__:
+        if not isinstance(name, str) or name not in Mode.__members__:
             raise FieldError(f'"mode" is one of {", ".join(Mode.__members__)}')
-        self._simulation.autopilot.set_mode(Mode[str(name)], HAND)
+        self._simulation.autopilot.set_mode(Mode[name], HAND)
 
     def _move(self, request: Request) -> None:
         thing = self._thing(request)
@@ -71,6 +73,11 @@ class Requests:
             _number(request, "steering", -1.0, 1.0, default=0.0),
             _number(request, "seconds", 0.0, MAX_HAND_SECONDS, default=2.0),
         )
+
+    def _rc(self, request: Request) -> None:
+        channel = round(_number(request, "channel", FIRST_SWITCH, RC_CHANNELS))
+        pulse = round(_number(request, "pwm", 800, 2200))
+        self._simulation.rover.hand.switches[channel] = pulse
 
     def _thing(self, request: Request) -> str:
         thing = request.get("id")
@@ -90,8 +97,6 @@ def _flag(request: Request, name: str) -> bool:
 
 def _number(request: Request, name: str, low: float, high: float, *, default: float | None = None) -> float:
     value = request.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise FieldError(f'"{name}" is a number from {low:g} to {high:g}')
-    if not low <= value <= high:
-        raise FieldError(f'"{name}" is {value:g}; give a number from {low:g} to {high:g}')
     return float(value)

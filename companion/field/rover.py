@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -45,6 +45,16 @@ class Body:
     radius: float = 0.6
 
 
+@dataclass
+class Hand:
+    """A person at the transmitter: both sticks in [-1, 1], steering left positive, and switches (channel ->
+    pulse width in us)."""
+
+    throttle: float = 0.0
+    steering: float = 0.0
+    switches: dict[int, int] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Order:
     """One command to the actuators; it acts `Body.reaction` after it was given."""
@@ -61,8 +71,7 @@ class Rover:
         self.body = body or Body()
         self.cruise_speed = cruise_speed
         self.drive = Drive.OFF
-        self.throttle = 0.0  # the hand's, [-1, 1]
-        self.steering = 0.0  # the hand's, [-1, 1], left positive
+        self.hand = Hand()
         self._trail = trail
         start = trail.pose(trail.start)
         self.x, self.y, self.heading = start.x, start.y, start.heading
@@ -140,10 +149,10 @@ class Rover:
         if self.drive is Drive.BRAKE:
             return Order(brake=True)
         if self.drive is Drive.HAND:
-            pushing_on = self.throttle * self.speed > 0
-            spent = pushing_on and abs(self.speed) >= self.body.top_speed
-            force = 0.0 if spent else self.throttle * self.body.drive_force
-            return Order(force=force, steering=self.steering * self.body.max_steering)
+            hand, body = self.hand, self.body
+            spent = hand.throttle * self.speed > 0 and abs(self.speed) >= body.top_speed
+            force = 0.0 if spent else hand.throttle * body.drive_force
+            return Order(force=force, steering=hand.steering * body.max_steering)
         return Order()
 
     def _force_for(self, wanted: float) -> float:

@@ -47,11 +47,11 @@ class Simulation:
             left -= STEP
             self._note_contacts()
         if self.rover.time >= self._hand_until:
-            self.rover.throttle = self.rover.steering = 0.0
+            self.rover.hand.throttle = self.rover.hand.steering = 0.0
 
     def take_the_stick(self, throttle: float, steering: float, seconds: float) -> None:
         """The hand's throttle and steering, [-1, 1], for so long; then it lets go. They act in MANUAL."""
-        self.rover.throttle, self.rover.steering = throttle, steering
+        self.rover.hand.throttle, self.rover.hand.steering = throttle, steering
         self._hand_until = self.rover.time + seconds
 
     def remove(self, thing: str) -> None:

@@ -18,6 +18,7 @@ HEARTBEAT_PERIOD = 1.0
 ORIGIN_LATITUDE = 47.0
 ORIGIN_LONGITUDE = 8.0
 METRES_PER_DEGREE = 111_320.0
+RC_CHANNELS = 16
 SLOWEST_PERIOD = 60.0
 FASTEST_PERIOD = 0.02
 
@@ -70,12 +71,23 @@ def vfr_hud(rover: Rover) -> Any:
     )
 
 
+def rc_channels(rover: Rover) -> Any:
+    """Steering on channel 1 (right is more), throttle on 3, switches where the hand has set them."""
+    pulses = [1500] * RC_CHANNELS
+    pulses[0] = round(1500 - 500 * rover.hand.steering)
+    pulses[2] = round(1500 + 500 * rover.hand.throttle)
+    for channel, pulse in rover.hand.switches.items():
+        pulses[channel - 1] = pulse
+    return mavlink.MAVLink_rc_channels_message(_boot_ms(rover), RC_CHANNELS, *pulses, *[0] * 2, 254)
+
+
 MESSAGES: dict[int, tuple[Callable[[Rover], Any], float]] = {
     int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT): (position, 0.25),
     int(mavlink.MAVLINK_MSG_ID_ATTITUDE): (attitude, 0.25),
     int(mavlink.MAVLINK_MSG_ID_SYS_STATUS): (battery, 0.5),
     int(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME): (clock, 0.5),
     int(mavlink.MAVLINK_MSG_ID_VFR_HUD): (vfr_hud, 0.5),
+    int(mavlink.MAVLINK_MSG_ID_RC_CHANNELS): (rc_channels, 1.0),
 }
 
 

@@ -1,0 +1,59 @@
+#!/bin/sh
+# Installs the companion as a service of this rover: sudo sh systemd/install.sh [SOURCE]
+#
+# SOURCE is what pip installs: a checkout (default: the one this file is in), a wheel or a requirement.
+# Type it again to update: the program and the unit are replaced; what a person edited in
+# /etc/anytraverse stays. DESTDIR=folder stages the files there, for packagers: no user, no systemctl.
+set -eu
+umask 022
+
+here=$(cd -- "$(dirname -- "$0")" && pwd -P)
+destination=${DESTDIR:-}
+python=${PYTHON:-/usr/bin/python3}
+venv=$destination/opt/anytraverse
+config=$destination/etc/anytraverse
+units=$destination/etc/systemd/system
+
+fail() {
+    printf 'install: %s\n' "$*" >&2
+    exit 1
+}
+
+if [ -f "$here/../pyproject.toml" ]; then
+    source=${1:-$(dirname -- "$here")}
+else
+    source=${1:-}
+    [ -n "$source" ] || fail "say what to install: sh $0 anytraverse_companion-0.1.0-py3-none-any.whl"
+fi
+[ ! -e "$source" ] || source="${source}[rover]"
+
+[ -n "$destination" ] || [ "$(id -u)" -eq 0 ] || fail "this needs root: type: sudo sh $0 $*"
+"$python" -c 'import ensurepip, struct, sys, venv
+sys.exit(sys.version_info < (3, 10) or struct.calcsize("P") != 8)' 2>/dev/null ||
+    fail "$python is no 64-bit Python 3.10 or newer with venv: sudo apt install python3-venv, or PYTHON=/path/to/python3"
+
+mkdir -p "$venv" "$config" "$units"
+# An update that cannot be downloaded leaves the program that was there.
+"$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$python" -m venv --clear "$venv"
+echo "install: $source into $venv"
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --upgrade "$source" ||
+    fail "pip could not install $source: check the network and type it again"
+
+(cd -- "$here/../config" && find . -type f ! -name '.*') | while IFS= read -r file; do
+    [ -e "$config/$file" ] || {
+        mkdir -p "$(dirname -- "$config/$file")"
+        cp -- "$here/../config/$file" "$config/$file"
+    }
+done
+cp -- "$here/companion.service" "$units/companion.service"
+
+[ -z "$destination" ] || exit 0
+
+for group in video dialout; do
+    getent group "$group" >/dev/null || groupadd --system "$group"
+done
+id anytraverse >/dev/null 2>&1 ||
+    useradd --system --user-group --home-dir /var/lib/anytraverse --shell /usr/sbin/nologin anytraverse
+usermod --append --groups video,dialout anytraverse # cameras and serial ports
+systemctl daemon-reload
+echo "install: done. Edit /etc/anytraverse/companion.toml, then type: sudo systemctl enable companion && sudo systemctl restart companion"

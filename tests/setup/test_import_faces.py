@@ -1,0 +1,83 @@
+"""Which modules may be imported where OpenCV, onnxruntime or even pymavlink are missing."""
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+# Imports what the arguments name (with every module below, for "name.*") while some packages cannot be found.
+PROBE = """
+import importlib, json, os, pkgutil, sys
+
+blocked, wanted = json.loads(sys.argv[1]), json.loads(sys.argv[2])
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in blocked:
+            raise ModuleNotFoundError(f"{name} is not installed here", name=name)
+
+sys.meta_path.insert(0, Absent())
+before = dict(os.environ)
+
+def load(name):
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "MAVProxy":  # its module is loaded by MAVProxy alone
+            raise
+
+for name in wanted:
+    face = load(name.removesuffix(".*"))
+    if name.endswith(".*"):
+        for found in pkgutil.walk_packages(face.__path__, face.__name__ + "."):
+            if not found.name.endswith("__main__"):
+                load(found.name)
+changed = sorted(k for k in {**before, **os.environ} if before.get(k) != os.environ.get(k))
+print(json.dumps({"modules": sorted(sys.modules), "environment": changed}))
+"""
+VISION = ["cv2", "onnxruntime", "torch", "PIL", "depthai"]
+
+
+def imported(wanted: list[str], without: list[str]) -> dict[str, Any]:
+    """The modules loaded, and the environment variables changed, by importing these in a fresh process."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE, json.dumps(without), json.dumps(wanted)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    outcome: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return outcome
+
+
+@pytest.mark.parametrize("face", ["anytraverse", "companion", "gcs_plugin"])
+def test_a_packages_face_needs_nothing_that_is_installed(face: str) -> None:
+    imported([face], [*VISION, "numpy", "pymavlink", "serial"])
+
+
+def test_every_module_of_the_operators_side_imports_in_mavproxys_environment() -> None:
+    imported(["gcs_plugin.*", "companion.wire.*", "anytraverse.preferences"], VISION)
+
+
+def test_the_wires_definition_needs_no_link() -> None:
+    imported(["companion.wire.*"], [*VISION, "serial"])
+
+
+def test_the_operators_side_knows_of_the_daemon_only_the_wire() -> None:
+    ours = ("companion.", "anytraverse.")
+    allowed = ("companion.wire", "anytraverse.preferences")
+    loaded = [name for name in imported(["gcs_plugin.*"], VISION)["modules"] if name.startswith(ours)]
+    assert [name for name in loaded if not name.startswith(allowed)] == []
+
+
+def test_the_algorithm_knows_nothing_of_the_daemon() -> None:
+    loaded = imported(["anytraverse.*"], ["pymavlink"])["modules"]
+    assert [name for name in loaded if name.startswith(("companion", "gcs_plugin"))] == []
+
+
+def test_the_operators_side_leaves_mavproxys_environment_variables_alone() -> None:
+    assert imported(["gcs_plugin.*"], VISION)["environment"] == []

@@ -1,0 +1,82 @@
+"""What the Makefile hands on, and the gate that runs it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from tests.setup.conftest import Checkout
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], "demo"),
+        (["AUTO=1", "SEED=7"], "demo --auto --seed 7"),
+        (["AUTO=0"], "demo"),
+        (["OUT=a folder; false"], "demo --out a folder; false"),
+    ],
+)
+def test_make_demo_hands_its_options_to_the_demo(checkout: Checkout, words: list[str], expected: str) -> None:
+    checkout.python()
+    done = checkout.run("make", "demo", *words)
+    assert done.returncode == 0, done.stderr
+    assert checkout.calls[-1] == expected
+
+
+def test_make_demo_installs_only_what_a_rover_needs(checkout: Checkout) -> None:
+    checkout.python()
+    checkout.run("make", "demo")
+    (install,) = (call for call in checkout.calls if call.startswith("-m pip"))
+    assert install.endswith("-e .[rover]")
+
+
+def test_make_test_hands_its_arguments_to_pytest(checkout: Checkout) -> None:
+    checkout.python()
+    done = checkout.run("make", "test", "ARGS=-k wheel")
+    assert done.returncode == 0, done.stderr
+    assert checkout.calls[-1] == "-m pytest -k wheel"
+
+
+def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> None:
+    checkout.python()
+    checkout.run("make", "ready-rover")
+    program = checkout.venv / "bin/companion"
+    program.write_text('#!/usr/bin/env sh\necho "path: $PYTHONPATH"\n')
+    assert "path: \n" in checkout.run("make", "demo", PYTHONPATH="/opt/ros/lib").stdout
+
+
+def test_make_alone_lists_every_target_with_what_it_does(checkout: Checkout) -> None:
+    listed = checkout.run("make").stdout
+    for target in ("demo", "test", "lint", "types", "check", "clean", "help"):
+        assert f"make {target} " in listed
+
+
+def test_clean_leaves_what_a_demo_wrote(checkout: Checkout) -> None:
+    checkout.python()
+    (checkout.root / "demo-out").mkdir()
+    checkout.run("make", "demo")
+    checkout.run("make", "clean")
+    assert not checkout.venv.exists()
+    assert (checkout.root / "demo-out").exists()
+
+
+@pytest.mark.parametrize("failing", ["lint", "types", "test"])
+def test_the_gate_fails_with_any_of_its_steps(tmp_path: Path, failing: str) -> None:
+    (tmp_path / ".ci").mkdir()
+    shutil.copy(ROOT / ".ci/run", tmp_path / ".ci")
+    targets = "".join(
+        f"{name}:\n\t@{'false' if name == failing else 'true'}\n" for name in ("lint", "types", "test")
+    )
+    (tmp_path / "Makefile").write_text(targets)
+    done = subprocess.run([".ci/run"], cwd=tmp_path, capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode != 0
+    assert f"ci: make {failing}\n" in done.stdout
+    assert "all passed" not in done.stdout

@@ -1,0 +1,102 @@
+"""What the state machine decides: the daemon carries it out and tells people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from anytraverse.assessment import Assessment, Reason
+from companion.calls.acceptance import Acceptance
+from companion.calls.hold import Hold, HoldEvent
+from companion.wire.ids import Outcome
+
+
+@dataclass
+class Call:
+    """A call for words.
+
+    seen: the frame of the call, fixed when it is announced; None after a restart until it is judged again.
+    reasons: all that it was raised for, later ones included.
+    scope: what a go without words would accept; it follows the thing while the call is open.
+    answered: its answer covers it. accepted: by a go without words. quiet: "stay" ended the escalation.
+    """
+
+    id: int
+    frame_id: int
+    reasons: set[Reason]
+    opened_at: float
+    seen: Assessment | None
+    scope: Acceptance | None = None
+    answered: bool = False
+    accepted: bool = False
+    quiet: bool = False
+    gone_since: float | None = None
+    outcome: Outcome = Outcome.NONE
+
+    @property
+    def answered_outcome(self) -> Outcome:
+        """How it is closed once its answer is fulfilled."""
+        return Outcome.ACCEPTED if self.accepted else Outcome.ANSWERED
+
+
+@dataclass(frozen=True)
+class SetMode:
+    """Command the autopilot into a custom_mode."""
+
+    mode: int
+
+
+@dataclass(frozen=True)
+class CallOpened:
+    """A call to announce and to keep the frame of."""
+
+    call: Call
+
+
+@dataclass(frozen=True)
+class CallClosed:
+    """A call that needs no answer any more; its outcome says why."""
+
+    call: Call
+
+
+@dataclass(frozen=True)
+class HoldStarted:
+    """The vehicle is to stand."""
+
+    hold: Hold
+    reasons: frozenset[Reason]
+
+
+@dataclass(frozen=True)
+class HoldMoved:
+    """The hold was confirmed, failed, taken over or resumed."""
+
+    hold: Hold
+    event: HoldEvent
+    resuming: bool = False
+    """For FAILED: it was the way back that failed."""
+
+
+@dataclass(frozen=True)
+class HoldRenamed:
+    """A hold that goes on as part of a call: `old` names nothing any more."""
+
+    old: int
+    hold: Hold
+
+
+@dataclass(frozen=True)
+class GoLapsed:
+    """A go waited for a clear view for too long: it must be given again."""
+
+    id: int
+
+
+@dataclass(frozen=True)
+class WouldHold:
+    """Shadow policy: a hold would have started now."""
+
+    reasons: frozenset[Reason] = field(default_factory=frozenset)
+
+
+Decision = SetMode | CallOpened | CallClosed | HoldStarted | HoldMoved | HoldRenamed | GoLapsed | WouldHold

@@ -1,0 +1,93 @@
+"""One hold of the vehicle, from asking for it to its end. Pure: it says which mode to command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from companion.calls.numbers import Numbers
+
+
+class HoldStage(str, Enum):
+    """Where a hold stands."""
+
+    REQUESTED = "requested"
+    STANDING = "standing"
+    RESUMING = "resuming"
+
+
+class HoldEvent(Enum):
+    """What happened to a hold."""
+
+    CONFIRMED = "confirmed"
+    FAILED = "failed"
+    TAKEN_OVER = "taken over"
+    RESUMED = "resumed"
+    DROPPED = "dropped"
+    """We may not command any more; the vehicle stays as it is."""
+
+
+@dataclass
+class Hold:
+    """A hold of ours.
+
+    id: shared with the call it belongs to. mode_before: custom_mode to go back to.
+    failed: the autopilot did not follow after all tries; a human must act.
+    only_fault: nothing but a fault ever asked for it.
+    """
+
+    id: int
+    mode_before: int
+    started_at: float
+    stage: HoldStage = HoldStage.REQUESTED
+    tries: int = 0
+    tried_at: float = 0.0
+    failed: bool = False
+    only_fault: bool = True
+
+    @property
+    def standing(self) -> bool:
+        """The vehicle stands because of us."""
+        return self.stage is not HoldStage.REQUESTED
+
+    def wanted_mode(self, numbers: Numbers) -> int | None:
+        """The mode that the vehicle should be in by our command, None while it stands as it should."""
+        return {
+            HoldStage.REQUESTED: numbers.hold_mode,
+            HoldStage.STANDING: None,
+            HoldStage.RESUMING: self.mode_before,
+        }[self.stage]
+
+    def turn(self, stage: HoldStage) -> None:
+        """Start to work for another stage, with all tries."""
+        self.stage, self.tries, self.failed = stage, 0, False
+
+    def tick(self, now: float, numbers: Numbers) -> tuple[int | None, HoldEvent | None]:
+        """The mode to command now, if any, and FAILED once when the last try is over."""
+        wanted = self.wanted_mode(numbers)
+        pause = numbers.mode_retry_failed if self.failed else numbers.mode_retry
+        if wanted is None or (self.tries and now - self.tried_at < pause):
+            return None, None
+        event = None
+        if self.tries == numbers.mode_tries and not self.failed:
+            self.failed, event = True, HoldEvent.FAILED
+            if self.stage is HoldStage.RESUMING:
+                self.turn(HoldStage.STANDING)
+                return None, event
+        self.tries += 1
+        self.tried_at = now
+        return wanted, event
+
+    def vehicle(self, mode: int, numbers: Numbers) -> HoldEvent | None:
+        """The mode that the vehicle shows. Any mode that we did not ask for is a human's, who wins."""
+        if self.stage is HoldStage.RESUMING and mode == self.mode_before:
+            return HoldEvent.RESUMED
+        if mode == numbers.hold_mode:
+            if self.stage is HoldStage.REQUESTED:
+                self.turn(HoldStage.STANDING)
+                return HoldEvent.CONFIRMED
+            return None
+        if self.stage is HoldStage.REQUESTED and mode in numbers.holdable:
+            self.mode_before = mode
+            return None
+        return HoldEvent.TAKEN_OVER

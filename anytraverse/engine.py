@@ -48,7 +48,7 @@ class AnyTraverse:
     def step(self, frame: Frame, now: float, place: Place | None = None) -> Assessment:
         """Judge a new frame; adopt a remembered scene when the last frames matched one."""
         if not is_image(frame.image):
-            return self._fault(frame, now, "the frame is not a picture")
+            return self.fault(frame, now, "the frame is not a picture")
         observation = self.observe(frame)
         self.newest = observation
         if (
@@ -182,5 +182,6 @@ class AnyTraverse:
             clock=clock,
         )
 
-    def _fault(self, frame: Frame, now: float, why: str) -> Assessment:
+    def fault(self, frame: Frame, now: float, why: str) -> Assessment:
+        """The assessment of a frame that could not be judged."""
         return Assessment(frame, self.memory.preferences, (Finding.fault(why),), now - frame.captured_at)

@@ -17,7 +17,8 @@ class Call:
     seen: the frame of the call, fixed when it is announced; None after a restart until it is judged again.
     reasons: all that it was raised for, later ones included.
     scope: what a go without words would accept; it follows the thing while the call is open.
-    answered: its answer covers it. accepted: by a go without words. quiet: "stay" ended the escalation.
+    tried: an answer did not cover it. answered: its answer covers it. accepted: by a go without words.
+    quiet: "stay" ended the escalation.
     """
 
     id: int
@@ -26,6 +27,7 @@ class Call:
     opened_at: float
     seen: Assessment | None
     scope: Acceptance | None = None
+    tried: bool = False
     answered: bool = False
     accepted: bool = False
     quiet: bool = False

@@ -173,6 +173,7 @@ class OperatorCalls:
         if changed and outcome is not None:
             call.seen = outcome.call
             if self._left(call, outcome):
+                call.tried = True
                 return Result.NOT_COVERED
             call.answered = True
             self.sight.look_afresh(now)

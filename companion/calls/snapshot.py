@@ -1,7 +1,7 @@
 """The state machine's share of the journal: what a restarted daemon must know of its open call and its hold.
 
-Times do not survive: a monotonic clock starts anew. Neither do a go and an acceptance: after a restart they must
-be given again.
+Times do not survive: a monotonic clock starts anew. Neither do a go and an acceptance: after a restart they
+must be given again.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
 
 
 def restore(calls: OperatorCalls, saved: dict[str, Any], now: float) -> None:
-    """Take up where `saved` ended. Raises KeyError, TypeError or ValueError for what `snapshot` never wrote."""
+    """Take up where `saved` ended. Raises KeyError, TypeError or ValueError for anything else."""
     last_id = int(saved["last_id"])
     call, hold = saved["call"], saved["hold"]
     restored_call = call and Call(

@@ -78,6 +78,11 @@ def answered_waiting(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} answered, holding: go when ready")
 
 
+def waiting_for_view(kind: Kind, number: int) -> str:
+    """A go was given; the vehicle waits until it sees a clear way."""
+    return fit(f"{name(kind, number)} go given: waiting for a clear view")
+
+
 def blocked(number: int, drivable: float | None, kind: Kind = Kind.HOLD) -> str:
     """The ground ahead is known and not drivable."""
     return fit(f"{name(kind, number)} blocked {percent(drivable)} drivable: waiting")

@@ -1,0 +1,177 @@
+"""From what the daemon knows to what it says: summary, call data and texts. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from anytraverse.assessment import Assessment, Reason
+from anytraverse.history import Place
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box, Region
+from anytraverse.roi import sectors
+from companion.calls.machine import OperatorCalls
+from companion.wire import texts
+from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State, words_hash
+from companion.wire.packing import Fractions
+from companion.wire.payloads import SECTORS, CallData, Summary
+
+_FLAGS = {
+    Reason.UNKNOWN_SCENE: Reasons.UNKNOWN_SCENE,
+    Reason.UNKNOWN_OBJECT: Reasons.UNKNOWN_OBJECT,
+    Reason.BLOCKED: Reasons.BLOCKED,
+    Reason.FAULT: Reasons.FAULT,
+}
+
+
+def flags(reasons: Iterable[Reason]) -> Reasons:
+    """Reasons as the wire has them."""
+    found = Reasons.NONE
+    for reason in reasons:
+        found |= _FLAGS[reason]
+    return found
+
+
+def fractions(box: Box) -> Fractions:
+    """A box as the wire has it."""
+    return box.left, box.top, box.right, box.bottom
+
+
+def summary(
+    seen: Assessment, region: Region, state: State, policy: Policy, current_id: int, view: int, now: float
+) -> Summary:
+    """The newest frame in one payload; the link fills in sequence and drops. view: field of view, degrees."""
+    roi, maps = seen.roi, seen.maps
+    return Summary(
+        state=state,
+        policy=policy,
+        reasons=flags(seen.reasons),
+        sequence=0,
+        current_id=current_id,
+        frame_id=seen.frame.id,
+        frame_age_ms=milliseconds(now - seen.frame.captured_at),
+        latency_ms=milliseconds(seen.age),
+        roi_traversability=roi.traversability if roi else None,
+        roi_uncertainty=roi.uncertainty if roi else None,
+        worst_tile=roi.worst_tile.uncertainty if roi else None,
+        similarity=seen.similarity,
+        field_of_view=view,
+        words=words_hash(seen.words),
+        dropped=0,
+        sectors=sectors(maps.known, maps.drivable, region, SECTORS) if maps else (None,) * SECTORS,
+    )
+
+
+def milliseconds(seconds: float) -> int:
+    """Not negative, and no more than the wire can carry."""
+    return max(0, min(0xFFFF, round(seconds * 1000)))
+
+
+def current_data(
+    calls: OperatorCalls, words: Preferences, place: Place, picture: str, now: float
+) -> CallData | None:
+    """The open call or hold for programs; None when there is none."""
+    if calls.current_id == 0:
+        return None
+    call, hold = calls.call, calls.hold
+    seen = call.seen if call is not None else calls.sight.newest
+    since = call.opened_at if call is not None else hold.started_at if hold is not None else now
+    reasons = calls.sight.reasons(now) | (call.reasons if call is not None and not call.answered else set())
+    return call_data(
+        seen,
+        calls.numbers.judging.region,
+        words,
+        place,
+        number=calls.current_id,
+        kind=calls.kind,
+        stage=calls.stage(),
+        outcome=Outcome.NONE,
+        reasons=reasons,
+        holding=hold is not None and hold.standing,
+        frame_id=call.frame_id if call is not None else seen.frame.id if seen else 0,
+        age=now - since,
+        picture=picture,
+    )
+
+
+def call_data(
+    seen: Assessment | None,
+    region: Region,
+    words: Preferences,
+    place: Place,
+    *,
+    number: int,
+    kind: Kind,
+    stage: Stage,
+    outcome: Outcome,
+    reasons: Iterable[Reason],
+    holding: bool,
+    frame_id: int,
+    age: float,
+    picture: str,
+) -> CallData:
+    """A call or hold as the wire has it; its figures are those of `seen`."""
+    roi = seen.roi if seen is not None else None
+    return CallData(
+        id=number,
+        kind=kind,
+        stage=stage,
+        outcome=outcome,
+        reasons=flags(reasons),
+        holding=holding,
+        test=False,
+        frame_id=frame_id,
+        age_s=max(0, round(age)),
+        roi=fractions(region.bounds),
+        worst_tile_box=fractions(roi.worst_tile.box) if roi else None,
+        roi_uncertainty=roi.uncertainty if roi else None,
+        worst_tile=roi.worst_tile.uncertainty if roi else None,
+        drivable_share=roi.drivable_share if roi else None,
+        similarity=seen.similarity if seen is not None else None,
+        latitude=place.latitude,
+        longitude=place.longitude,
+        heading=place.heading,
+        word_count=len(words),
+        words=words_hash(words),
+        picture=picture,
+    )
+
+
+def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
+    """What a person reads of the open call or hold. silent: tasks without a sign of life."""
+    number, kind, stage = calls.current_id, calls.kind, calls.stage()
+    reasons = calls.sight.reasons(now)
+    newest = calls.sight.newest
+    if Reason.FAULT in reasons:
+        return texts.fault(number, fault_name(newest, silent), kind)
+    if stage is Stage.CLEAR:
+        return texts.clear(kind, number)
+    call = calls.call
+    if call is not None and not call.answered and stage is not Stage.ANSWERED:
+        return _asking(number, call.reasons, call.seen, tried=call.tried)
+    if Reason.BLOCKED in reasons:
+        share = newest.roi.drivable_share if newest is not None and newest.roi is not None else None
+        return texts.blocked(number, share, kind)
+    if calls.go_at is not None:
+        return texts.waiting_for_view(kind, number)
+    return texts.answered_waiting(kind, number)
+
+
+def fault_name(newest: Assessment | None, silent: list[str]) -> str:
+    """The fault in a few words: a silent task, or what the newest frame suffers from."""
+    if silent:
+        return f"{silent[0]} silent"
+    finding = newest.finding(Reason.FAULT) if newest is not None else None
+    return finding.figure if finding is not None else "no fresh frame"
+
+
+def _asking(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, tried: bool) -> str:
+    uncertainty = seen.roi.uncertainty if seen is not None and seen.roi is not None else None
+    similarity = seen.similarity if seen is not None else None
+    reasons = frozenset(reasons)
+    if Reason.UNKNOWN_OBJECT not in reasons:
+        return (texts.still_new if tried else texts.unknown_scene)(number, similarity)
+    if tried:
+        return texts.still_unknown(number, uncertainty)
+    return (texts.unknown_both if Reason.UNKNOWN_SCENE in reasons else texts.unknown_object)(
+        number, uncertainty
+    )

@@ -22,10 +22,10 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
     fresh = numbers.freshness
     # fmt: off
     return (
-        Task("camera",  "keeps the newest frame",         "thread, at its own rate",    fresh, "fault: hold"),
+        Task("camera",  "keeps the newest frame",         "thread, its own rate",       fresh, "fault: hold"),
         Task("eyes",    "judges frames, applies answers", "thread, at the judged rate", fresh, "fault: hold"),
-        Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",    None,  "no heartbeat"),
-        Task("calls",   "decides: call, hold, resume",    "main loop, on every input",  None,  "no heartbeat"),
+        Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",   None,  "no heartbeat"),
+        Task("calls",   "decides: call, hold, resume",    "main loop, on every input", None,  "no heartbeat"),
         Task("journal", "writes what must survive",       "main loop, on every change", None,  "said"),
     )
     # fmt: on

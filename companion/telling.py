@@ -172,6 +172,6 @@ def _asking(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, 
         return (texts.still_new if tried else texts.unknown_scene)(number, similarity)
     if tried:
         return texts.still_unknown(number, uncertainty)
-    return (texts.unknown_both if Reason.UNKNOWN_SCENE in reasons else texts.unknown_object)(
-        number, uncertainty
-    )
+    if Reason.UNKNOWN_SCENE in reasons:
+        return texts.unknown_both(number, uncertainty)
+    return texts.unknown_object(number, uncertainty)

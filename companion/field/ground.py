@@ -1,0 +1,161 @@
+"""The ground as a camera sees it: what lies where, its colour and shade, with texture fixed to the world."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.field import tiles
+from companion.field.things import World
+from companion.field.trail import ZONES, Pose, half_width
+
+Floats = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+
+GRASS, PATH, GRAVEL = range(3)  # the ground's own labels
+_LABELS = np.array([GRASS, GRASS, GRASS, PATH, PATH, GRAVEL], np.uint8)  # of the materials of tiles.py
+
+_MARGIN = 24.0  # m around the route that the maps cover; beyond, their edge goes on
+_CELL = 0.5  # m a cell of the map of the route
+_SHADE_CELL = 0.1  # m a cell of the map of shadows
+_NOISE_SIZE, _NOISE_TEXEL = 1024, 0.02  # the ragged edges, patches and light spots
+_SUN = (0.75, -0.66)  # where shadows fall, as a direction on the ground
+_RUT, _RUT_WIDTH = 0.62, 0.17  # m from the centre line; m
+_CANOPY = 0.46  # how much of the light a forest's crown takes
+_SHADOW = {
+    "bush": (1.0, 0.55),
+    "tree": (2.2, 0.4),
+    "drum": (1.3, 0.5),
+    "rock": (1.1, 0.5),
+    "log": (1.1, 0.45),
+}
+
+
+class Ground:
+    """Samples a world's ground at points; maps are drawn once, the shadows anew when the world changes."""
+
+    def __init__(self, world: World, forward: Floats, left: Floats, footprint: Floats) -> None:
+        """`forward`, `left`, `footprint`: (H, W) metres, where a camera's pixels meet the ground."""
+        rng = np.random.default_rng([world.seed, 10])
+        self._world, self._forward, self._left = world, forward, left
+        self._materials = tiles.Mips(np.stack(tiles.materials(rng)), tiles.TEXEL)
+        field = np.stack(
+            [
+                tiles.as_bytes(tiles.noise(rng, _NOISE_SIZE, _NOISE_SIZE, a, b))
+                for a, b in ((4, 40), (50, 220), (18, 60), (90, 500))
+            ],
+            axis=-1,
+        )
+        self._noise = tiles.Mips(field[None], _NOISE_TEXEL)
+        self._levels = self._materials.level(footprint), self._noise.level(footprint)
+        low, high = world.trail.points.min(axis=0) - _MARGIN, world.trail.points.max(axis=0) + _MARGIN
+        self._corner, self._extent = low, high - low
+        self._route = _route_map(world, low, high)
+        self._shadows, self._drawn = np.zeros((0, 0), np.uint8), -1
+        self.points = (forward, left)  # world coordinates of the pixels at the last look
+
+    def look(self, pose: Pose) -> tuple[Bytes, Bytes, Floats]:
+        """Colours (H, W, 3) in full light, labels (H, W) and brightness (H, W; 1 = full light)."""
+        if self._drawn != self._world.revision:
+            self._shadows, self._drawn = self._draw_shadows(), self._world.revision
+        c, s = np.float32(np.cos(pose.heading)), np.float32(np.sin(pose.heading))
+        x = self._forward * c - self._left * s + np.float32(pose.x)
+        y = self._forward * s + self._left * c + np.float32(pose.y)
+        self.points = x, y
+        away, half, forest, gravel = self._read_route(x, y)
+        field = self._noise.read(x, y, self._levels[1])
+        edge, patch, spots, tone = (
+            field[..., i].astype(np.float32) * np.float32(1 / 40) - 3.2 for i in range(4)
+        )
+
+        lateral = np.abs(away)
+        in_forest = forest + 0.2 * patch + 0.06 * edge > 0.5
+        in_gravel = gravel + 0.2 * patch + 0.06 * edge > 0.5
+        strip = np.float32(0.26) + np.float32(0.14) * edge - np.float32(0.3) * (1 + tone)
+        on_path = lateral + 0.1 * edge + 0.06 * patch < half
+        on_path &= (lateral > strip) | (forest + gravel > 0.4)
+        zone = np.where(in_forest, 1, np.where(in_gravel, 2, 0)).astype(np.int32)
+        material = zone + 3 * on_path
+        colours = self._materials.read(x, y, self._levels[0], material)[..., :3]
+
+        light = 1 + 0.07 * tone + 0.04 * patch
+        rut = (lateral - _RUT - 0.04 * edge) * (1 / _RUT_WIDTH)
+        light -= on_path * (0.2 - 0.1 * gravel) * np.exp(-rut * rut)
+        light *= 1 - _CANOPY * forest * (1 - 0.75 * np.clip(spots - 0.75, 0, 1))
+        return colours, _LABELS[material], light * self._read_shadows(x, y)
+
+    def shares(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """The shares of forest and of gravel (0..1) at points, arrays of at least two dimensions."""
+        _, _, forest, gravel = self._read_route(x, y)
+        return forest, gravel
+
+    def _read_route(self, x: Floats, y: Floats) -> list[Floats]:
+        import cv2
+
+        column = (x - np.float32(self._corner[0])) * np.float32(1 / _CELL)
+        row = (y - np.float32(self._corner[1])) * np.float32(1 / _CELL)
+        read = cv2.remap(self._route, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return [np.asarray(channel, np.float32) for channel in cv2.split(read)]
+
+    def _read_shadows(self, x: Floats, y: Floats) -> Floats:
+        import cv2
+
+        column = (x - np.float32(self._corner[0])) * np.float32(1 / _SHADE_CELL)
+        row = (y - np.float32(self._corner[1])) * np.float32(1 / _SHADE_CELL)
+        read = cv2.remap(
+            self._shadows, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=255
+        )
+        return read.astype(np.float32) * np.float32(1 / 255)
+
+    def _draw_shadows(self) -> Bytes:
+        import cv2
+
+        width, height = (self._extent / _SHADE_CELL).astype(int)
+        lit = np.full((height, width), 255, np.uint8)
+        things = [thing for thing in self._world.things.values() if thing.kind in _SHADOW]
+        for thing in things:
+            long, dark = _SHADOW[thing.kind]
+            reach = thing.radius * 0.5 * long
+            centre = np.array([thing.x + _SUN[0] * reach, thing.y + _SUN[1] * reach])
+            angle = np.arctan2(_SUN[1], _SUN[0])
+            axes = np.array([thing.radius * (0.7 + 0.5 * long), thing.radius * 1.05])
+            if thing.length:
+                angle, axes = thing.heading, np.array([thing.length / 2, thing.radius * 1.6])
+            at = (centre - self._corner) / _SHADE_CELL
+            box = (tuple(map(float, at)), tuple(map(float, 2 * axes / _SHADE_CELL)), float(np.degrees(angle)))
+            stain = np.zeros_like(lit)
+            cv2.ellipse(stain, box, int(255 * dark), -1)
+            lit = np.minimum(lit, 255 - stain)
+        return np.asarray(cv2.GaussianBlur(lit, (0, 0), 1.3), np.uint8)
+
+
+def _route_map(world: World, low: NDArray[np.float64], high: NDArray[np.float64]) -> Floats:
+    """(rows, columns, 4): lateral offset and half width of the path (m), shares of forest and gravel."""
+    import cv2
+
+    trail = world.trail
+    line = trail.points[::4]
+    stations = np.arange(len(line)) * trail.length / len(trail.points) * 4
+    xs, ys = np.arange(low[0], high[0], _CELL), np.arange(low[1], high[1], _CELL)
+    ahead = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
+    ahead /= np.hypot(*ahead.T)[:, None]
+    rows = []
+    for y in ys:
+        dx, dy = xs[:, None] - line[:, 0], y - line[:, 1]
+        near = np.argmin(dx * dx + dy * dy, axis=1)
+        at = np.arange(len(xs))
+        ex, ey = dx[at, near], dy[near]
+        tx, ty = ahead[near].T
+        side = np.sign(tx * ey - ty * ex)
+        lateral = side * np.hypot(np.abs(tx * ey - ty * ex), np.maximum(0, np.abs(tx * ex + ty * ey) - 0.3))
+        s = (stations[near] + tx * ex + ty * ey) % trail.length
+        shares = trail.shares(s)
+        rows.append(
+            np.stack(
+                [lateral, half_width(s), shares[:, ZONES.index("forest")], shares[:, ZONES.index("gravel")]],
+                -1,
+            )
+        )
+    route = np.asarray(rows, np.float32)
+    route[..., 2:] = cv2.GaussianBlur(route[..., 2:], (0, 0), 1.2 / _CELL)
+    return route

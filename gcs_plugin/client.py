@@ -1,0 +1,215 @@
+"""The operator's end of the protocol: decoded messages in, messages to send and events out.
+
+No I/O and no clock: it runs under a terminal, inside a ground station and in a test's virtual time alike.
+Call `receive` with every message of the link, then send what `outgoing` returns, at least ten times a second.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Operation
+from companion.wire.ids import (
+    AUTOPILOT_COMPONENT_ID,
+    COMPONENT_ID,
+    TUNNEL_ACKNOWLEDGEMENT,
+    TUNNEL_ANSWER,
+    TUNNEL_CALL,
+    TUNNEL_SUMMARY,
+    Motion,
+    Result,
+)
+from companion.wire.packing import PayloadError
+from companion.wire.payloads import CallData, Summary
+from gcs_plugin import events as ev
+from gcs_plugin.pending import Pending, Status
+from gcs_plugin.rovers import Rover
+from gcs_plugin.vehicle import read_vehicle
+
+PACE_S = 0.05
+"""Between two messages to one rover: radios and PX4 lose bursts."""
+MAX_ROVERS = 16
+MAX_PENDING = 64
+MAX_EVENTS = 1024
+MAX_PROBLEMS = 8
+
+
+def _random_transaction() -> int:
+    return secrets.randbelow(0xFFFFFFFF) + 1
+
+
+class OperatorClient:
+    """Follows every rover of a link and brings answers to them.
+
+    transactions: gives a new random id in 1..2^32-1 for each answer.
+    """
+
+    def __init__(self, transactions: Callable[[], int] = _random_transaction) -> None:
+        self._transactions = transactions
+        self._rovers: dict[int, Rover] = {}
+        self._pending: deque[Pending] = deque(maxlen=MAX_PENDING)
+        self._events: deque[ev.Event] = deque(maxlen=MAX_EVENTS)
+        self._may_send_at: dict[int, float] = {}
+        self._lists_wanted: set[int] = set()
+        self._problems: set[tuple[int, str]] = set()
+
+    @property
+    def rovers(self) -> dict[int, Rover]:
+        """By system id: those whose companion was heard."""
+        return {system: rover for system, rover in sorted(self._rovers.items()) if rover.known}
+
+    @property
+    def unsettled(self) -> list[Pending]:
+        """Answers that are still on their way, oldest first."""
+        return [pending for pending in self._pending if not pending.settled]
+
+    def receive(self, message: Any, now: float) -> None:
+        """Take in one decoded message of any dialect. Never raises for what it holds."""
+        component = message.get_srcComponent()
+        if component not in (COMPONENT_ID, AUTOPILOT_COMPONENT_ID):
+            return
+        kind, rover = message.get_type(), self._rover(message.get_srcSystem())
+        if rover is None or kind == "BAD_DATA":
+            return
+        if component == AUTOPILOT_COMPONENT_ID:
+            if kind == "HEARTBEAT":
+                vehicle = read_vehicle(message.autopilot, message.base_mode, message.custom_mode)
+                self._events.extend(rover.hear_vehicle(vehicle))
+            return
+        rover.counters.bytes += len(message.get_msgbuf() or b"")
+        try:
+            told = self._understand(rover, kind, message, now)
+        except ValueError as error:
+            self._not_understood(rover, str(error))
+        else:
+            self._close_over(rover.system, told, now)
+            self._events.extend(told)
+
+    def outgoing(self, now: float) -> list[Any]:
+        """Messages to send now; also notices who fell silent and which answers ran out of time."""
+        for rover in self._rovers.values():
+            self._events.extend(rover.check_link(now))
+        for pending in self._pending:
+            if pending.settle(now):
+                self._events.append(self._moved(pending))
+        messages = (self._next(rover, now) for rover in self._rovers.values())
+        return [message for message in messages if message is not None]
+
+    def events(self) -> list[ev.Event]:
+        """What happened since the last time it was asked."""
+        told = list(self._events)
+        self._events.clear()
+        return told
+
+    def answer(
+        self, system: int, target: int, motion: Motion, operations: Sequence[Operation], now: float
+    ) -> Pending:
+        """Bring an answer to call or hold `target` (0: words alone) of the rover `system`.
+
+        It leaves with the next `outgoing` calls, once the rover is heard; answers to one rover keep their
+        order. Raises PayloadError when it cannot be told on the wire.
+        """
+        if len(self.unsettled) >= MAX_PENDING:
+            raise PayloadError(f"{MAX_PENDING} answers wait already: is the link up?")
+        pending = Pending(system, target, motion, tuple(operations), self._transactions(), now)
+        while len(self._pending) >= MAX_PENDING:
+            self._pending.remove(next(old for old in self._pending if old.settled))
+        self._pending.append(pending)
+        rover = self._rovers.get(system)
+        if rover is None or not rover.alive(now):
+            self._events.append(self._moved(pending))
+        return pending
+
+    def request_parameters(self, system: int) -> None:
+        """Ask the rover's companion for its list, as soon as it is heard."""
+        self._lists_wanted.add(system)
+
+    def _rover(self, system: int) -> Rover | None:
+        if system not in self._rovers and 0 < system < 256 and len(self._rovers) < MAX_ROVERS:
+            self._rovers[system] = Rover(system)
+        return self._rovers.get(system)
+
+    def _understand(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
+        if kind == "HEARTBEAT":
+            self._events.extend(rover.hear_alive(now))
+            return rover.hear_state(message.custom_mode, now)
+        if kind == "STATUSTEXT":
+            return rover.hear_text(message.severity, message.text, now)
+        if kind == "PARAM_VALUE":
+            return rover.hear_parameter(message.param_id, message.param_value)
+        if kind == "TUNNEL":
+            return self._unwrap(rover, message, now)
+        return []
+
+    def _unwrap(self, rover: Rover, message: Any, now: float) -> list[ev.Event]:
+        if message.payload_length > MAX_PAYLOAD:
+            raise PayloadError(f"payload length {message.payload_length} is over {MAX_PAYLOAD}")
+        payload = bytes(message.payload[: message.payload_length])
+        if message.payload_type == TUNNEL_SUMMARY:
+            return rover.hear_summary(Summary.unpack(payload), now)
+        if message.payload_type == TUNNEL_CALL:
+            return rover.hear_call(CallData.unpack(payload), now)
+        if message.payload_type == TUNNEL_ACKNOWLEDGEMENT:
+            return self._acknowledged(rover, Acknowledgement.unpack(payload), now)
+        return []
+
+    def _acknowledged(self, rover: Rover, ack: Acknowledgement, now: float) -> list[ev.Event]:
+        asked = (rover.system, ack.transaction)
+        pending = next((one for one in self._pending if (one.system, one.transaction) == asked), None)
+        if pending is None or pending.first_sent is None:
+            return []
+        if pending.status is Status.ACKNOWLEDGED:
+            rover.counters.duplicate_acknowledgements += 1
+            return []
+        pending.acknowledge(ack, final=ack.result is not Result.BUSY)
+        stands = rover.hear_stage(ack.target, ack.stage, ack.outcome, now)
+        return [ev.Acknowledged(rover.system, ack), *stands]
+
+    def _close_over(self, system: int, told: Iterable[ev.Event], now: float) -> None:
+        closed = {event.call.id for event in told if isinstance(event, ev.CallClosed)}
+        for pending in self.unsettled:
+            if pending.system == system and pending.target in closed:
+                pending.close(now)
+
+    def _next(self, rover: Rover, now: float) -> Any | None:
+        """At most one message to this rover, and only while it is heard."""
+        if not rover.alive(now) or now < self._may_send_at.get(rover.system, 0.0):
+            return None
+        message = self._next_answer(rover.system, now)
+        if message is None and rover.system in self._lists_wanted:
+            self._lists_wanted.discard(rover.system)
+            message = mavlink.MAVLink_param_request_list_message(rover.system, COMPONENT_ID)
+        if message is not None:
+            self._may_send_at[rover.system] = now + PACE_S
+        return message
+
+    def _next_answer(self, system: int, now: float) -> Any | None:
+        for pending in self.unsettled:
+            if pending.system != system:
+                continue
+            before = pending.status
+            payload = pending.due(now)
+            if payload is not None:
+                if pending.status is not before:
+                    self._events.append(self._moved(pending))
+                padded = payload.ljust(MAX_PAYLOAD, b"\0")
+                return mavlink.MAVLink_tunnel_message(
+                    system, COMPONENT_ID, TUNNEL_ANSWER, len(payload), padded
+                )
+            if pending.blocks(now):
+                return None
+        return None
+
+    def _moved(self, pending: Pending) -> ev.AnswerMoved:
+        return ev.AnswerMoved(pending.system, pending.target, pending.transaction, pending.status)
+
+    def _not_understood(self, rover: Rover, problem: str) -> None:
+        rover.counters.rubbish += 1
+        if (rover.system, problem) not in self._problems and len(self._problems) < MAX_PROBLEMS:
+            self._problems.add((rover.system, problem))
+            self._events.append(ev.NotUnderstood(rover.system, problem))

@@ -1,0 +1,222 @@
+"""What an operator types, read into a command. Pure: it knows words, not rovers.
+
+    [rover N] [call id] [changes] [go | stay | look]
+
+Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
+`forget call 7`, `new episode`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from anytraverse.preferences import check_weight, clean_word
+from companion.wire.ids import Motion
+from companion.wire.packing import Fractions
+
+MAX_LINE = 1000
+MOTIONS = {
+    "go": Motion.GO,
+    "ok": Motion.GO,
+    "stay": Motion.STAY,
+    "look": Motion.LOOK_AGAIN,
+    "look again": Motion.LOOK_AGAIN,
+}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)\Z", re.ASCII)
+_ROVER = re.compile(r"rover\s+(\d{1,3})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
+_CALL = re.compile(r"[ch]?(\d{1,5})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
+_ENDS_WITH_MOTION = re.compile(
+    r"(.*[^\s,])[\s,]+(go|ok|stay|look(?:\s+again)?)\s*\Z", re.IGNORECASE | re.DOTALL
+)
+_TAP = re.compile(r"tap\s+(.*)", re.IGNORECASE)
+_FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
+_FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
+_NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
+
+
+class CommandError(ValueError):
+    """A line that is not a command; one line of text says why, with an example."""
+
+
+@dataclass(frozen=True)
+class Word:
+    """`bush: -1`"""
+
+    word: str
+    weight: float
+
+
+@dataclass(frozen=True)
+class Tap:
+    """`tap drum -1`; box None: the worst tile's of the call."""
+
+    word: str
+    weight: float
+    box: Fractions | None = None
+
+
+@dataclass(frozen=True)
+class Forget:
+    """`forget bush`"""
+
+    word: str
+
+
+@dataclass(frozen=True)
+class ForgetAnswer:
+    """`forget call 7`"""
+
+    call_id: int
+
+
+@dataclass(frozen=True)
+class Episode:
+    """`new episode`"""
+
+
+Change = Word | Tap | Forget | ForgetAnswer | Episode
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An answer. call_id, rover: None when not named; motion NONE: words alone."""
+
+    motion: Motion
+    changes: tuple[Change, ...] = ()
+    call_id: int | None = None
+    rover: int | None = None
+
+
+@dataclass(frozen=True)
+class Select:
+    """`rover 2` alone: from now on lines without a rover mean this one."""
+
+    rover: int
+
+
+@dataclass(frozen=True)
+class Show:
+    """`status`, `calls`, `words`, `help` or `quit`."""
+
+    what: str
+    rover: int | None = None
+
+
+SHOWS = ("status", "calls", "words", "help", "quit")
+Command = Reply | Select | Show
+
+
+def parse(line: str) -> Command | None:
+    """The command in `line`; None for an empty line or a `#` comment. Raises CommandError."""
+    rest = line.strip()
+    if not rest or rest.startswith("#"):
+        return None
+    if len(rest) > MAX_LINE:
+        raise CommandError(f"a line of {len(rest)} characters: {MAX_LINE} at most")
+    rover, rest = _leading(_ROVER, rest)
+    if rover is not None and not rest:
+        return Select(_in_range("rover", rover, 1, 255))
+    if rover is not None:
+        _in_range("rover", rover, 1, 255)
+    if rest.lower() in SHOWS:
+        return Show(rest.lower(), rover)
+    call_id, rest = _leading(_CALL, rest)
+    if call_id is not None:
+        _in_range("call", call_id, 1, 0xFFFF)
+    if not rest:
+        raise CommandError(f"what about call {call_id}? Write it as `{call_id} go` or `{call_id} stay`")
+    motion, rest = _trailing_motion(rest)
+    return Reply(motion, _changes(rest), call_id, rover)
+
+
+def _leading(pattern: re.Pattern[str], rest: str) -> tuple[int | None, str]:
+    found = pattern.match(rest)
+    return (int(found[1]), rest[found.end() :]) if found else (None, rest)
+
+
+def _in_range(name: str, value: int, low: int, high: int) -> int:
+    if not low <= value <= high:
+        raise CommandError(f"{name} {value} cannot be: {low} to {high}")
+    return value
+
+
+def _trailing_motion(rest: str) -> tuple[Motion, str]:
+    alone = MOTIONS.get(" ".join(rest.lower().split()))
+    if alone is not None:
+        return alone, ""
+    found = _ENDS_WITH_MOTION.match(rest)
+    if found is None:
+        return Motion.NONE, rest
+    return MOTIONS[" ".join(found[2].lower().split())], found[1]
+
+
+def _changes(rest: str) -> tuple[Change, ...]:
+    segments = [segment.strip() for segment in rest.split(";")]
+    if not segments[-1]:
+        segments.pop()
+    changes = tuple(_change(segment) for segment in segments)
+    words = [change.word for change in changes if isinstance(change, Word | Tap | Forget)]
+    twice = next((word for word in words if words.count(word) > 1), None)
+    if twice is not None:
+        raise CommandError(f'"{twice}" stands twice: keep one')
+    return changes
+
+
+def _change(segment: str) -> Change:
+    if _NEW_EPISODE.match(segment):
+        return Episode()
+    if found := _FORGET_CALL.match(segment):
+        return ForgetAnswer(_in_range("call", int(found[1]), 1, 0xFFFF))
+    name, colon, number = segment.rpartition(":")
+    if found := _TAP.match(segment):
+        return _tap(found[1])
+    if colon:
+        return Word(_word(name), _weight(name, number))
+    if found := _FORGET.match(segment):
+        return Forget(_word(found[1]))
+    if not segment:
+        raise CommandError("nothing between two `;`: write it as `bush: -1; grass: 1`")
+    raise CommandError(
+        f'"{segment[:40]}" is neither a word with its weight, as `bush: -1`, nor a command: type `help`'
+    )
+
+
+def _tap(rest: str) -> Tap:
+    name, colon, figures = rest.rpartition(":")
+    numbers = figures.split()
+    if not colon:
+        tokens = rest.split()
+        count = next((n for n in (5, 1) if len(tokens) > n and all(map(_NUMBER.match, tokens[-n:]))), 0)
+        name, numbers = " ".join(tokens[: len(tokens) - count]), tokens[len(tokens) - count :]
+    if len(numbers) not in (1, 5) or not all(map(_NUMBER.match, numbers)):
+        raise CommandError(
+            f'"tap {rest[:40]}": write it as `tap drum -1` or `tap drum -1 0.40 0.55 0.60 0.80`'
+            " (left top right bottom)"
+        )
+    box = _box([float(number) for number in numbers[1:]]) if len(numbers) == 5 else None
+    return Tap(_word(name), _weight(name, numbers[0]), box)
+
+
+def _box(sides: list[float]) -> Fractions:
+    left, top, right, bottom = sides
+    if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
+        raise CommandError("a box is left top right bottom in fractions of the picture: 0.40 0.55 0.60 0.80")
+    return left, top, right, bottom
+
+
+def _word(raw: str) -> str:
+    try:
+        return clean_word(raw)
+    except ValueError as error:
+        raise CommandError(str(error)) from error
+
+
+def _weight(name: str, number: str) -> float:
+    number = number.strip()
+    if not _NUMBER.match(number):
+        raise CommandError(f'"{number[:20]}" is not a weight: write it as `{name.strip()[:20]}: -1`')
+    try:
+        return check_weight(name.strip(), float(number))
+    except ValueError as error:
+        raise CommandError(str(error)) from error

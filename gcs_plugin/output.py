@@ -1,0 +1,150 @@
+"""Where the terminal writes to: lines for a person, or one JSON object a line for a program."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any, Protocol, TextIO
+
+from companion.wire.ids import State
+from gcs_plugin import events as ev
+from gcs_plugin import wording
+from gcs_plugin.pending import Status
+from gcs_plugin.records import record, to_line
+
+REPEATED_S = 90.0
+_ALARM, _GOOD, _FAINT, _PLAIN = "1;31", "32", "2", ""
+_ON_THE_WAY = {
+    Status.WAITING: "waits: the companion is not heard",
+    Status.SENT: "sent",
+    Status.ACKNOWLEDGED: "acknowledged",
+    Status.CLOSED: "not acknowledged: the call was closed meanwhile",
+    Status.EXPIRED: "LOST: no acknowledgement within 60 s",
+}
+
+
+class Output(Protocol):
+    """What the session tells."""
+
+    def started(self, link: str) -> None:
+        """The first thing told: where rovers reach us."""
+
+    def event(self, event: ev.Event, now: float, *, several: bool) -> None:
+        """Something happened; several: more than one rover is heard."""
+
+    def say(self, lines: Iterable[str]) -> None:
+        """What was asked for."""
+
+    def problem(self, text: str) -> None:
+        """A line that could not be obeyed."""
+
+    def typed(self, line: str) -> None:
+        """A line that the script typed."""
+
+    def end(self, totals: dict[str, Any]) -> None:
+        """The last thing told."""
+
+
+class JsonOutput:
+    """One object a line; times are seconds since `started`."""
+
+    def __init__(self, stream: TextIO, started: float) -> None:
+        self._stream = stream
+        self._started = started
+
+    def started(self, link: str) -> None:
+        self._write({"event": "started", "link": link})
+
+    def event(self, event: ev.Event, now: float, *, several: bool) -> None:  # noqa: ARG002
+        self._write(record(event, now - self._started))
+
+    def say(self, lines: Iterable[str]) -> None:
+        self._write({"event": "said", "lines": list(lines)})
+
+    def problem(self, text: str) -> None:
+        self._write({"event": "problem", "text": text})
+
+    def typed(self, line: str) -> None:
+        self._write({"event": "typed", "line": line})
+
+    def end(self, totals: dict[str, Any]) -> None:
+        self._write(totals)
+
+    def _write(self, fields: dict[str, Any]) -> None:
+        print(to_line(fields), file=self._stream, flush=True)
+
+
+class TextOutput:
+    """Lines with the time of day; colours only if asked for."""
+
+    def __init__(self, stream: TextIO, *, colours: bool) -> None:
+        self._stream = stream
+        self._colours = colours
+        self._texts: dict[tuple[int, str], float] = {}
+
+    def started(self, link: str) -> None:
+        self._write(f"on {link}; type `help` for what can be typed", stamped=True)
+
+    def event(self, event: ev.Event, now: float, *, several: bool) -> None:
+        lines, colour = self._lines(event, now)
+        who = f"rover {event.system}: " if several else ""
+        for number, line in enumerate(lines):
+            self._write(line if number else who + line, colour, stamped=not number)
+
+    def say(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self._write(line)
+
+    def problem(self, text: str) -> None:
+        self._write(f"? {text}")
+
+    def typed(self, line: str) -> None:
+        self._write(f"> {line}", _FAINT, stamped=True)
+
+    def end(self, totals: dict[str, Any]) -> None:
+        self._write(
+            f"{totals['calls']} calls, {totals['answers_acknowledged']} of {totals['answers_sent']} answers "
+            f"acknowledged, {totals['summaries_lost']} summaries lost, {totals['seconds']:.0f} s"
+        )
+
+    def _lines(self, event: ev.Event, now: float) -> tuple[list[str], str]:
+        match event:
+            case ev.LinkChanged():
+                known = "companion heard" if event.up else "companion NOT HEARD: answers wait"
+                return [f"rover {event.system} {known}"], _GOOD if event.up else _ALARM
+            case ev.StateChanged():
+                told = event.state not in (State.CALLING, State.HOLDING)  # a call says it better
+                return [wording.state(event.state, event.current_id)] * told, _FAINT
+            case ev.VehicleChanged():
+                return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], _FAINT
+            case ev.CallOpened():
+                return wording.call_lines(event.call, event.call.age_s), _ALARM
+            case ev.CallChanged():
+                return [wording.changed(event.call, event.call.age_s)], _PLAIN
+            case ev.CallClosed():
+                return [wording.closed(event.call, event.after_s)], _GOOD
+            case ev.TextHeard():
+                fresh = self._fresh(event, now)
+                return [f'says "{wording.clean(event.text)}"'] * fresh, _FAINT
+            case ev.AnswerMoved():
+                subject = f"call {event.target}" if event.target else "words"
+                alarm = event.status in (Status.WAITING, Status.EXPIRED)
+                return [f"answer to {subject} {_ON_THE_WAY[event.status]}"], _ALARM if alarm else _FAINT
+            case ev.Acknowledged():
+                return [wording.acknowledged(event.acknowledgement)], _PLAIN
+            case ev.NotUnderstood():
+                return [f"cannot read a message of the companion: {wording.clean(event.problem)}"], _ALARM
+            case _:
+                return [], _PLAIN
+
+    def _fresh(self, event: ev.TextHeard, now: float) -> bool:
+        """A call's text repeats until it is answered: once is enough to read."""
+        self._texts = {key: at for key, at in self._texts.items() if now - at < REPEATED_S}
+        fresh = (event.system, event.text) not in self._texts
+        self._texts[event.system, event.text] = now
+        return fresh
+
+    def _write(self, line: str, colour: str = _PLAIN, *, stamped: bool = False) -> None:
+        stamp = time.strftime("%H:%M:%S") if stamped else " " * 8
+        coloured = f"\033[{colour}m{line}\033[0m" if colour and self._colours else line
+        print(f"{stamp}  {coloured}", file=self._stream, flush=True)

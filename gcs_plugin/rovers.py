@@ -1,0 +1,219 @@
+"""What is known of one rover, from what was heard of its companion and its autopilot. No I/O, no clock."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from statistics import median
+
+from companion.wire.ids import Outcome, Stage, State, read_heartbeat_mode
+from companion.wire.parameters import WORD_PREFIX
+from companion.wire.payloads import CallData, Summary
+from gcs_plugin import events as ev
+from gcs_plugin.vehicle import Vehicle
+
+FRESH_S = 3.0
+"""The companion is there when its heartbeat is younger than this."""
+FORGOTTEN_S = 25.0
+"""An open call repeats every 10 s: one that is not the current one and is mute for so long is closed."""
+MAX_CALLS = 64
+MAX_PARAMETERS = 64
+MAX_LATENCIES = 4096
+MAX_SUMMARIES_A_SECOND = 20
+
+
+@dataclass
+class Call:
+    """A call or hold: what was said of it last, and when that was heard."""
+
+    data: CallData
+    opened_at: float
+    heard_at: float
+    presumed_closed: bool = False
+    """Only the heartbeat said so: a later message that calls it open is believed."""
+
+    @property
+    def open(self) -> bool:
+        return self.data.stage is not Stage.CLOSED
+
+    def age(self, now: float) -> float:
+        """Seconds since it was announced."""
+        return self.data.age_s + now - self.heard_at
+
+
+@dataclass
+class Counters:
+    """What came from the companion, for the end's figures."""
+
+    bytes: int = 0
+    rubbish: int = 0
+    summaries: int = 0
+    summaries_lost: int = 0
+    duplicate_acknowledgements: int = 0
+    latencies_ms: deque[int] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
+    latency_max_ms: int = 0
+
+    def latency(self, milliseconds: int) -> None:
+        self.latencies_ms.append(milliseconds)
+        self.latency_max_ms = max(self.latency_max_ms, milliseconds)
+
+    def latency_p50(self) -> float | None:
+        """Median of the last ones; None before the first."""
+        return median(self.latencies_ms) if self.latencies_ms else None
+
+
+class Rover:
+    """One system. Every `hear_...` takes what came and `now`, and returns the events that it makes."""
+
+    def __init__(self, system: int) -> None:
+        self.system = system
+        self.state: State | None = None
+        self.current_id = 0
+        self.vehicle: Vehicle | None = None
+        self.summary: Summary | None = None
+        self.calls: dict[int, Call] = {}
+        self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
+        self.parameters: dict[str, float] = {}
+        self.counters = Counters()
+        self._heard_at: float | None = None
+        self._up = False
+        self._idle_since: float | None = None
+        self._summary_at = 0.0
+
+    def alive(self, now: float) -> bool:
+        """A heartbeat of its companion is younger than 3 s."""
+        return self._heard_at is not None and now - self._heard_at < FRESH_S
+
+    @property
+    def known(self) -> bool:
+        """Its companion was heard at least once."""
+        return self._heard_at is not None
+
+    def silence(self, now: float) -> float:
+        """Seconds since the companion's last heartbeat; infinite before the first."""
+        return math.inf if self._heard_at is None else now - self._heard_at
+
+    def open_calls(self) -> list[Call]:
+        """In the order of their ids."""
+        return [call for _, call in sorted(self.calls.items()) if call.open]
+
+    def words(self) -> dict[str, float]:
+        """The words' parameters that are in use, by what follows AT_W_ in their names."""
+        prefix = len(WORD_PREFIX)
+        return {
+            name[prefix:]: value
+            for name, value in sorted(self.parameters.items())
+            if name.startswith(WORD_PREFIX) and -1.0 <= value <= 1.0
+        }
+
+    def hear_vehicle(self, vehicle: Vehicle) -> list[ev.Event]:
+        if vehicle == self.vehicle:
+            return []
+        self.vehicle = vehicle
+        return [ev.VehicleChanged(self.system, vehicle.mode, vehicle.armed)]
+
+    def hear_alive(self, now: float) -> list[ev.Event]:
+        """A heartbeat of the companion, whatever it holds."""
+        self._heard_at = now
+        return self.check_link(now)
+
+    def check_link(self, now: float) -> list[ev.Event]:
+        """Has the companion come or gone?"""
+        if self.alive(now) == self._up:
+            return []
+        self._up = not self._up
+        return [ev.LinkChanged(self.system, self._up)]
+
+    def hear_state(self, custom_mode: int, now: float) -> list[ev.Event]:
+        """Raises ValueError for a state that this version does not know."""
+        state, current_id = read_heartbeat_mode(custom_mode)
+        told: list[ev.Event] = []
+        if (state, current_id) != (self.state, self.current_id):
+            told.append(ev.StateChanged(self.system, state, current_id))
+        self.state, self.current_id = state, current_id
+        return told + self._close_forgotten(now)
+
+    def hear_summary(self, summary: Summary, now: float) -> list[ev.Event]:
+        """Counts what the sequence says was lost; a jump that no time explains is a restart, not a loss."""
+        counters = self.counters
+        if self.summary is not None:
+            gap = (summary.sequence - self.summary.sequence) & 0xFFFF
+            if gap == 0:
+                return []
+            if gap - 1 <= MAX_SUMMARIES_A_SECOND * (1 + now - self._summary_at):
+                counters.summaries_lost += gap - 1
+        counters.summaries += 1
+        counters.latency(summary.frame_age_ms)
+        self.summary, self._summary_at = summary, now
+        return [ev.SummaryHeard(self.system, summary)]
+
+    def hear_call(self, data: CallData, now: float) -> list[ev.Event]:
+        """A repeat says nothing new. The same id with another frame is another call: the rover began anew."""
+        known = self.calls.get(data.id)
+        if known is not None and known.data.frame_id == data.frame_id:
+            return self._hear_again(known, data, now)
+        self._make_room()
+        self.calls[data.id] = Call(data, now - data.age_s, now)
+        return [] if data.stage is Stage.CLOSED else [ev.CallOpened(self.system, data)]
+
+    def hear_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
+        self.texts.append((now, severity, text))
+        return [ev.TextHeard(self.system, severity, text)]
+
+    def hear_parameter(self, name: str, value: float) -> list[ev.Event]:
+        if not name or not math.isfinite(value) or self.parameters.get(name) == value:
+            return []
+        if name not in self.parameters and len(self.parameters) >= MAX_PARAMETERS:
+            return []
+        self.parameters[name] = value
+        return [ev.ParameterHeard(self.system, name, value)]
+
+    def hear_stage(self, call_id: int, stage: Stage, outcome: Outcome, now: float) -> list[ev.Event]:
+        """An acknowledgement says where `call_id` stands, ahead of the call's next message."""
+        call = self.calls.get(call_id)
+        if call is None or not call.open or call.data.stage is stage:
+            return []
+        if stage is Stage.CLOSED:
+            return [self._close(call, outcome, now)]
+        call.data = replace(call.data, stage=stage)
+        return [ev.CallChanged(self.system, call.data)]
+
+    def _hear_again(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
+        if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):
+            return []
+        before, known.data, known.heard_at = known.data, data, now
+        if known.presumed_closed:
+            known.presumed_closed = False
+            return [ev.CallOpened(self.system, data)]
+        if data.stage is Stage.CLOSED:
+            return [ev.CallClosed(self.system, data, now - known.opened_at)]
+        if (before.stage, before.reasons, before.holding) != (data.stage, data.reasons, data.holding):
+            return [ev.CallChanged(self.system, data)]
+        return []
+
+    def _close_forgotten(self, now: float) -> list[ev.Event]:
+        """Closing messages were lost: for 3 s nothing is current, or another one is and this one is mute."""
+        if self.current_id:
+            self._idle_since = None
+        elif self._idle_since is None:
+            self._idle_since = now
+        told: list[ev.Event] = []
+        for call in self.open_calls():
+            if self._idle_since is None:
+                forgotten = call.data.id != self.current_id and now - call.heard_at >= FORGOTTEN_S
+            else:
+                forgotten = call.heard_at < self._idle_since <= now - FRESH_S
+            if forgotten:
+                call.presumed_closed = True
+                told.append(self._close(call, Outcome.NONE, now))
+        return told
+
+    def _close(self, call: Call, outcome: Outcome, now: float) -> ev.Event:
+        call.data = replace(call.data, stage=Stage.CLOSED, outcome=outcome, holding=False)
+        return ev.CallClosed(self.system, call.data, now - call.opened_at)
+
+    def _make_room(self) -> None:
+        if len(self.calls) >= MAX_CALLS:
+            by_use = sorted(self.calls.values(), key=lambda call: (call.open, call.heard_at))
+            del self.calls[by_use[0].data.id]

@@ -1,0 +1,65 @@
+"""A client on a link of its own: heartbeat out, messages in, answers out."""
+
+from __future__ import annotations
+
+import select
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from gcs_plugin.client import OperatorClient
+from gcs_plugin.connection import Connection
+
+HEARTBEAT_S = 1.0
+MAX_BUFFER = 65536
+
+
+class Runner:
+    """Owns the connection. Call `step` often; `wait` sleeps until there is something to read.
+
+    system, component: ours; a ground station is 255/190 by custom. An autopilot sends nothing to one that
+    only listens, so our heartbeat goes out from the first step on.
+    """
+
+    def __init__(
+        self, connection: Connection, client: OperatorClient, system: int = 255, component: int = 190
+    ) -> None:
+        self.client = client
+        self._connection = connection
+        self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._mavlink.robust_parsing = True
+        self._heartbeat_at = float("-inf")
+
+    def step(self, now: float) -> None:
+        """Read what waits, then send what is due."""
+        for message in self._mavlink.parse_buffer(self._connection.read()) or []:
+            self.client.receive(message, now)
+        self._forget_parsed()
+        if now - self._heartbeat_at >= HEARTBEAT_S:
+            self._heartbeat_at = now
+            self._send(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+                )
+            )
+        for message in self.client.outgoing(now):
+            self._send(message)
+
+    def wait(self, timeout: float, *others: int) -> None:
+        """Until the link or one of `others` (file descriptors) can be read, `timeout` seconds at most."""
+        own = self._connection.fileno()
+        select.select([*others, *([] if own is None else [own])], [], [], timeout)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+
+    def _send(self, message: mavlink.MAVLink_message) -> None:
+        frame = message.pack(self._mavlink)
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        self._connection.write(frame)
+
+    def _forget_parsed(self) -> None:
+        """A stream that never pauses between frames would fill the parser's buffer for ever."""
+        if self._mavlink.buf_index > MAX_BUFFER:
+            self._mavlink.buf = self._mavlink.buf[self._mavlink.buf_index :]
+            self._mavlink.buf_index = 0

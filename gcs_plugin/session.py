@@ -1,0 +1,103 @@
+"""One operator at work: typed lines and events in, answers and told lines out. No I/O of its own."""
+
+from __future__ import annotations
+
+from companion.wire.packing import PayloadError
+from gcs_plugin import events as ev
+from gcs_plugin import wording
+from gcs_plugin.client import OperatorClient
+from gcs_plugin.commands import CommandError, Reply, Select, Show, parse
+from gcs_plugin.output import Output
+from gcs_plugin.resolve import address, choose_rover
+from gcs_plugin.rovers import Rover
+from gcs_plugin.script import Script
+from gcs_plugin.totals import Totals
+
+HELP = """\
+  go                       drive on; the thing in the call is accepted once
+  stay                     keep standing, stop the alarm; teaches nothing
+  look                     look again
+  bush: -1                 a word and its weight: 1 drive over it, -1 never. Several: bush: -1; grass: 1
+  tap drum -1              what the call points at is a "drum"; with a box: tap drum -1 0.40 0.55 0.60 0.80
+  forget bush              take a word out of use; `forget call 7`: what call 7 taught; `new episode`: all
+  bush: -1, go             any change, and drive on; also `tap drum -1 go`
+  7 go                     for call 7 instead of the current one; `rover 2 go`, or `rover 2` to stay there
+  status, calls, words, help, quit""".splitlines()
+
+
+class Session:
+    """Ties a client to an output; `script` answers beside the person."""
+
+    def __init__(self, client: OperatorClient, output: Output, script: Script | None = None) -> None:
+        self.quit = False
+        self.totals = Totals()
+        self._client = client
+        self._output = output
+        self._script = script
+        self._selected: int | None = None
+        self._asked: set[int] = set()
+
+    def step(self, now: float) -> None:
+        """Tell what happened, then let the script answer."""
+        rovers = self._client.rovers
+        for event in self._client.events():
+            self.totals.add(event)
+            self._output.event(event, now, several=len(rovers) > 1)
+            if isinstance(event, ev.LinkChanged) and event.up and event.system not in self._asked:
+                self._asked.add(event.system)
+                self._client.request_parameters(event.system)
+        for rover in rovers.values():
+            if self._script is not None and rover.alive(now):
+                self._answer_by(self._script, rover, now)
+
+    def type(self, line: str, now: float) -> None:
+        """Obey one typed line, or say why not."""
+        try:
+            command = parse(line)
+            match command:
+                case Reply():
+                    self._reply(command, now)
+                case Select():
+                    self._selected = choose_rover(self._client.rovers, command.rover).system
+                    self._output.say([f"lines now mean rover {self._selected}"])
+                case Show():
+                    self._show(command, now)
+        except (CommandError, PayloadError) as error:
+            self._output.problem(str(error))
+
+    def _reply(self, reply: Reply, now: float) -> None:
+        rover = choose_rover(self._client.rovers, reply.rover, self._selected)
+        answer = address(reply, rover)
+        self._client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
+
+    def _show(self, show: Show, now: float) -> None:
+        if show.what == "quit":
+            self.quit = True
+        elif show.what == "help":
+            self._output.say(HELP)
+        else:
+            self._output.say(self._lines(show, now))
+
+    def _lines(self, show: Show, now: float) -> list[str]:
+        rovers = self._client.rovers
+        chosen = list(rovers.values()) if show.rover is None else [choose_rover(rovers, show.rover)]
+        if not chosen:
+            return ["no rover is heard yet"]
+        if show.what == "calls":
+            return [line for rover in chosen for line in wording.calls_lines(rover, now)]
+        if show.what == "words":
+            for rover in chosen:
+                self._client.request_parameters(rover.system)
+            return [line for rover in chosen for line in wording.words_lines(rover)]
+        return [line for rover in chosen for line in wording.status_lines(rover, now)]
+
+    def _answer_by(self, script: Script, rover: Rover, now: float) -> None:
+        busy = {pending.target for pending in self._client.unsettled if pending.system == rover.system}
+        for call in rover.open_calls():
+            if call.data.id in busy:
+                continue
+            line = script.answer(rover.system, call.data, now)
+            if line is not None:
+                typed = f"rover {rover.system} {call.data.id} {line}"
+                self._output.typed(typed)
+                self.type(typed, now)

@@ -1,0 +1,124 @@
+"""The terminal operator: shows what rovers ask for, and takes answers from the keyboard or from a table."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TextIO
+
+from gcs_plugin.client import OperatorClient
+from gcs_plugin.connection import EXAMPLES, LinkError, open_connection
+from gcs_plugin.keyboard import Keyboard
+from gcs_plugin.output import JsonOutput, Output, TextOutput
+from gcs_plugin.runner import Runner
+from gcs_plugin.script import Script, ScriptError
+from gcs_plugin.session import Session
+
+CYCLE_S = 0.05
+MAX_SCRIPT_BYTES = 1 << 20
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run until `quit`, the end of the input, --quit-after or a signal; returns the exit code."""
+    options = _options(argv)
+    stopped = _Stopped()
+    try:
+        script = None if options.script is None else _read_script(options.script)
+        connection = open_connection(options.connect)
+    except (LinkError, ScriptError) as error:
+        print(f"anytraverse-operator: {error}", file=sys.stderr)
+        return 2
+    client = OperatorClient()
+    runner = Runner(connection, client, options.system, options.component)
+    started = time.monotonic()
+    output: Output = (
+        JsonOutput(sys.stdout, started)
+        if options.events
+        else TextOutput(sys.stdout, colours=_colours(sys.stdout))
+    )
+    session = Session(client, output, script)
+    try:
+        output.started(connection.name)
+        _run(runner, session, stopped, options.quit_after)
+        output.end(session.totals.record(client.rovers, time.monotonic() - started))
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    finally:
+        runner.close()
+    return 0
+
+
+def _run(runner: Runner, session: Session, stopped: _Stopped, quit_after: float | None) -> None:
+    keyboard = Keyboard.of(sys.stdin)
+    started = time.monotonic()
+    while not (stopped or session.quit):
+        runner.wait(CYCLE_S, *keyboard.descriptors())
+        now = time.monotonic()
+        runner.step(now)
+        session.step(now)
+        for line in keyboard.lines():
+            session.type(line, now)
+        over = quit_after is not None and now - started >= quit_after
+        if over or (keyboard.ended and not runner.client.unsettled):
+            break
+
+
+class _Stopped:
+    """True once SIGTERM or SIGINT came."""
+
+    def __init__(self) -> None:
+        self._came = False
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._come)
+
+    def _come(self, *_: object) -> None:
+        self._came = True
+
+    def __bool__(self) -> bool:
+        return self._came
+
+
+def _read_script(path: Path) -> Script:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScriptError(f"cannot read the script {path}: {error}") from error
+    if len(text) > MAX_SCRIPT_BYTES:
+        raise ScriptError(f"the script {path} is over 1 MiB")
+    return Script.parse(text)
+
+
+def _colours(stream: TextIO) -> bool:
+    return stream.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
+
+
+def _identity(text: str) -> int:
+    value = int(text)
+    if not 1 <= value <= 255:
+        raise argparse.ArgumentTypeError(f"{value} is not an id: 1 to 255")
+    return value
+
+
+def _options(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="anytraverse-operator", description=__doc__, epilog="Type `help` once it runs."
+    )
+    parser.add_argument(
+        "--connect", default="udpin:0.0.0.0:14550", metavar="LINK", help=f"{EXAMPLES} (default %(default)s)"
+    )
+    parser.add_argument("--system", type=_identity, default=255, help="our system id (default 255)")
+    parser.add_argument("--component", type=_identity, default=190, help="our component id (default 190)")
+    parser.add_argument("--script", type=Path, metavar="FILE.json", help="answer by this table")
+    parser.add_argument("--events", action="store_true", help="one JSON object per event, for programs")
+    parser.add_argument("--quit-after", type=float, metavar="SECONDS", help="end by itself")
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,187 @@
+"""What a person reads: what was seen, why it calls, which answers fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Kind, Outcome, Reasons, Result, Stage, State
+from companion.wire.packing import Fractions
+from companion.wire.payloads import CallData
+from companion.wire.texts import name, percent
+from gcs_plugin.rovers import Rover
+
+_STATES = {
+    State.STARTING: "starting",
+    State.OK: "ok",
+    State.CALLING: "CALLING",
+    State.HOLDING: "HOLDING the vehicle",
+    State.BLOCKED: "way blocked",
+    State.FAULT: "FAULT: it cannot judge",
+    State.OFF: "OFF: nobody watches the trail",
+}
+_OUTCOMES = {
+    Outcome.NONE: "over (how was lost on the way)",
+    Outcome.ANSWERED: "answered",
+    Outcome.ACCEPTED: "accepted",
+    Outcome.PASSED: "passed by itself",
+    Outcome.TAKEN_OVER: "a human took over",
+    Outcome.RECOVERED: "fault is gone",
+    Outcome.SWITCHED_OFF: "companion switched off",
+}
+_RESULTS = {
+    Result.APPLIED: "done",
+    Result.APPLIED_NOT_REMEMBERED: "done, but not remembered after a restart",
+    Result.NOT_COVERED: "taken, but it does not cover what was seen",
+    Result.STALE: "too late: it is not open",
+    Result.REFUSED: "REFUSED, nothing changed",
+    Result.DENIED: "DENIED: this ground station may not",
+    Result.BUSY: "busy, will be sent again",
+}
+
+
+def clean(text: str) -> str:
+    """What came through the air, without what would move a terminal's cursor."""
+    return "".join(character if character.isprintable() else " " for character in text).strip()
+
+
+def why(call: CallData) -> str:
+    """All its reasons with their figures: `unknown thing ahead, 38% unexplained, most at the right`."""
+    return "; ".join(_reasons(call)) or "no reason given"
+
+
+def _reasons(call: CallData) -> Iterator[str]:
+    if call.test:
+        yield "TEST, nothing is wrong"
+    if call.reasons & Reasons.UNKNOWN_OBJECT:
+        worst = (
+            f", most {where(call.worst_tile_box)} ({percent(call.worst_tile)})" if call.worst_tile_box else ""
+        )
+        yield f"unknown thing ahead, {percent(call.roi_uncertainty)} unexplained{worst}"
+    if call.reasons & Reasons.UNKNOWN_SCENE:
+        known = "" if call.similarity is None else f", {call.similarity:.2f} like a known one"
+        yield f"new place{known}"
+    if call.reasons & Reasons.BLOCKED:
+        yield f"blocked by known ground, {percent(call.drivable_share)} drivable"
+    if call.reasons & Reasons.FAULT:
+        yield "fault: no picture that can be judged"
+
+
+def where(box: Fractions) -> str:
+    """In which third of the picture the middle of a box lies."""
+    middle = (box[0] + box[2]) / 2
+    return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"
+
+
+def fitting_answers(call: CallData) -> list[str]:
+    """Lines that make sense as an answer to this call now."""
+    if call.stage is not Stage.OPEN:
+        return ["go", "stay", "look"]
+    if call.reasons & Reasons.UNKNOWN_OBJECT:
+        tap = ["tap drum -1 go"] if call.worst_tile_box else []
+        return [*tap, "drum: -1, go", "go", "stay", "look"]
+    if call.reasons & Reasons.UNKNOWN_SCENE:
+        return ["grass: 1, go", "go", "stay", "look"]
+    if call.reasons & Reasons.FAULT:
+        return ["look", "stay"]
+    return ["go", "stay", "look"]
+
+
+def headline(call: CallData, age: float) -> str:
+    """One line: the id, whether the vehicle stands, why, and the age."""
+    stands = "vehicle held" if call.holding else "vehicle not held"
+    asks = {Stage.ANSWERED: "answered, waits", Stage.CLEAR: "clear now, go?"}.get(call.stage, why(call))
+    return f"{name(call.kind, call.id)} {asks} [{stands}, {duration(age)}]"
+
+
+def call_lines(call: CallData, age: float) -> list[str]:
+    """The headline, the box to look at, the picture if it lies on this computer, and the answers that fit."""
+    lines = [headline(call, age)]
+    if call.worst_tile_box and call.stage is Stage.OPEN and call.kind is Kind.CALL:
+        lines.append("  look at  " + " ".join(f"{side:.2f}" for side in call.worst_tile_box))
+    picture = local_picture(call)
+    if picture is not None:
+        lines.append(f"  picture  {picture}")
+    lines.append("  answer   " + "  |  ".join(fitting_answers(call)))
+    return lines
+
+
+def local_picture(call: CallData) -> Path | None:
+    """The call's picture where both ends share a disk."""
+    path = Path(call.picture)
+    try:
+        return path if call.picture.isprintable() and path.is_file() else None
+    except (OSError, ValueError):
+        return None
+
+
+def changed(call: CallData, age: float) -> str:
+    """An open call at another stage, or with more reasons."""
+    answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call))}"
+    return headline(call, age) + answers
+
+
+def closed(call: CallData, after_s: float) -> str:
+    """A call that is over."""
+    return f"{name(call.kind, call.id)} closed: {_OUTCOMES[call.outcome]}, after {duration(after_s)}"
+
+
+def acknowledged(ack: Acknowledgement) -> str:
+    """What became of an answer, with the figures of the call's frame judged again."""
+    subject = f"call {ack.target}" if ack.target else "words"
+    figures = []
+    if ack.roi_uncertainty is not None:
+        figures.append(f"now {percent(ack.roi_uncertainty)} unexplained")
+    if ack.worst_tile is not None:
+        figures.append(f"worst tile {percent(ack.worst_tile)}")
+    told = f' "{clean(ack.text)}"' if clean(ack.text) else ""
+    return f"{subject}: {_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
+
+
+def state(value: State, current_id: int) -> str:
+    """The companion's state."""
+    about = f" ({current_id})" if current_id else ""
+    return f"companion {_STATES[value]}{about}"
+
+
+def status_lines(rover: Rover, now: float) -> list[str]:
+    """All that is known of a rover, on a few lines."""
+    heard = "heard" if rover.alive(now) else f"NOT HEARD for {duration(rover.silence(now))}"
+    drives = "vehicle unknown" if rover.vehicle is None else rover.vehicle.text
+    doing = "state unknown" if rover.state is None else state(rover.state, rover.current_id)
+    lines = [f"rover {rover.system}: {heard}, {doing}, {drives}"]
+    summary, counters = rover.summary, rover.counters
+    if summary is not None:
+        place = "" if summary.similarity is None else f", {summary.similarity:.2f} like the known place"
+        drivable, unknown = percent(summary.roi_traversability), percent(summary.roi_uncertainty)
+        lines.append(f"  ahead    {drivable} drivable, {unknown} unexplained{place}")
+        lines.append(f"  policy   {summary.policy.name.lower()}")
+        lines.append(
+            f"  link     {counters.summaries} summaries, {counters.summaries_lost} lost; "
+            f"picture {summary.frame_age_ms} ms old when sent"
+        )
+    return lines
+
+
+def words_lines(rover: Rover) -> list[str]:
+    """The words in use, by their parameters' short names."""
+    words = rover.words()
+    told = "; ".join(f"{word.lower()}: {value:g}" for word, value in words.items())
+    return [f"rover {rover.system}: {told or 'its words are not told yet, ask again in a few seconds'}"]
+
+
+def calls_lines(rover: Rover, now: float) -> list[str]:
+    """What is open, one line each, or that nothing is."""
+    waiting = [headline(call.data, call.age(now)) for call in rover.open_calls()]
+    return waiting or [f"rover {rover.system}: nothing is open"]
+
+
+def duration(seconds: float) -> str:
+    """`12 s`, `3 min` or `2 h`."""
+    if not math.isfinite(seconds):
+        return "ever"
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"

@@ -1,0 +1,182 @@
+"""A tiny rover: just enough of a companion to talk to, in virtual time or behind a socket."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.wire import ids
+from companion.wire.answers import Acknowledgement, AnswerMessage, Operation
+from companion.wire.payloads import CallData, Summary
+
+THING_CALL = CallData(
+    id=7,
+    kind=ids.Kind.CALL,
+    stage=ids.Stage.OPEN,
+    outcome=ids.Outcome.NONE,
+    reasons=ids.Reasons.UNKNOWN_OBJECT,
+    holding=True,
+    test=False,
+    frame_id=4711,
+    age_s=0,
+    roi=(0.3, 0.5, 0.7, 0.95),
+    worst_tile_box=(0.41, 0.55, 0.6, 0.81),
+    roi_uncertainty=0.38,
+    worst_tile=0.71,
+    drivable_share=0.9,
+    similarity=0.97,
+    latitude=None,
+    longitude=None,
+    heading=None,
+    word_count=2,
+    words=1234,
+)
+QUIET_SUMMARY = Summary(
+    state=ids.State.OK,
+    policy=ids.Policy.HOLD,
+    reasons=ids.Reasons.NONE,
+    sequence=0,
+    current_id=0,
+    frame_id=4700,
+    frame_age_ms=120,
+    latency_ms=90,
+    roi_traversability=0.9,
+    roi_uncertainty=0.05,
+    worst_tile=0.1,
+    similarity=0.98,
+    field_of_view=70,
+    words=1234,
+    dropped=0,
+    sectors=(0.9,) * 16,
+)
+
+
+class Speaker:
+    """Encodes and decodes MAVLink as one component of one system."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._mavlink.robust_parsing = True
+
+    def frame(self, message: Any) -> bytes:
+        packed: bytes = message.pack(self._mavlink)
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return packed
+
+    def tunnel(self, kind: int, payload: bytes, length: int | None = None) -> bytes:
+        size = len(payload) if length is None else length
+        return self.frame(mavlink.MAVLink_tunnel_message(0, 0, kind, size, payload.ljust(128, b"\0")))
+
+    def parse(self, data: bytes) -> list[Any]:
+        return self._mavlink.parse_buffer(data) or []
+
+
+class TinyRover:
+    """Speaks once a second; an answer to its call closes it, is applied once and acknowledged each time."""
+
+    def __init__(self, system: int = 1, call: CallData | None = None) -> None:
+        self.companion = Speaker(system, ids.COMPONENT_ID)
+        self.autopilot = Speaker(system, ids.AUTOPILOT_COMPONENT_ID)
+        self.system = system
+        self.call = call
+        self.result = ids.Result.APPLIED
+        self.stage_after = ids.Stage.CLOSED
+        self.applied: list[tuple[int, ids.Motion, tuple[Operation, ...]]] = []
+        self.heard_ground = False
+        self.lists_asked = 0
+        self.sequence = 0
+        self._parts: dict[int, dict[int, AnswerMessage]] = {}
+        self._acknowledgements: dict[int, bytes] = {}
+
+    @property
+    def current_id(self) -> int:
+        return self.call.id if self.call and self.call.stage is not ids.Stage.CLOSED else 0
+
+    def heartbeat(self) -> bytes:
+        state = ids.State.CALLING if self.current_id else ids.State.OK
+        mode = ids.heartbeat_mode(state, self.current_id)
+        return self.companion.frame(mavlink.MAVLink_heartbeat_message(18, 8, 0, mode, 4, 3))
+
+    def vehicle(self, mode: int = 10, base_mode: int = 0x81) -> bytes:
+        return self.autopilot.frame(mavlink.MAVLink_heartbeat_message(10, 3, base_mode, mode, 4, 3))
+
+    def summary(self) -> bytes:
+        self.sequence += 1
+        payload = replace(QUIET_SUMMARY, sequence=self.sequence, current_id=self.current_id).pack()
+        return self.companion.tunnel(ids.TUNNEL_SUMMARY, payload)
+
+    def call_frames(self) -> list[bytes]:
+        return [] if self.call is None else [self.companion.tunnel(ids.TUNNEL_CALL, self.call.pack())]
+
+    def text(self, text: str) -> bytes:
+        return self.companion.frame(mavlink.MAVLink_statustext_message(3, text.encode()))
+
+    def speak(self) -> list[bytes]:
+        """What it says each second."""
+        return [self.heartbeat(), self.vehicle(), self.summary(), *self.call_frames()]
+
+    def hear(self, data: bytes) -> list[bytes]:
+        """What it says to what was sent to it."""
+        replies: list[bytes] = []
+        for message in self.companion.parse(data):
+            if message.get_type() == "HEARTBEAT":
+                self.heard_ground = True
+            elif message.get_type() == "PARAM_REQUEST_LIST":
+                self.lists_asked += 1
+                replies.append(
+                    self.companion.frame(mavlink.MAVLink_param_value_message(b"AT_W_GRASS", 1.0, 9, 1, 0))
+                )
+            elif message.get_type() == "TUNNEL" and message.payload_type == ids.TUNNEL_ANSWER:
+                assert (message.target_system, message.target_component) == (self.system, 191)
+                part = AnswerMessage.unpack(bytes(message.payload[: message.payload_length]))
+                replies += self._answered(part)
+        return replies
+
+    def _answered(self, part: AnswerMessage) -> list[bytes]:
+        known = self._parts.setdefault(part.transaction, {})
+        known[part.part] = part
+        if len(known) < part.parts:
+            return []
+        if part.transaction not in self._acknowledgements:
+            self._acknowledgements[part.transaction] = self._apply(part, known)
+        reply = self._acknowledgements[part.transaction]
+        return [self.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, reply), *self.call_frames()]
+
+    def _apply(self, last: AnswerMessage, parts: dict[int, AnswerMessage]) -> bytes:
+        operations = tuple(op for number in sorted(parts) for op in parts[number].operations)
+        self.applied.append((last.target, last.motion, operations))
+        closes = self.stage_after is ids.Stage.CLOSED
+        outcome = ids.Outcome.ANSWERED if closes else ids.Outcome.NONE
+        if self.call is not None:
+            self.call = replace(self.call, stage=self.stage_after, outcome=outcome)
+        return Acknowledgement(
+            last.transaction, last.target, self.result, self.stage_after, outcome,
+            0.12, 0.2, ids.Reasons.NONE, 99, "thank you",
+        ).pack()  # fmt: skip
+
+
+@pytest.fixture
+def thing_call() -> CallData:
+    """An open call about an unknown thing that holds the vehicle."""
+    return THING_CALL
+
+
+@pytest.fixture
+def quiet_summary() -> Summary:
+    return QUIET_SUMMARY
+
+
+@pytest.fixture
+def tiny_rover() -> Callable[..., TinyRover]:
+    """Makes a rover: tiny_rover(system, call)."""
+    return TinyRover
+
+
+@pytest.fixture
+def speaker() -> Callable[..., Speaker]:
+    """Makes any component: speaker(system, component)."""
+    return Speaker

@@ -1,0 +1,46 @@
+"""`field:127.0.0.1:PORT`: the simulated field's camera, over loopback TCP."""
+
+from __future__ import annotations
+
+import ipaddress
+
+from companion.cameras import CameraError, Capture, NoFrameYet, Playback, SourceError
+from companion.field.frames import FrameError, FrameStream, FrameTimeout
+
+
+class FieldCamera:
+    """Frames of the simulated field with the capture times that it delivers.
+
+    Those are of this computer's monotonic clock, which is why the address must be a loopback one.
+    """
+
+    def __init__(self, place: str, _: Playback) -> None:
+        host, port = _address(place)
+        try:
+            self._stream = FrameStream(host, port)
+        except FrameError as error:
+            raise CameraError(str(error)) from error
+
+    def read(self, timeout: float) -> Capture:
+        try:
+            frame = self._stream.read(timeout)
+        except FrameTimeout as error:
+            raise NoFrameYet(str(error)) from error
+        except FrameError as error:
+            raise CameraError(str(error)) from error
+        return Capture(frame.captured_at, frame.rgb)
+
+    def close(self) -> None:
+        self._stream.close()
+
+
+def _address(place: str) -> tuple[str, int]:
+    host, _, number = place.rpartition(":")
+    try:
+        port = int(number)
+        loopback = host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        raise SourceError(f'"{place}" is no address: write field:127.0.0.1:PORT') from None
+    if not loopback or not 0 < port < 65536:
+        raise SourceError(f'"{place}" is no loopback address with a port: write field:127.0.0.1:PORT')
+    return host.strip("[]"), port

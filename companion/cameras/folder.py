@@ -1,0 +1,68 @@
+"""`folder:PATH`: a folder of pictures in name order, at a rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
+from companion.cameras.pace import Pace
+
+_PHOTOS = {".jpg", ".jpeg"}
+_SUFFIXES = _PHOTOS | {".png", ".bmp", ".webp", ".tif", ".tiff"}
+_USUAL_RATE = 10.0
+
+
+def pictures(folder: Path) -> list[Path]:
+    """The frames of a folder in name order.
+
+    Hidden files are none, and a png beside a jpg of the same stem is its label.
+    Raises CameraError when the folder cannot be read or holds none.
+    """
+    try:
+        names = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise CameraError(
+            f"folder {folder} cannot be read ({error.strerror}): check [camera] source"
+        ) from error
+    found = [path for path in names if path.suffix.lower() in _SUFFIXES]
+    photos = {path.stem for path in found if path.suffix.lower() in _PHOTOS}
+    frames = [path for path in found if path.suffix.lower() != ".png" or path.stem not in photos]
+    if not frames:
+        raise CameraError(f"folder {folder} holds no picture: jpg, png, bmp, webp and tiff are read")
+    return frames
+
+
+class PictureFolder:
+    """Pictures at `rate` (10 a second unless said). `captured_at` is the time at which a picture was due.
+
+    With `loop` the folder is listed anew at each lap.
+    """
+
+    def __init__(self, place: str, playback: Playback) -> None:
+        self._folder = Path(place).expanduser()
+        self._loop = playback.loop
+        self._pace = Pace(playback.rate or _USUAL_RATE)
+        self._frames: Iterator[Path] = iter(pictures(self._folder))
+
+    def read(self, timeout: float) -> Capture:
+        now = self._pace.wait(timeout)
+        path = next(self._frames, None)
+        if path is None:
+            if not self._loop:
+                raise EndOfFrames(f"the last picture of {self._folder} was read")
+            self._frames = iter(pictures(self._folder))
+            path = next(self._frames)
+        try:
+            picture = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
+        except (OSError, cv2.error) as error:
+            raise BadFrame(f"{path} cannot be read ({error}): mend or remove it") from error
+        if picture is None:
+            raise BadFrame(f"{path} is torn or no picture: mend or remove it")
+        return Capture(now, cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))  # type: ignore[arg-type]
+
+    def close(self) -> None:
+        """Nothing is held open."""

@@ -1,0 +1,200 @@
+"""One thread that reads a camera, reconnects for ever, and holds only the newest frame."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from anytraverse.frame import Frame, is_image
+from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrames, NoFrameYet
+
+_log = logging.getLogger(__name__)
+
+
+class CameraState(Enum):
+    """What the reader is doing."""
+
+    CONNECTING = "connecting"
+    DELIVERING = "delivering"
+    FAILED = "failed"
+    """Waiting to connect again; the status says why."""
+    ENDED = "ended"
+    """A file has ended; no more will come."""
+
+
+@dataclass(frozen=True)
+class CameraStatus:
+    """The reader at one moment. Counts are since the start.
+
+    reason: why it failed or ended, until a frame comes. read: good frames; dropped: those of them that were
+    overwritten before anybody took them. refused: torn or misshapen frames. connected: openings.
+    """
+
+    state: CameraState = CameraState.CONNECTING
+    reason: str = ""
+    read: int = 0
+    dropped: int = 0
+    refused: int = 0
+    connected: int = 0
+
+
+@dataclass(frozen=True)
+class Patience:
+    """Seconds. wait: the longest read. silence: without a frame, after which the camera is opened anew.
+    first, longest: the wait before connecting again; it doubles from failure to failure."""
+
+    wait: float = 0.5
+    silence: float = 5.0
+    first: float = 0.25
+    longest: float = 5.0
+
+
+class NewestFrame:
+    """Room for one frame. A newer one replaces it; who takes it empties the room."""
+
+    def __init__(self) -> None:
+        self._news = threading.Condition()
+        self._frame: Frame | None = None
+        self._closed = False
+
+    def put(self, frame: Frame) -> bool:
+        """Never blocks. True when a frame was overwritten that nobody had taken."""
+        with self._news:
+            overwritten = self._frame is not None
+            self._frame = frame
+            self._news.notify()
+        return overwritten
+
+    def take(self, timeout: float) -> Frame | None:
+        """The newest frame not yet taken; waits up to `timeout` seconds for one. None: none, or closed."""
+        with self._news:
+            self._news.wait_for(lambda: self._frame is not None or self._closed, timeout)
+            frame, self._frame = self._frame, None
+        return frame
+
+    def close(self) -> None:
+        """Wake who waits."""
+        with self._news:
+            self._closed = True
+            self._news.notify_all()
+
+
+class CameraThread:
+    """Reads a camera in a thread of its own. Frame ids rise by one, over reconnects too.
+
+    `connect` opens the camera (companion.cameras.open_camera); whatever it or the camera raises is a failure
+    to get over, never the end of the thread.
+    """
+
+    def __init__(
+        self, connect: Callable[[], Camera], *, first_id: int = 1, patience: Patience | None = None
+    ) -> None:
+        self._connect = connect
+        self._next_id = first_id
+        self._patience = patience or Patience()
+        self._newest = NewestFrame()
+        self._status = CameraStatus()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    @property
+    def status(self) -> CameraStatus:
+        """Never blocks."""
+        return self._status
+
+    @property
+    def state(self) -> CameraState:
+        """Never blocks."""
+        return self._status.state
+
+    def take(self, timeout: float) -> Frame | None:
+        """The newest frame not yet taken; blocks up to `timeout` seconds for one, whatever the state.
+
+        It may be as old as the reader found it: look at `captured_at`.
+        """
+        return self._newest.take(timeout)
+
+    def close(self, timeout: float = 2.0) -> bool:
+        """Stop reading and give the camera back. False: after `timeout` s the reader still hangs in it."""
+        self._closing.set()
+        self._newest.close()
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        pause = self._patience.first
+        while not self._closing.is_set():
+            read_before = self._status.read
+            self._set(state=CameraState.CONNECTING)
+            try:
+                self._deliver()
+                return
+            except EndOfFrames as end:
+                _log.info("%s", end)
+                self._set(state=CameraState.ENDED, reason=str(end))
+                return
+            except Exception as failure:  # A driver may raise anything, and the rover still needs its eyes.
+                reason = str(failure) or type(failure).__name__
+            if self._status.read > read_before:
+                pause = self._patience.first
+            if reason != self._status.reason:
+                _log.warning("no camera: %s; trying again", reason)
+            self._set(state=CameraState.FAILED, reason=reason)
+            self._closing.wait(pause)
+            pause = min(pause * 2, self._patience.longest)
+
+    def _deliver(self) -> None:
+        """Read one connection until the thread is closed; raises what ends it."""
+        camera = self._connect()
+        try:
+            self._set(connected=self._status.connected + 1)
+            last = time.monotonic()
+            warned = False
+            while not self._closing.is_set():
+                try:
+                    capture = camera.read(self._patience.wait)
+                    _check(capture)
+                except NoFrameYet:
+                    pass
+                except BadFrame as bad:
+                    self._set(refused=self._status.refused + 1)
+                    if not warned:
+                        _log.warning("frame refused: %s (further ones are only counted)", bad)
+                        warned = True
+                else:
+                    last = time.monotonic()
+                    self._keep(capture)
+                if time.monotonic() - last > self._patience.silence:
+                    raise CameraError(
+                        f"no good frame for {self._patience.silence:g} s: check cable, light and address"
+                    )
+        finally:
+            camera.close()
+
+    def _keep(self, capture: Capture) -> None:
+        frame = Frame(self._next_id, capture.captured_at, capture.image)
+        self._next_id += 1
+        dropped = self._newest.put(frame)
+        self._set(
+            state=CameraState.DELIVERING,
+            reason="",
+            read=self._status.read + 1,
+            dropped=self._status.dropped + dropped,
+        )
+
+    def _set(self, **changes: object) -> None:
+        self._status = replace(self._status, **changes)  # type: ignore[arg-type]
+
+
+def _check(capture: Capture) -> None:
+    """Raises BadFrame for what must not reach the algorithm."""
+    if not is_image(capture.image):
+        raise BadFrame("not an RGB picture of 8 bits a channel: check the camera's pixel format")
+    if not math.isfinite(capture.captured_at) or capture.captured_at > time.monotonic():
+        raise BadFrame(f"captured at {capture.captured_at}, which is no time of the past: check its clock")

@@ -1,0 +1,63 @@
+"""`video:PATH`: a video file, at its own rate or a given one."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+
+from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
+from companion.cameras.pace import Pace
+
+_USUAL_RATE = 30.0
+_HIGHEST_RATE = 240.0
+
+
+class VideoFile:
+    """A video file that OpenCV can decode. `captured_at` is the time at which a frame was due."""
+
+    def __init__(self, place: str, playback: Playback) -> None:
+        self._path = Path(place).expanduser()
+        self._loop = playback.loop
+        self._video = self._open()
+        self._read_in_lap = 0
+        self._pace = Pace(playback.rate or self._own_rate())
+
+    def read(self, timeout: float) -> Capture:
+        now = self._pace.wait(timeout)
+        if not self._video.grab():
+            self._turn()
+        self._read_in_lap += 1
+        ok, picture = self._video.retrieve()
+        if not ok:
+            raise BadFrame(f"frame {self._read_in_lap} of {self._path} cannot be decoded")
+        return Capture(now, cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))  # type: ignore[arg-type]
+
+    def close(self) -> None:
+        self._video.release()
+
+    def _open(self) -> cv2.VideoCapture:
+        if not self._path.is_file():
+            raise CameraError(f"there is no video {self._path}: check [camera] source")
+        video = cv2.VideoCapture(str(self._path))
+        if not video.isOpened():
+            raise CameraError(f"{self._path} is no video that can be decoded: try to play it, or convert it")
+        return video
+
+    def _own_rate(self) -> float:
+        rate = float(self._video.get(cv2.CAP_PROP_FPS))
+        return rate if math.isfinite(rate) and 0.0 < rate <= _HIGHEST_RATE else _USUAL_RATE
+
+    def _turn(self) -> None:
+        """At the end: start again, or say so."""
+        if not self._loop:
+            announced = int(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
+            torn = f" of {announced} announced" if announced > self._read_in_lap else ""
+            raise EndOfFrames(f"{self._path} ended after {self._read_in_lap} frames{torn}")
+        self._video.release()
+        # Opened anew, since not every container can be wound back.
+        self._video = self._open()
+        self._read_in_lap = 0
+        if not self._video.grab():
+            raise CameraError(f"{self._path} holds no frame: choose another video")

@@ -1,0 +1,239 @@
+"""The reader thread: newest frame only, and it survives whatever a camera does."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from anytraverse.frame import Frame
+from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrames, NoFrameYet
+from companion.cameras.newest import CameraState, CameraThread, NewestFrame, Patience
+
+_QUICK = Patience(wait=0.05, silence=5.0, first=0.001, longest=0.004)
+_SOON = 5.0
+
+
+def _picture() -> Capture:
+    return Capture(time.monotonic(), np.zeros((4, 6, 3), np.uint8))
+
+
+class _ScriptedCamera:
+    """Does what the script says, one step a read; at its end it only times out."""
+
+    def __init__(self, *script: Capture | Exception | Callable[[], Capture]) -> None:
+        self._script = list(script)
+        self.closed = False
+
+    def read(self, timeout: float) -> Capture:
+        if not self._script:
+            time.sleep(min(timeout, 0.01))
+            raise NoFrameYet("none yet")
+        step = self._script.pop(0)
+        if isinstance(step, Exception):
+            raise step
+        return step() if callable(step) else step
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@contextmanager
+def _reading(
+    connect: Callable[[], Camera], patience: Patience = _QUICK, first_id: int = 1
+) -> Iterator[CameraThread]:
+    thread = CameraThread(connect, first_id=first_id, patience=patience)
+    try:
+        yield thread
+    finally:
+        assert thread.close(_SOON)
+
+
+def _wait_until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + _SOON
+    while not true():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.002)
+
+
+def test_only_the_newest_frame_is_held() -> None:
+    newest = NewestFrame()
+    frames = [Frame(number, 0.0, np.zeros((1, 1, 3), np.uint8)) for number in range(3)]
+    assert [newest.put(frame) for frame in frames] == [False, True, True]
+    assert newest.take(0) is frames[2]
+
+
+def test_a_frame_is_taken_once() -> None:
+    newest = NewestFrame()
+    newest.put(Frame(1, 0.0, np.zeros((1, 1, 3), np.uint8)))
+    assert newest.take(0) is not None
+    assert newest.take(0) is None
+
+
+def test_closing_wakes_who_waits_for_a_frame() -> None:
+    newest = NewestFrame()
+    threading.Timer(0.02, newest.close).start()
+    started = time.monotonic()
+    assert newest.take(_SOON) is None
+    assert time.monotonic() - started < _SOON / 2
+
+
+def test_frames_that_nobody_took_are_counted_as_dropped() -> None:
+    camera = _ScriptedCamera(_picture, _picture, _picture)
+    with _reading(lambda: camera) as thread:
+        _wait_until(lambda: thread.status.read == 3)
+        frame = thread.take(0)
+        assert frame is not None
+        assert frame.id == 3
+        assert thread.status.dropped == 2
+        assert thread.state is CameraState.DELIVERING
+    assert camera.closed
+
+
+def test_a_lost_camera_is_opened_anew_and_ids_go_on_rising() -> None:
+    cameras = [_ScriptedCamera(_picture, _picture, CameraError("unplugged")), _ScriptedCamera(_picture)]
+    opened = iter(cameras)
+    with _reading(lambda: next(opened)) as thread:
+        _wait_until(lambda: thread.status.read == 3)
+        frame = thread.take(0)
+        assert frame is not None
+        assert frame.id == 3
+        assert thread.status.connected == 2
+    assert all(camera.closed for camera in cameras)
+
+
+def test_ids_begin_where_the_caller_says() -> None:
+    with _reading(lambda: _ScriptedCamera(_picture), first_id=900) as thread:
+        frame = thread.take(_SOON)
+        assert frame is not None
+        assert frame.id == 900
+
+
+@pytest.mark.parametrize("failure", [CameraError("no device"), RuntimeError("vendor's bug"), KeyError("x")])
+def test_an_absent_camera_is_tried_for_ever_whatever_it_raises(failure: Exception) -> None:
+    tries = 0
+
+    def connect() -> Camera:
+        nonlocal tries
+        tries += 1
+        if tries < 12:
+            raise failure
+        return _ScriptedCamera(_picture)
+
+    with _reading(connect) as thread:
+        assert thread.take(_SOON) is not None
+    assert tries == 12
+
+
+def test_a_failed_camera_says_why() -> None:
+    def connect() -> Camera:
+        raise CameraError("/dev/video7 is absent")
+
+    with _reading(connect, Patience(first=60.0)) as thread:
+        _wait_until(lambda: thread.state is CameraState.FAILED)
+        assert thread.status.reason == "/dev/video7 is absent"
+
+
+def test_the_wait_between_tries_doubles_up_to_its_cap() -> None:
+    times: list[float] = []
+
+    def connect() -> Camera:
+        times.append(time.monotonic())
+        raise CameraError("absent")
+
+    with _reading(connect, Patience(first=0.02, longest=0.08)):
+        _wait_until(lambda: len(times) == 6)
+    waits = [later - sooner for sooner, later in pairwise(times)]
+    for wait, least in zip(waits, [0.02, 0.04, 0.08, 0.08, 0.08], strict=True):
+        assert wait >= least * 0.95
+    assert waits[4] < 0.16 * 4
+
+
+def test_the_same_failure_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    tries = 0
+
+    def connect() -> Camera:
+        nonlocal tries
+        tries += 1
+        raise CameraError("absent")
+
+    with caplog.at_level(logging.WARNING), _reading(connect):
+        _wait_until(lambda: tries > 5)
+    assert len(caplog.records) == 1
+
+
+def test_bad_frames_are_counted_said_once_and_skipped(caplog: pytest.LogCaptureFixture) -> None:
+    misshapen = Capture(0.0, np.zeros((4, 6), np.uint8))
+    wide = Capture(0.0, np.zeros((4, 6, 3), np.uint16))
+    empty = Capture(0.0, np.zeros((0, 6, 3), np.uint8))
+    camera = _ScriptedCamera(BadFrame("torn"), misshapen, wide, empty, _picture)
+    with caplog.at_level(logging.WARNING), _reading(lambda: camera) as thread:
+        frame = thread.take(_SOON)
+        assert frame is not None
+        assert frame.id == 1
+        assert thread.status.refused == 4
+        assert thread.status.connected == 1
+    assert len(caplog.records) == 1
+
+
+@pytest.mark.parametrize("when", [float("nan"), float("inf"), float("-inf"), 3600.0])
+def test_a_capture_time_that_is_none_or_in_the_future_is_refused(when: float) -> None:
+    def wrong() -> Capture:
+        return Capture(time.monotonic() + when, np.zeros((4, 6, 3), np.uint8))
+
+    with _reading(lambda: _ScriptedCamera(wrong)) as thread:
+        _wait_until(lambda: thread.status.refused == 1)
+        assert thread.take(0) is None
+
+
+def test_a_camera_that_falls_silent_is_opened_anew() -> None:
+    with _reading(lambda: _ScriptedCamera(_picture), Patience(0.005, 0.02, 0.001, 0.004)) as thread:
+        _wait_until(lambda: thread.status.connected >= 3)
+        assert thread.status.read >= 2
+
+
+def test_a_camera_of_bad_frames_alone_is_opened_anew() -> None:
+    class Torn(_ScriptedCamera):
+        def read(self, timeout: float) -> Capture:
+            time.sleep(timeout / 10)
+            raise BadFrame("torn")
+
+    with _reading(Torn, Patience(0.005, 0.02, 0.001, 0.004)) as thread:
+        _wait_until(lambda: thread.status.connected >= 2)
+
+
+def test_a_file_that_ended_is_not_opened_anew() -> None:
+    with _reading(lambda: _ScriptedCamera(_picture, EndOfFrames("played"))) as thread:
+        _wait_until(lambda: thread.state is CameraState.ENDED)
+        assert thread.status.reason == "played"
+        assert thread.take(0) is not None
+        assert thread.take(0.01) is None
+        assert thread.status.connected == 1
+
+
+def test_closing_is_quick_while_waiting_to_try_again() -> None:
+    def connect() -> Camera:
+        raise CameraError("absent")
+
+    thread = CameraThread(connect, patience=Patience(first=3600.0))
+    _wait_until(lambda: thread.state is CameraState.FAILED)
+    assert thread.close(_SOON)
+
+
+def test_closing_a_reader_that_hangs_keeps_its_deadline() -> None:
+    freed = threading.Event()
+
+    def hang() -> Capture:
+        freed.wait(_SOON)
+        raise CameraError("freed")
+
+    thread = CameraThread(lambda: _ScriptedCamera(hang), patience=_QUICK)
+    assert not thread.close(0.02)
+    freed.set()
+    assert thread.close(_SOON)

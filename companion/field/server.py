@@ -50,6 +50,7 @@ class FieldServer:
         self._camera = camera
         self._stopping = threading.Event()
         self._frozen = threading.Event()
+        self._failure: Exception | None = None
         self._drawn = 0
         self._ports = {port: UdpPort() for port in Port}
         self._simulation = Simulation(world, self._send, cruise_speed=options.speed)
@@ -77,7 +78,8 @@ class FieldServer:
         self._stopping.set()
 
     def run(self) -> None:
-        """Serve until `stop` or the duration is over, then close every socket."""
+        """Serve until `stop` or the duration is over, then close every socket. Raises what the camera raised:
+        a field without pictures is none."""
         begun = last = time.monotonic()
         artist = threading.Thread(target=self._draw, name="camera", daemon=True)
         artist.start()
@@ -97,6 +99,8 @@ class FieldServer:
             self.stop()
             artist.join(timeout=2.0)
             self.close()
+        if self._failure is not None:
+            raise self._failure
 
     def close(self) -> None:
         self._control.close()
@@ -139,7 +143,8 @@ class FieldServer:
                 due = max(due + period, time.monotonic())
                 if not self._frozen.is_set():
                     self._draw_one()
-        finally:
+        except Exception as reason:
+            self._failure = reason
             self.stop()
 
     def _draw_one(self) -> None:

@@ -122,13 +122,13 @@ class Eyes:
 
         return self._submit(job)
 
-    def look_at(self, frame: Frame) -> bool:
-        """Judge a stored frame, the one of a call that a restart found open. False when too many wait."""
+    def look_at(self, token: object, frame: Frame) -> bool:
+        """Judge a stored frame: the one of a call that was open at a restart. False when too many wait."""
 
         def job() -> Result:
             observation = self._engine.observe(frame)
             outcome = self._engine.answer(Changes(), time.monotonic(), call=observation)
-            return Applied(None, outcome, None, self._engine.memory)
+            return Applied(token, outcome, None, self._engine.memory)
 
         return self._submit(job)
 

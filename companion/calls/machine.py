@@ -218,7 +218,7 @@ class OperatorCalls:
             return []
         if self._would_hold:
             self._would_hold = bool(reasons) or self.sight.ok_run < self.numbers.ok_frames
-        elif reasons and self._drives_itself():
+        elif reasons and (self.autopilot.mode is None or self._drives_itself()):
             self._would_hold = True
             return [WouldHold(reasons)]
         return []

@@ -153,6 +153,26 @@ def stale(number: int) -> str:
     return fit(f"No open call or hold {number}: nothing changed")
 
 
+def just_announced(kind: Kind, number: int) -> str:
+    """An answer to "the current one" that came too soon after it was announced to be meant for it."""
+    return fit(f"{name(kind, number)} is new: read it, then answer")
+
+
+def known_place(call: int) -> str:
+    """A remembered scene gave its words; no call was needed. call: the answered one, 0 for the first scene."""
+    return fit(f"Known place again: words of C{call}" if call else "Known place again: first words")
+
+
+def go_lapsed(kind: Kind, number: int) -> str:
+    """A go waited too long for a clear view."""
+    return fit(f"{name(kind, number)} go is too old: send it again")
+
+
+def taken_over(kind: Kind, number: int, mode: str) -> str:
+    """A human changed the mode during our hold."""
+    return fit(f"{name(kind, number)} taken over by hand: {mode}")
+
+
 def not_remembered(kind: Kind, number: int) -> str:
     """The journal could not be written."""
     return fit(f"{name(kind, number)} applied, not remembered: disk?")

@@ -1,0 +1,237 @@
+"""What is heard from operators, and what they are answered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from anytraverse.answers import Changes, Tap
+from anytraverse.assessment import Assessment, Reason
+from anytraverse.errors import AnyTraverseError
+from anytraverse.memory import Memory
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
+from companion.calls.decisions import CallClosed, Decision
+from companion.calls.machine import OperatorCalls
+from companion.eyes import Applied, Eyes
+from companion.link.heard import AnswerRequest, ParameterRequest
+from companion.telling import flags
+from companion.wire import texts
+from companion.wire.answers import (
+    Acknowledgement,
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    SetWord,
+    TapBox,
+)
+from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
+from companion.wire.parameters import NOT_IN_USE
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An acknowledgement to send once everything that it says is on disk."""
+
+    request: AnswerRequest
+    acknowledgement: Acknowledgement
+
+
+@dataclass
+class Heard:
+    """What came of something heard: decisions to carry out first, then replies to send."""
+
+    decisions: list[Decision] = field(default_factory=list)
+    replies: list[Reply] = field(default_factory=list)
+    refused: str = ""
+    """Why a parameter was not set."""
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What an `Applied` belongs to. target: the id that the answer was resolved to, 0 for words alone."""
+
+    request: AnswerRequest
+    target: int
+    changed: bool
+
+
+def changes_of(operations: Iterable[Operation]) -> Changes:
+    """The wire's operations as changes. Raises AnyTraverseError for a box that is none."""
+    weights: dict[str, float] = {}
+    taps: list[Tap] = []
+    words: list[str] = []
+    calls: list[int] = []
+    new_episode = False
+    for operation in operations:
+        match operation:
+            case SetWord(word, weight):
+                weights[word] = weight
+            case TapBox(frame_id, box, word, weight):
+                taps.append(Tap(frame_id, Box(*box), word, weight))
+            case ForgetWord(word):
+                words.append(word)
+            case ForgetCall(call_id):
+                calls.append(call_id)
+            case NewEpisode():
+                new_episode = True
+    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode)
+
+
+class Conversation:
+    """Answers go to the eyes, which apply them; what came of it goes back to who asked."""
+
+    def __init__(self, calls: OperatorCalls, eyes: Eyes, words: Preferences) -> None:
+        self._calls = calls
+        self._eyes = eyes
+        self.words = words
+        """The words in force, as far as the eyes have told."""
+
+    def hear(self, request: AnswerRequest, now: float) -> Heard:
+        """An operator's answer."""
+        target = self._calls.resolve(request.target, now)
+        if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
+            return self._stale(request)
+        try:
+            changes = changes_of(request.operations)
+        except AnyTraverseError as error:
+            return self._reply(request, target or 0, Result.REFUSED, str(error))
+        call = self._calls.call if target and self._calls.kind is Kind.CALL else None
+        if not changes and (call is None or request.motion is Motion.STAY):
+            return self._moved(request, target or 0, now)
+        observation = call.seen.observation if call is not None and call.seen is not None else None
+        if call is not None and observation is None:
+            return self._reply(
+                request, call.id, Result.BUSY, "the call's frame is being judged: send it again"
+            )
+        asked = _Asked(request, target or 0, bool(changes))
+        go = request.motion is Motion.GO
+        if not self._eyes.answer(asked, changes, call=observation, call_id=call.id if call else 0, go=go):
+            return self._reply(request, target or 0, Result.BUSY, "too many answers wait: send it again")
+        return Heard()
+
+    def set_weight(self, request: ParameterRequest, word: str) -> bool:
+        """A weight by parameter. False when too many wait."""
+        if request.value == NOT_IN_USE:
+            changes = Changes(forget_words=(word,))
+        else:
+            changes = Changes(weights={word: request.value})
+        return self._eyes.answer(request, changes, call=None, call_id=0, go=False)
+
+    def applied(self, applied: Applied, *, remembered: bool, now: float) -> Heard:
+        """The eyes have applied an answer, or refused it. remembered: the journal holds it."""
+        self.words = applied.memory.preferences
+        if isinstance(applied.token, ParameterRequest):
+            return Heard(refused=str(applied.error or ""))
+        if not isinstance(applied.token, _Asked):
+            return Heard()
+        asked = applied.token
+        if applied.error is not None:
+            return self._reply(asked.request, asked.target, Result.REFUSED, str(applied.error))
+        outcome = applied.outcome
+        result, decisions = Result.APPLIED, list[Decision]()
+        if asked.target:
+            result, decisions = self._calls.answered(
+                asked.target, asked.request.motion, asked.changed, outcome, now
+            )
+        if result is Result.APPLIED and not remembered:
+            result = Result.APPLIED_NOT_REMEMBERED
+        call_frame = outcome.call if outcome is not None else None
+        newest = outcome.newest if outcome is not None else None
+        text = self._outcome_text(asked.target, result, decisions, call_frame, newest, applied.memory)
+        if outcome is not None and outcome.dropped:
+            text = f"{text}; {texts.word_dropped(', '.join(outcome.dropped))}"
+        heard = self._reply(
+            asked.request,
+            asked.target,
+            result,
+            text,
+            decisions=decisions,
+            call_frame=call_frame,
+            newest=newest,
+        )
+        heard.decisions = decisions
+        return heard
+
+    def _stale(self, request: AnswerRequest) -> Heard:
+        current = self._calls.current_id
+        if request.target == 0 and current:
+            text = texts.just_announced(self._calls.kind, current)
+        else:
+            text = texts.stale(request.target)
+        return self._reply(request, request.target, Result.STALE, text)
+
+    def _moved(self, request: AnswerRequest, target: int, now: float) -> Heard:
+        """Motion alone, where no frame needs to be judged again."""
+        result, decisions = self._calls.answered(target, request.motion, False, None, now)  # noqa: FBT003
+        newest = self._calls.sight.newest
+        text = self._outcome_text(target, result, decisions, None, newest, None)
+        heard = self._reply(request, target, result, text, decisions=decisions, newest=newest)
+        heard.decisions = decisions
+        return heard
+
+    def _reply(
+        self,
+        request: AnswerRequest,
+        target: int,
+        result: Result,
+        text: str,
+        *,
+        decisions: Sequence[Decision] = (),
+        call_frame: Assessment | None = None,
+        newest: Assessment | None = None,
+    ) -> Heard:
+        closed = _closed(decisions, target)
+        roi = call_frame.roi if call_frame is not None else None
+        current = target and target == self._calls.current_id
+        acknowledgement = Acknowledgement(
+            transaction=request.transaction or 0,
+            target=target,
+            result=result,
+            stage=self._calls.stage() if current else Stage.CLOSED,
+            outcome=closed.call.outcome if closed else Outcome.NONE,
+            roi_uncertainty=roi.uncertainty if roi else None,
+            worst_tile=roi.worst_tile.uncertainty if roi else None,
+            reasons=flags(newest.reasons) if newest is not None else flags(()),
+            words=words_hash(self.words),
+            text=text,
+        )
+        return Heard(replies=[Reply(request, acknowledgement)])
+
+    def _outcome_text(
+        self,
+        target: int,
+        result: Result,
+        decisions: Sequence[Decision],
+        call_frame: Assessment | None,
+        newest: Assessment | None,
+        memory: Memory | None,
+    ) -> str:
+        """What a person is told of an answer that was applied."""
+        if not target:
+            return f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
+        if result is Result.STALE:
+            return texts.stale(target)
+        call = self._calls.call if self._calls.current_id == target else None
+        if result is Result.NOT_COVERED and call_frame is not None:
+            if Reason.UNKNOWN_OBJECT in call_frame.reasons or call_frame.roi is None:
+                return texts.still_unknown(target, call_frame.roi.uncertainty if call_frame.roi else None)
+            return texts.still_new(target, call_frame.similarity)
+        if result is Result.APPLIED_NOT_REMEMBERED:
+            return texts.not_remembered(Kind.CALL if call else self._calls.kind, target)
+        closed = _closed(decisions, target)
+        if closed is not None:
+            return texts.closed(Kind.CALL, target, closed.call.outcome)
+        kind = self._calls.kind
+        if newest is not None and Reason.BLOCKED in newest.reasons:
+            return texts.blocked(target, newest.roi.drivable_share if newest.roi else None, kind)
+        if self._calls.go_at is not None:
+            return texts.waiting_for_view(kind, target)
+        if call is not None and not call.answered:
+            return texts.fit(f"{texts.name(kind, target)} noted: still open")
+        return texts.answered_waiting(kind, target)
+
+
+def _closed(decisions: Sequence[Decision], target: int) -> CallClosed | None:
+    return next((one for one in decisions if isinstance(one, CallClosed) and one.call.id == target), None)

@@ -111,7 +111,8 @@ else
     stamp="$(cksum <pyproject.toml) $(venv_identity)"
 fi
 
-"$venv/bin/python" -m pip install --no-user --no-input --disable-pip-version-check -e ".[$extra]" \
+# Without a network, pip's own five retries take over a minute to say so.
+PIP_RETRIES=${PIP_RETRIES:-3} "$venv/bin/python" -m pip install --no-user --no-input --disable-pip-version-check -e ".[$extra]" \
     >"$log" 2>&1 </dev/null || {
     # Where pip only failed to download, .venv is what it was: an earlier set-up stays usable offline.
     grep -q '^ *Installing collected packages' "$log" || rm -f "$unfinished"

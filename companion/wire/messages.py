@@ -55,7 +55,7 @@ _ROWS: tuple[_Row, ...] = (
     ("mode",        "COMMAND_LONG 176",    "hold and resume",   OUT,  None, 45,  0,    None,  "three tries"),
     ("interval",    "COMMAND_LONG 511",    "asks for position", OUT,  10.0, 45,  7,    None,  "next one"),
     ("vehicle",     "HEARTBEAT",           "id, mode, armed",   IN,   1.0,  21,  None, None,  "next one"),
-    ("position",    "GLOBAL_POSITION_INT", "place, speed",      IN,   0.5,  40,  None, None,  "old after 5 s"),
+    ("position",    "GLOBAL_POSITION_INT", "place, speed",      IN,   0.5,  40,  None, None,  "old in 5 s"),
     ("mode ack",    "COMMAND_ACK",         "mode taken or not", IN,   None, 22,  None, None,  "next one"),
 )
 # fmt: on

@@ -1,0 +1,55 @@
+"""Answers that come in several parts."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+
+from companion.link.heard import Sender
+from companion.wire.answers import AnswerMessage
+from companion.wire.packing import PayloadError
+
+MAX_PARTS = 4
+MAX_OPEN = 8
+PATIENCE = 10.0
+
+
+@dataclass
+class _Pieces:
+    since: float
+    parts: dict[int, AnswerMessage] = field(default_factory=dict)
+
+
+class Assembly:
+    """Collects at most four parts of an answer for at most 10 s; at most eight answers at a time."""
+
+    def __init__(self) -> None:
+        self._open: OrderedDict[tuple[Sender, int], _Pieces] = OrderedDict()
+
+    def add(self, sender: Sender, part: AnswerMessage, now: float) -> AnswerMessage | None:
+        """The whole answer with the operations of all parts in order, once the last one is here.
+
+        Raises PayloadError for more than four parts, and for parts that contradict each other.
+        """
+        if part.parts == 1:
+            return part
+        if part.parts > MAX_PARTS:
+            raise PayloadError(f"{part.parts} parts, at most {MAX_PARTS}")
+        self._open = OrderedDict((k, p) for k, p in self._open.items() if now - p.since < PATIENCE)
+        key = (sender, part.transaction)
+        pieces = self._open.setdefault(key, _Pieces(now))
+        if len(self._open) > MAX_OPEN:
+            self._open.popitem(last=False)
+        if any(_frame(other) != _frame(part) for other in pieces.parts.values()):
+            self._open.pop(key)
+            raise PayloadError("the parts do not belong together")
+        pieces.parts[part.part] = part
+        if len(pieces.parts) < part.parts:
+            return None
+        self._open.pop(key)
+        operations = tuple(op for number in range(part.parts) for op in pieces.parts[number].operations)
+        return replace(part, operations=operations, part=0, parts=1)
+
+
+def _frame(part: AnswerMessage) -> tuple[int, int, int]:
+    return part.target, part.motion, part.parts

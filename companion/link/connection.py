@@ -1,0 +1,80 @@
+"""The device, opened again when it goes away."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+
+from companion.link.transport import Transport
+
+FIRST_RETRY = 0.5
+LAST_RETRY = 8.0
+
+
+class Connection:
+    """A transport that may be absent: tried again after 0.5 s, twice that, ... 8 s. Raises nothing."""
+
+    def __init__(self, opener: Callable[[], Transport], now: float) -> None:
+        self._opener = opener
+        self._transport: Transport | None = None
+        self._retry_at = now
+        self._delay = FIRST_RETRY
+        self.opened = 0
+        self.trouble: str | None = None
+
+    def fileno(self) -> int | None:
+        """For select; None while the device is absent."""
+        return None if self._transport is None else self._transport.fileno()
+
+    @property
+    def datagrams(self) -> bool:
+        """Whether what is read holds whole frames only."""
+        return self._transport is not None and self._transport.datagrams
+
+    def read(self, now: float) -> bytes:
+        """What arrived; opens the device when it is time."""
+        if self._transport is None:
+            self._open(now)
+        if self._transport is None:
+            return b""
+        try:
+            data = self._transport.read()
+        except OSError as error:
+            self._lost(error, now)
+            return b""
+        if data:
+            self._delay = FIRST_RETRY
+            self.trouble = None
+        return data
+
+    def write(self, frame: bytes, now: float) -> bool:
+        """Whether the device took `frame` whole."""
+        if self._transport is None:
+            return False
+        try:
+            return self._transport.write(frame)
+        except OSError as error:
+            self._lost(error, now)
+            return False
+
+    def close(self) -> None:
+        """Give the device back, until the next read."""
+        if self._transport is not None:
+            with contextlib.suppress(OSError):
+                self._transport.close()
+            self._transport = None
+
+    def _open(self, now: float) -> None:
+        if now < self._retry_at:
+            return
+        try:
+            self._transport = self._opener()
+            self.opened += 1
+        except OSError as error:
+            self._lost(error, now)
+
+    def _lost(self, error: OSError, now: float) -> None:
+        self.close()
+        self.trouble = error.strerror or str(error)
+        self._retry_at = now + self._delay
+        self._delay = min(LAST_RETRY, 2 * self._delay)

@@ -1,0 +1,196 @@
+"""Answers come in here, each once, and their acknowledgements go out."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link import encode
+from companion.link.assembly import Assembly
+from companion.link.guard import Guard
+from companion.link.heard import AnswerRequest, Sender
+from companion.link.parameter_server import ParameterServer
+from companion.link.sender import Sender as Outbox
+from companion.link.speaker import Speaker
+from companion.wire import texts
+from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord
+from companion.wire.ids import (
+    ANSWER_COMMAND,
+    SET_WEIGHT,
+    TUNNEL_ACKNOWLEDGEMENT,
+    VERSION,
+    Motion,
+    Outcome,
+    Reasons,
+    Result,
+    Stage,
+)
+from companion.wire.packing import PayloadError
+
+REMEMBERED = 64
+PENDING_FOR = 30.0
+REPEAT_WITHIN = 5.0
+MAX_ID = 0xFFFF
+WARNING = 4
+INFO = 6
+
+_COMMAND_RESULTS = {
+    Result.APPLIED: mavlink.MAV_RESULT_ACCEPTED,
+    Result.APPLIED_NOT_REMEMBERED: mavlink.MAV_RESULT_ACCEPTED,
+    Result.NOT_COVERED: mavlink.MAV_RESULT_ACCEPTED,
+    Result.STALE: mavlink.MAV_RESULT_DENIED,
+    Result.REFUSED: mavlink.MAV_RESULT_FAILED,
+    Result.DENIED: mavlink.MAV_RESULT_DENIED,
+    Result.BUSY: mavlink.MAV_RESULT_TEMPORARILY_REJECTED,
+}
+
+
+@dataclass
+class _Case:
+    """An answer that was handed on at `at`; `reply` once it is decided."""
+
+    at: float
+    reply: Any = None
+
+
+class AnswerDesk:
+    """TUNNEL 45003 and the answer command in; AnswerRequest out, once for each transaction.
+
+    A transaction that comes again gets the stored acknowledgement; while it is undecided, silence.
+    """
+
+    def __init__(self, outbox: Outbox, speaker: Speaker, guard: Guard, parameters: ParameterServer) -> None:
+        self._outbox = outbox
+        self._speaker = speaker
+        self._guard = guard
+        self._parameters = parameters
+        self._assembly = Assembly()
+        self._cases: OrderedDict[object, _Case] = OrderedDict()
+
+    def tunnel(self, sender: Sender, payload: bytes, now: float) -> AnswerRequest | None:
+        """An answer's payload, or one part of it."""
+        try:
+            part = AnswerMessage.unpack(payload)
+        except PayloadError:
+            other = bool(payload) and payload[0] != VERSION
+            self._guard.rejected["version" if other else "payload"] += 1
+            if other:
+                self._speaker.say(texts.other_version(), WARNING, now)
+            return None
+        if not self._guard.may_change(sender):
+            self._guard.rejected["sender"] += 1
+            self._speaker.say(texts.sender_refused(sender[0]), WARNING, now)
+            self._reply(sender, _refusal(part, Result.DENIED, "this sender may not answer"), now)
+            return None
+        if self._known(("tunnel", sender, part.transaction), sender, now):
+            return None
+        try:
+            whole = self._assembly.add(sender, part, now)
+        except PayloadError as error:
+            self._guard.rejected["parts"] += 1
+            self._reply(sender, _refusal(part, Result.REFUSED, str(error)), now)
+            return None
+        if whole is None:
+            return None
+        self._open(("tunnel", sender, part.transaction), now)
+        return AnswerRequest(sender, whole.transaction, whole.target, whole.motion, whole.operations)
+
+    def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | None:
+        """The answer command; always acknowledged, by the daemon or here."""
+        if not self._guard.may_change(sender):
+            self._guard.rejected["sender"] += 1
+            self._speaker.say(texts.sender_refused(sender[0]), WARNING, now)
+            self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
+            return None
+        request = self._read_command(sender, message)
+        if request is None:
+            self._guard.rejected["command"] += 1
+            self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
+            self._speaker.say(texts.refused("p1 id, p2 1-3, or 4 index weight"), WARNING, now)
+            return None
+        # The same command once more is a new wish, unless it says that it is a repetition.
+        again = getattr(message, "confirmation", 0) > 0
+        if self._known(request, sender, now, repeat_within=REPEAT_WITHIN if again else 0.0):
+            return None
+        self._open(request, now)
+        return request
+
+    def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
+        """Tell the asker, and remember it for repetitions, unless it says "send it again"."""
+        if request.transaction is None:
+            key: object = request
+            reply: Any = _COMMAND_RESULTS[ack.result]
+            self._speaker.say(ack.text, INFO if reply == mavlink.MAV_RESULT_ACCEPTED else WARNING, now)
+            self._command_ack(request.sender, reply, now)
+        else:
+            key = ("tunnel", request.sender, request.transaction)
+            reply = ack
+            self._reply(request.sender, ack, now)
+        if ack.result == Result.BUSY:
+            self._cases.pop(key, None)
+        else:
+            self._cases[key] = _Case(now, reply)
+            self._trim()
+
+    def _known(self, key: object, sender: Sender, now: float, repeat_within: float = math.inf) -> bool:
+        case = self._cases.get(key)
+        if case is None:
+            return False
+        if case.reply is None:
+            return now - case.at < PENDING_FOR
+        if now - case.at > repeat_within or repeat_within == 0.0:
+            return False
+        self._cases.move_to_end(key)
+        if isinstance(case.reply, Acknowledgement):
+            self._reply(sender, case.reply, now)
+        else:
+            self._command_ack(sender, case.reply, now)
+        return True
+
+    def _open(self, key: object, now: float) -> None:
+        self._cases[key] = _Case(now)
+        self._trim()
+
+    def _trim(self) -> None:
+        while len(self._cases) > REMEMBERED:
+            self._cases.popitem(last=False)
+
+    def _reply(self, sender: Sender, ack: Acknowledgement, now: float) -> None:
+        message = encode.tunnel(TUNNEL_ACKNOWLEDGEMENT, ack.pack(), sender)
+        self._outbox.push("answer ack", message, now, key=(sender, ack.transaction))
+
+    def _command_ack(self, sender: Sender, result: int, now: float) -> None:
+        self._outbox.push("command ack", encode.command_ack(ANSWER_COMMAND, result, sender), now)
+
+    def _read_command(self, sender: Sender, message: Any) -> AnswerRequest | None:
+        target = _whole(message.param1, 0, MAX_ID)
+        code = _whole(message.param2, 1, SET_WEIGHT)
+        if target is None or code is None:
+            return None
+        if code != SET_WEIGHT:
+            return AnswerRequest(sender, None, target, Motion(code), ())
+        operation = self._weight(message.param3, message.param4)
+        return None if operation is None else AnswerRequest(sender, None, target, Motion.NONE, (operation,))
+
+    def _weight(self, index: float, value: float) -> Operation | None:
+        number = _whole(index, 0, MAX_ID)
+        entry = None if number is None else self._parameters.at(number)
+        if entry is None or entry.word is None or not entry.accepts(value):
+            return None
+        return ForgetWord(entry.word) if value == entry.special else SetWord(entry.word, round(value, 6))
+
+
+def _whole(value: float, first: int, last: int) -> int | None:
+    if not math.isfinite(value) or value != int(value) or not first <= value <= last:
+        return None
+    return int(value)
+
+
+def _refusal(part: AnswerMessage, result: Result, text: str) -> Acknowledgement:
+    return Acknowledgement(
+        part.transaction, part.target, result, Stage.CLOSED, Outcome.NONE, None, None, Reasons.NONE, 0, text
+    )

@@ -1,0 +1,86 @@
+"""MAVLink messages as the companion sends them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MAX_TEXT, State, heartbeat_mode
+from companion.wire.parameters import Parameter
+
+POSITION_INTERVAL_US = 500_000.0
+
+_STATUS = {
+    State.STARTING: mavlink.MAV_STATE_BOOT,
+    State.OK: mavlink.MAV_STATE_ACTIVE,
+    State.CALLING: mavlink.MAV_STATE_CRITICAL,
+    State.HOLDING: mavlink.MAV_STATE_CRITICAL,
+    State.BLOCKED: mavlink.MAV_STATE_CRITICAL,
+    State.FAULT: mavlink.MAV_STATE_EMERGENCY,
+    State.OFF: mavlink.MAV_STATE_STANDBY,
+}
+
+
+def heartbeat(state: State, current_id: int) -> Any:
+    """base_mode stays 0: anything else changes mode displays at the ground."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_AUTOPILOT_INVALID,
+        0,
+        heartbeat_mode(state, current_id),
+        _STATUS[state],
+        3,
+    )
+
+
+def tunnel(payload_type: int, payload: bytes, target: tuple[int, int] = (0, 0)) -> Any:
+    """`payload` of at most 128 bytes; to everyone unless a target is given."""
+    padded = payload + bytes(128 - len(payload))
+    return mavlink.MAVLink_tunnel_message(*target, payload_type, len(payload), padded)
+
+
+def text(content: str, severity: int) -> Any:
+    """Cut between characters to 50 bytes."""
+    cut = content.encode(errors="replace")[:MAX_TEXT].decode(errors="ignore").encode()
+    return mavlink.MAVLink_statustext_message(severity, cut)
+
+
+def number(name: str, value: float, uptime_ms: int) -> Any:
+    """A name of at most 10 characters."""
+    return mavlink.MAVLink_named_value_float_message(uptime_ms & 0xFFFFFFFF, name.encode(), value)
+
+
+def parameter(entry: Parameter, index: int, count: int) -> Any:
+    """Always REAL32: the one encoding that all ground stations treat alike."""
+    return mavlink.MAVLink_param_value_message(
+        entry.name.encode(), entry.value, mavlink.MAV_PARAM_TYPE_REAL32, count, index
+    )
+
+
+def command_ack(command: int, result: int, target: tuple[int, int]) -> Any:
+    """To the asker."""
+    return mavlink.MAVLink_command_ack_message(command, result, 0, 0, *target)
+
+
+def set_mode(system_id: int, custom_mode: int) -> Any:
+    """DO_SET_MODE as ArduPilot takes it."""
+    return _command(
+        system_id, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, custom_mode
+    )
+
+
+def ask_for_position(system_id: int) -> Any:
+    """SET_MESSAGE_INTERVAL for GLOBAL_POSITION_INT."""
+    return _command(
+        system_id,
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+        mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        POSITION_INTERVAL_US,
+    )
+
+
+def _command(system_id: int, command: int, first: float, second: float) -> Any:
+    return mavlink.MAVLink_command_long_message(
+        system_id, AUTOPILOT_COMPONENT_ID, command, 0, first, second, 0, 0, 0, 0, 0
+    )

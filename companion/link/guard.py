@@ -1,0 +1,37 @@
+"""Who may ask, how often, and what was turned away."""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict
+
+from companion.link.bucket import TokenBucket
+from companion.link.heard import Sender
+
+REQUESTS_PER_SECOND = 20.0
+REQUESTS_AT_ONCE = 60.0
+MAX_SENDERS = 32
+
+
+class Guard:
+    """The allow-list and each sender's rate. `rejected` counts by reason."""
+
+    def __init__(self, allowed: tuple[int, int]) -> None:
+        self._allowed = allowed
+        self._rates: OrderedDict[Sender, TokenBucket] = OrderedDict()
+        self.rejected: Counter[str] = Counter()
+
+    def may_change(self, sender: Sender) -> bool:
+        """Whether this system id may answer calls and set values."""
+        return self._allowed[0] <= sender[0] <= self._allowed[1]
+
+    def admits(self, sender: Sender, now: float) -> bool:
+        """Count one request of `sender`; False beyond 20 a second after the first 60."""
+        if sender not in self._rates:
+            self._rates[sender] = TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, now)
+            if len(self._rates) > MAX_SENDERS:
+                self._rates.popitem(last=False)
+        self._rates.move_to_end(sender)
+        if self._rates[sender].take(1, now):
+            return True
+        self.rejected["rate"] += 1
+        return False

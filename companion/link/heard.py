@@ -1,0 +1,70 @@
+"""What the link reports to the daemon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from companion.wire.answers import Operation
+from companion.wire.ids import Motion
+
+Sender = tuple[int, int]
+"""System and component id."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The newest that the autopilot said. Times in s of the link's `now`.
+
+    autopilot: MAV_AUTOPILOT. heard_at: its last heartbeat. position: (latitude, longitude, heading or None)
+    in degrees, None without a fix or when older than 5 s. speed: over ground, m/s, known with the position.
+    """
+
+    system_id: int
+    autopilot: int
+    custom_mode: int
+    armed: bool
+    heard_at: float
+    position: tuple[float, float, float | None] | None = None
+    speed: float | None = None
+    position_at: float | None = None
+
+
+@dataclass(frozen=True)
+class VehicleHeard:
+    """A heartbeat or a position came."""
+
+    vehicle: Vehicle
+
+
+@dataclass(frozen=True)
+class AnswerRequest:
+    """An operator's answer, whole and well-formed; `Link.acknowledge` it. transaction: None for a command.
+
+    target: id of the call or hold, 0 for the current one.
+    """
+
+    sender: Sender
+    transaction: int | None
+    target: int
+    motion: Motion
+    operations: tuple[Operation, ...]
+
+
+@dataclass(frozen=True)
+class ParameterRequest:
+    """A value to set, already in range; `Link.set_parameter` answers it."""
+
+    sender: Sender
+    name: str
+    value: float
+
+
+@dataclass(frozen=True)
+class ModeAck:
+    """The autopilot took the mode command or not. result: MAV_RESULT. The heartbeat is what counts."""
+
+    accepted: bool
+    result: int
+
+
+Heard = VehicleHeard | AnswerRequest | ParameterRequest | ModeAck

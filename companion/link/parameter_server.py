@@ -1,0 +1,113 @@
+"""The parameter protocol: list, read, set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from companion.link import encode
+from companion.link.guard import Guard
+from companion.link.heard import ParameterRequest, Sender
+from companion.link.sender import Sender as Outbox
+from companion.link.speaker import Speaker
+from companion.wire import texts
+from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
+
+WARNING = 4
+_DIGITS = 6
+_INTEGER_BITS = 1e-30
+
+
+class ParameterServer:
+    """Answers reads by itself; a set is checked here, applied by the daemon and echoed by `changed`."""
+
+    def __init__(
+        self, outbox: Outbox, speaker: Speaker, guard: Guard, parameters: Sequence[Parameter]
+    ) -> None:
+        if len(parameters) > MAX_PARAMETERS:
+            raise ParameterError(f"{len(parameters)} parameters, at most {MAX_PARAMETERS}")
+        self._outbox = outbox
+        self._speaker = speaker
+        self._guard = guard
+        self._entries = list(parameters)
+        self._index = {entry.name: index for index, entry in enumerate(self._entries)}
+        self._asked: set[str] = set()
+        self._list_at = 0
+        self._list_left = 0
+
+    def at(self, index: int) -> Parameter | None:
+        """The parameter with this index."""
+        return self._entries[index] if 0 <= index < len(self._entries) else None
+
+    def list_all(self) -> None:
+        """PARAM_REQUEST_LIST: go round once from here, so that two askers at a time cost one list."""
+        self._list_left = len(self._entries)
+
+    def read(self, message: Any, now: float) -> None:
+        """PARAM_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
+        index = self._index.get(message.param_id) if message.param_index < 0 else message.param_index
+        if index is None or self.at(index) is None:
+            self._guard.rejected["unknown parameter"] += 1
+            return
+        self._tell("echo", index, now)
+
+    def set(self, sender: Sender, message: Any, now: float) -> ParameterRequest | None:
+        """PARAM_SET of any type; the old value is echoed when it is refused."""
+        index = self._index.get(message.param_id)
+        if index is None:
+            self._guard.rejected["unknown parameter"] += 1
+            return None
+        entry = self._entries[index]
+        refusal = self._refusal(entry, sender, message.param_value)
+        if refusal is not None:
+            reason, text = refusal
+            self._guard.rejected[reason] += 1
+            self._speaker.say(text, WARNING, now)
+            self._tell("echo", index, now)
+            return None
+        self._asked.add(entry.name)
+        return ParameterRequest(sender, entry.name, round(message.param_value, _DIGITS))
+
+    def changed(self, name: str, value: float, now: float) -> None:
+        """The value in force: told to whoever asked, and to all when it changed by itself.
+
+        Raises ParameterError for a name that is not listed or a value that it cannot have.
+        """
+        index = self._index.get(name)
+        if index is None or not self._entries[index].accepts(value):
+            raise ParameterError(f"{name} = {value:g} cannot be told: not listed, or out of range")
+        moved = self._entries[index].value != value
+        self._entries[index] = replace(self._entries[index], value=value)
+        if name in self._asked:
+            self._asked.discard(name)
+            self._tell("echo", index, now)
+        elif moved:
+            self._tell("news", index, now)
+
+    def tick(self, now: float) -> None:
+        """Feed the list, one at a time, so that it never fills the queue."""
+        if self._list_left and not self._outbox.waiting("list"):
+            self._tell("list", self._list_at % len(self._entries), now)
+            self._list_at = (self._list_at + 1) % len(self._entries)
+            self._list_left -= 1
+
+    def _tell(self, row: str, index: int, now: float) -> None:
+        message = encode.parameter(self._entries[index], index, len(self._entries))
+        self._outbox.push(row, message, now, key=index)
+
+    def _refusal(self, entry: Parameter, sender: Sender, value: float) -> tuple[str, str] | None:
+        if not self._guard.may_change(sender):
+            return "sender", texts.sender_refused(sender[0])
+        if entry.read_only:
+            return "read-only", texts.read_only(entry.name)
+        # An integer's bits in the float's place read as a number next to nothing.
+        disguised = 0 < abs(value) < _INTEGER_BITS
+        if disguised or not entry.accepts(_rounded(value)):
+            return "range", texts.value_refused(entry.name, entry.allowed())
+        return None
+
+
+def _rounded(value: float) -> float:
+    return round(value, _DIGITS) if math.isfinite(value) else value

@@ -1,0 +1,140 @@
+"""The one sender: everything that leaves goes through its queue, in order of priority, within budgets."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.bucket import TokenBucket
+from companion.link.connection import Connection
+from companion.link.settings import LinkSettings
+from companion.wire.ids import COMPONENT_ID
+from companion.wire.messages import MESSAGES, Bucket
+
+MAX_WAITING = 64
+LIFETIME = 5.0
+_REMEMBERED = 64
+
+
+@dataclass(order=True)
+class _Frame:
+    priority: int
+    order: int
+    key: object = field(compare=False)
+    bucket: Bucket | None = field(compare=False)
+    message: Any = field(compare=False)
+    size: int = field(compare=False)
+    until: float = field(compare=False)
+
+
+class Sender:
+    """One frame per `pace` s, the most urgent first. What a budget does not allow yet waits a while.
+
+    Within a budget nothing overtakes a more urgent frame, so a call never starves behind small change.
+    """
+
+    def __init__(self, connection: Connection, settings: LinkSettings, now: float) -> None:
+        self._connection = connection
+        self._pace = settings.pace
+        self._mav = mavlink.MAVLink(None, settings.system_id, COMPONENT_ID)
+        self._buckets: dict[Bucket, TokenBucket] = {
+            "unsolicited": TokenBucket(settings.budget, settings.burst, now),
+            "asked": TokenBucket(settings.asked_budget, settings.burst, now),
+        }
+        self._queue: list[_Frame] = []
+        self._order = 0
+        self._next_at = now
+        self._recent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
+        self.sent: dict[str, int] = {"unsolicited": 0, "asked": 0, "autopilot": 0}
+        self.lost = 0
+
+    @property
+    def system_id(self) -> int:
+        """The system id in every frame sent."""
+        return int(self._mav.srcSystem)
+
+    @system_id.setter
+    def system_id(self, value: int) -> None:
+        self._mav.srcSystem = value
+
+    def push(
+        self, name: str, message: Any, now: float, *, key: object = None, lifetime: float = LIFETIME
+    ) -> None:
+        """Queue a message of the table's row `name`; one with the same name and key takes its place.
+
+        Forgotten after `lifetime` s. When the queue is full the least urgent frame is lost, and counted.
+        """
+        row = MESSAGES[name]
+        assert row.priority is not None, f"the companion does not send {name}"
+        size = len(message.pack(self._mav))
+        frame = _Frame(row.priority, self._order, (name, key), row.bucket, message, size, now + lifetime)
+        self._order += 1
+        if key is not None:
+            for place, waiting in enumerate(self._queue):
+                if waiting.key == frame.key:
+                    frame.order = waiting.order
+                    self._queue[place] = frame
+                    return
+        self._queue.append(frame)
+        self._queue.sort()
+        if len(self._queue) > MAX_WAITING:
+            self._queue.pop()
+            self.lost += 1
+
+    def waiting(self, name: str) -> int:
+        """How many frames of this row wait."""
+        return sum(frame.key[0] == name for frame in self._queue if isinstance(frame.key, tuple))
+
+    def has_room(self, name: str, now: float) -> bool:
+        """Whether the row's budget carries one more frame beside all that waits for it."""
+        row = MESSAGES[name]
+        if row.bucket is None:
+            return True
+        ahead = sum(frame.size for frame in self._queue if frame.bucket == row.bucket)
+        return self._buckets[row.bucket].affords(ahead + row.bytes, now)
+
+    def tick(self, now: float) -> None:
+        """Send what is due."""
+        fresh = [frame for frame in self._queue if frame.until >= now]
+        self.lost += len(self._queue) - len(fresh)
+        self._queue = fresh
+        while now >= self._next_at and (frame := self._first(now)) is not None:
+            packed = frame.message.pack(self._mav)
+            if not self._connection.write(packed, now):
+                return
+            self._queue.remove(frame)
+            if frame.bucket is not None:
+                self._buckets[frame.bucket].take(len(packed), now)
+            self.sent[frame.bucket or "autopilot"] += len(packed)
+            self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
+            self._mav.seq = (self._mav.seq + 1) % 256
+            self._next_at = now + self._pace
+
+    def wait(self, now: float) -> float:
+        """Seconds until the queue can move, 1 when it is empty."""
+        if not self._queue:
+            return 1.0
+        return max(self._next_at - now, 0.0 if self._first(now) is not None else 0.05)
+
+    def is_own(self, message: Any) -> bool:
+        """Whether `message` is one that was sent from here a moment ago and came back."""
+        return (message.get_seq(), message.get_crc()) in self._recent
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        self._queue.clear()
+
+    def _first(self, now: float) -> _Frame | None:
+        blocked: set[Bucket] = set()
+        for frame in self._queue:
+            if frame.bucket is None:
+                return frame
+            if frame.bucket in blocked:
+                continue
+            if self._buckets[frame.bucket].affords(frame.size, now):
+                return frame
+            blocked.add(frame.bucket)
+        return None

@@ -1,0 +1,25 @@
+"""One-off texts."""
+
+from __future__ import annotations
+
+from companion.link import encode
+from companion.link.sender import Sender
+
+SAME_TEXT_GAP = 5.0
+MAX_TEXTS = 8
+
+
+class Speaker:
+    """Says each text at most once in 5 s; at most eight wait."""
+
+    def __init__(self, sender: Sender) -> None:
+        self._sender = sender
+        self._said: dict[str, float] = {}
+
+    def say(self, text: str, severity: int, now: float) -> None:
+        """Queue a STATUSTEXT of MAV_SEVERITY `severity`."""
+        self._said = {old: at for old, at in self._said.items() if now - at < SAME_TEXT_GAP}
+        if text in self._said or self._sender.waiting("text") >= MAX_TEXTS:
+            return
+        self._said[text] = now
+        self._sender.push("text", encode.text(text, severity), now)

@@ -1,0 +1,93 @@
+"""What is said at a rate: heartbeat, summary, numbers. The newest counts, nothing of it is kept for later."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from companion.link import encode
+from companion.link.sender import Sender
+from companion.wire.ids import TUNNEL_SUMMARY, State
+from companion.wire.messages import MESSAGES, NUMBERS, SUMMARY_PERIOD_WHILE_CALLING
+from companion.wire.payloads import Summary
+
+_STATE_GAP = 0.25
+_NUMBER_LIFETIME = 5.0
+_TOLERANCE = 1e-6
+
+
+def _period(name: str) -> float:
+    period = MESSAGES[name].period
+    assert period is not None
+    return period
+
+
+class Telling:
+    """Knows what is due when; rates come from the message table."""
+
+    def __init__(self, outbox: Sender, now: float) -> None:
+        self._outbox = outbox
+        self._started = now
+        self._content = (State.STARTING, 0)
+        self._heartbeat_at = -math.inf
+        self._heartbeat_now = False
+        self._summary: tuple[Summary, float] | None = None
+        self._summary_at = -math.inf
+        self._sequence = 0
+        self.dropped = 0
+        self._numbers: dict[str, float] = {}
+        self._numbers_at = -math.inf
+        step = _period("number") / len(NUMBERS)
+        self._number_due = {name: now + place * step for place, name in enumerate(NUMBERS)}
+
+    def set_state(self, state: State, current_id: int) -> None:
+        """The heartbeat's content; a change is told at once."""
+        if (state, current_id) != self._content:
+            self._content = (state, current_id)
+            self._heartbeat_now = True
+
+    def hurry(self) -> None:
+        """The next heartbeat is due now: somebody may have forgotten us."""
+        self._heartbeat_at = -math.inf
+
+    def summary(self, summary: Summary, now: float) -> None:
+        """The newest summary."""
+        self._summary = (summary, now)
+
+    def numbers(self, values: Mapping[str, float], now: float) -> None:
+        """The newest numbers; those that are not finite are left out."""
+        self._numbers = {name: value for name, value in values.items() if math.isfinite(value)}
+        self._numbers_at = now
+
+    def tick(self, now: float, *, calling: bool) -> None:
+        """Queue what is due."""
+        silent = now - self._heartbeat_at + _TOLERANCE
+        if silent >= (_STATE_GAP if self._heartbeat_now else _period("heartbeat")):
+            self._heartbeat_at, self._heartbeat_now = now, False
+            self._outbox.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
+        period = SUMMARY_PERIOD_WHILE_CALLING if calling else _period("summary")
+        if self._summary is not None and now - self._summary_at + _TOLERANCE >= period:
+            self._tell_summary(*self._summary, now)
+        if not calling and now - self._numbers_at < _NUMBER_LIFETIME:
+            self._tell_numbers(now)
+
+    def _tell_summary(self, summary: Summary, given_at: float, now: float) -> None:
+        self._summary, self._summary_at = None, now
+        if not self._outbox.has_room("summary", now):
+            self.dropped += 1
+            return
+        age = summary.frame_age_ms + round((now - given_at) * 1000)
+        told = replace(summary, sequence=self._sequence, dropped=self.dropped, frame_age_ms=age)
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._outbox.push("summary", encode.tunnel(TUNNEL_SUMMARY, told.pack()), now, key=0, lifetime=1.0)
+
+    def _tell_numbers(self, now: float) -> None:
+        for name in NUMBERS:
+            if name not in self._numbers or now < self._number_due[name]:
+                continue
+            behind = now - self._number_due[name] > _period("number")
+            self._number_due[name] = (now if behind else self._number_due[name]) + _period("number")
+            if self._outbox.has_room("number", now):
+                message = encode.number(name, self._numbers[name], round((now - self._started) * 1000))
+                self._outbox.push("number", message, now, key=name, lifetime=1.0)

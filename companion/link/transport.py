@@ -1,0 +1,223 @@
+"""Bytes in, bytes out, never blocking: UDP, TCP, serial."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+from typing import Any, Protocol
+
+from companion.link.settings import Address, LinkError
+
+_CHUNK = 2048
+_MAX_PENDING = 2048
+_MAX_PEERS = 4
+
+
+class Transport(Protocol):
+    """One open device. `read` and `write` raise OSError when it is broken and has to be opened again.
+
+    datagrams: what `read` returns holds whole frames only.
+    """
+
+    datagrams: bool
+
+    def read(self) -> bytes:
+        """What arrived, at most a few KiB; b"" when there is nothing now."""
+
+    def write(self, frame: bytes) -> bool:
+        """Send all of `frame`, or nothing and return False when the device takes nothing now."""
+
+    def fileno(self) -> int | None:
+        """For select; None where there is none."""
+
+    def close(self) -> None:
+        """Give the device back."""
+
+
+class Udp:
+    """udpin: bound, answers the newest few peers. udpout: sends to one address and hears only it."""
+
+    datagrams = True
+
+    def __init__(self, address: Address) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.settimeout(0)
+        self._fixed = address.scheme == "udpout"
+        self._peers: list[tuple[str, int]] = []
+        try:
+            if self._fixed:
+                self._peers.append((address.place, address.number))
+            else:
+                self._socket.bind((address.place, address.number))
+        except OSError:
+            self._socket.close()
+            raise
+
+    @property
+    def port(self) -> int:
+        """The bound port."""
+        return int(self._socket.getsockname()[1])
+
+    def read(self) -> bytes:
+        try:
+            datagram, peer = self._socket.recvfrom(65536)
+        except (BlockingIOError, ConnectionRefusedError, InterruptedError):
+            return b""
+        if peer in self._peers:
+            return datagram
+        if self._fixed:
+            return b""
+        self._peers = [*self._peers[-(_MAX_PEERS - 1) :], peer]
+        return datagram
+
+    def write(self, frame: bytes) -> bool:
+        taken = False
+        for peer in self._peers:
+            # Nobody there yet, a full buffer, a network that is down: the next frame tries again.
+            with contextlib.suppress(OSError):
+                self._socket.sendto(frame, peer)
+                taken = True
+        return taken or self._fixed
+
+    def fileno(self) -> int | None:
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Stream:
+    """Whole frames into a device that may take only a part of one."""
+
+    datagrams = False
+
+    def __init__(self) -> None:
+        self._pending = b""
+
+    def _send(self, data: bytes) -> int:
+        raise NotImplementedError
+
+    def write(self, frame: bytes) -> bool:
+        if self._pending:
+            self._pending = self._pending[self._send(self._pending) :]
+        if len(self._pending) + len(frame) > _MAX_PENDING:
+            return False
+        if not self._pending:
+            frame = frame[self._send(frame) :]
+        self._pending += frame
+        return True
+
+
+class Tcp(_Stream):
+    """A TCP client."""
+
+    def __init__(self, address: Address) -> None:
+        super().__init__()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.settimeout(0)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        code = self._socket.connect_ex((address.place, address.number))
+        if code not in (0, errno.EINPROGRESS):
+            self._socket.close()
+            raise OSError(code, os.strerror(code))
+
+    def read(self) -> bytes:
+        code = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if code:
+            raise OSError(code, os.strerror(code))
+        try:
+            data = self._socket.recv(_CHUNK)
+        except (BlockingIOError, InterruptedError):
+            return b""
+        except OSError as error:
+            if error.errno == errno.ENOTCONN:
+                return b""
+            raise
+        if not data:
+            raise OSError(errno.ECONNRESET, "closed by the other end")
+        return data
+
+    def _send(self, data: bytes) -> int:
+        try:
+            return self._socket.send(data)
+        except (BlockingIOError, InterruptedError):
+            return 0
+        except OSError as error:
+            if error.errno in (errno.ENOTCONN, errno.EPIPE) and not self._connected():
+                return 0
+            raise
+
+    def _connected(self) -> bool:
+        try:
+            self._socket.getpeername()
+        except OSError:
+            return False
+        return True
+
+    def write(self, frame: bytes) -> bool:
+        return self._connected() and super().write(frame)
+
+    def fileno(self) -> int | None:
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Serial(_Stream):
+    """A serial port, by pyserial."""
+
+    def __init__(self, address: Address) -> None:
+        super().__init__()
+        import serial
+
+        self._port: Any = serial.Serial(
+            address.place, address.number, timeout=0, write_timeout=0, exclusive=True
+        )
+
+    def read(self) -> bytes:
+        return bytes(self._guarded(lambda: self._port.read(_CHUNK)))
+
+    def _send(self, data: bytes) -> int:
+        return int(self._guarded(lambda: self._port.write(data)) or 0)
+
+    def _guarded(self, call: Any) -> Any:
+        import serial
+
+        try:
+            return call()
+        except serial.SerialTimeoutException:
+            return 0
+        except OSError:
+            raise
+        except Exception as error:  # pyserial lets termios.error and TypeError out when the device goes
+            raise OSError(errno.EIO, str(error)) from error
+
+    def fileno(self) -> int | None:
+        return int(self._port.fileno())
+
+    def close(self) -> None:
+        with contextlib.suppress(Exception):
+            self._port.close()
+
+
+def open_transport(address: Address) -> Transport:
+    """Open what the url names. Raises OSError while it is absent."""
+    if address.scheme == "tcp":
+        return Tcp(address)
+    if address.scheme == "serial":
+        return Serial(address)
+    return Udp(address)
+
+
+def check_installed(address: Address) -> None:
+    """Raises LinkError when the url needs a library that is not installed."""
+    if address.scheme == "serial":
+        try:
+            import serial  # noqa: F401
+        except ImportError as error:
+            raise LinkError(
+                "a serial link needs pyserial: pip install 'anytraverse-companion[rover]'"
+            ) from error

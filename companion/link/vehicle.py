@@ -1,0 +1,81 @@
+"""The one vehicle that this companion rides on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.heard import Vehicle
+
+POSITION_LIFETIME = 5.0
+SETTLE = 2.5
+SILENCE = 3.0
+_UNKNOWN_HEADING = 65535
+
+
+class VehicleTracker:
+    """Adopts the autopilot with the configured id, or after 2.5 s without it the first one; then only that.
+
+    `returns` rises when it is heard again after a silence: it may have forgotten our route.
+    """
+
+    def __init__(self, configured: int) -> None:
+        self._configured = configured
+        self._candidate: tuple[int, float] | None = None
+        self.vehicle: Vehicle | None = None
+        self.returns = 0
+
+    def heartbeat(self, system_id: int, message: Any, now: float) -> bool:
+        """A heartbeat of some component 1; True when it is our vehicle's."""
+        if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:
+            return False
+        if self.vehicle is None and not self._adopts(system_id, now):
+            return False
+        if self.vehicle is not None and self.vehicle.system_id != system_id:
+            return False
+        before = self.vehicle or Vehicle(system_id, 0, 0, armed=False, heard_at=now)
+        self.returns += now - before.heard_at > SILENCE
+        self.vehicle = replace(
+            before,
+            autopilot=int(message.autopilot),
+            custom_mode=int(message.custom_mode),
+            armed=bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
+            heard_at=now,
+        )
+        return True
+
+    def position(self, system_id: int, message: Any, now: float) -> bool:
+        """GLOBAL_POSITION_INT; True when it told something about our vehicle."""
+        if self.vehicle is None or system_id != self.vehicle.system_id:
+            return False
+        if message.lat == 0 and message.lon == 0:
+            return False
+        if abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000:
+            return False
+        heading = None if message.hdg == _UNKNOWN_HEADING else message.hdg / 100 % 360
+        self.vehicle = replace(
+            self.vehicle,
+            position=(message.lat / 1e7, message.lon / 1e7, heading),
+            speed=math.hypot(message.vx, message.vy) / 100,
+            position_at=now,
+        )
+        return True
+
+    def tick(self, now: float) -> None:
+        """Forget a position that is too old."""
+        vehicle = self.vehicle
+        if vehicle is None or vehicle.position_at is None:
+            return
+        if vehicle.position is not None and now - vehicle.position_at > POSITION_LIFETIME:
+            self.vehicle = replace(vehicle, position=None, speed=None)
+
+    def _adopts(self, system_id: int, now: float) -> bool:
+        if system_id == self._configured:
+            return True
+        if self._candidate is None:
+            self._candidate = (system_id, now)
+        first, since = self._candidate
+        return system_id == first and now - since >= SETTLE

@@ -109,9 +109,11 @@ Command = Reply | Select | Show
 
 def parse(line: str) -> Command | None:
     """The command in `line`; None for an empty line or a `#` comment. Raises CommandError."""
-    rest = line.strip()
+    rest = line.replace("\t", " ").strip()
     if not rest or rest.startswith("#"):
         return None
+    if not rest.isprintable():
+        raise CommandError("the line holds characters that cannot be printed: type it again")
     if len(rest) > MAX_LINE:
         raise CommandError(f"a line of {len(rest)} characters: {MAX_LINE} at most")
     rover, rest = _leading(_ROVER, rest)
@@ -187,8 +189,10 @@ def _tap(rest: str) -> Tap:
     numbers = figures.split()
     if not colon:
         tokens = rest.split()
-        count = next((n for n in (5, 1) if len(tokens) > n and all(map(_NUMBER.match, tokens[-n:]))), 0)
-        name, numbers = " ".join(tokens[: len(tokens) - count]), tokens[len(tokens) - count :]
+        words = len(tokens)
+        while words and _NUMBER.match(tokens[words - 1]):
+            words -= 1
+        name, numbers = " ".join(tokens[:words]), tokens[words:]
     if len(numbers) not in (1, 5) or not all(map(_NUMBER.match, numbers)):
         raise CommandError(
             f'"tap {rest[:40]}": write it as `tap drum -1` or `tap drum -1 0.40 0.55 0.60 0.80`'

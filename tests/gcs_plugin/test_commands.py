@@ -1,0 +1,171 @@
+"""What an operator types."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.wire.ids import Motion
+from gcs_plugin.commands import (
+    Change,
+    CommandError,
+    Episode,
+    Forget,
+    ForgetAnswer,
+    Reply,
+    Select,
+    Show,
+    Tap,
+    Word,
+    parse,
+)
+
+BOX = (0.4, 0.55, 0.6, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("line", "command"),
+    [
+        ("go", Reply(Motion.GO)),
+        ("  OK ", Reply(Motion.GO)),
+        ("stay", Reply(Motion.STAY)),
+        ("look", Reply(Motion.LOOK_AGAIN)),
+        ("look  again", Reply(Motion.LOOK_AGAIN)),
+        ("bush: -1", Reply(Motion.NONE, (Word("bush", -1.0),))),
+        ("Dry  Grass: .5;", Reply(Motion.NONE, (Word("dry grass", 0.5),))),
+        ("bush: -1; grass: 1", Reply(Motion.NONE, (Word("bush", -1.0), Word("grass", 1.0)))),
+        ("bush: -1, go", Reply(Motion.GO, (Word("bush", -1.0),))),
+        ("bush: -1 go", Reply(Motion.GO, (Word("bush", -1.0),))),
+        ("bush:-1; go", Reply(Motion.GO, (Word("bush", -1.0),))),
+        ("grass: 1 look again", Reply(Motion.LOOK_AGAIN, (Word("grass", 1.0),))),
+        ("tap drum -1", Reply(Motion.NONE, (Tap("drum", -1.0),))),
+        ("tap drum -1 go", Reply(Motion.GO, (Tap("drum", -1.0),))),
+        ("tap drum -1, stay", Reply(Motion.STAY, (Tap("drum", -1.0),))),
+        ("tap oil drum -1 0.40 0.55 0.60 0.80", Reply(Motion.NONE, (Tap("oil drum", -1.0, BOX),))),
+        ("tap area 51: -1", Reply(Motion.NONE, (Tap("area 51", -1.0),))),
+        ("tap drum -1; bush: -1 go", Reply(Motion.GO, (Tap("drum", -1.0), Word("bush", -1.0)))),
+        ("forget bush", Reply(Motion.NONE, (Forget("bush"),))),
+        ("forget bush go", Reply(Motion.GO, (Forget("bush"),))),
+        ("forget call 7", Reply(Motion.NONE, (ForgetAnswer(7),))),
+        ("new episode", Reply(Motion.NONE, (Episode(),))),
+        ("7 go", Reply(Motion.GO, (), 7)),
+        ("C7 go", Reply(Motion.GO, (), 7)),
+        ("h9: stay", Reply(Motion.STAY, (), 9)),
+        ("7: bush: -1 go", Reply(Motion.GO, (Word("bush", -1.0),), 7)),
+        ("rover 2 go", Reply(Motion.GO, (), None, 2)),
+        ("rover 2: C7 tap drum -1", Reply(Motion.NONE, (Tap("drum", -1.0),), 7, 2)),
+        ("rover 2", Select(2)),
+        ("rover 2 status", Show("status", 2)),
+        ("calls", Show("calls")),
+        ("Quit", Show("quit")),
+    ],
+)
+def test_a_line_means_what_it_says(line: str, command: object) -> None:
+    assert parse(line) == command
+
+
+@pytest.mark.parametrize("line", ["", "   ", "# a comment"])
+def test_an_empty_line_means_nothing(line: str) -> None:
+    assert parse(line) is None
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("bush", "`bush: -1`"),
+        ("bush -1", "`bush: -1`"),
+        ("bush: 2", "-1 (never drive) to 1 (drive)"),
+        ("bush: nan", "not a weight"),
+        ("bush: 0,5", "not a weight"),
+        ("bush:", "not a weight"),
+        (": 1", "empty"),
+        ("bush: 1; bush: -1", "stands twice"),
+        ("bush: 1;; grass: 1", "nothing between"),
+        ("tap", "neither"),
+        ("tap drum", "`tap drum -1`"),
+        ("tap drum -1 0.4 0.5", "left top right bottom"),
+        ("tap drum -1 0.6 0.5 0.4 0.8", "left top right bottom"),
+        ("tap drum -1 0.4 0.5 0.6 1.8", "fractions"),
+        ("forget", "neither"),
+        ("go forth", "neither"),
+        ("7", "`7 go`"),
+        ("0 go", "call 0 cannot be"),
+        ("70000 go", "call 70000 cannot be"),
+        ("rover 300 go", "rover 300 cannot be"),
+        ("go" * 600, "1000 at most"),
+        ("b\x07ush: 1", "cannot be printed"),
+        ("tap area 51 -1", "left top right bottom"),
+    ],
+)
+def test_a_wrong_line_is_refused_with_an_example_on_one_line(line: str, said: str) -> None:
+    with pytest.raises(CommandError) as caught:
+        parse(line)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+_FIRST = st.from_regex(r"[abefijkmnpquvwxyzäöü][a-zäöü]{2,9}", fullmatch=True)
+_NEXT = st.from_regex(r"[a-z0-9äöü]{1,8}", fullmatch=True)
+_WORDS = st.builds(
+    lambda first, others: " ".join([first, *others]), _FIRST, st.lists(_NEXT, max_size=3)
+).filter(lambda word: word.split()[-1] not in ("go", "ok", "stay", "look", "again"))
+_WEIGHTS = st.integers(-100, 100).map(lambda n: n / 100)
+_SIDES = st.lists(st.integers(0, 100), min_size=4, max_size=4, unique=True).map(
+    lambda n: (min(n[:2]) / 100, min(n[2:]) / 100, max(n[:2]) / 100, max(n[2:]) / 100)
+)
+_CHANGES = st.lists(
+    st.one_of(
+        st.builds(Word, _WORDS, _WEIGHTS),
+        st.builds(Tap, _WORDS, _WEIGHTS, st.none() | _SIDES),
+        st.builds(Forget, _WORDS.filter(lambda word: not word.startswith("call "))),
+        st.builds(ForgetAnswer, st.integers(1, 0xFFFF)),
+        st.just(Episode()),
+    ),
+    min_size=1,
+    max_size=5,
+    unique_by=lambda change: getattr(change, "word", repr(change)),
+)
+
+
+def written(change: Change) -> str:
+    match change:
+        case Word(word, weight):
+            return f"{word}: {weight}"
+        case Tap(word, weight, box):
+            return f"tap {word}: {weight} " + " ".join(map(str, box or ()))
+        case Forget(word):
+            return f"forget {word}"
+        case ForgetAnswer(call_id):
+            return f"forget call {call_id}"
+        case Episode():
+            return "new episode"
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    _CHANGES,
+    st.sampled_from(["", ", go", " go", " stay", ", look again"]),
+    st.none() | st.integers(1, 0xFFFF),
+    st.none() | st.integers(1, 255),
+)
+def test_what_is_written_out_is_read_back(
+    changes: list[Change], motion: str, call_id: int | None, rover: int | None
+) -> None:
+    line = "; ".join(map(written, changes)).strip() + motion
+    line = line if call_id is None else f"{call_id}: {line}"
+    line = line if rover is None else f"rover {rover} {line}"
+    motions = {"go": Motion.GO, "stay": Motion.STAY, "look again": Motion.LOOK_AGAIN}
+    expected = motions.get(motion.lstrip(", "), Motion.NONE)
+    assert parse(line) == Reply(expected, tuple(changes), call_id, rover)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(max_size=80) | st.text("go stay lok tap 7c:;,.-1 rover\t", max_size=60))
+def test_rubbish_is_a_command_or_a_clear_refusal(line: str) -> None:
+    refusal = ""
+    try:
+        parse(line)
+    except CommandError as error:
+        refusal = str(error)
+    assert "\n" not in refusal

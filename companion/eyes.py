@@ -21,6 +21,7 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.history import Place
+from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 
 log = logging.getLogger(__name__)
@@ -76,7 +77,7 @@ class Eyes:
         self._camera = camera
         self._period = period
         self._place = place
-        self._jobs: queue.Queue[Callable[[], Result]] = queue.Queue(MAX_JOBS)
+        self._jobs: queue.Queue[Callable[[], Result | None]] = queue.Queue(MAX_JOBS)
         self._results: deque[Result] = deque(maxlen=MAX_RESULTS)
         self._wake_reader, self._wake_writer = os.pipe()
         os.set_blocking(self._wake_reader, False)
@@ -132,12 +133,20 @@ class Eyes:
 
         return self._submit(job)
 
+    def retune(self, settings: Settings) -> bool:
+        """Judge by other settings from the next frame on. False when too many wait."""
+
+        def job() -> None:
+            self._engine.settings = settings
+
+        return self._submit(job)
+
     def stop(self, timeout: float = 2.0) -> None:
         """End the thread; a hung perceiver is left behind."""
         self._stop.set()
         self._thread.join(timeout)
 
-    def _submit(self, job: Callable[[], Result]) -> bool:
+    def _submit(self, job: Callable[[], Result | None]) -> bool:
         try:
             self._jobs.put_nowait(job)
         except queue.Full:
@@ -169,7 +178,9 @@ class Eyes:
             except queue.Empty:
                 return
             try:
-                self._publish(job())
+                result = job()
+                if result is not None:
+                    self._publish(result)
             except Exception:
                 log.exception("a stored frame could not be judged")
 

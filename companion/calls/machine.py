@@ -6,10 +6,11 @@ and `tick` for the passing of time. Each returns the decisions that it led to.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
+from anytraverse.judging import Settings
 from companion.calls.acceptance import Acceptance
 from companion.calls.decisions import (
     Call,
@@ -86,6 +87,10 @@ class OperatorCalls:
         if policy is Policy.OFF and self.call is not None:
             decisions.append(self._close(Outcome.SWITCHED_OFF))
         return decisions + self._settle(now)
+
+    def retune(self, judging: Settings) -> None:
+        """Other thresholds from now on."""
+        self.numbers = self.sight.numbers = replace(self.numbers, judging=judging)
 
     def resolve(self, target: int, now: float) -> int | None:
         """The id that an answer to `target` means (0: the current one), or None when it is stale.

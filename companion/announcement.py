@@ -1,0 +1,98 @@
+"""What stands announced: the open call or hold, composed anew when there is news, not with every frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from anytraverse.history import Place
+from anytraverse.preferences import Preferences
+from companion.calls.machine import OperatorCalls
+from companion.telling import call_data, current_data, current_text
+from companion.wire import texts
+from companion.wire.ids import Kind, Outcome, Stage, words_hash
+from companion.wire.payloads import CallData
+
+ALERT, ERROR = 1, 3
+_REFRESH = 15.0
+
+
+@dataclass(frozen=True)
+class Said:
+    """The open call or hold as data and as text, with the text's MAV_SEVERITY."""
+
+    data: CallData
+    text: str
+    severity: int
+    quiet: bool
+
+
+class Announcement:
+    """Composes anew when the call, its stage, its reasons or the words change, and every 15 s."""
+
+    def __init__(self, calls: OperatorCalls) -> None:
+        self._calls = calls
+        self._key: object = None
+        self._said: Said | None = None
+        self._composed_at = 0.0
+        self._last_call = 0
+
+    def now(
+        self, words: Preferences, place: Place, picture: str, silent: list[str], now: float
+    ) -> Said | None:
+        """What to announce; None when nothing is open."""
+        calls = self._calls
+        if calls.current_id == 0:
+            self._said = None
+            return None
+        if calls.call is not None:
+            self._last_call = calls.call.id
+        failed = calls.hold is not None and calls.hold.failed
+        key = (
+            calls.current_id,
+            calls.stage(),
+            calls.sight.reasons(now),
+            calls.hold is not None and calls.hold.stage,
+            calls.call is not None and (calls.call.tried, calls.call.answered, calls.call.seen is None),
+            calls.go_at is not None,
+            words_hash(words),
+            picture,
+            tuple(silent),
+            failed,
+        )
+        if self._said is None or key != self._key or now - self._composed_at >= _REFRESH:
+            data = current_data(calls, words, place, picture, now)
+            if data is None:
+                return None
+            text = current_text(calls, silent, now)
+            if failed:
+                text = texts.hold_failed(calls.kind, calls.current_id)
+            quiet = calls.call is not None and calls.call.quiet
+            self._said = Said(data, text, ALERT if failed else ERROR, quiet)
+            self._key, self._composed_at = key, now
+        return self._said
+
+    def was_call(self, number: int) -> bool:
+        """Whether the last call announced had this id: then the call's closing says it all."""
+        return number == self._last_call
+
+    def closed(
+        self, kind: Kind, number: int, outcome: Outcome, words: Preferences, place: Place, now: float
+    ) -> CallData:
+        """The last word on a call or hold."""
+        seen = self._calls.sight.newest
+        self._said = None
+        return call_data(
+            seen,
+            self._calls.numbers.judging.region,
+            words,
+            place,
+            number=number,
+            kind=kind,
+            stage=Stage.CLOSED,
+            outcome=outcome,
+            reasons=self._calls.sight.reasons(now),
+            holding=False,
+            frame_id=seen.frame.id if seen is not None else 0,
+            age=0.0,
+            picture="",
+        )

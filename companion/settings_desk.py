@@ -1,0 +1,99 @@
+"""The parameters of component 191: what each sets, and telling the ground when one changes by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from anytraverse.judging import Thresholds
+from anytraverse.preferences import Preferences
+from companion.calls.machine import OperatorCalls
+from companion.conversation import Conversation, Heard
+from companion.eyes import Eyes
+from companion.link.link import Link
+from companion.link.heard import ParameterRequest
+from companion.wire import texts
+from companion.wire.ids import Policy
+from companion.wire.parameters import (
+    NOT_IN_USE,
+    POLICY,
+    THR_ROI,
+    THR_SCENE,
+    THR_TILE,
+    THR_TRAV,
+    Parameter,
+)
+
+_THRESHOLDS = {THR_ROI: "roi", THR_SCENE: "scene", THR_TILE: "tile", THR_TRAV: "trav"}
+_WARNING = 4
+
+
+def setting_values(thresholds: Thresholds, policy: Policy) -> dict[str, float]:
+    """Parameter name -> value of everything that is not a word."""
+    values = {name: getattr(thresholds, field) for name, field in _THRESHOLDS.items()}
+    return {name: NOT_IN_USE if value is None else value for name, value in values.items()} | {
+        POLICY: float(policy)
+    }
+
+
+def _changed(thresholds: Thresholds, request: ParameterRequest) -> Thresholds:
+    if request.name == THR_TILE:
+        return replace(thresholds, tile=None if request.value == NOT_IN_USE else request.value)
+    return replace(thresholds, **{_THRESHOLDS[request.name]: request.value})
+
+
+class SettingsDesk:
+    """Sets in force what a parameter asks for. Until the next restart: the config file is the owner's."""
+
+    def __init__(
+        self,
+        parameters: Sequence[Parameter],
+        link: Link,
+        eyes: Eyes,
+        calls: OperatorCalls,
+        conversation: Conversation,
+    ) -> None:
+        self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
+        self._told = {parameter.name: parameter.value for parameter in parameters}
+        self._link = link
+        self._eyes = eyes
+        self._calls = calls
+        self._conversation = conversation
+
+    def set(self, request: ParameterRequest, now: float) -> Heard:
+        """A value, already in range. A word's weight is echoed once the eyes have applied it."""
+        word = self._words.get(request.name)
+        if word is not None:
+            if not self._conversation.set_weight(request, word):
+                self._echo(request.name, self._told[request.name], now)
+                self._link.say(texts.refused("too many answers wait"), _WARNING, now)
+            return Heard()
+        if request.name == POLICY:
+            policy = Policy(int(request.value))
+            decisions = self._calls.set_policy(policy, now)
+            self._link.say(texts.policy(policy), _WARNING, now)
+            self._echo(request.name, request.value, now)
+            return Heard(decisions=decisions)
+        judging = self._calls.numbers.judging
+        judging = replace(judging, thresholds=_changed(judging.thresholds, request))
+        if self._eyes.retune(judging):
+            self._calls.retune(judging)
+            self._echo(request.name, request.value, now)
+        else:
+            self._echo(request.name, self._told[request.name], now)
+        return Heard()
+
+    def answered(self, request: ParameterRequest, words: Preferences, now: float) -> None:
+        """The eyes have applied a weight, or refused it: the echo says which."""
+        self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
+
+    def tell_changes(self, words: Preferences, now: float) -> None:
+        """Tell the ground every weight that changed by an answer or a remembered scene."""
+        for name, word in self._words.items():
+            value = words.get(word, NOT_IN_USE)
+            if value != self._told[name]:
+                self._echo(name, value, now)
+
+    def _echo(self, name: str, value: float, now: float) -> None:
+        self._told[name] = value
+        self._link.set_parameter(name, value, now)

@@ -55,5 +55,5 @@ done
 id anytraverse >/dev/null 2>&1 ||
     useradd --system --user-group --home-dir /var/lib/anytraverse --shell /usr/sbin/nologin anytraverse
 usermod --append --groups video,dialout anytraverse # cameras and serial ports
-systemctl daemon-reload
+[ ! -d /run/systemd/system ] || systemctl daemon-reload # absent while an SD card image is built
 echo "install: done. Edit /etc/anytraverse/companion.toml, then type: sudo systemctl enable companion && sudo systemctl restart companion"

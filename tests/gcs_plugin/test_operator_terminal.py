@@ -33,6 +33,7 @@ class Air:
         self.socket.settimeout(0.02)
         self.link = f"udpout:127.0.0.1:{self.socket.getsockname()[1]}"
         self.peer: Any = None
+        self.heard_ground = threading.Event()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -48,6 +49,8 @@ class Air:
             try:
                 data, self.peer = self.socket.recvfrom(4096)
                 replies = self.rover.hear(data)
+                if self.rover.heard_ground:
+                    self.heard_ground.set()
             except (TimeoutError, ConnectionError):
                 replies = []
             if time.monotonic() >= speak_at:
@@ -209,7 +212,7 @@ def test_a_rover_that_speaks_first_is_heard_on_a_port_that_listens(
     air.peer = ("127.0.0.1", int(operator.event("started")["link"].rpartition(":")[2]))
     assert operator.event("vehicle") == operator.event("vehicle", mode="AUTO", armed=True, system=1)
     assert operator.event("parameter")["name"] == "AT_W_GRASS"
-    assert air.rover.heard_ground
+    assert air.heard_ground.wait(DEADLINE_S)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,51 @@
+"""The operator's side must import where only pymavlink is installed, and leave the process as it was."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import gcs_plugin
+
+_PROGRAM = """
+import importlib, os, pkgutil, sys
+
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"cv2", "onnxruntime", "numpy", "serial", "torch", "PIL"}:
+            raise ImportError(name + " must not be needed here")
+
+sys.meta_path.insert(0, Refuse())
+before = dict(os.environ)
+import gcs_plugin
+for module in pkgutil.walk_packages(gcs_plugin.__path__, "gcs_plugin."):
+    importlib.import_module(module.name)
+changed = {key for key in os.environ if os.environ[key] != before.get(key)}
+assert not changed, changed
+ours = {name for name in sys.modules if name.partition(".")[0] in {"companion", "anytraverse"}}
+for name in sorted(ours):
+    print(name)
+"""
+
+
+def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> None:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("MAVLINK")}
+    done = subprocess.run(
+        [sys.executable, "-c", _PROGRAM],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    imported = set(done.stdout.split())
+    allowed = {"companion", "anytraverse", "anytraverse.preferences", "anytraverse.errors"}
+    assert {name for name in imported if not name.startswith("companion.wire")} <= allowed
+
+
+def test_no_module_is_longer_than_a_reader_bears() -> None:
+    for module in Path(gcs_plugin.__path__[0]).glob("*.py"):
+        assert len(module.read_text().splitlines()) <= 300, module.name

@@ -1,0 +1,178 @@
+"""The byte pipes to a link, over loopback and a pseudo terminal."""
+
+from __future__ import annotations
+
+import os
+import pty
+import socket
+import time
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from gcs_plugin import streams
+from gcs_plugin.connection import Connection, LinkError, Udp, open_connection
+
+DEADLINE_S = 10.0
+
+
+@pytest.fixture
+def opened() -> Iterator[Callable[[str], Connection]]:
+    connections: list[Connection] = []
+
+    def opening(link: str) -> Connection:
+        connections.append(open_connection(link))
+        return connections[-1]
+
+    yield opening
+    for connection in connections:
+        connection.close()
+
+
+def read_until(connection: Connection, wanted: bytes) -> bytes:
+    heard, deadline = b"", time.monotonic() + DEADLINE_S
+    while wanted not in heard and time.monotonic() < deadline:
+        heard += connection.read()
+        time.sleep(0.005)
+    return heard
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def port_of(connection: Connection) -> int:
+    return int(connection.name.rpartition(":")[2])
+
+
+def test_udp_in_answers_whoever_spoke(opened: Callable[[str], Connection]) -> None:
+    ground = opened("udpin:127.0.0.1:0")
+    ground.write(b"nobody yet")
+    rovers = [opened(f"udpout:127.0.0.1:{port_of(ground)}") for _ in range(2)]
+    for number, rover in enumerate(rovers):
+        rover.write(b"rover %d" % number)
+        assert read_until(ground, b"rover %d" % number) == b"rover %d" % number
+    ground.write(b"to all")
+    assert [read_until(rover, b"to all") for rover in rovers] == [b"to all", b"to all"]
+
+
+def test_udp_in_forgets_who_is_silent(
+    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ground = opened("udpin:127.0.0.1:0")
+    rover = opened(f"udpout:127.0.0.1:{port_of(ground)}")
+    rover.write(b"here")
+    read_until(ground, b"here")
+    assert isinstance(ground, Udp)
+    later = time.monotonic() + 60.0
+    monkeypatch.setattr(time, "monotonic", lambda: later)
+    ground.write(b"gone")
+    monkeypatch.undo()
+    assert rover.read() == b""
+
+
+def test_udp_out_to_nobody_loses_and_goes_on(opened: Callable[[str], Connection]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        free = taken.getsockname()[1]
+    connection = opened(f"udpout:127.0.0.1:{free}")
+    for _ in range(3):
+        connection.write(b"hello?")
+        assert connection.read() == b""
+
+
+def test_tcp_comes_up_later_breaks_and_comes_again(
+    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(streams, "REOPEN_S", 0.02)
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        connection = opened(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        assert connection.read() == b""
+        server.listen()
+        server.settimeout(DEADLINE_S)
+        for word in (b"first", b"again"):
+            wait_until(lambda: connection.read() == b"" and connection.fileno() is not None)
+            peer, _ = server.accept()
+            with peer:
+                peer.settimeout(DEADLINE_S)
+                peer.sendall(word)
+                assert read_until(connection, word) == word
+                connection.write(b"echo " + word)
+                assert peer.recv(100) == b"echo " + word
+            wait_until(lambda: connection.read() == b"" and connection.fileno() is None)
+
+
+def test_tcp_keeps_no_more_than_a_little_for_a_peer_that_does_not_read() -> None:
+    class Deaf:
+        def send(self, _waiting: bytes) -> int:
+            raise BlockingIOError
+
+        def receive(self) -> bytes:
+            raise BlockingIOError
+
+        def close(self) -> None:
+            pass
+
+    stream = streams.Stream("deaf", Deaf)
+    stream.read()
+    for _ in range(10_000):
+        stream.write(b"x" * 100)
+    assert len(stream._unsent) <= streams.MAX_UNSENT
+
+
+def test_a_serial_device_that_is_plugged_in_later_is_found(
+    opened: Callable[[str], Connection],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("serial")
+    monkeypatch.setattr(streams, "REOPEN_S", 0.02)
+    device = tmp_path / "radio"
+    connection = opened(f"serial:{device}:57600")
+    connection.write(b"lost")
+    assert connection.read() == b""
+    ours, theirs = pty.openpty()
+    try:
+        tty.setraw(theirs)
+        device.symlink_to(os.ttyname(theirs))
+        wait_until(lambda: connection.read() == b"" and connection.fileno() is not None)
+        os.write(ours, b"from the rover")
+        assert read_until(connection, b"rover") == b"from the rover"
+        connection.write(b"from the ground")
+        assert os.read(ours, 100) == b"from the ground"
+    finally:
+        os.close(theirs)
+        os.close(ours)
+    wait_until(lambda: connection.read() == b"" and connection.fileno() is None)
+
+
+@pytest.mark.parametrize(
+    "link",
+    ["", "udpin", "udpin:14550", "udpin:127.0.0.1:", "udpin:127.0.0.1:-1", "tcp:127.0.0.1:70000",
+     "file:/etc/passwd", "udpout::1", "serial:", "udpin:127.0.0.1:१४"],
+)  # fmt: skip
+def test_what_is_no_link_is_refused_with_an_example(link: str) -> None:
+    with pytest.raises(LinkError, match="write it as"):
+        open_connection(link)
+
+
+def test_a_serial_speed_that_is_no_number_is_refused() -> None:
+    with pytest.raises(LinkError, match="serial:/dev/ttyUSB0:57600"):
+        open_connection("serial:/dev/ttyUSB0:fast")
+
+
+def test_a_port_that_is_taken_is_said(opened: Callable[[str], Connection]) -> None:
+    ground = opened("udpin:127.0.0.1:0")
+    with pytest.raises(LinkError, match="Is the port taken"):
+        open_connection(ground.name)
+
+
+def test_a_host_that_cannot_be_is_said() -> None:
+    with pytest.raises(LinkError, match="Is the name right"):
+        open_connection(f"tcp:{'a' * 300}:5760")

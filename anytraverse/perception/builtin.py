@@ -30,7 +30,7 @@ class Builtin:
 
     model_id = MODEL_ID
     vocabulary = VOCABULARY
-    defaults = DefaultThresholds(roi=0.3, scene=0.85, tile=0.6)
+    defaults = DefaultThresholds(roi=0.3, scene=0.85, tile=0.4)
 
     def __init__(self, argument: str = "") -> None:
         """Raises PerceiverError for an argument: it takes none."""

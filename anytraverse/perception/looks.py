@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from anytraverse.perception.ground_features import LOOK, Grid
 
-FITS = 3.4  # spreads away from a look's centre at which a cell fits it by half
-_STEEPNESS = 2.5  # how fast the fit falls there
+FITS = 3.0  # spreads away from a look's centre at which a cell fits it by half
+_STEEPNESS = 3.0  # how fast the fit falls there
 _RIVALRY = 0.5  # how strongly a word yields to one that explains a cell better
-_ROW_SOFTNESS = 0.05  # of the image's height: how fast a look ends above and below its rows
+_ROW_SOFTNESS = 0.03  # of the image's height: how fast a look ends above and below its rows
 
 
 class Look(NamedTuple):
@@ -42,11 +42,17 @@ def attention(grid: Grid, prompts: Sequence[Sequence[Look]]) -> NDArray[np.float
     spreads = _curves(looks)[1]
     likelihood = -0.5 * distance - np.log(spreads).sum(axis=1)[:, None]
     likelihood = np.maximum.reduceat(likelihood, starts, axis=0)
-    closest = np.minimum.reduce(distance, axis=0)
-    fit = 1 / (1 + np.exp(_STEEPNESS * (np.sqrt(closest) - FITS)))
-    maps = fit * np.exp(_RIVALRY * (likelihood - likelihood.max(axis=0)))
-    maps = maps.reshape(len(prompts), height, width).astype(np.float32)
-    return np.stack([cv2.GaussianBlur(each, (5, 5), 0).reshape(height, width) for each in maps])
+    closest = np.sqrt(np.minimum.reduce(distance, axis=0))
+    fit = 1 / (1 + np.exp(_STEEPNESS * (closest - FITS)))
+    shares = np.exp(_RIVALRY * (likelihood - likelihood.max(axis=0)))
+    smooth = np.stack([_smoothed(each.reshape(height, width)) for each in (fit, *shares)])
+    maps: NDArray[np.float32] = smooth[0] * smooth[1:] / smooth[1:].max(axis=0)
+    return maps
+
+
+def _smoothed(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    blurred = cv2.GaussianBlur(values.astype(np.float32), (5, 5), 0)
+    return np.asarray(blurred, dtype=np.float32).reshape(values.shape)
 
 
 def _squared_distance(grid: Grid, looks: Sequence[Look]) -> NDArray[np.float32]:

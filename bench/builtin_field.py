@@ -1,0 +1,161 @@
+"""How the built-in perceiver fares on the simulated trail, seed by seed.
+
+Drives clean trails and trails with surprises in the light of day, and prints, per seed and light: alarms on
+clean trail (2 of 3 frames, by reason), the highest uncertainty there, from how far each surprise was seen,
+similarities within and between zones. Run: python -m bench.builtin_field [--seeds 8] [--size 320x240]
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.assessment import Assessment, Reason
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import first_memory
+from anytraverse.perception.builtin import Builtin
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
+from companion.field.render import Camera
+from companion.field.things import World
+
+STEP = 0.5  # m between two frames
+SPEED = 2.0  # m/s
+REGION = Box(1 / 3, 0.55, 2 / 3, 0.95)
+WORDS = {
+    "meadow": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1",
+    "forest": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1",
+    "gravel": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1; gravel: 1; dry grass: 0.5",
+}
+SEEN_FROM = 12.0  # m, beyond which an alarm is not about the surprise
+
+
+def drive(seed: int, light: float, surprises: tuple[str, ...], size: tuple[int, int]) -> Iterator[
+    tuple[float, str, Assessment, World]
+]:
+    """One lap, each frame judged with its zone's words: place, zone, assessment, world."""
+    world = World(seed, surprises)
+    world.light = light
+    camera = Camera(world, *size)
+    perceiver = Builtin()
+    settings = Settings(region=REGION, thresholds=Thresholds.of(perceiver.defaults))
+    engines = {
+        zone: AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
+        for zone, words in WORDS.items()
+    }
+    trail = world.trail
+    for s in np.arange(trail.start, trail.start + trail.length, STEP):
+        image, _ = camera.render(trail.pose(float(s)), float(s) / SPEED)
+        # words of a new zone are given when its scene is noticed, some metres before the border
+        zone = trail.zone(float(s) + 4.0) if trail.zone(float(s)) != "gravel" else "gravel"
+        engine = engines[zone]
+        yield float(s), trail.zone(float(s)), engine.judge(engine.observe(Frame(0, 0.0, image)), 0.0), world
+
+
+def debounced(flags: list[bool]) -> list[bool]:
+    """Whether 2 of the last 3 frames are bad."""
+    return [sum(flags[max(0, i - 2) : i + 1]) >= 2 for i in range(len(flags))]
+
+
+def clean(seed: int, light: float, size: tuple[int, int]) -> dict[str, list[NDArray[np.float32]]]:
+    """Print alarms and the highest uncertainties on a trail without surprises; embeddings by zone."""
+    frames = list(drive(seed, light, (), size))
+    scenes = defaultdict(list)
+    for zone in WORDS:
+        own = [(s, a) for s, z, a, _ in frames if z == zone]
+        roi = [a.roi.uncertainty for _, a in own if a.roi]
+        tile = [a.roi.worst_tile.uncertainty for _, a in own if a.roi]
+        alarms = {
+            reason: sum(debounced([reason in a.reasons for _, a in own]))
+            for reason in (Reason.UNKNOWN_OBJECT, Reason.BLOCKED)
+        }
+        trav = min(a.roi.traversability for _, a in own if a.roi)
+        text = ", ".join(f"{reason.value} {count}" for reason, count in alarms.items() if count) or "none"
+        where = [f"{s:.0f}" for s, a in own if a.reasons]
+        print(
+            f"  {seed} x{light:<3} {zone:6} n={len(own):3}  roi {np.median(roi):.2f} max {max(roi):.2f}"
+            f"  tile p50 {np.median(tile):.2f} p95 {np.quantile(tile, 0.95):.2f} max {max(tile):.2f}"
+            f"  trav min {trav:.2f}  alarms {text} {' '.join(where)}"
+        )
+        scenes[zone] = [a.observation.embedding for _, a in own if a.observation]
+    return scenes
+
+
+def surprises(seed: int, light: float, size: tuple[int, int]) -> dict[str, float]:
+    """From how far each surprise raised a debounced alarm, m; 0 for never."""
+    seen: dict[str, float] = {}
+    recent: dict[str, list[bool]] = defaultdict(list)
+    for s, _, assessment, world in drive(seed, light, ("drum", "rock", "log"), size):
+        for thing in world.things.values():
+            if not thing.surprise:
+                continue
+            pose = world.trail.pose(s)
+            ahead = math.hypot(thing.x - pose.x, thing.y - pose.y)
+            forward = (thing.x - pose.x) * math.cos(pose.heading) + (thing.y - pose.y) * math.sin(pose.heading)
+            if forward <= 0 or ahead > SEEN_FROM:
+                continue
+            recent[thing.kind].append(Reason.UNKNOWN_OBJECT in assessment.reasons)
+            if debounced(recent[thing.kind])[-1]:
+                seen.setdefault(thing.kind, ahead)
+    return {kind: round(seen.get(kind, 0.0), 1) for kind in ("drum", "rock", "log")}
+
+
+def similarities(scenes: dict[str, list[NDArray[np.float32]]]) -> str:
+    """Cosines of each zone's frames to a frame well inside each zone: low, median, high."""
+    parts = []
+    for zone, reference in ((zone, own[len(own) // 3]) for zone, own in scenes.items()):
+        for other, own in scenes.items():
+            cosines = np.array(own) @ reference
+            low, middle, high = np.quantile(cosines, (0.05, 0.5, 0.95))
+            parts.append(f"{zone[:1]}-{other[:1]} {low:.2f}/{middle:.2f}/{high:.2f}")
+    return "  ".join(parts)
+
+
+def timed(size: tuple[int, int]) -> float:
+    """Milliseconds for encode, attend of eight words and embed, on one core; the median of 50."""
+    import cv2
+
+    from anytraverse.perception import Prompt
+
+    cv2.setNumThreads(1)
+    world = World(1)
+    image, _ = Camera(world, *size).render(world.trail.pose(30.0), 0.0)
+    perceiver = Builtin()
+    prompts = [Prompt(w) for w in "grass,dirt path,sky,bush,tree,gravel,dry grass,water".split(",")]
+    taken = []
+    for _ in range(50):
+        begin = time.perf_counter()
+        features = perceiver.encode(image)
+        perceiver.attend(features, prompts)
+        perceiver.embed(features)
+        taken.append(time.perf_counter() - begin)
+    return float(np.median(taken) * 1e3)
+
+
+def main() -> None:
+    """Run all of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--lights", default="0.5,1,1.6")
+    parser.add_argument("--size", default="320x240")
+    options = parser.parse_args()
+    width, height = (int(part) for part in options.size.split("x"))
+    size = (width, height)
+    print(f"{timed(size):.1f} ms a frame of {options.size}")
+    for seed in range(1, options.seeds + 1):
+        for light in (float(part) for part in options.lights.split(",")):
+            scenes = clean(seed, light, size)
+            print(f"    similarity {similarities(scenes)}")
+            print(f"    seen from  {surprises(seed, light, size)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -19,7 +19,7 @@ _UNKNOWN_HEADING = 65535
 class VehicleTracker:
     """Adopts the autopilot with the configured id, or after 2.5 s without it the first one; then only that.
 
-    `returns` rises when it is heard again after a silence: it may have forgotten our route.
+    `returns` rises when it is first heard, and again after a silence: it may not know our route.
     """
 
     def __init__(self, configured: int) -> None:
@@ -36,7 +36,7 @@ class VehicleTracker:
             return False
         if self.vehicle is not None and self.vehicle.system_id != system_id:
             return False
-        before = self.vehicle or Vehicle(system_id, 0, 0, armed=False, heard_at=now)
+        before = self.vehicle or Vehicle(system_id, 0, 0, armed=False, heard_at=-math.inf)
         self.returns += now - before.heard_at > SILENCE
         self.vehicle = replace(
             before,

@@ -1,0 +1,58 @@
+import subprocess
+import sys
+from pathlib import Path
+
+from companion.wire.messages import MESSAGES, NUMBERS, TABLE, markdown, quiet_rate
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_every_message_has_a_name_of_its_own() -> None:
+    assert len(MESSAGES) == len(TABLE)
+
+
+def test_what_the_companion_sends_has_a_priority_and_what_it_hears_has_none() -> None:
+    for row in TABLE:
+        assert (row.priority is not None) == row.direction.startswith("to "), row.name
+
+
+def test_everything_to_the_ground_is_paid_from_a_budget() -> None:
+    for row in TABLE:
+        assert (row.bucket is not None) == (row.direction == "to ground"), row.name
+
+
+def test_the_heartbeat_and_the_hold_go_first_then_the_call() -> None:
+    order = sorted((row for row in TABLE if row.priority is not None), key=lambda row: row.priority or 0)
+    assert [row.name for row in order][:4] == ["heartbeat", "mode", "call text", "call data"]
+
+
+def test_quiet_traffic_fits_the_default_budget_twice() -> None:
+    assert quiet_rate() == 21 + 64 + len(NUMBERS) * 27 / 2
+    assert 2 * quiet_rate() < 300
+
+
+def test_the_public_page_shows_the_table_as_it_is() -> None:
+    assert markdown() in (ROOT / "docs" / "protocol.md").read_text()
+
+
+def test_the_module_prints_the_table() -> None:
+    printed = subprocess.run(
+        [sys.executable, "-m", "companion.wire"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        timeout=30,
+    )
+    assert printed.stdout == markdown()
+
+
+def test_the_wire_needs_nothing_heavy() -> None:
+    code = (
+        "import sys, companion.wire.messages, companion.wire.texts, companion.wire.parameters, "
+        "companion.wire.answers; print({'numpy', 'cv2', 'pymavlink'} & set(sys.modules))"
+    )
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT, timeout=30
+    )
+    assert printed.stdout.strip() == "set()"

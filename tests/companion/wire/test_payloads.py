@@ -1,0 +1,214 @@
+import contextlib
+import struct
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.wire.answers import (
+    Acknowledgement,
+    AnswerMessage,
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    SetWord,
+    TapBox,
+)
+from companion.wire.ids import (
+    Kind,
+    Motion,
+    Outcome,
+    Policy,
+    Reasons,
+    Result,
+    Stage,
+    State,
+    heartbeat_mode,
+    read_heartbeat_mode,
+    words_hash,
+)
+from companion.wire.packing import Fractions, PayloadError
+from companion.wire.payloads import CallData, Summary
+
+U16 = st.integers(0, 0xFFFF)
+U32 = st.integers(0, 0xFFFFFFFF)
+SHARE = st.none() | st.integers(0, 10_000).map(lambda raw: raw / 10_000)
+SIGNED = st.integers(-10_000, 10_000).map(lambda raw: raw / 10_000)
+WORD = st.text(max_size=8)
+
+
+@st.composite
+def boxes(draw: st.DrawFn) -> Fractions:
+    left, right = sorted(draw(st.lists(st.integers(0, 10_000), min_size=2, max_size=2, unique=True)))
+    top, bottom = sorted(draw(st.lists(st.integers(0, 10_000), min_size=2, max_size=2, unique=True)))
+    return left / 10_000, top / 10_000, right / 10_000, bottom / 10_000
+
+
+REASONS = st.integers(0, 15).map(Reasons)
+SUMMARIES = st.builds(
+    Summary,
+    state=st.sampled_from(State),
+    policy=st.sampled_from(Policy),
+    reasons=REASONS,
+    sequence=U16,
+    current_id=U16,
+    frame_id=U32,
+    frame_age_ms=U16,
+    latency_ms=U16,
+    roi_traversability=SHARE,
+    roi_uncertainty=SHARE,
+    worst_tile=SHARE,
+    similarity=st.none() | SIGNED,
+    field_of_view=st.integers(0, 255),
+    words=U32,
+    dropped=U16,
+    sectors=st.tuples(*[st.none() | st.integers(0, 200).map(lambda raw: raw / 200)] * 16),
+)
+CALLS = st.builds(
+    CallData,
+    id=U16,
+    kind=st.sampled_from(Kind),
+    stage=st.sampled_from(Stage),
+    outcome=st.sampled_from(Outcome),
+    reasons=REASONS,
+    holding=st.booleans(),
+    test=st.booleans(),
+    frame_id=U32,
+    age_s=U16,
+    roi=st.none() | boxes(),
+    worst_tile_box=st.none() | boxes(),
+    roi_uncertainty=SHARE,
+    worst_tile=SHARE,
+    drivable_share=SHARE,
+    similarity=st.none() | SIGNED,
+    latitude=st.none() | st.integers(-900_000_000, 900_000_000).map(lambda raw: raw / 1e7),
+    longitude=st.none() | st.integers(-1_800_000_000, 1_800_000_000).map(lambda raw: raw / 1e7),
+    heading=st.none() | st.integers(0, 35_999).map(lambda raw: raw / 100),
+    word_count=st.integers(0, 255),
+    words=U32,
+    picture=st.text(max_size=15),
+)
+OPERATIONS: st.SearchStrategy[Operation] = st.one_of(
+    st.builds(SetWord, WORD, SIGNED),
+    st.builds(TapBox, U32, boxes(), WORD, SIGNED),
+    st.builds(ForgetWord, WORD),
+    st.builds(ForgetCall, U16),
+    st.just(NewEpisode()),
+)
+ANSWERS = st.builds(
+    AnswerMessage,
+    transaction=st.integers(1, 0xFFFFFFFF),
+    target=U16,
+    motion=st.sampled_from(Motion),
+    operations=st.lists(OPERATIONS, max_size=2).map(tuple),
+)
+ACKNOWLEDGEMENTS = st.builds(
+    Acknowledgement,
+    transaction=U32,
+    target=U16,
+    result=st.sampled_from(Result),
+    stage=st.sampled_from(Stage),
+    outcome=st.sampled_from(Outcome),
+    roi_uncertainty=SHARE,
+    worst_tile=SHARE,
+    reasons=REASONS,
+    words=U32,
+    text=st.text(max_size=22),
+)
+KINDS: list[type[Summary | CallData | AnswerMessage | Acknowledgement]] = [
+    Summary,
+    CallData,
+    AnswerMessage,
+    Acknowledgement,
+]
+
+
+@settings(max_examples=60)
+@given(st.one_of(SUMMARIES, CALLS, ANSWERS, ACKNOWLEDGEMENTS))
+def test_what_is_packed_comes_back_and_fits_a_tunnel(
+    message: Summary | CallData | AnswerMessage | Acknowledgement,
+) -> None:
+    payload = message.pack()
+    assert len(payload) <= 128
+    assert type(message).unpack(payload) == message
+
+
+@settings(max_examples=200)
+@given(st.sampled_from(KINDS), st.binary(max_size=140))
+def test_any_bytes_are_read_or_refused(
+    kind: type[Summary | CallData | AnswerMessage | Acknowledgement], noise: bytes
+) -> None:
+    with contextlib.suppress(PayloadError):
+        kind.unpack(noise)
+    with contextlib.suppress(PayloadError):
+        kind.unpack(b"\x01" + noise)
+
+
+@settings(max_examples=60)
+@given(st.one_of(SUMMARIES, CALLS, ANSWERS, ACKNOWLEDGEMENTS), st.data())
+def test_a_torn_or_altered_payload_is_read_or_refused(
+    message: Summary | CallData | AnswerMessage | Acknowledgement, data: st.DataObject
+) -> None:
+    payload = bytearray(message.pack())
+    cut = data.draw(st.integers(0, len(payload) - 1))
+    with pytest.raises(PayloadError):
+        type(message).unpack(bytes(payload[:cut]))
+    payload[cut] ^= data.draw(st.integers(1, 255))
+    with contextlib.suppress(PayloadError):
+        type(message).unpack(bytes(payload))
+
+
+@settings(max_examples=30)
+@given(st.one_of(SUMMARIES, CALLS, ANSWERS, ACKNOWLEDGEMENTS))
+def test_another_version_is_refused_by_its_number(
+    message: Summary | CallData | AnswerMessage | Acknowledgement,
+) -> None:
+    payload = b"\x02" + message.pack()[1:]
+    with pytest.raises(PayloadError, match="version 2"):
+        type(message).unpack(payload)
+
+
+def test_a_summary_has_47_bytes() -> None:
+    assert len(SUMMARY.pack()) == 47
+
+
+SUMMARY = Summary(
+    State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 0, 0, 0.5, None, None, None, 60, 0, 0, (None,) * 16
+)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+def test_a_number_that_is_not_finite_travels_as_unknown(value: float) -> None:
+    summary = replace(SUMMARY, roi_uncertainty=value, similarity=value)
+    back = Summary.unpack(summary.pack())
+    assert (back.roi_uncertainty, back.similarity) == (None, None)
+
+
+def test_numbers_out_of_range_are_clipped_not_wrapped() -> None:
+    back = Summary.unpack(replace(SUMMARY, roi_uncertainty=1.7, similarity=-3.0, frame_age_ms=99_999).pack())
+    assert (back.roi_uncertainty, back.similarity, back.frame_age_ms) == (1.0, -1.0, 0xFFFF)
+
+
+def test_an_answer_too_long_for_one_frame_says_what_to_do() -> None:
+    words = tuple(SetWord("w" * 40, 1.0) for _ in range(4))
+    with pytest.raises(PayloadError, match="several parts"):
+        AnswerMessage(1, 1, Motion.NONE, words).pack()
+
+
+def test_an_answer_with_transaction_0_is_refused() -> None:
+    payload = bytearray(AnswerMessage(1, 1, Motion.GO).pack())
+    struct.pack_into("<I", payload, 1, 0)
+    with pytest.raises(PayloadError, match="transaction 0"):
+        AnswerMessage.unpack(bytes(payload))
+
+
+@given(st.sampled_from(State), U16)
+def test_the_heartbeat_carries_state_and_id(state: State, current: int) -> None:
+    assert read_heartbeat_mode(heartbeat_mode(state, current)) == (state, current)
+
+
+def test_the_hash_of_the_words_knows_no_order_but_every_weight() -> None:
+    assert words_hash({"a": 1.0, "b": -1.0}) == words_hash({"b": -1.0, "a": 1.0})
+    assert words_hash({"a": 1.0}) != words_hash({"a": 0.9})

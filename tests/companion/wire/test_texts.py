@@ -1,0 +1,84 @@
+import inspect
+from collections.abc import Callable
+from unittest import mock
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.wire import texts
+from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
+
+NUMBER = st.integers(0, 0xFFFF)
+FIGURE = st.none() | st.floats()
+FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text"}
+ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
+    "call": NUMBER,
+    "number": NUMBER,
+    "kind": st.sampled_from(Kind),
+    "outcome": st.sampled_from(Outcome),
+    "value": st.sampled_from(Policy),
+    "system": st.integers(0, 255),
+    **dict.fromkeys(("uncertainty", "similarity", "drivable", "share"), FIGURE),
+    **dict.fromkeys(FREE, st.text(max_size=80)),
+}
+FUNCTIONS: list[Callable[..., str]] = [
+    function
+    for name, function in inspect.getmembers(texts, inspect.isfunction)
+    if function.__module__ == texts.__name__ and not name.startswith("_")
+]
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
+@settings(max_examples=30)
+@given(data=st.data())
+def test_every_text_fits_a_statustext_on_one_line(function: Callable[..., str], data: st.DataObject) -> None:
+    names = inspect.signature(function).parameters
+    arguments = {name: data.draw(ARGUMENTS[name], label=name) for name in names}
+    text = function(**arguments)
+    assert len(text.encode()) <= MAX_TEXT
+    assert text.isprintable()
+
+
+@pytest.mark.parametrize(
+    "function",
+    [function for function in FUNCTIONS if not FREE & inspect.signature(function).parameters.keys()],
+    ids=lambda function: function.__name__,
+)
+@settings(max_examples=30)
+@given(data=st.data())
+def test_a_text_of_figures_alone_is_never_cut(function: Callable[..., str], data: st.DataObject) -> None:
+    names = inspect.signature(function).parameters
+    arguments = {name: data.draw(ARGUMENTS[name], label=name) for name in names}
+    with mock.patch.object(texts, "fit", lambda text: text):
+        whole = function(**arguments)
+    assert len(whole.encode()) <= MAX_TEXT
+
+
+def test_the_longest_ids_and_figures_leave_the_answers_readable() -> None:
+    for text in (
+        texts.unknown_object(65535, 1.0),
+        texts.unknown_scene(65535, -1.0),
+        texts.unknown_both(65535, 1.0),
+        texts.trial_call(65535),
+    ):
+        assert text.endswith(": ok/stay/word")
+
+
+def test_texts_say_what_happened_and_what_to_do() -> None:
+    assert texts.unknown_object(7, 0.384) == "C7 unknown thing ahead 38%: ok/stay/word"
+    assert texts.unknown_scene(8, 0.62) == "C8 new place 0.62: ok/stay/word"
+    assert texts.blocked(9, 0.12) == "H9 blocked 12% drivable: waiting"
+    assert texts.clear(Kind.HOLD, 9) == "H9 clear now, go?"
+    assert texts.still_unknown(7, 0.34) == "C7 stays open: still unknown 34%"
+    assert texts.hold_failed(Kind.HOLD, 9) == "H9 HOLD FAILED: STOP BY HAND"
+
+
+@pytest.mark.parametrize("figure", [None, float("nan"), float("inf")])
+def test_an_unknown_figure_shows_as_unknown(figure: float | None) -> None:
+    assert texts.unknown_object(7, figure) == "C7 unknown thing ahead ?%: ok/stay/word"
+    assert texts.unknown_scene(8, figure) == "C8 new place: ok/stay/word"
+
+
+def test_a_long_word_is_cut_between_characters() -> None:
+    assert texts.word_dropped("草" * 20) == "Too many words, out of use: " + "草" * 7

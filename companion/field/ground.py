@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,8 @@ Bytes = NDArray[np.uint8]
 GRASS, PATH, GRAVEL = range(3)  # the ground's own labels
 _LABELS = np.array([GRASS, GRASS, GRASS, PATH, PATH, GRAVEL], np.uint8)  # of the materials of tiles.py
 
-_MARGIN = 24.0  # m around the route that the maps cover; beyond, their edge goes on
+_MARGIN = 38.0  # m around the route that the maps cover; beyond, their edge goes on
+_FOREST_ENDS = 26.0, 36.0  # m from the route, where forest and gravel give way to meadow
 _CELL = 0.5  # m a cell of the map of the route
 _SHADE_CELL = 0.1  # m a cell of the map of shadows
 _NOISE_SIZE, _NOISE_TEXEL = 1024, 0.02  # the ragged edges, patches and light spots
@@ -69,18 +72,17 @@ class Ground:
         )
 
         lateral = np.abs(away)
-        in_forest = forest + 0.2 * patch + 0.06 * edge > 0.5
-        in_gravel = gravel + 0.2 * patch + 0.06 * edge > 0.5
-        strip = np.float32(0.26) + np.float32(0.14) * edge - np.float32(0.3) * (1 + tone)
+        ragged = np.clip(0.2 * patch + 0.08 * edge, -0.45, 0.45)
+        zone = np.where(forest + ragged > 0.5, 1, np.where(gravel + ragged > 0.5, 2, 0)).astype(np.int32)
         on_path = lateral + 0.1 * edge + 0.06 * patch < half
-        on_path &= (lateral > strip) | (forest + gravel > 0.4)
-        zone = np.where(in_forest, 1, np.where(in_gravel, 2, 0)).astype(np.int32)
+        strip = 0.26 + 0.14 * edge - 0.3 * (1 + tone)  # of grass between the ruts, where it grows at all
+        on_path &= (lateral > np.minimum(strip, 0.45)) | (zone > 0)
         material = zone + 3 * on_path
         colours = self._materials.read(x, y, self._levels[0], material)[..., :3]
 
         light = 1 + 0.07 * tone + 0.04 * patch
         rut = (lateral - _RUT - 0.04 * edge) * (1 / _RUT_WIDTH)
-        light -= on_path * (0.2 - 0.1 * gravel) * np.exp(-rut * rut)
+        light -= on_path * (0.26 - 0.12 * gravel) * np.exp(-rut * rut)
         light *= 1 - _CANOPY * forest * (1 - 0.75 * np.clip(spots - 0.75, 0, 1))
         return colours, _LABELS[material], light * self._read_shadows(x, y)
 
@@ -112,20 +114,24 @@ class Ground:
 
         width, height = (self._extent / _SHADE_CELL).astype(int)
         lit = np.full((height, width), 255, np.uint8)
-        things = [thing for thing in self._world.things.values() if thing.kind in _SHADOW]
-        for thing in things:
+        for thing in list(self._world.things.values()):
+            if thing.kind not in _SHADOW:
+                continue
             long, dark = _SHADOW[thing.kind]
-            reach = thing.radius * 0.5 * long
-            centre = np.array([thing.x + _SUN[0] * reach, thing.y + _SUN[1] * reach])
-            angle = np.arctan2(_SUN[1], _SUN[0])
-            axes = np.array([thing.radius * (0.7 + 0.5 * long), thing.radius * 1.05])
+            centre = np.array([thing.x, thing.y]) + np.asarray(_SUN) * thing.radius * 0.5 * long
+            angle = math.atan2(_SUN[1], _SUN[0])
+            axes = thing.radius * (0.7 + 0.5 * long), thing.radius * 1.05
             if thing.length:
-                angle, axes = thing.heading, np.array([thing.length / 2, thing.radius * 1.6])
-            at = (centre - self._corner) / _SHADE_CELL
-            box = (tuple(map(float, at)), tuple(map(float, 2 * axes / _SHADE_CELL)), float(np.degrees(angle)))
-            stain = np.zeros_like(lit)
+                angle, axes = thing.heading, (thing.length / 2, thing.radius * 1.6)
+            column, row = ((centre - self._corner) / _SHADE_CELL).astype(int)
+            reach = math.ceil(max(axes) / _SHADE_CELL) + 2
+            if not (reach <= column < width - reach and reach <= row < height - reach):
+                continue
+            stain = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
+            box = (reach, reach), (2 * axes[0] / _SHADE_CELL, 2 * axes[1] / _SHADE_CELL), math.degrees(angle)
             cv2.ellipse(stain, box, int(255 * dark), -1)
-            lit = np.minimum(lit, 255 - stain)
+            patch = lit[row - reach : row + reach + 1, column - reach : column + reach + 1]
+            np.minimum(patch, 255 - stain, out=patch)
         return np.asarray(cv2.GaussianBlur(lit, (0, 0), 1.3), np.uint8)
 
 
@@ -149,7 +155,8 @@ def _route_map(world: World, low: NDArray[np.float64], high: NDArray[np.float64]
         side = np.sign(tx * ey - ty * ex)
         lateral = side * np.hypot(np.abs(tx * ey - ty * ex), np.maximum(0, np.abs(tx * ex + ty * ey) - 0.3))
         s = (stations[near] + tx * ex + ty * ey) % trail.length
-        shares = trail.shares(s)
+        begins, ends = _FOREST_ENDS
+        shares = trail.shares(s) * np.clip((ends - np.abs(lateral)) / (ends - begins), 0, 1)[:, None]
         rows.append(
             np.stack(
                 [lateral, half_width(s), shares[:, ZONES.index("forest")], shares[:, ZONES.index("gravel")]],

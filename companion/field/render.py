@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from companion.field import backdrop, sprites
 from companion.field.backdrop import Backdrop
 from companion.field.ground import Ground
-from companion.field.things import Thing, World
+from companion.field.things import KINDS, Thing, World
 from companion.field.trail import Pose
+from companion.field.verge import Verge
 
 LABELS = ("sky", "grass", "dirt path", "gravel", "bush", "tree", "puddle", "drum", "rock", "log")
 
@@ -21,8 +22,10 @@ FIELD_OF_VIEW = math.radians(75.0)  # horizontal
 FAR = 48.0  # m, beyond which things are too small to draw
 NEAR = 0.35  # m
 VISIBILITY = 85.0  # m at which haze has taken 63 % of a colour
+_THING_LABELS = {kind: LABELS.index(kind) for kind in KINDS} | {"tuft": LABELS.index("grass")}
 _GROUND_LABELS = np.array([LABELS.index(name) for name in ("grass", "dirt path", "gravel")], np.uint8)
-_BACKDROP_LABELS = np.array([LABELS.index(name) for name in ("sky", "tree")], np.uint8)
+
+Bytes = NDArray[np.uint8]
 
 
 class Camera:
@@ -35,13 +38,11 @@ class Camera:
             )
         self.world, self.width, self.height, self._seed = world, width, height, seed
         self.focal = width / 2 / math.tan(FIELD_OF_VIEW / 2)  # pixels
-        self.horizon = min(
-            height - 1, max(1, round(height / 2 - self.focal * math.tan(PITCH)))
-        )  # first row of ground
         across = (np.arange(width) + 0.5 - width / 2) / self.focal
         down = (np.arange(height) + 0.5 - height / 2) / self.focal
         forward = math.cos(PITCH) - down * math.sin(PITCH)
         drop = math.sin(PITCH) + down * math.cos(PITCH)
+        self.horizon = int(np.count_nonzero(drop <= 0))  # the first row of ground
         ground = slice(self.horizon, height)
         steep = np.maximum(drop[ground], 1 / 300)
         depth = HEIGHT / steep
@@ -52,14 +53,19 @@ class Camera:
         self._ground = Ground(
             world, self._forward, self._left, np.broadcast_to(footprint[:, None], shape).astype(np.float32)
         )
-        azimuth = np.arctan2(-across[None, :], forward[: self.horizon, None])
-        elevation = np.arctan2(
-            -drop[: self.horizon, None], np.hypot(across[None, :], forward[: self.horizon, None])
+        self._foot = min(height, self.horizon + round(self.focal * 1.3 * HEIGHT / backdrop.NEAREST_FOOT))
+        above = slice(0, self._foot)
+        azimuth = np.arctan2(-across[None, :], forward[above, None])
+        elevation = np.arctan2(-drop[above, None], np.hypot(across[None, :], forward[above, None]))
+        self._backdrop = Backdrop(
+            world.seed,
+            azimuth.astype(np.float32),
+            elevation.astype(np.float32),
+            (LABELS.index("sky"), LABELS.index("tree")),
         )
-        self._backdrop = Backdrop(world.seed, azimuth.astype(np.float32), elevation.astype(np.float32))
-        clear = np.exp(-np.hypot(self._forward, self._left) / VISIBILITY).astype(np.float32)
-        self._clear = clear
+        self._clear = clear = np.exp(-np.minimum(np.hypot(self._forward, self._left), FAR) / VISIBILITY)
         self._haze = ((1 - clear)[..., None] * np.asarray(backdrop.HAZE)).astype(np.uint8)
+        self._verge = Verge(world)
         self._sprites: dict[tuple[str, int], sprites.Sprite] = {}
         rng = np.random.default_rng([seed, 40])
         grain = rng.normal(0, 2.6, (height + 64, width + 64, 3))
@@ -77,12 +83,13 @@ class Camera:
         lit = cv2.multiply(np.ascontiguousarray(colours), cv2.merge([scale, scale, scale]), scale=1 / 128)
         frame[self.horizon :] = cv2.add(lit, self._haze)
         labels[self.horizon :] = _GROUND_LABELS[kinds]
-        colours, kinds = self._backdrop.look(pose, t, self._ground)
-        frame[: self.horizon] = colours
-        labels[: self.horizon] = _BACKDROP_LABELS[kinds]
+        self._backdrop.paint(frame[: self._foot], labels[: self._foot], pose, t, self._ground)
 
-        near = [(self._ahead(pose, thing), thing) for thing in self.world.things.values()]
-        seen = sorted((at for at in near if self._in_view(*at)), key=lambda at: -math.hypot(*at[0]))
+        things = [*self.world.things.values(), *self._verge.near(pose)]
+        seen = sorted(
+            ((self._ahead(pose, thing), thing) for thing in things), key=lambda at: -math.hypot(*at[0])
+        )
+        seen = [(at, thing) for at, thing in seen if self._in_view(at, thing)]
         for at, thing in seen:
             if thing.kind == "puddle":
                 self._draw_puddle(frame, labels, thing, at)
@@ -144,60 +151,41 @@ class Camera:
         out = np.hypot(x, y) / shore
         water, rim = out < 1, out < 1.18
         picture = frame[self.horizon :][rows]
-        mirror = np.clip(self.horizon - 1 - np.arange(rows.start, rows.stop), 0, self.horizon - 1)
-        sky = frame[mirror].astype(np.float32) * 0.66 + np.array([30, 27, 22], np.float32)
+        mirror = np.clip(self.horizon - 1 - np.arange(rows.start, rows.stop), 0, max(0, self.horizon - 1))
+        sky = frame[mirror].astype(np.float32) * 0.62 + np.array([58, 64, 70], np.float32)
         picture[rim] = (picture[rim] * 0.72).astype(np.uint8)
         picture[water] = sky[water].astype(np.uint8)
         labels[self.horizon :][rows][water] = LABELS.index("puddle")
 
     def _draw_thing(
-        self,
-        frame: NDArray[np.uint8],
-        labels: NDArray[np.uint8],
-        thing: Thing,
-        at: tuple[float, float],
-        pose: Pose,
+        self, frame: Bytes, labels: Bytes, thing: Thing, at: tuple[float, float], pose: Pose
     ) -> None:
-        """A picture that faces the camera, blended over what is behind it."""
-        import cv2
-
+        """A picture that faces the camera, over what is behind it."""
         column, foot, depth = self.project(pose, thing.x, thing.y)
         if depth < NEAR:
             return
-        key = thing.kind, thing.look % sprites.LOOKS[thing.kind]
-        if key not in self._sprites:
-            self._sprites[key] = sprites.paint(*key, self.world.seed)
-        sprite = self._sprites[key]
         width = 2 * thing.radius
         if thing.length:
             turn = thing.heading - math.atan2(thing.y - pose.y, thing.x - pose.x)
             width += (thing.length - width) * abs(math.sin(turn))
-        pixel = self.focal / depth
-        wide, high = sprite.wide * width * pixel, sprite.high * thing.height * pixel
-        foot += 0.02 * pixel
-        left, right = max(0, math.floor(column - wide / 2)), min(self.width, math.ceil(column + wide / 2) + 1)
-        top, bottom = max(0, math.floor(foot - high)), min(self.height, math.ceil(foot) + 1)
-        if right <= left or bottom <= top or high < 1.5:
-            return
-        scale = sprite.scales[0]
-        for smaller in sprite.scales[1:]:
-            if smaller.shape[0] < high:
-                break
-            scale = smaller
-        sx, sy = wide / scale.shape[1], high / scale.shape[0]
-        matrix = np.array([[sx, 0, column - wide / 2 - left], [0, sy, foot - high - top]])
-        patch = cv2.warpAffine(scale, matrix, (right - left, bottom - top), flags=cv2.INTER_LINEAR)
-        clear = math.exp(-math.hypot(*at) / VISIBILITY)
-        gain = clear * self._shade_of(thing)
-        tint = np.zeros((3, 4))
-        tint[:, :3] = np.eye(3) * gain
-        tint[:, 3] = (1 - clear) * np.asarray(backdrop.HAZE) / 255
-        behind = np.array([[0.0, 0, 0, -1, 255]] * 3)
-        into = frame[top:bottom, left:right]
-        into[:] = cv2.add(
-            cv2.multiply(into, cv2.transform(patch, behind), scale=1 / 255), cv2.transform(patch, tint)
+        pixels = self.focal / depth
+        sprite = self._sprite(thing.kind, thing.look % sprites.looks(thing.kind))
+        drawn = sprite.draw(
+            frame,
+            (column, foot + 0.02 * pixels),
+            (width * pixels, thing.height * pixels),
+            self._shade_of(thing),
+            backdrop.HAZE,
+            _clear(math.hypot(*at)),
         )
-        labels[top:bottom, left:right][patch[..., 3] > 127] = LABELS.index(thing.kind)
+        if drawn:
+            where, opacity = drawn
+            labels[where][opacity > 127] = _THING_LABELS[thing.kind]
+
+    def _sprite(self, kind: str, look: int) -> sprites.Sprite:
+        if (kind, look) not in self._sprites:
+            self._sprites[kind, look] = sprites.paint(kind, look, self.world.seed)
+        return self._sprites[kind, look]
 
     def _shade_of(self, thing: Thing) -> float:
         forest, _ = self._ground.shares(
@@ -218,3 +206,8 @@ class Camera:
         y, x0 = rng.integers(0, 64, 2)
         grain = self._grain[y : y + self.height, x0 : x0 + self.width]
         return np.asarray(cv2.add(lit, grain, dtype=cv2.CV_8U), np.uint8)
+
+
+def _clear(distance: float) -> float:
+    """How much of a colour the air lets through."""
+    return math.exp(-min(distance, FAR) / VISIBILITY)

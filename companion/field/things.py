@@ -75,7 +75,7 @@ class World:
 
     def contact(self, x: float, y: float, radius: float) -> list[str]:
         """The ids of the things that a disc of this radius (m) at x, y touches, nearest first."""
-        gaps = [(_gap(thing, x, y) - radius, thing.id) for thing in self.things.values()]
+        gaps = [(_gap(thing, x, y) - radius, thing.id) for thing in list(self.things.values())]
         return [thing_id for gap, thing_id in sorted(gaps) if gap <= 0]
 
     def _known(self, thing_id: str) -> Thing:

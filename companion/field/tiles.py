@@ -35,10 +35,15 @@ def as_bytes(field: Floats, spread: float = 40.0) -> Bytes:
     return clipped
 
 
+def blank(rows: int, columns: int) -> Bytes:
+    """An empty picture: RGBA, all of it clear."""
+    return np.zeros((rows, columns, 4), np.uint8)
+
+
 def materials(rng: np.random.Generator) -> list[Bytes]:
     """One RGB tile (SIZE, SIZE, 3) a material."""
-    grass = _base(rng, (86, 112, 46), 0.16)
-    _blades(rng, grass, 9000, [(74, 104, 36), (104, 136, 54), (122, 150, 66), (64, 92, 34), (142, 154, 82)])
+    grass = _base(rng, (92, 112, 52), 0.16)
+    _blades(rng, grass, 9000, [(78, 100, 42), (104, 128, 58), (124, 144, 72), (68, 90, 38), (142, 148, 86)])
     floor = _base(rng, (46, 50, 28), 0.2)
     _leaves(rng, floor, 1500, [(62, 66, 34), (78, 60, 36), (46, 62, 30), (92, 70, 42), (36, 44, 24)])
     _blades(rng, floor, 3500, [(48, 70, 32), (60, 84, 40), (38, 56, 26)])
@@ -50,13 +55,9 @@ def materials(rng: np.random.Generator) -> list[Bytes]:
     _stones(rng, damp, 500, [(112, 88, 64), (82, 62, 44), (124, 102, 80)], 2)
     _leaves(rng, damp, 260, [(120, 84, 46), (98, 78, 40), (134, 98, 56), (76, 72, 36)])
     gravel = _base(rng, (158, 156, 152), 0.1)
-    _stones(
-        rng,
-        gravel,
-        15000,
-        [(176, 174, 170), (146, 144, 142), (190, 188, 184), (128, 126, 126), (168, 160, 150)],
-        3,
-    )
+    greys = [(172, 170, 167), (152, 150, 148), (184, 182, 179), (136, 134, 133), (168, 161, 152)]
+    _stones(rng, gravel, 14000, greys, 1)
+    _stones(rng, gravel, 900, greys, 2)
     return [grass, floor, dry, dirt, damp, gravel]
 
 

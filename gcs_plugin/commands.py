@@ -180,7 +180,7 @@ def _change(segment: str) -> Change:
     if not segment:
         raise CommandError("nothing between two `;`: write it as `bush: -1; grass: 1`")
     raise CommandError(
-        f'"{segment[:40]}" is neither a word with its weight, as `bush: -1`, nor a command: type `help`'
+        f'"{segment[:40]}" is no command (type `help`), and a word needs its weight: write it as `bush: -1`'
     )
 
 

@@ -12,7 +12,7 @@ from gcs_plugin import wording
 from gcs_plugin.pending import Status
 from gcs_plugin.records import record, to_line
 
-REPEATED_S = 90.0
+REPEATED_S = 60.0
 _ALARM, _GOOD, _FAINT, _PLAIN = "1;31", "32", "2", ""
 _ON_THE_WAY = {
     Status.WAITING: "waits: the companion is not heard",
@@ -127,7 +127,7 @@ class TextOutput:
                 fresh = self._fresh(event, now)
                 return [f'says "{wording.clean(event.text)}"'] * fresh, _FAINT
             case ev.AnswerMoved():
-                subject = f"call {event.target}" if event.target else "words"
+                subject = str(event.target) if event.target else "no call"
                 alarm = event.status in (Status.WAITING, Status.EXPIRED)
                 return [f"answer to {subject} {_ON_THE_WAY[event.status]}"], _ALARM if alarm else _FAINT
             case ev.Acknowledged():
@@ -138,10 +138,11 @@ class TextOutput:
                 return [], _PLAIN
 
     def _fresh(self, event: ev.TextHeard, now: float) -> bool:
-        """A call's text repeats until it is answered: once is enough to read."""
+        """A call's text repeats every 15 s until it is answered: to read it once a minute is enough."""
         self._texts = {key: at for key, at in self._texts.items() if now - at < REPEATED_S}
         fresh = (event.system, event.text) not in self._texts
-        self._texts[event.system, event.text] = now
+        if fresh:
+            self._texts[event.system, event.text] = now
         return fresh
 
     def _write(self, line: str, colour: str = _PLAIN, *, stamped: bool = False) -> None:

@@ -130,7 +130,7 @@ def closed(call: CallData, after_s: float) -> str:
 
 def acknowledged(ack: Acknowledgement) -> str:
     """What became of an answer, with the figures of the call's frame judged again."""
-    subject = f"call {ack.target}" if ack.target else "words"
+    subject = f"answer to {ack.target or 'no call'}"
     figures = []
     if ack.roi_uncertainty is not None:
         figures.append(f"now {percent(ack.roi_uncertainty)} unexplained")

@@ -1,0 +1,200 @@
+"""What is told: lines for a person, objects for a program, and lines read from whoever types."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from companion.wire import ids
+from companion.wire.answers import Acknowledgement
+from companion.wire.payloads import CallData, Summary
+from gcs_plugin import events as ev
+from gcs_plugin import wording
+from gcs_plugin.commands import parse
+from gcs_plugin.keyboard import MAX_WAITING, Keyboard
+from gcs_plugin.output import JsonOutput, TextOutput
+from gcs_plugin.pending import Status
+from gcs_plugin.vehicle import mode_name
+
+ACK = Acknowledgement(
+    5, 7, ids.Result.NOT_COVERED, ids.Stage.OPEN, ids.Outcome.NONE, 0.34, 0.7,
+    ids.Reasons.UNKNOWN_OBJECT, 1, "still unknown",
+)  # fmt: skip
+
+
+@pytest.fixture
+def all_events(thing_call: CallData, quiet_summary: Summary) -> list[ev.Event]:
+    closed = replace(thing_call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
+    return [
+        ev.LinkChanged(1, up=True),
+        ev.LinkChanged(1, up=False),
+        ev.StateChanged(1, ids.State.FAULT, 8),
+        ev.VehicleChanged(1, "HOLD", armed=True),
+        ev.CallOpened(1, thing_call),
+        ev.CallChanged(1, replace(thing_call, stage=ids.Stage.CLEAR)),
+        ev.CallClosed(1, closed, 12.0),
+        ev.SummaryHeard(1, quiet_summary),
+        ev.TextHeard(1, 3, "C7 unknown thing\x1b[2J ahead"),
+        ev.ParameterHeard(1, "AT_W_BUSH", -1.0),
+        *(ev.AnswerMoved(1, 7, 5, status) for status in Status),
+        ev.Acknowledged(1, ACK),
+        ev.NotUnderstood(1, "payload version 2"),
+    ]
+
+
+def test_every_event_is_one_object_on_one_line(all_events: list[ev.Event]) -> None:
+    page = io.StringIO()
+    output = JsonOutput(page, started=100.0)
+    for event in all_events:
+        output.event(event, 101.5, several=False)
+    told = [json.loads(line) for line in page.getvalue().splitlines()]
+    assert len(told) == len(all_events)
+    assert {record["time"] for record in told} == {1.5}
+    by_name = {record["event"]: record for record in told}
+    assert by_name["call"]["worst_tile_box"] == [0.41, 0.55, 0.6, 0.81]
+    assert (by_name["closed"]["outcome"], by_name["closed"]["after_s"]) == ("passed", 12.0)
+    assert (by_name["ack"]["result"], by_name["ack"]["target"]) == ("not_covered", 7)
+    assert by_name["ack"]["reasons"] == ["unknown_object"]
+    assert by_name["summary"]["policy"] == "hold"
+
+
+def test_a_person_never_gets_the_airs_control_characters_and_no_colours_unasked(
+    all_events: list[ev.Event],
+) -> None:
+    page = io.StringIO()
+    output = TextOutput(page, colours=False)
+    for event in all_events:
+        output.event(event, 1.0, several=True)
+    text = page.getvalue()
+    assert all(line.isprintable() for line in text.splitlines())
+    assert 'rover 1: says "C7 unknown thing [2J ahead"' in text
+    assert "rover 1: answer to 7: taken, but it does not cover what was seen, now 34% unexplained" in text
+
+
+def test_colours_are_there_when_asked_for(thing_call: CallData) -> None:
+    page = io.StringIO()
+    TextOutput(page, colours=True).event(ev.CallOpened(1, thing_call), 1.0, several=False)
+    assert "\033[1;31mC7" in page.getvalue()
+
+
+def test_a_text_that_repeats_is_read_once_a_minute() -> None:
+    page = io.StringIO()
+    output = TextOutput(page, colours=False)
+    for now in range(0, 120, 15):
+        output.event(ev.TextHeard(1, 3, "C7 still here"), float(now), several=False)
+    assert page.getvalue().count("C7 still here") == 2
+
+
+def test_the_picture_is_named_only_when_it_lies_here(thing_call: CallData, tmp_path: Path) -> None:
+    picture = tmp_path / "7.jpg"
+    there = replace(thing_call, picture=str(picture))
+    assert wording.local_picture(there) is None
+    picture.touch()
+    assert wording.local_picture(there) == picture
+    assert any(str(picture) in line for line in wording.call_lines(there, 0.0))
+    for name in ("", "a\0b", "x" * 5000, str(tmp_path)):
+        assert wording.local_picture(replace(thing_call, picture=name)) is None
+
+
+_SHARES = st.none() | st.floats(0, 1)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    kind=st.sampled_from(ids.Kind),
+    stage=st.sampled_from(ids.Stage),
+    reasons=st.integers(0, 255).map(ids.Reasons),
+    box=st.none() | st.just((0.1, 0.2, 0.3, 0.4)),
+    share=_SHARES,
+    picture=st.text(max_size=20),
+)
+def test_every_call_has_a_headline_and_answers_that_can_be_typed(
+    thing_call: CallData,
+    kind: ids.Kind,
+    stage: ids.Stage,
+    reasons: ids.Reasons,
+    box: tuple[float, float, float, float] | None,
+    share: float | None,
+    picture: str,
+) -> None:
+    call = replace(
+        thing_call, kind=kind, stage=stage, reasons=reasons, worst_tile_box=box, roi_uncertainty=share,
+        drivable_share=share, similarity=share, picture=picture,
+    )  # fmt: skip
+    assert wording.call_lines(call, 3.0)[0].isprintable()
+    for line in wording.fitting_answers(call):
+        parse(line)
+
+
+@pytest.mark.parametrize(
+    ("box", "told"),
+    [((0, 0, 0.2, 1), "at the left"), ((0.4, 0, 0.6, 1), "in the middle"), ((0.8, 0, 1, 1), "at the right")],
+)
+def test_where_a_box_lies(box: tuple[float, float, float, float], told: str) -> None:
+    assert wording.where(box) == told
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"), [(3.4, "3 s"), (600.0, "10 min"), (9000.0, "2 h"), (float("inf"), "ever")]
+)
+def test_durations(seconds: float, told: str) -> None:
+    assert wording.duration(seconds) == told
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "custom_mode", "name"),
+    [
+        (3, 10, "AUTO"), (3, 4, "HOLD"), (3, 99, "MODE 99"), (12, 0x04040000, "AUTO.MISSION"),
+        (12, 0x03040000, "AUTO.LOITER"), (12, 0x00060000, "OFFBOARD"), (8, 5, "MODE 5"),
+    ],
+)  # fmt: skip
+def test_modes_have_their_autopilots_names(autopilot: int, custom_mode: int, name: str) -> None:
+    assert mode_name(autopilot, custom_mode) == name
+
+
+@pytest.fixture
+def pipe() -> Callable[[], tuple[Keyboard, int]]:
+    def made() -> tuple[Keyboard, int]:
+        reading, writing = os.pipe()
+        return Keyboard(reading), writing
+
+    return made
+
+
+def test_lines_come_when_they_are_complete(pipe: Callable[[], tuple[Keyboard, int]]) -> None:
+    keyboard, writing = pipe()
+    assert keyboard.lines() == []
+    os.write(writing, b"go\nst")
+    assert keyboard.lines() == ["go"]
+    os.write(writing, b"ay\nlook \xff")
+    assert keyboard.lines() == ["stay"]
+    assert keyboard.descriptors() != []
+    os.close(writing)
+    assert keyboard.lines() == ["look \ufffd"]
+    assert keyboard.ended
+    assert keyboard.descriptors() == []
+
+
+def test_an_endless_line_is_cut(pipe: Callable[[], tuple[Keyboard, int]]) -> None:
+    keyboard, writing = pipe()
+    cut: list[str] = []
+    for _ in range(MAX_WAITING // 4096 + 1):
+        os.write(writing, b"x" * 4096)
+        cut += keyboard.lines()
+    os.close(writing)
+    assert [len(line) for line in cut] == [MAX_WAITING + 4096]
+
+
+def test_nobody_types_at_dev_null() -> None:
+    with open(os.devnull) as nothing:
+        keyboard = Keyboard.of(nothing)
+        assert keyboard.lines() == []
+        assert not keyboard.ended

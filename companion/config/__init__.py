@@ -1,0 +1,10 @@
+"""What a person configures: config/companion.toml and the file of a vehicle, as frozen dataclasses."""
+
+from __future__ import annotations
+
+from companion.config.errors import ConfigError, Problem
+from companion.config.printing import format_config
+from companion.config.reading import load_config
+from companion.config.schema import Config
+
+__all__ = ["Config", "ConfigError", "Problem", "format_config", "load_config"]

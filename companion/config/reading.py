@@ -1,0 +1,96 @@
+"""From TOML files to a `Config`, with every problem found at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from companion.config.errors import ConfigError, Problem
+from companion.config.layers import Layer, nearest
+from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Section, Vehicle
+from companion.config.words import read_words
+
+
+def load_config(path: str | Path) -> Config:
+    """The configuration in `path` over the vehicle's file that it names. Raises ConfigError."""
+    main = Layer.read(Path(path).expanduser())
+    problems: list[Problem] = []
+    layers = [main]
+    _refuse_unknown(main, (*WORD_KEYS, *SECTIONS), problems)
+    vehicle = _read_vehicle(main, problems)
+    if vehicle is not None:
+        _refuse_unknown(vehicle, OF_A_VEHICLE, problems)
+        layers.append(vehicle)
+    sections: dict[str, Any] = {
+        name: _read_section(name, section, layers if name in OF_A_VEHICLE else [main], problems)
+        for name, section in SECTIONS.items()
+    }
+    words = read_words(layers, problems)
+    if problems:
+        raise ConfigError(problems)
+    return Config(**sections, **words._asdict())
+
+
+def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:
+    name = main.table("vehicle", []).get("file", Vehicle().file)
+    if not isinstance(name, str) or not name:
+        return None
+    path = main.path.parent / Path(name).expanduser()
+    if not path.is_file():
+        problems.append(
+            main.problem(("vehicle", "file"), f'there is no file {path}: name the vehicle\'s file, or ""')
+        )
+        return None
+    try:
+        return Layer.read(path)
+    except ConfigError as error:
+        problems.extend(error.problems)
+        return None
+
+
+def _refuse_unknown(layer: Layer, known: Sequence[str], problems: list[Problem]) -> None:
+    for name in layer.data:
+        if name in known:
+            continue
+        homes = [section for section, fields_of in _known_fields().items() if name in fields_of]
+        if name in SECTIONS:
+            reason = "does not belong in a vehicle's file: move it to companion.toml"
+        elif homes:
+            reason = f"belongs below [{homes[0]}]"
+        else:
+            reason = f"is not known; {nearest(name, known)}"
+        problems.append(layer.problem((name,), reason))
+
+
+def _known_fields() -> dict[str, list[str]]:
+    return {name: [field.name for field in fields(section)] for name, section in SECTIONS.items()}
+
+
+def _read_section(
+    name: str, section: type[Section], layers: Sequence[Layer], problems: list[Problem]
+) -> Section:
+    """The section with the first layer's values, setting by setting; what is wrong keeps its default."""
+    checks = {field.name: field.metadata["check"] for field in fields(section)}
+    given: dict[str, Any] = {}
+    source: dict[str, Layer] = {}
+    before = len(problems)
+    for layer in reversed(layers):
+        for key, value in layer.table(name, problems).items():
+            if key not in checks:
+                homes = [other for other, keys in _known_fields().items() if key in keys]
+                hint = f"it belongs below [{homes[0]}]" if homes else nearest(key, checks)
+                problems.append(layer.problem((name, key), f"is not known; {hint}"))
+                continue
+            try:
+                given[key] = checks[key](value)
+                source[key] = layer
+            except ValueError as error:
+                problems.append(layer.problem((name, key), str(error)))
+    read = section(**given)
+    if len(problems) == before:
+        for keys, reason in read.complaints():
+            key = next((one for one in keys if one in source), keys[0])
+            problems.append(source.get(key, layers[0]).problem((name, key), reason))
+    return read

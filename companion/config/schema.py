@@ -1,0 +1,234 @@
+"""Every setting: its default, what it may be, and what it means; config/companion.toml says the same.
+
+None as a default: what counts then is said in the setting's text.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from anytraverse.preferences import Preferences
+from companion.cameras import split_source
+from companion.config.checks import Check, checked, choice, flag, listing, number, text, whole
+from companion.link.settings import LinkSettings
+
+Complaint = tuple[tuple[str, ...], str]
+"""Keys that do not go together, and why."""
+
+
+def setting(default: Any, check: Check, meaning: str) -> Any:
+    """A field of a section."""
+    return field(default=default, metadata={"check": check, "meaning": meaning})
+
+
+@dataclass(frozen=True)
+class Section:
+    """A table of the file."""
+
+    def complaints(self) -> Iterator[Complaint]:
+        """What is wrong between settings that are fine one by one."""
+        yield from ()
+
+
+@dataclass(frozen=True)
+class Camera(Section):
+    """Where frames come from."""
+
+    source: str = setting("folder:pictures", checked(split_source), "kind:place of the camera")
+    rate: float = setting(10.0, number(0.5, 60), "frames/s that the companion aims to judge")
+    playback: float | None = setting(
+        None, number(0.5, 240), "frames/s of a video or folder; unset: the video's own, 10 for a folder"
+    )
+    loop: bool = setting(False, flag, "whether a video or folder starts again at its end")  # noqa: FBT003
+    view: float = setting(60.0, number(10, 180), "horizontal field of view, degrees")
+
+
+@dataclass(frozen=True)
+class Perceiver(Section):
+    """Who turns words and frames into maps."""
+
+    name: str = setting("builtin", text, "kind or kind:argument")
+
+
+@dataclass(frozen=True)
+class Vehicle(Section):
+    """What is driven."""
+
+    file: str = setting("vehicles/rover.toml", text, 'beside this file; "" for none')
+
+
+@dataclass(frozen=True)
+class Roi(Section):
+    """The region of interest, in fractions of the image's width and height."""
+
+    left: float = setting(0.333, number(0, 1), "left side")
+    top: float = setting(0.6, number(0, 1), "upper side")
+    right: float = setting(0.667, number(0, 1), "right side")
+    bottom: float = setting(0.95, number(0, 1), "lower side")
+    tile_share: float = setting(0.25, number(0.05, 1), "side of a tile as a fraction of the ROI's width")
+
+    def complaints(self) -> Iterator[Complaint]:
+        if self.left >= self.right:
+            yield ("left", "right"), f"left {self.left:g} must be less than right {self.right:g}"
+        if self.top >= self.bottom:
+            yield ("top", "bottom"), f"top {self.top:g} must be less than bottom {self.bottom:g}"
+
+
+@dataclass(frozen=True)
+class Corridor(Section):
+    """The vehicle's width as it would be seen, in fractions of the image's width."""
+
+    bottom: float = setting(0.3, number(0, 1, above=True), "at the lower side of the ROI")
+    top: float = setting(0.2, number(0, 1, above=True), "at the upper side of the ROI")
+
+
+@dataclass(frozen=True)
+class Thresholds(Section):
+    """Where a figure turns bad. Unset: the perceiver's own."""
+
+    roi: float | None = setting(None, number(0, 1, above=True), "mean uncertainty of the ROI")
+    scene: float | None = setting(None, number(-1, 1), "cosine to the reference scene")
+    tile: float | Literal["off"] | None = setting(
+        None, number(0, 1, above=True, word="off"), 'uncertainty of the worst tile; "off": not judged'
+    )
+    trav: float = setting(0.4, number(0, 1), "drivable share of the known ground in the ROI")
+
+
+@dataclass(frozen=True)
+class Call(Section):
+    """When the operator is called, and what may be done to the vehicle."""
+
+    policy: str = setting("report", choice("report", "shadow", "hold"), "report, shadow or hold")
+    votes: int = setting(2, whole(1, 60), "a reason counts after this many bad frames ...")
+    window: int = setting(3, whole(1, 60), "... of the last this many")
+    margin: float = setting(0.03, number(0, 0.5), "a figure is good again this far on the good side")
+    similarity_margin: float = setting(0.01, number(0, 0.5), "the same for the scene's cosine")
+    ok_frames: int = setting(5, whole(1, 600), "OK frames in a row before anything resumes")
+    passed_after: float = setting(5.0, number(0, 600), "s without its reasons that close a reported call")
+    accepted_for: float = setting(20.0, number(1, 600), "s that a go without words lasts")
+    accepted_distance: float = setting(10.0, number(0.5, 1000), "m that a go without words lasts")
+    accepted_rise: float = setting(0.1, number(0, 1), "uncertainty above the accepted one that calls")
+    go_lasts: float = setting(60.0, number(1, 600), "s that a go waits for OK frames")
+    freshness: float | None = setting(
+        None, number(0.2, 10), "s until a frame is too old; unset: 3 frame periods, at least 1, at most 2"
+    )
+    fault_ends_hold: bool = setting(False, flag, "whether a fault's hold may end by itself")  # noqa: FBT003
+
+    def complaints(self) -> Iterator[Complaint]:
+        if self.votes > self.window:
+            yield ("votes", "window"), f"votes {self.votes} must be at most window {self.window}"
+
+
+@dataclass(frozen=True)
+class Link(Section):
+    """MAVLink."""
+
+    url: str = setting(
+        "udpin:127.0.0.1:14550",
+        checked(LinkSettings),
+        "udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud",
+    )
+    system_id: int = setting(1, whole(1, 254), "ours until the autopilot's is known")
+    budget: float = setting(300.0, number(0, 1e6), "bytes/s of unsolicited traffic, 0 unlimited")
+    burst: float = setting(600.0, number(300, 1e6), "bytes at once")
+    asked_budget: float = setting(1500.0, number(0, 1e6), "bytes/s of what somebody asked for, 0 unlimited")
+    pace: float = setting(0.03, number(0, 1), "least s between frames; 0.05 behind PX4")
+    allowed_senders: tuple[int, int] = setting(
+        (245, 255), listing(whole(1, 255), 2, 2), "first and last system id that may change anything"
+    )
+
+    def complaints(self) -> Iterator[Complaint]:
+        try:
+            self.settings()
+        except ValueError as error:
+            keys = [key for key in ("budget", "asked_budget", "allowed_senders") if key in str(error)]
+            yield tuple(keys) or ("url",), str(error)
+
+    def settings(self) -> LinkSettings:
+        """As the link takes them."""
+        return LinkSettings(
+            url=self.url,
+            system_id=self.system_id,
+            budget=self.budget,
+            burst=self.burst,
+            asked_budget=self.asked_budget,
+            pace=self.pace,
+            allowed_senders=self.allowed_senders,
+        )
+
+
+@dataclass(frozen=True)
+class Journal(Section):
+    """What must survive a restart."""
+
+    folder: str | None = setting(
+        None, text, "unset: $STATE_DIRECTORY under systemd, else ~/.local/state/anytraverse"
+    )
+    scenes: int = setting(256, whole(1, 10_000), "answered scenes remembered")
+
+    @property
+    def path(self) -> Path:
+        """The folder that counts."""
+        given = self.folder or os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+        return Path(given or "~/.local/state/anytraverse").expanduser()
+
+
+@dataclass(frozen=True)
+class Pictures(Section):
+    """What may be looked at later."""
+
+    keep: int = setting(50, whole(0, 10_000), "pictures of calls that are kept")
+
+
+SECTIONS: Mapping[str, type[Section]] = {
+    "camera": Camera,
+    "perceiver": Perceiver,
+    "vehicle": Vehicle,
+    "roi": Roi,
+    "corridor": Corridor,
+    "thresholds": Thresholds,
+    "call": Call,
+    "link": Link,
+    "journal": Journal,
+    "pictures": Pictures,
+}
+WORD_KEYS = ("vocabulary", "words", "aliases")
+OF_A_VEHICLE = (*WORD_KEYS, "roi", "corridor", "thresholds", "call")
+"""What may stand in a vehicle's file. In companion.toml it may stand too, and overrides."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """The whole configuration.
+
+    words: word -> weight in [-1, 1], in force at the first start. vocabulary: these and the other words that
+    are offered to ground stations as parameters. aliases: word -> its parameter's name less AT_W_.
+    """
+
+    camera: Camera = field(default_factory=Camera)
+    perceiver: Perceiver = field(default_factory=Perceiver)
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    words: Mapping[str, float] = field(default_factory=dict)
+    vocabulary: tuple[str, ...] = ()
+    aliases: Mapping[str, str] = field(default_factory=dict)
+    roi: Roi = field(default_factory=Roi)
+    corridor: Corridor = field(default_factory=Corridor)
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    call: Call = field(default_factory=Call)
+    link: Link = field(default_factory=Link)
+    journal: Journal = field(default_factory=Journal)
+    pictures: Pictures = field(default_factory=Pictures)
+
+    @property
+    def preferences(self) -> Preferences:
+        """The configured words."""
+        return Preferences.of(self.words)
+
+    @property
+    def freshness(self) -> float:
+        """T in seconds: 3 frame periods, at least 1 and at most 2, unless said otherwise."""
+        return self.call.freshness or min(2.0, max(1.0, 3.0 / self.camera.rate))

@@ -1,0 +1,71 @@
+"""Words, the vocabulary that is offered as parameters, and aliases: read and checked together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+from anytraverse.preferences import Preferences, clean_word
+from companion.config.checks import Check, listing, number, text
+from companion.config.errors import Problem
+from companion.config.layers import Layer
+from companion.wire.parameters import MAX_WORDS, build, word_parameter
+
+_vocabulary = listing(text, 0, MAX_WORDS)
+
+
+class Words(NamedTuple):
+    """As `Config` has them."""
+
+    words: Mapping[str, float] = {}
+    vocabulary: tuple[str, ...] = ()
+    aliases: Mapping[str, str] = {}
+
+
+def read_words(layers: Sequence[Layer], problems: list[Problem]) -> Words:
+    """Of each of the three the first layer's counts as a whole. The words in use join the vocabulary."""
+    before = len(problems)
+    owners = {
+        key: next((layer for layer in layers if key in layer.data), layers[0])
+        for key in ("vocabulary", "words", "aliases")
+    }
+    words = _table(owners["words"], "words", number(-1, 1), problems)
+    _try(owners["words"], ("words",), partial(Preferences.of, words), problems)
+    aliases = _table(owners["aliases"], "aliases", text, problems)
+    for word, alias in aliases.items():
+        _try(owners["aliases"], ("aliases", word), partial(word_parameter, word, alias), problems)
+    listed = owners["vocabulary"].data.get("vocabulary", [])
+    listed = _try(owners["vocabulary"], ("vocabulary",), partial(_cleaned, listed), problems)
+    vocabulary = tuple(dict.fromkeys((*words, *(listed or ()))))
+    if len(problems) == before:
+        blamed = next((key for key in owners if key in owners[key].data), "words")
+        together = partial(build, vocabulary, words, {}, aliases=aliases)
+        _try(owners[blamed], (blamed,), together, problems)
+    return Words(words, vocabulary, aliases)
+
+
+def _cleaned(listed: object) -> tuple[str, ...]:
+    return tuple(clean_word(word) for word in _vocabulary(listed))
+
+
+def _table(layer: Layer, name: str, check: Check, problems: list[Problem]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for word, value in layer.table(name, problems).items():
+        cleaned = _try(layer, (name, word), partial(clean_word, word), problems)
+        checked = _try(layer, (name, word), partial(check, value), problems)
+        if cleaned is None or checked is None:
+            continue
+        if cleaned in found:
+            problems.append(layer.problem((name, word), f'"{cleaned}" stands twice: keep one'))
+        found[cleaned] = checked
+    return found
+
+
+def _try(layer: Layer, keys: tuple[str, ...], make: Callable[[], Any], problems: list[Problem]) -> Any:
+    """What `make` makes; a ValueError of it becomes a problem, and None."""
+    try:
+        return make()
+    except ValueError as error:
+        problems.append(layer.problem(keys, str(error)))
+        return None

@@ -1,0 +1,278 @@
+"""Configuration: what is refused, how it is said, and that the shipped files tell the truth."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import MISSING, fields, replace
+from pathlib import Path
+
+import pytest
+
+from anytraverse.perception import DefaultThresholds
+from companion.config import Config, ConfigError, format_config, load_config
+from companion.config.assembly import call_numbers, judging_settings
+from companion.config.schema import SECTIONS
+from companion.resources import resource
+from companion.wire.ids import Policy
+
+_OWN = DefaultThresholds(roi=0.31, scene=0.86, tile=0.41)
+_NO_VEHICLE = '[vehicle]\nfile = ""\n'
+
+
+def _write(folder: Path, text: str, vehicle: str | None = None) -> Path:
+    path = folder / "companion.toml"
+    if vehicle is None:
+        path.write_text(text + ("" if "[vehicle]" in text else _NO_VEHICLE))
+    else:
+        path.write_text(text)
+        (folder / "vehicles").mkdir()
+        (folder / "vehicles/rover.toml").write_text(vehicle)
+    return path
+
+
+def _problems(folder: Path, text: str, vehicle: str | None = None) -> list[str]:
+    path = _write(folder, text, vehicle)
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    return [str(problem).replace(f"{folder}/", "") for problem in caught.value.problems]
+
+
+def test_nothing_set_gives_the_defaults(tmp_path: Path) -> None:
+    assert load_config(_write(tmp_path, "")) == replace(
+        Config(), vehicle=load_config(_write(tmp_path, "")).vehicle
+    )
+
+
+def test_a_problem_names_file_line_key_value_and_reason(tmp_path: Path) -> None:
+    assert _problems(tmp_path, "[call]\n\nwindow = 0\n") == [
+        "companion.toml:3: call.window = 0: give a whole number from 1 to 60"
+    ]
+
+
+def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
+    told = _problems(
+        tmp_path, '[camera]\nrate = "fast"\nlop = true\n[pictures]\nkeep = -1\n[lnk]\nurl = "x"\n'
+    )
+    assert told == [
+        'companion.toml:6: lnk: is not known; did you mean "link"?',
+        "companion.toml:2: camera.rate = 'fast': give a number from 0.5 to 60",
+        'companion.toml:3: camera.lop = true: is not known; did you mean "loop"?',
+        "companion.toml:5: pictures.keep = -1: give a whole number from 0 to 10000",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("votes = 2\n", "votes = 2: belongs below [call]"),
+        ("[camera]\nurl = 'x'\n", "camera.url = 'x': is not known; it belongs below [link]"),
+        ("[camera]\nzzz = 1\n", "known are source, rate, playback, loop, view"),
+        ("camera = 3\n", "camera = 3: is a table: write [camera]"),
+        ("[camera]\nsource = 'webcam:0'\n", "names no camera"),
+        ("[camera]\nsource = 3\n", "give a text in quotes"),
+        ("[camera]\nrate = nan\n", "give a number from 0.5 to 60"),
+        ("[camera]\nrate = inf\n", "give a number from 0.5 to 60"),
+        ("[camera]\nrate = true\n", "give a number from 0.5 to 60"),
+        ("[camera]\nloop = 1\n", "give true or false"),
+        ("[call]\nvotes = 2.0\n", "give a whole number"),
+        ("[call]\nvotes = true\n", "give a whole number"),
+        ("[call]\npolicy = 'stop'\n", "choose one of report, shadow, hold"),
+        ("[call]\nvotes = 5\n", "votes 5 must be at most window 3"),
+        ("[call]\nwindow = 1\n", "call.window = 1: votes 2 must be at most window 1"),
+        ("[roi]\nleft = 0.7\n", "left 0.7 must be less than right 0.667"),
+        ("[roi]\ntop = 0.5\nbottom = 0.5\n", "top 0.5 must be less than bottom 0.5"),
+        ("[thresholds]\nroi = 0\n", "give a number above 0 and up to 1"),
+        ("[thresholds]\ntile = 'of'\n", 'or "off"'),
+        ("[corridor]\ntop = -1\n", "give a number above 0"),
+        ("[link]\nurl = 'udp:14550'\n", "is not understood"),
+        ("[link]\nbudget = 10\n", "link.budget = 10: budget 10 B/s is too little"),
+        ("[link]\nallowed_senders = [255, 245]\n", "the smaller one first"),
+        ("[link]\nallowed_senders = [255]\n", "give a list of 2 values"),
+        ("[words]\ngrass = 2\n", "words.grass = 2: give a number from -1 to 1"),
+        ("[words]\n'a:b' = 1\n", "leave them out"),
+        ("[words]\nGrass = 1\ngrass = -1\n", '"grass" stands twice'),
+        ("words = ['grass']\n", "is a table: write [words]"),
+        ("vocabulary = 'grass'\n", "give a list of 0 to 24 values"),
+        ("vocabulary = [1]\n", "give a text in quotes"),
+        ("[aliases]\ngrass = 'GRAS'\n", "is not in the configured vocabulary"),
+        ("[words]\ngrass=1\n[aliases]\ngrass = 'too long a name'\n", "needs an alias of 1 to"),
+        ("vocabulary = ['very long word a', 'very long word b']\n", "give one an alias"),
+    ],
+)
+def test_a_wrong_setting_is_refused_with_what_to_do(tmp_path: Path, text: str, reason: str) -> None:
+    (problem,) = _problems(tmp_path, text)
+    assert reason in problem
+    assert problem.startswith("companion.toml:")
+
+
+def test_seventeen_words_are_too_many(tmp_path: Path) -> None:
+    words = "".join(f"w{letter} = 1\n" for letter in "abcdefghijklmnopq")
+    (problem,) = _problems(tmp_path, f"[words]\n{words}")
+    assert "companion.toml:1: words: 17 words: 16 at most" in problem
+
+
+def test_more_than_24_offered_words_are_too_many(tmp_path: Path) -> None:
+    listed = [f"w{letter}" for letter in "abcdefghijklmnopqrstuvwx"]
+    (problem,) = _problems(tmp_path, f"vocabulary = {listed}\n[words]\ngrass = 1\n")
+    assert "25 words are configured, at most 24 fit" in problem
+
+
+def test_broken_toml_is_told_with_its_line(tmp_path: Path) -> None:
+    (problem,) = _problems(tmp_path, "[camera]\nrate = 10 frames\n")
+    assert problem.startswith("companion.toml:2: ")
+    assert problem.endswith("mend the TOML")
+
+
+@pytest.mark.parametrize(
+    ("raw", "reason"),
+    [
+        (b"\xff\xfe[\0", "is not UTF-8"),
+        (b"#" * (1 << 20) + b"##", "larger than 1 MiB"),
+        (b"x=" + b"[" * 9999, "companion"),
+    ],
+)
+def test_a_file_that_is_no_configuration_is_refused(tmp_path: Path, raw: bytes, reason: str) -> None:
+    (tmp_path / "companion.toml").write_bytes(raw)
+    with pytest.raises(ConfigError, match=reason):
+        load_config(tmp_path / "companion.toml")
+
+
+def test_an_absent_file_says_how_to_get_one(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="companion init"):
+        load_config(tmp_path / "companion.toml")
+
+
+def test_a_folder_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read: is a directory"):
+        load_config(tmp_path)
+
+
+def test_windows_line_ends_change_no_line_number(tmp_path: Path) -> None:
+    (tmp_path / "companion.toml").write_bytes(b'[vehicle]\r\nfile = ""\r\n[camera]\r\nrate = 0\r\n')
+    with pytest.raises(ConfigError, match=r"companion\.toml:4: camera\.rate"):
+        load_config(tmp_path / "companion.toml")
+
+
+def test_the_vehicles_file_counts_where_companion_toml_is_silent(tmp_path: Path) -> None:
+    config = load_config(
+        _write(
+            tmp_path,
+            "[roi]\ntop = 0.4\n[words]\nsand = 1\n",
+            'vocabulary = ["rock"]\n[roi]\ntop = 0.5\nbottom = 0.9\n[words]\ngrass = 1\nbush = -1\n',
+        )
+    )
+    assert (config.roi.top, config.roi.bottom) == (0.4, 0.9)
+    assert config.words == {"sand": 1.0}
+    assert config.vocabulary == ("sand", "rock")
+
+
+def test_a_problem_in_the_vehicles_file_names_that_file(tmp_path: Path) -> None:
+    told = _problems(tmp_path, "", '[link]\nurl = "x"\n[roi]\ntop = 2\n')
+    assert told == [
+        "vehicles/rover.toml:1: link: does not belong in a vehicle's file: move it to companion.toml",
+        "vehicles/rover.toml:4: roi.top = 2: give a number from 0 to 1",
+    ]
+
+
+def test_sides_from_two_files_must_fit_together(tmp_path: Path) -> None:
+    (problem,) = _problems(tmp_path, "[roi]\nleft = 0.6\n", "[roi]\nright = 0.5\n")
+    assert problem == "companion.toml:2: roi.left = 0.6: left 0.6 must be less than right 0.5"
+
+
+def test_a_vehicles_file_that_is_absent_is_told(tmp_path: Path) -> None:
+    (problem,) = _problems(tmp_path, '[vehicle]\nfile = "vehicles/tank.toml"\n')
+    assert problem.startswith("companion.toml:2: vehicle.file = 'vehicles/tank.toml': there is no file")
+
+
+def test_words_are_kept_in_their_one_spelling(tmp_path: Path) -> None:
+    config = load_config(_write(tmp_path, '[words]\n" Dry  GRASS" = 1\n'))
+    assert dict(config.preferences) == {"dry grass": 1.0}
+
+
+@pytest.mark.parametrize(("rate", "limit"), [(10, 1.0), (3, 1.0), (2, 1.5), (1, 2.0), (0.5, 2.0)])
+def test_freshness_follows_the_frame_period(tmp_path: Path, rate: float, limit: float) -> None:
+    assert load_config(_write(tmp_path, f"[camera]\nrate = {rate}\n")).freshness == limit
+
+
+def test_freshness_may_be_said(tmp_path: Path) -> None:
+    assert load_config(_write(tmp_path, "[call]\nfreshness = 0.7\n")).freshness == 0.7
+
+
+def test_the_journal_lies_where_systemd_says_unless_config_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", "/home/someone")
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    journal = load_config(_write(tmp_path, "")).journal
+    assert journal.path == Path("/home/someone/.local/state/anytraverse")
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/anytraverse:/var/lib/other")
+    assert journal.path == Path("/var/lib/anytraverse")
+    assert load_config(_write(tmp_path, '[journal]\nfolder = "~/mine"\n')).journal.path == Path(
+        "/home/someone/mine"
+    )
+
+
+def test_unset_thresholds_are_the_perceivers_own(tmp_path: Path) -> None:
+    settings = judging_settings(load_config(_write(tmp_path, "")), _OWN)
+    limits = settings.thresholds
+    assert (limits.roi, limits.scene, limits.tile, limits.trav) == (0.31, 0.86, 0.41, 0.4)
+
+
+def test_set_thresholds_override_and_a_tile_can_be_off(tmp_path: Path) -> None:
+    config = load_config(_write(tmp_path, '[thresholds]\nroi = 0.2\nscene = 0.0\ntile = "off"\ntrav = 0.0\n'))
+    limits = judging_settings(config, _OWN).thresholds
+    assert (limits.roi, limits.scene, limits.tile, limits.trav) == (0.2, 0.0, None, 0.0)
+
+
+def test_the_state_machine_gets_its_numbers(tmp_path: Path) -> None:
+    text = '[call]\npolicy = "hold"\nvotes = 3\nwindow = 4\nok_frames = 6\ngo_lasts = 30\nfreshness = 1.5\n'
+    numbers = call_numbers(load_config(_write(tmp_path, text)), _OWN)
+    assert numbers.policy is Policy.HOLD
+    assert (numbers.votes, numbers.window, numbers.ok_frames, numbers.go_lasts) == (3, 4, 6, 30.0)
+    assert (numbers.judging.votes, numbers.judging.window, numbers.freshness) == (3, 4, 1.5)
+
+
+def test_the_shipped_files_load() -> None:
+    config = load_config(resource("config/companion.toml"))
+    assert config.call.policy == "report"
+    assert (config.roi.left, config.roi.top, config.roi.right, config.roi.bottom) == (0.333, 0.6, 0.667, 0.95)
+    assert -1.0 in config.words.values()
+    assert 1.0 in config.words.values()
+
+
+def test_the_shipped_words_are_known_to_the_built_in_perceiver() -> None:
+    builtin = pytest.importorskip("anytraverse.perception.builtin").Builtin()
+    for word in load_config(resource("config/companion.toml")).vocabulary:
+        builtin.meaning(word)
+
+
+def _uncommented() -> str:
+    """The shipped file with every default in force; `vocabulary` goes to the top, where it belongs."""
+    lines = resource("config/companion.toml").read_text().splitlines()
+    lines = [re.sub(r'^# (\[\w+\]$|[\w"][\w ]*"? = \S.*$)', r"\1", line) for line in lines]
+    return "\n".join(sorted(lines, key=lambda line: not line.startswith("vocabulary")))
+
+
+def test_every_setting_stands_in_the_shipped_file_with_its_default(tmp_path: Path) -> None:
+    path = _write(tmp_path, _uncommented(), "")
+    config = load_config(path)
+    assert config.words
+    assert config.vocabulary
+    assert config.aliases
+    text = path.read_text()
+    for name, section in SECTIONS.items():
+        body = re.split(r"^\[", text.split(f"\n[{name}]\n")[1], flags=re.MULTILINE)[0]
+        for field in fields(section):
+            assert re.search(rf"^{field.name} = ", body, re.MULTILINE), (
+                f"{name}.{field.name} is not documented"
+            )
+            assert field.default is not MISSING
+            if field.default is not None:
+                assert getattr(getattr(config, name), field.name) == field.default
+
+
+def test_what_is_printed_loads_as_the_same_configuration(tmp_path: Path) -> None:
+    path = _write(tmp_path, _uncommented(), '[words]\n"a\\"\\\\b" = 1\n')
+    for config in (load_config(path), load_config(resource("config/companion.toml"))):
+        again = load_config(_write(tmp_path, format_config(config)))
+        assert replace(again, vehicle=config.vehicle) == config

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -22,13 +23,13 @@ class Setting:
 
 
 def clean_word(word: str) -> str:
-    """`word` in the one spelling under which it is kept: lower case, single spaces.
+    """`word` in the one spelling under which it is kept: lower case, single spaces, composed accents (NFC).
 
     Raises PreferencesError when it is empty, longer than 48 characters, not printable or holds ':' or ';'.
     """
-    if not word.replace("\t", " ").isprintable():
+    cleaned = unicodedata.normalize("NFC", " ".join(word.split()).lower())
+    if not cleaned.isprintable():
         raise PreferencesError(f"{word!r} holds characters that cannot be printed: use letters and spaces")
-    cleaned = " ".join(word.split()).lower()
     if not cleaned:
         raise PreferencesError("a word is empty: write it as `grass: 1`")
     if len(cleaned) > MAX_WORD_LENGTH:
@@ -49,7 +50,7 @@ def check_weight(word: str, weight: float) -> float:
 
 
 class Preferences(Mapping[str, float]):
-    """An immutable mapping word -> weight, in the order of setting, at most 16 words.
+    """An immutable mapping word -> weight, in the order of first setting, at most 16 words.
 
     Each word carries the stamp of its setting; `order` 0 means configured.
     """
@@ -96,8 +97,8 @@ class Preferences(Mapping[str, float]):
         return cls(settings)
 
     def format(self) -> str:
-        """The text that `parse` reads."""
-        return "; ".join(f"{word}: {weight:.12g}" for word, weight in self.items())
+        """The text that `parse` reads, exact to the last digit."""
+        return "; ".join(f"{word}: {str(weight).removesuffix('.0')}" for word, weight in self.items())
 
     def __getitem__(self, word: str) -> float:
         return self._settings[word].weight
@@ -128,11 +129,14 @@ class Preferences(Mapping[str, float]):
         return self._settings[word].order
 
     def merged(self, newer: Preferences) -> Preferences:
-        """nu(tau, newer): newer wins, the rest stays. Beyond 16 words the least recently set ones go."""
-        settings = {word: setting for word, setting in self._settings.items() if word not in newer}
-        settings.update(newer._settings)
-        while len(settings) > MAX_WORDS:
-            del settings[min(settings, key=lambda word: settings[word].order)]
+        """nu(tau, newer): newer wins, the rest stays and keeps its place.
+
+        Beyond 16 words the least recently set ones go; of equal stamps, those that are not in `newer`.
+        """
+        settings = {**self._settings, **newer._settings}
+        oldest_first = sorted(settings, key=lambda word: (settings[word].order, word in newer))
+        for word in oldest_first[: max(0, len(settings) - MAX_WORDS)]:
+            del settings[word]
         return Preferences(settings)
 
     def without(self, *words: str) -> Preferences:

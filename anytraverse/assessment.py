@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,7 @@ class Maps:
         clipped: Map = np.clip(self.signed, 0.0, 1.0)
         return clipped
 
-    @property
+    @cached_property
     def known(self) -> NDArray[np.bool_]:
         """Pixels that some word explains, (h, w)."""
         if len(self.attention) == 0:
@@ -115,6 +116,7 @@ class Assessment:
     age: seconds from capture to judging. similarity: cosine to the reference, None without one.
     match: the remembered scene that fits a changed scene, adopted or waiting for more votes.
     adopted: the remembered scene whose words came into force with this frame.
+    dropped: words that went out of use with that: contradicted by it, or one too many.
     """
 
     frame: Frame
@@ -126,6 +128,7 @@ class Assessment:
     similarity: float | None = None
     match: Match | None = None
     adopted: Entry | None = None
+    dropped: tuple[str, ...] = ()
     observation: Observation | None = field(default=None, repr=False)
 
     @property
@@ -139,7 +142,9 @@ class Assessment:
         return bool(self.findings) and not self.reasons
 
     def is_clear(self, reason: Reason) -> bool:
-        """Whether every figure of `reason` is on the good side by its margin."""
+        """Whether the frame was judged and every figure of `reason` is on the good side by its margin."""
+        if not self.findings:
+            return False
         if reason is not Reason.FAULT and Reason.FAULT in self.reasons:
             return False
         return all(finding.clear for finding in self.findings if finding.reason is reason)

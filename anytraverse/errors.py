@@ -4,6 +4,7 @@ AnyTraverseError
 ├── PreferencesError        words or weights that cannot be used
 │   └── UnknownWordError    a word that the perceiver cannot ground
 ├── RegionError             a box or region that is not one
+├── SettingsError           a number of the judging that is out of its range
 ├── ExampleError            a tapped box that teaches nothing, or an example of another model
 └── PerceiverError          a perceiver that cannot be made or has failed
 """
@@ -36,6 +37,10 @@ class UnknownWordError(PreferencesError):
 
 class RegionError(AnyTraverseError, ValueError):
     """A box or region that is not one."""
+
+
+class SettingsError(AnyTraverseError, ValueError):
+    """A threshold or another number of the judging that is out of its range."""
 
 
 class ExampleError(AnyTraverseError, ValueError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -50,6 +51,29 @@ class Match:
     similarity: float
 
 
+def is_embedding(vector: Embedding) -> bool:
+    """Whether anything can be compared with `vector`: one vector, finite and not zero."""
+    return math.isfinite(cosine(vector, vector))
+
+
+def cosine(one: Embedding, other: Embedding) -> float:
+    """Similarity of two embeddings in [-1, 1], whatever their norms.
+
+    NaN when they are not two vectors of one length, finite and not zero: no threshold is met by it.
+    """
+    if one.ndim != 1 or one.shape != other.shape:
+        return math.nan
+    return float(_cosines(one[np.newaxis], other)[0])
+
+
+def _cosines(rows: NDArray[np.float32], vector: Embedding) -> NDArray[np.float64]:
+    wide, long = rows.astype(np.float64), vector.astype(np.float64)
+    norms = np.linalg.norm(wide, axis=1) * np.linalg.norm(long)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        similarities = np.clip(wide @ long / norms, -1.0, 1.0)
+    return np.where(np.isfinite(norms), similarities, np.nan)
+
+
 class History(Sequence[Entry]):
     """An immutable sequence of entries. Beyond `limit` the least recently matched goes."""
 
@@ -68,13 +92,18 @@ class History(Sequence[Entry]):
         return len(self._entries)
 
     def best(self, embedding: Embedding) -> Match | None:
-        """The MOST similar entry (argmax of the cosine), whatever its similarity; None when empty."""
-        best: Match | None = None
-        for entry in self._entries:
-            similarity = float(entry.embedding @ embedding)
-            if best is None or similarity > best.similarity:
-                best = Match(entry, similarity)
-        return best
+        """The MOST similar entry (argmax of the cosine), whatever its similarity; of equals the youngest.
+
+        None when there is none to compare with: embeddings that are broken or of another length are passed.
+        """
+        fitting = [entry for entry in reversed(self._entries) if entry.embedding.shape == embedding.shape]
+        if not fitting or embedding.ndim != 1:
+            return None
+        similarities = _cosines(np.stack([entry.embedding for entry in fitting]), embedding)
+        if np.isnan(similarities).all():
+            return None
+        best = int(np.nanargmax(similarities))
+        return Match(fitting[best], float(similarities[best]))
 
     def added(self, entry: Entry) -> History:
         """With one more entry."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from anytraverse.assessment import Finding, Map, Maps, Reason
+from anytraverse.errors import SettingsError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region
@@ -24,6 +25,7 @@ class Thresholds:
 
     roi, tile: uncertainty, (0, 1]; tile None: not judged. scene: cosine, [-1, 1].
     trav: drivable share of the known pixels, [0, 1]. margin applies to all but the cosine.
+    Raises SettingsError for anything outside.
     """
 
     roi: float = 0.3
@@ -32,6 +34,14 @@ class Thresholds:
     trav: float = 0.4
     margin: float = 0.03
     similarity_margin: float = 0.01
+
+    def __post_init__(self) -> None:
+        _check("roi", self.roi, 0.0 < self.roi <= 1.0, "above 0, at most 1")
+        _check("scene", self.scene, -1.0 <= self.scene <= 1.0, "-1 to 1")
+        _check("tile", self.tile, self.tile is None or 0.0 < self.tile <= 1.0, "above 0, at most 1")
+        _check("trav", self.trav, 0.0 <= self.trav <= 1.0, "0 to 1")
+        _check("margin", self.margin, 0.0 <= self.margin <= 1.0, "0 to 1")
+        _check("similarity_margin", self.similarity_margin, 0.0 <= self.similarity_margin <= 1.0, "0 to 1")
 
     @classmethod
     def of(cls, defaults: DefaultThresholds) -> Thresholds:
@@ -45,6 +55,7 @@ class Settings:
 
     region: the ROI. freshness: seconds after which a frame is too old to be OK.
     votes of window: how many of the last frames must match a remembered scene before it is adopted.
+    Raises SettingsError for a number out of range or an unknown name.
     """
 
     region: Region = field(default_factory=lambda: Box(1 / 3, 0.6, 2 / 3, 0.95))
@@ -57,17 +68,44 @@ class Settings:
     pooling: str = "max"
     uncertainty: str = "max"
 
+    def __post_init__(self) -> None:
+        _check("tile_share", self.tile_share, 0.0 < self.tile_share <= 1.0, "above 0, at most 1")
+        _check("freshness", self.freshness, 0.0 < self.freshness < math.inf, "seconds above 0")
+        _check("votes", self.votes, 1 <= self.votes <= self.window, f"1 to the window, {self.window}")
+        _check("pooling", self.pooling, self.pooling in POOLINGS, " or ".join(POOLINGS))
+        _check("uncertainty", self.uncertainty, self.uncertainty in UNCERTAINTIES, " or ".join(UNCERTAINTIES))
+
+
+def _check(name: str, value: object, holds: bool, expected: str) -> None:
+    if not holds:
+        raise SettingsError(f"{name} is {value!r}: give {expected}")
+
+
+def check_age(age: float, freshness: float) -> list[Finding]:
+    """The fault of a frame that is not fresh: seconds since capture, beyond `freshness` or below 0."""
+    if 0.0 <= age <= freshness:
+        return []
+    return [Finding.fault(f"the frame is {-age:.1f} s ahead" if age < 0 else f"the frame is {age:.1f} s old")]
+
 
 def make_maps(attention: Map, weights: list[float], settings: Settings) -> Maps | Finding:
-    """Pooled maps, or the fault that makes them worthless."""
+    """Pooled maps, or the fault that makes them worthless. Any floating dtype is taken."""
+    attention = np.asarray(attention, dtype=np.float32)
     if attention.ndim != 3 or len(attention) != len(weights) or attention.shape[1] * attention.shape[2] == 0:
         return Finding.fault("attention maps have a wrong shape")
-    if not np.isfinite(attention).all():
-        return Finding.fault("attention maps are not finite")
-    if len(attention) and (attention.min() < -_TOLERANCE or attention.max() > 1 + _TOLERANCE):
-        return Finding.fault("attention maps leave 0 to 1")
+    if len(attention):
+        lowest, highest = float(attention.min()), float(attention.max())
+        if not math.isfinite(lowest + highest):
+            return Finding.fault("attention maps are not finite")
+        if lowest < -_TOLERANCE or highest > 1 + _TOLERANCE:
+            return Finding.fault("attention maps leave 0 to 1")
+        if lowest < 0.0 or highest > 1.0:
+            attention = np.clip(attention, 0.0, 1.0)
     signed = POOLINGS[settings.pooling](attention, np.asarray(weights, dtype=np.float32))
-    return Maps(attention, signed, UNCERTAINTIES[settings.uncertainty](attention))
+    uncertainty = UNCERTAINTIES[settings.uncertainty](attention)
+    if not (np.isfinite(signed).all() and np.isfinite(uncertainty).all()):
+        return Finding.fault("pooled maps are not finite")
+    return Maps(attention, signed, uncertainty)
 
 
 def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | Finding:
@@ -83,9 +121,7 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
         traversability=float(maps.traversability[inside].mean()),
         known_share=known / int(inside.sum()),
         drivable_share=int(maps.drivable[inside].sum()) / known if known else None,
-        corridor=corridor_open(maps.not_drivable, settings.region, settings.corridor)
-        if settings.corridor
-        else None,
+        corridor=_corridor(maps, settings, 1.0),
         worst_tile=tile,
     )
 
@@ -96,23 +132,37 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
     findings = [
         Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", roi.uncertainty, limits.roi, limits.margin)
     ]
+    if len(maps.attention) == 0:
+        findings.append(Finding(Reason.UNKNOWN_OBJECT, "no words", bad=True, clear=False))
     if limits.tile is not None:
         worst = roi.worst_tile.uncertainty
         findings.append(Finding.above(Reason.UNKNOWN_OBJECT, "worst_tile", worst, limits.tile, limits.margin))
-    if similarity is not None:
-        findings.append(
-            Finding.fault("the scene embedding is not finite")
-            if not math.isfinite(similarity)
-            else Finding.below(
-                Reason.UNKNOWN_SCENE, "scene_similarity", similarity, limits.scene, limits.similarity_margin
-            )
-        )
+    findings.extend(find_scene(similarity, settings))
     if roi.drivable_share is not None:
         findings.append(
             Finding.below(Reason.BLOCKED, "drivable_share", roi.drivable_share, limits.trav, limits.margin)
         )
-    if settings.corridor is not None and roi.corridor is not None:
-        wider = Corridor(settings.corridor.bottom * _WIDER, settings.corridor.top * _WIDER)
-        clear = roi.corridor and corridor_open(maps.not_drivable, settings.region, wider)
+    if roi.corridor is not None:
+        clear = roi.corridor and _corridor(maps, settings, _WIDER) is True
         findings.append(Finding(Reason.BLOCKED, "corridor", not roi.corridor, clear))
     return findings
+
+
+def _corridor(maps: Maps, settings: Settings, factor: float) -> bool | None:
+    if settings.corridor is None:
+        return None
+    return corridor_open(maps.not_drivable, settings.region, settings.corridor.wider(factor))
+
+
+def find_scene(similarity: float | None, settings: Settings) -> list[Finding]:
+    """The scene against its threshold: nothing without a reference (None), a fault when NaN."""
+    if similarity is None:
+        return []
+    if not math.isfinite(similarity):
+        return [Finding.fault("the scene cannot be compared: new episode?")]
+    limits = settings.thresholds
+    return [
+        Finding.below(
+            Reason.UNKNOWN_SCENE, "scene_similarity", similarity, limits.scene, limits.similarity_margin
+        )
+    ]

@@ -1,8 +1,6 @@
 """From attention maps and weights to one traversability and one uncertainty map.
 
-Source: AnyTraverse, arXiv 2506.16826.
-
-Poolings and uncertainties are chosen by name, so that the paper's other options have their place.
+Source: AnyTraverse, arXiv 2506.16826. Both are chosen by name, so that other options have their place.
 """
 
 from __future__ import annotations

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.errors import SettingsError
 from anytraverse.regions import Box, Region
 
 Map = NDArray[np.float32]
@@ -22,10 +24,21 @@ _STRAY = 0.1
 
 @dataclass(frozen=True)
 class Corridor:
-    """The vehicle's width as fractions of the image's width, at the bottom and the top of the ROI."""
+    """The vehicle's width as fractions of the image's width, at the bottom and the top of the ROI.
+
+    Raises SettingsError for fractions that are not above 0.
+    """
 
     bottom: float
     top: float
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.bottom < math.inf and 0.0 < self.top < math.inf):
+            raise SettingsError(f"{self} has no width: give fractions of the image's width above 0")
+
+    def wider(self, factor: float) -> Corridor:
+        """This corridor for a vehicle `factor` times as wide."""
+        return Corridor(self.bottom * factor, self.top * factor)
 
 
 @dataclass(frozen=True)
@@ -60,7 +73,7 @@ def worst_tile(
 
     uncertainty: (h, w). aspect: width / height of the frame. share: the window's side over the ROI's width.
     outside: only pixels outside this box count, and windows of which they fill at least half.
-    None when no window is left.
+    None when no window is left. NaN in, NaN out.
     """
     height, width = uncertainty.shape
     bounds = region.bounds
@@ -89,7 +102,7 @@ def worst_tile(
 
 def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
     table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
-    table[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
+    table[1:, 1:] = values.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
     sums: NDArray[np.float64] = (
         table[height:, width:] - table[:-height, width:] - table[height:, :-width] + table[:-height, :-width]
     )
@@ -100,33 +113,48 @@ def corridor_open(not_drivable: Mask, region: Region, corridor: Corridor) -> boo
     """Whether a strip of the vehicle's width leads through the ROI from bottom to top.
 
     not_drivable: (h, w). The strip may shift by one pixel of the map a row, and bear stray pixels.
+    False when the ROI holds no pixel.
     """
     height, width = not_drivable.shape
     rows, columns = region.bounds.slices(height, width)
     blocked = not_drivable[rows, columns]
+    if blocked.size == 0:
+        return False
     count, across = blocked.shape
-    reachable: Mask | None = None
-    for row in range(count - 1, -1, -1):
-        rise = (count - 1 - row) / max(1, count - 1)
-        strip = round((corridor.bottom + (corridor.top - corridor.bottom) * rise) * width)
-        strip = min(max(1, strip), across)
-        sums = np.convolve(blocked[row], np.ones(strip), mode="valid")
-        free = np.zeros(across, dtype=np.bool_)
-        offset = strip // 2
-        free[offset : offset + len(sums)] = sums <= _STRAY * strip
-        if reachable is not None:
-            spread = reachable.copy()
-            spread[1:] |= reachable[:-1]
-            spread[:-1] |= reachable[1:]
-            free &= spread
-        if not free.any():
-            return False
-        reachable = free
-    return True
+    rise = np.arange(count - 1, -1, -1) / max(1, count - 1)
+    wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * width
+    strip = np.clip(np.rint(wanted), 1, across).astype(np.intp)[:, np.newaxis]
+    free = _window_counts(blocked, strip) <= _STRAY * strip
+    reachable = free[-1]
+    for row in free[-2::-1]:
+        spread = reachable.copy()
+        spread[1:] |= reachable[:-1]
+        spread[:-1] |= reachable[1:]
+        reachable = row & spread
+    return bool(reachable.any())
+
+
+def _window_counts(mask: Mask, widths: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Pixels of `mask` under a window about each pixel of each row; infinity where it leaves the row.
+
+    mask: (h, w). widths: (h, 1), the window's width in each row, 1 to w.
+    """
+    across = mask.shape[1]
+    table = np.zeros((len(mask), across + 1))
+    table[:, 1:] = mask.cumsum(axis=1)
+    left = np.arange(across) - widths // 2
+    right = left + widths
+    inside = (left >= 0) & (right <= across)
+    upto_right = np.take_along_axis(table, np.minimum(right, across), axis=1)
+    upto_left = np.take_along_axis(table, np.maximum(left, 0), axis=1)
+    return np.where(inside, upto_right - upto_left, np.inf)
 
 
 def sectors(known: Mask, drivable: Mask, region: Region, count: int = 16) -> tuple[float | None, ...]:
-    """Drivable share of the known pixels in `count` equal image columns, over the ROI's rows; None: unknown."""
+    """Drivable share of the known pixels in `count` equal image columns, over the ROI's rows.
+
+    known, drivable: (h, w). None for a column in which nothing is known.
+    """
     height, width = known.shape
     rows, _ = region.bounds.slices(height, width)
     edges = [round(index * width / count) for index in range(count + 1)]

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from anytraverse.assessment import Assessment, Observation
-from anytraverse.errors import PreferencesError
+from anytraverse.errors import ExampleError, PreferencesError
 from anytraverse.history import History
 from anytraverse.memory import Memory
 from anytraverse.perception import Example, Perceiver
 from anytraverse.preferences import Preferences, Setting, check_weight, clean_word
 from anytraverse.regions import Box
+from anytraverse.synonyms import refuse_contradictions
 
 MAX_EXAMPLES = 16
 """Tapped examples kept of one word; the oldest goes."""
-_MAX_FORGOTTEN = 64
 
 
 @dataclass(frozen=True)
@@ -62,62 +62,49 @@ def changed_memory(
 ) -> tuple[Memory, tuple[str, ...]]:
     """`memory` after `changes`, all or nothing, and the words that had to go.
 
+    What is forgotten is forgotten first, with its examples; then words are set.
     seen: the frame that taps refer to. Raises PreferencesError (UnknownWordError) and ExampleError, with
     `memory` as it was.
     """
+    if not changes:
+        return memory, ()
     clock = memory.clock + 1
-    settings = {
-        clean_word(word): Setting(check_weight(word, weight), clock)
-        for word, weight in changes.weights.items()
-    }
-    examples: dict[str, tuple[Example, ...]] = dict(memory.examples)
+    gone = {clean_word(word) for word in changes.forget_words}
+    settings = dict(Preferences.of(changes.weights, clock).settings)
+    examples = {word: kept for word, kept in memory.examples.items() if word not in gone}
     for tap in changes.taps:
         word = clean_word(tap.word)
-        if seen is None or tap.frame_id != seen.frame.id:
-            raise PreferencesError(
-                f"the tap names frame {tap.frame_id}, not the call's: tap the call's picture again"
-            )
-        example = perceiver.example(seen.features, tap.box)
-        examples[word] = (*examples.get(word, ()), example)[-MAX_EXAMPLES:]
         settings[word] = Setting(check_weight(word, tap.weight), clock)
-    gone = {clean_word(word) for word in changes.forget_words}
+        examples[word] = (*examples.get(word, ()), _example(tap, perceiver, seen))[-MAX_EXAMPLES:]
     for word in settings:
         if word not in examples:
             perceiver.meaning(word)
     before = memory.preferences.without(*gone)
     preferences = before.merged(Preferences(settings))
-    _refuse_contradictions(preferences, perceiver)
-    dropped = tuple(word for word in before if word not in preferences)
-    forgotten = {word: order for word, order in memory.forgotten.items() if word not in settings}
-    forgotten.update(dict.fromkeys((gone - settings.keys()) | set(dropped), clock))
-    forgotten = dict(sorted(forgotten.items(), key=lambda item: item[1])[-_MAX_FORGOTTEN:])
-    history = memory.history
+    refuse_contradictions(preferences, perceiver.meaning)
+    after = replace(memory, history=_forgetting(memory.history, changes), clock=clock)
+    if changes.new_episode:
+        after = replace(after, reference=None)
+    return (
+        after.using(preferences, examples, dict.fromkeys(gone, clock)),
+        tuple(word for word in before if word not in preferences),
+    )
+
+
+def _example(tap: Tap, perceiver: Perceiver, seen: Observation | None) -> Example:
+    if seen is None or tap.frame_id != seen.frame.id:
+        raise PreferencesError(
+            f"the tap names frame {tap.frame_id}, not the call's: tap the call's picture again"
+        )
+    example = perceiver.example(seen.features, tap.box)
+    if example.model_id != perceiver.model_id:
+        raise ExampleError(f"the example was made by {example.model_id}, not {perceiver.model_id}: tap again")
+    return example
+
+
+def _forgetting(history: History, changes: Changes) -> History:
+    if changes.new_episode:
+        return History(limit=history.limit)
     for call_id in changes.forget_calls:
         history = history.without_call(call_id)
-    after = replace(
-        memory,
-        preferences=preferences,
-        examples={word: kept for word, kept in examples.items() if word in preferences},
-        forgotten=forgotten,
-        history=History(limit=history.limit) if changes.new_episode else history,
-        reference=None if changes.new_episode else memory.reference,
-        clock=clock,
-    )
-    return after, dropped
-
-
-def _refuse_contradictions(preferences: Preferences, perceiver: Perceiver) -> None:
-    """Raises PreferencesError when two words of one meaning have opposite signs."""
-    seen: dict[str, str] = {}
-    for word, weight in preferences.items():
-        try:
-            meaning = perceiver.meaning(word)
-        except PreferencesError:
-            continue  # a tapped word means itself
-        other = seen.setdefault(meaning, word)
-        if preferences[other] * weight < 0:
-            raise PreferencesError(
-                f'"{word}: {weight:g}" contradicts "{other}: {preferences[other]:g}", which means the same: '
-                f'change or forget "{other}"'
-            )
-        seen[meaning] = max(other, word, key=lambda one: abs(preferences[one]))
+    return history

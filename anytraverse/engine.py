@@ -1,25 +1,28 @@
 """The loop of the paper (AnyTraverse, arXiv 2506.16826), failing closed.
 
-Scene changed -> the most similar remembered scene, if similar enough, gives its words, and the frame is judged
-again before anything is reported. Otherwise, and for an unknown object, the operator must be called: the
-reasons say so.
+Scene changed -> the most similar remembered scene, if similar enough, gives its words, and the frame is
+judged again before anything is reported. Otherwise, and for an unknown object, the operator must be called:
+the reasons say so.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import replace
 
 import numpy as np
 
+from anytraverse.adoption import adopted_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
-from anytraverse.assessment import Assessment, Finding, Observation, Reason
+from anytraverse.assessment import Assessment, Finding, Map, Observation, Reason
+from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.frame import Frame, is_black, is_image
-from anytraverse.history import Embedding, Entry, Match, Place
-from anytraverse.judging import Settings, find, make_maps, roi_figures
+from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
+from anytraverse.judging import Settings, check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.memory import Memory
 from anytraverse.perception import Perceiver, Prompt
-from anytraverse.preferences import Preferences
+from anytraverse.synonyms import refuse_contradictions
 
 
 class AnyTraverse:
@@ -30,10 +33,16 @@ class AnyTraverse:
     """
 
     def __init__(self, perceiver: Perceiver, settings: Settings, memory: Memory) -> None:
-        """Raises UnknownWordError for a word of the memory that the perceiver cannot ground."""
+        """Refuses a memory that the perceiver cannot use: see `resumed_memory`.
+
+        Raises UnknownWordError for a word that it cannot ground, PreferencesError for words that contradict
+        each other, PerceiverError and ExampleError for a memory or examples of another model.
+        """
+        _refuse_foreign(memory, perceiver.model_id)
         for word in memory.preferences:
             if word not in memory.examples:
                 perceiver.meaning(word)
+        refuse_contradictions(memory.preferences, perceiver.meaning)
         self.perceiver = perceiver
         self.settings = settings
         self.memory = memory
@@ -41,52 +50,59 @@ class AnyTraverse:
         self._matched: deque[bool] = deque(maxlen=settings.window)
 
     def observe(self, frame: Frame) -> Observation:
-        """The one expensive pass over a frame."""
+        """The one expensive pass over a frame. Raises PerceiverError when the perceiver fails on it."""
         features = self.perceiver.encode(frame.image)
-        return Observation(frame, features, self.perceiver.embed(features))
+        return Observation(frame, features, np.array(self.perceiver.embed(features), dtype=np.float32))
 
     def step(self, frame: Frame, now: float, place: Place | None = None) -> Assessment:
-        """Judge a new frame; adopt a remembered scene when the last frames matched one."""
-        if not is_image(frame.image):
-            return self.fault(frame, now, "the frame is not a picture")
-        observation = self.observe(frame)
-        self.newest = observation
-        if (
-            self.memory.reference is None
-            and np.isfinite(observation.embedding).all()
-            and not is_black(frame.image)
-        ):
-            self._remember(observation.embedding, 0, place or Place())
-        assessment = self.judge(observation, now)
+        """Judge a new frame; adopt a remembered scene when the last frames matched one.
+
+        Without a reference, the first frame without a fault becomes it.
+        """
+        assessment = self._judge_new(frame, now)
+        observation = assessment.observation
+        if observation is None or Reason.FAULT in assessment.reasons:
+            self._matched.append(False)
+            return assessment
+        if self.memory.reference is None:
+            self.memory = self.memory.remembering(observation.embedding, 0, place or Place(), move=True)
+            assessment = self.judge(observation, now)
         match = self._match(assessment, observation)
         self._matched.append(match is not None)
         if match is None:
             return assessment
         if sum(self._matched) < self.settings.votes:
             return replace(assessment, match=match)
-        self._adopt(match.entry)
+        self.memory, dropped = adopted_memory(self.memory, match.entry, self.perceiver.meaning)
         self._matched.clear()
-        return replace(self.judge(observation, now), match=match, adopted=match.entry)
+        return replace(self.judge(observation, now), match=match, adopted=match.entry, dropped=dropped)
 
     def judge(self, observation: Observation, now: float) -> Assessment:
-        """Judge a frame with the words in force; no encoding. Changes nothing."""
-        words = self.memory.preferences
-        age = now - observation.frame.captured_at
-        findings: list[Finding] = []
-        if not 0.0 <= age <= self.settings.freshness:
-            findings.append(Finding.fault(f"the frame is {age:.1f} s old"))
+        """Judge a frame with the words in force; no encoding. Changes nothing.
+
+        Raises UnknownWordError and ExampleError for words that the perceiver refuses after all.
+        """
+        frame, words = observation.frame, self.memory.preferences
+        age = now - frame.captured_at
         similarity = self._similarity(observation.embedding)
-        maps = make_maps(self._attend(observation), list(words.values()), self.settings)
+        findings = check_age(age, self.settings.freshness)
+        if self.memory.reference is None and is_black(frame.image):
+            findings.append(Finding.fault("the picture is black"))
+        scene = find_scene(similarity, self.settings)
+        figure = similarity if similarity is not None and math.isfinite(similarity) else None
+        seen = Assessment(frame, words, (), age, similarity=figure, observation=observation)
+        try:
+            maps = make_maps(self._attend(observation), list(words.values()), self.settings)
+        except PerceiverError as error:
+            maps = Finding.fault(str(error))
         if isinstance(maps, Finding):
-            return Assessment(observation.frame, words, (*findings, maps), age, observation=observation)
-        height, width = observation.frame.image.shape[:2]
+            return replace(seen, findings=(*findings, maps, *scene))
+        height, width = frame.image.shape[:2]
         roi = roi_figures(maps, width / height, self.settings)
         if isinstance(roi, Finding):
-            return Assessment(observation.frame, words, (*findings, roi), age, maps, observation=observation)
+            return replace(seen, findings=(*findings, roi, *scene), maps=maps)
         findings.extend(find(maps, roi, similarity, self.settings))
-        return Assessment(
-            observation.frame, words, tuple(findings), age, maps, roi, similarity, observation=observation
-        )
+        return replace(seen, findings=tuple(findings), maps=maps, roi=roi)
 
     def answer(
         self,
@@ -108,10 +124,9 @@ class AnyTraverse:
         try:
             self.memory, dropped = changed_memory(before, changes, self.perceiver, call)
             remembered = False
-            if call is not None and (changes or go) and np.isfinite(call.embedding).all():
-                self._remember(
-                    call.embedding, call_id, place or Place(), move=self._resembles(call.embedding)
-                )
+            if call is not None and (changes or go) and is_embedding(call.embedding):
+                move = self._is_at(call.embedding)
+                self.memory = self.memory.remembering(call.embedding, call_id, place or Place(), move=move)
                 remembered = True
             return AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
@@ -123,11 +138,24 @@ class AnyTraverse:
             self.memory = before
             raise
 
+    def fault(self, frame: Frame, now: float, why: str) -> Assessment:
+        """The assessment of a frame that could not be judged."""
+        return Assessment(frame, self.memory.preferences, (Finding.fault(why),), now - frame.captured_at)
+
+    def _judge_new(self, frame: Frame, now: float) -> Assessment:
+        if not is_image(frame.image):
+            return self.fault(frame, now, "the frame is not a picture")
+        try:
+            self.newest = self.observe(frame)
+        except PerceiverError as error:
+            return self.fault(frame, now, str(error))
+        return self.judge(self.newest, now)
+
     def _judge_in_time(self, call: Observation) -> Assessment:
         """The call's frame judged as if it were fresh: its age is no fault of the words."""
         return self.judge(call, call.frame.captured_at)
 
-    def _attend(self, observation: Observation) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    def _attend(self, observation: Observation) -> Map:
         """Attention maps of the words in force; a change of weights alone runs no network."""
         memory = self.memory
         prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
@@ -136,13 +164,15 @@ class AnyTraverse:
         return observation.attended[1]
 
     def _similarity(self, embedding: Embedding) -> float | None:
-        if self.memory.reference is None:
-            return None
-        return float(self.memory.reference @ embedding)
+        """Cosine to the reference, None without one; NaN where nothing can be compared."""
+        if self.memory.reference is not None:
+            return cosine(self.memory.reference, embedding)
+        return None if is_embedding(embedding) else math.nan
 
-    def _resembles(self, embedding: Embedding) -> bool:
+    def _is_at(self, embedding: Embedding) -> bool:
+        """Whether the newest frame still shows that scene."""
         newest = self.newest
-        return newest is None or float(newest.embedding @ embedding) >= self.settings.thresholds.scene
+        return newest is not None and cosine(newest.embedding, embedding) >= self.settings.thresholds.scene
 
     def _match(self, assessment: Assessment, observation: Observation) -> Match | None:
         if Reason.UNKNOWN_SCENE not in assessment.reasons:
@@ -150,38 +180,12 @@ class AnyTraverse:
         best = self.memory.history.best(observation.embedding)
         return best if best is not None and best.similarity >= self.settings.thresholds.scene else None
 
-    def _adopt(self, entry: Entry) -> None:
-        """The entry's words win, but for those that the operator touched later."""
-        memory = self.memory
-        words = {
-            word: setting
-            for word, setting in entry.preferences.settings.items()
-            if memory.touched_by(word) <= entry.order
-        }
-        preferences = memory.preferences.merged(Preferences(words))
-        examples = {**memory.examples, **{w: entry.examples[w] for w in words if w in entry.examples}}
-        clock = memory.clock + 1
-        self.memory = replace(
-            memory,
-            preferences=preferences,
-            examples={word: kept for word, kept in examples.items() if word in preferences},
-            reference=entry.embedding,
-            history=memory.history.touched(entry, clock),
-            clock=clock,
-        )
 
-    def _remember(self, embedding: Embedding, call_id: int, place: Place, *, move: bool = True) -> None:
-        memory = self.memory
-        clock = memory.clock + 1
-        entry = Entry(embedding, memory.preferences, clock, clock, call_id, memory.examples, place)
-        kept = memory.history.without_call(call_id) if call_id else memory.history
-        self.memory = replace(
-            memory,
-            history=kept.added(entry),
-            reference=embedding if move else memory.reference,
-            clock=clock,
+def _refuse_foreign(memory: Memory, model_id: str) -> None:
+    if memory.model_id != model_id:
+        raise PerceiverError(
+            f"the memory belongs to model {memory.model_id}, the perceiver is {model_id}: resume it first"
         )
-
-    def fault(self, frame: Frame, now: float, why: str) -> Assessment:
-        """The assessment of a frame that could not be judged."""
-        return Assessment(frame, self.memory.preferences, (Finding.fault(why),), now - frame.captured_at)
+    for word, examples in memory.examples.items():
+        if any(example.model_id != model_id for example in examples):
+            raise ExampleError(f'an example of "{word}" is not of model {model_id}: tap the thing again')

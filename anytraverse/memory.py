@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from anytraverse.errors import PreferencesError
-from anytraverse.history import Embedding, History
+from anytraverse.history import Embedding, Entry, History, Place
 from anytraverse.perception import Example
-from anytraverse.preferences import Preferences, Setting
+from anytraverse.preferences import MAX_WORDS, Preferences
+from anytraverse.synonyms import Meaning, meaning_of, opposed
+
+Examples = Mapping[str, tuple[Example, ...]]
+"""Word -> its tapped examples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,13 +20,14 @@ class Memory:
 
     clock: the last stamp given; stamps order settings and entries even on a computer without a clock.
     configured: the configured words as last seen, to notice when they were edited.
-    forgotten: word -> stamp of its being forgotten, so that no match brings it back.
+    forgotten: word out of use -> stamp before which no remembered scene brings it back. Only words that some
+    remembered scene holds are listed.
     """
 
     model_id: str
     preferences: Preferences = field(default_factory=Preferences)
     configured: Preferences = field(default_factory=Preferences)
-    examples: Mapping[str, tuple[Example, ...]] = field(default_factory=dict)
+    examples: Examples = field(default_factory=dict)
     forgotten: Mapping[str, int] = field(default_factory=dict)
     reference: Embedding | None = None
     history: History = field(default_factory=History)
@@ -34,6 +38,35 @@ class Memory:
         settled = self.preferences.order(word) if word in self.preferences else -1
         return max(settled, self.forgotten.get(word, -1))
 
+    def using(
+        self, preferences: Preferences, examples: Examples, forgotten: Mapping[str, int] | None = None
+    ) -> Memory:
+        """With other words in force, and the examples of these.
+
+        forgotten: words that the operator forgot, with a stamp. A word that merely went out of use keeps the
+        stamp of its setting: a remembered scene that is older than it must not undo it.
+        """
+        left = {word: self.preferences.order(word) for word in self.preferences if word not in preferences}
+        stamps = {**self.forgotten, **left, **(forgotten or {})}
+        held = {word for entry in self.history for word in entry.preferences}
+        return replace(
+            self,
+            preferences=preferences,
+            examples={word: kept for word, kept in examples.items() if word in preferences},
+            forgotten={word: at for word, at in stamps.items() if word in held and word not in preferences},
+        )
+
+    def remembering(self, embedding: Embedding, call_id: int, place: Place, *, move: bool) -> Memory:
+        """With the words in force entered in H for a scene; move: the scene becomes the reference.
+
+        What an earlier answer to the same call taught is replaced.
+        """
+        clock = self.clock + 1
+        entry = Entry(embedding, self.preferences, clock, clock, call_id, self.examples, place)
+        kept = self.history.without_call(call_id) if call_id else self.history
+        reference = embedding if move else self.reference
+        return replace(self, history=kept.added(entry), reference=reference, clock=clock)
+
 
 def first_memory(model_id: str, configured: Preferences, history_limit: int = 256) -> Memory:
     """What a rover starts with that has never been out."""
@@ -41,51 +74,69 @@ def first_memory(model_id: str, configured: Preferences, history_limit: int = 25
 
 
 def resumed_memory(
-    saved: Memory, model_id: str, configured: Preferences, meaning: Callable[[str], str]
+    saved: Memory, model_id: str, configured: Preferences, meaning: Meaning
 ) -> tuple[Memory, list[str]]:
     """What a rover starts with after a restart, and what a person should be told about it.
 
     Scenes and examples of another model are left out. Configured words that were edited since win over the
-    saved ones. Saved words that `meaning` refuses (the perceiver cannot ground them) go, unless
-    they have examples.
+    saved ones. Of words that contradict each other the older go. Words that `meaning` refuses (the perceiver
+    cannot ground them) go, unless they have examples.
     """
-    notices: list[str] = []
-    memory = saved
-    if saved.model_id != model_id:
-        notices.append(
-            f"memory of model {saved.model_id} does not fit {model_id}: "
-            f"{len(saved.history)} scenes and {len(saved.examples)} tapped words are left out"
-        )
-        memory = replace(
-            memory, model_id=model_id, examples={}, reference=None, history=History(limit=saved.history.limit)
-        )
+    memory, notices = _of_model(saved, model_id)
     clock = memory.clock + 1
-    edited = {word for word, weight in configured.items() if saved.configured.get(word) != weight}
+    edited = {word: weight for word, weight in configured.items() if saved.configured.get(word) != weight}
     removed = {word for word in saved.configured if word not in configured}
-    preferences = memory.preferences.without(*removed).merged(
-        Preferences({word: Setting(configured[word], clock) for word in edited})
-    )
-    forgotten = {word: order for word, order in memory.forgotten.items() if word not in edited}
-    forgotten.update(dict.fromkeys(removed, clock))
     if edited or removed:
-        words = ", ".join(sorted(edited | removed))
-        notices.append(f"configured words were edited and win: {words}")
-    lost = [word for word in preferences if word not in memory.examples and not _known(word, meaning)]
+        notices.append(f"configured words were edited and win: {_listed({*edited, *removed})}")
+    kept = memory.preferences.without(*removed)
+    preferences = kept.merged(Preferences.of(edited, clock))
+    dropped = {word for word in kept if word not in preferences}
+    contradicted = _contradicted(preferences, configured, meaning)
+    if contradicted:
+        notices.append(f"words that later ones contradict are out of use: {_listed(contradicted)}")
+    if dropped:
+        notices.append(
+            f"more than {MAX_WORDS} words, the least recently set are out of use: {_listed(dropped)}"
+        )
+    lost = {word for word in preferences if word not in memory.examples and meaning_of(word, meaning) is None}
     if lost:
-        notices.append(f"words that {model_id} cannot ground are out of use: {', '.join(lost)}")
-    memory = replace(
-        memory,
-        preferences=preferences.without(*lost),
-        configured=configured,
-        forgotten=forgotten,
-        clock=clock,
+        notices.append(f"words that {model_id} cannot ground are out of use: {_listed(lost)}")
+    preferences = preferences.without(*contradicted, *lost)
+    memory = memory.using(preferences, memory.examples, dict.fromkeys(removed, clock))
+    return replace(memory, configured=configured, clock=clock), notices
+
+
+def _of_model(saved: Memory, model_id: str) -> tuple[Memory, list[str]]:
+    """`saved` less scenes and examples of other models, and what to say of it."""
+    if saved.model_id == model_id:
+        entries = [replace(entry, examples=_own(entry.examples, model_id)) for entry in saved.history]
+        history = History(entries, saved.history.limit)
+        return replace(saved, history=history, examples=_own(saved.examples, model_id)), []
+    notice = (
+        f"memory of model {saved.model_id} does not fit {model_id}: "
+        f"{len(saved.history)} scenes and {len(saved.examples)} tapped words are left out"
     )
-    return memory, notices
+    history = History(limit=saved.history.limit)
+    return replace(saved, model_id=model_id, examples={}, reference=None, history=history), [notice]
 
 
-def _known(word: str, meaning: Callable[[str], str]) -> bool:
-    try:
-        meaning(word)
-    except PreferencesError:
-        return False
-    return True
+def _contradicted(preferences: Preferences, configured: Preferences, meaning: Meaning) -> set[str]:
+    """Words with a synonym of opposite sign set later, or in the same breath and not configured.
+
+    Two configured words that contradict each other stay: that is for their author to mend.
+    """
+    return {
+        word
+        for word, weight in preferences.items()
+        for other in opposed(word, weight, preferences, meaning)
+        if preferences.order(word) < preferences.order(other) + (word not in configured)
+    }
+
+
+def _own(examples: Examples, model_id: str) -> Examples:
+    own = {word: tuple(one for one in kept if one.model_id == model_id) for word, kept in examples.items()}
+    return {word: kept for word, kept in own.items() if kept}
+
+
+def _listed(words: set[str]) -> str:
+    return ", ".join(sorted(words))

@@ -188,11 +188,11 @@ class Link:
             self._sender.push("mode", message, now, key=0, lifetime=MODE_LIFETIME)
 
     def _announce_due(self, now: float) -> None:
+        while (spoken := self._announcer.text(now)) is not None:
+            self._sender.push("call text", encode.text(spoken.text, spoken.severity), now)
         call = self._announcer.data(now)
         if call is not None:
             self._sender.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)
-        while (spoken := self._announcer.text(now)) is not None:
-            self._sender.push("call text", encode.text(spoken.text, spoken.severity), now)
 
     def _ask_for_position(self, now: float) -> None:
         period = MESSAGES["interval"].period

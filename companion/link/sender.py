@@ -88,13 +88,13 @@ class Sender:
         """How many frames of this row wait."""
         return sum(frame.key[0] == name for frame in self._queue if isinstance(frame.key, tuple))
 
-    def has_room(self, name: str, now: float) -> bool:
-        """Whether the row's budget carries one more frame beside all that waits for it."""
+    def has_room(self, name: str, now: float, *, reserve: int = 0) -> bool:
+        """Whether the row's budget carries one more frame beside what waits for it and `reserve` bytes."""
         row = MESSAGES[name]
         if row.bucket is None:
             return True
         ahead = sum(frame.size for frame in self._queue if frame.bucket == row.bucket)
-        return self._buckets[row.bucket].affords(ahead + row.bytes, now)
+        return self._buckets[row.bucket].affords(ahead + row.bytes + reserve, now)
 
     def tick(self, now: float) -> None:
         """Send what is due."""

@@ -1,4 +1,7 @@
-"""What is said at a rate: heartbeat, summary, numbers. The newest counts, nothing of it is kept for later."""
+"""What is said at a rate: heartbeat, summary, numbers. The newest counts, nothing of it is kept for later.
+
+It leaves room in the budget for a call, and numbers leave room for the summary.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,8 @@ from companion.wire.payloads import Summary
 _STATE_GAP = 0.25
 _NUMBER_LIFETIME = 5.0
 _TOLERANCE = 1e-6
+_CALL_RESERVE = MESSAGES["call text"].bytes + MESSAGES["call data"].bytes
+_SUMMARY_RESERVE = _CALL_RESERVE + MESSAGES["summary"].bytes
 
 
 def _period(name: str) -> float:
@@ -74,7 +79,7 @@ class Telling:
 
     def _tell_summary(self, summary: Summary, given_at: float, now: float) -> None:
         self._summary, self._summary_at = None, now
-        if not self._outbox.has_room("summary", now):
+        if not self._outbox.has_room("summary", now, reserve=_CALL_RESERVE):
             self.dropped += 1
             return
         age = summary.frame_age_ms + round((now - given_at) * 1000)
@@ -88,6 +93,6 @@ class Telling:
                 continue
             behind = now - self._number_due[name] > _period("number")
             self._number_due[name] = (now if behind else self._number_due[name]) + _period("number")
-            if self._outbox.has_room("number", now):
+            if self._outbox.has_room("number", now, reserve=_SUMMARY_RESERVE):
                 message = encode.number(name, self._numbers[name], round((now - self._started) * 1000))
                 self._outbox.push("number", message, now, key=name, lifetime=1.0)

@@ -1,0 +1,170 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from companion.link.rehearsal import Rehearsal
+from companion.link.settings import LinkSettings
+from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State, read_heartbeat_mode
+from companion.wire.messages import MESSAGES
+from companion.wire.payloads import Summary
+
+SUMMARY = Summary(
+    State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
+)
+NUMBERS = {"AT_TRAV": 0.5, "AT_UNC": 0.1, "AT_SIM": 0.9, "AT_CALL": 0.0}
+QUIET = LinkSettings("udpin:0.0.0.0:14550")
+
+
+def drive(stage: Rehearsal, seconds: float) -> None:
+    """A daemon that judges ten frames a second."""
+    for _ in range(round(seconds * 10)):
+        stage.link.summary(SUMMARY, stage.now)
+        stage.link.numbers(NUMBERS, stage.now)
+        stage.run(0.1)
+
+
+def test_a_heartbeat_leaves_every_second_from_the_first_moment() -> None:
+    stage = Rehearsal(vehicle=None)
+    stage.run(5.05)
+    assert stage.times("HEARTBEAT") == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def test_a_heartbeat_flips_no_display_of_arming_or_mode() -> None:
+    stage = Rehearsal()
+    stage.run(0.1)
+    heartbeat = stage.sent("HEARTBEAT")[0]
+    assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, 191)
+    assert (heartbeat.type, heartbeat.autopilot, heartbeat.base_mode) == (18, 8, 0)
+
+
+@pytest.mark.parametrize(
+    ("state", "status"),
+    [
+        (State.STARTING, 1),
+        (State.OFF, 3),
+        (State.OK, 4),
+        (State.CALLING, 5),
+        (State.HOLDING, 5),
+        (State.BLOCKED, 5),
+        (State.FAULT, 6),
+    ],
+)
+def test_the_heartbeat_tells_the_state_and_the_open_id(state: State, status: int) -> None:
+    stage = Rehearsal()
+    stage.link.set_state(state, 513)
+    stage.run(0.3)
+    heartbeat = stage.sent("HEARTBEAT")[-1]
+    assert heartbeat.system_status == status
+    assert read_heartbeat_mode(heartbeat.custom_mode) == (state, 513)
+
+
+def test_a_change_of_state_is_told_at_once_but_flapping_is_not() -> None:
+    stage = Rehearsal()
+    stage.run(1.5)
+    stage.link.set_state(State.FAULT, 0)
+    stage.run(0.02)
+    assert stage.sent("HEARTBEAT")[-1].system_status == 6
+    before = len(stage.frames)
+    for step in range(100):
+        stage.link.set_state(State.OK if step % 2 else State.FAULT, 0)
+        stage.run(0.01)
+    assert len(stage.frames) - before <= 5
+
+
+@pytest.mark.parametrize("url", ["udpin:0.0.0.0:14550", "serial:/dev/ttyAMA0:57600"])
+def test_on_a_link_that_hears_the_autopilot_nothing_is_said_before_it(url: str) -> None:
+    stage = Rehearsal(LinkSettings(url), vehicle=None)
+    drive(stage, 3)
+    stage.link.say("hello", 6, stage.now)
+    stage.run(1)
+    assert stage.frames == []
+    stage.heartbeat(1)
+    stage.run(0.05)
+    assert stage.frames[0].message.get_type() == "HEARTBEAT"
+    assert stage.frames[0].message.get_srcSystem() == 1
+
+
+def test_the_newest_summary_leaves_once_a_second() -> None:
+    stage = Rehearsal()
+    drive(stage, 10)
+    summaries = [Summary.unpack(payload) for payload in stage.tunnels(TUNNEL_SUMMARY)]
+    assert len(summaries) == 10
+    assert [summary.sequence for summary in summaries] == list(range(10))
+    assert summaries[3].roi_traversability == 0.5
+
+
+def test_no_new_frame_means_no_summary() -> None:
+    stage = Rehearsal()
+    stage.link.summary(SUMMARY, stage.now)
+    stage.run(5)
+    assert len(stage.tunnels(TUNNEL_SUMMARY)) == 1
+
+
+def test_a_summary_that_waited_tells_its_true_age() -> None:
+    stage = Rehearsal()
+    stage.link.summary(SUMMARY, stage.now)
+    stage.run(0.5)
+    stage.link.summary(SUMMARY, stage.now)
+    stage.run(1)
+    ages = [Summary.unpack(payload).frame_age_ms for payload in stage.tunnels(TUNNEL_SUMMARY)]
+    assert ages[0] == 50
+    assert 500 < ages[1] < 600
+
+
+def test_each_number_leaves_every_two_seconds_and_they_take_turns() -> None:
+    stage = Rehearsal()
+    drive(stage, 20)
+    numbers = stage.sent("NAMED_VALUE_FLOAT")
+    assert [number.name for number in numbers[:4]] == list(NUMBERS)
+    assert len(numbers) == 40
+    times = stage.times("NAMED_VALUE_FLOAT")
+    assert min(after - before for before, after in pairwise(times)) > 0.4
+
+
+def test_numbers_that_are_not_finite_or_old_are_left_out() -> None:
+    stage = Rehearsal()
+    stage.link.numbers({"AT_TRAV": float("nan"), "AT_UNC": 0.5}, stage.now)
+    stage.run(30)
+    assert {number.name for number in stage.sent("NAMED_VALUE_FLOAT")} == {"AT_UNC"}
+    assert len(stage.sent("NAMED_VALUE_FLOAT")) <= 3
+
+
+def test_quiet_traffic_is_what_the_table_says() -> None:
+    stage = Rehearsal()
+    drive(stage, 60)
+    sent = stage.link.counters.sent["unsolicited"]
+    assert sent == sum(frame.size for frame in stage.frames if frame.message.get_type() != "COMMAND_LONG")
+    assert 120 < sent / 60 < 140
+
+
+def test_no_frame_is_longer_than_the_table_says() -> None:
+    stage = Rehearsal()
+    drive(stage, 10)
+    rows = {
+        "HEARTBEAT": "heartbeat",
+        "TUNNEL": "summary",
+        "NAMED_VALUE_FLOAT": "number",
+        "COMMAND_LONG": "interval",
+    }
+    for frame in stage.frames:
+        assert frame.size <= MESSAGES[rows[frame.message.get_type()]].bytes
+
+
+def test_what_the_budget_does_not_carry_is_dropped_and_counted_and_the_heartbeat_goes_on() -> None:
+    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
+    drive(stage, 60)
+    assert stage.link.counters.dropped_summaries > 10
+    assert len(stage.sent("HEARTBEAT")) >= 59
+    last = Summary.unpack(stage.tunnels(TUNNEL_SUMMARY)[-1])
+    assert len(stage.tunnels(TUNNEL_SUMMARY)) > 15
+    assert last.dropped >= stage.link.counters.dropped_summaries - 2
+    assert last.sequence == len(stage.tunnels(TUNNEL_SUMMARY)) - 1
+
+
+def test_what_the_daemon_says_of_sequence_and_dropped_is_overwritten() -> None:
+    stage = Rehearsal()
+    stage.link.summary(replace(SUMMARY, sequence=99, dropped=99), stage.now)
+    stage.run(0.1)
+    told = Summary.unpack(stage.tunnels(TUNNEL_SUMMARY)[0])
+    assert (told.sequence, told.dropped) == (0, 0)

@@ -1,0 +1,59 @@
+from typing import Any
+
+import pytest
+
+from companion.link.settings import Address, LinkError, LinkSettings
+
+
+@pytest.mark.parametrize(
+    ("url", "address"),
+    [
+        ("udpin:0.0.0.0:14550", Address("udpin", "0.0.0.0", 14550)),
+        ("udpout:localhost:14550", Address("udpout", "127.0.0.1", 14550)),
+        ("tcp:127.0.0.1:5760", Address("tcp", "127.0.0.1", 5760)),
+        ("serial:/dev/ttyAMA0:57600", Address("serial", "/dev/ttyAMA0", 57600)),
+        ("serial:/dev/serial/by-id/usb-a:b:115200", Address("serial", "/dev/serial/by-id/usb-a:b", 115200)),
+    ],
+)
+def test_a_link_is_named_by_its_url(url: str, address: Address) -> None:
+    assert LinkSettings(url).address() == address
+
+
+@pytest.mark.parametrize(
+    "url", ["", "udp:127.0.0.1:1", "udpin:14550", "tcp:127.0.0.1:x", "/dev/ttyAMA0", "serial::9600"]
+)
+def test_another_url_is_refused_with_examples(url: str) -> None:
+    with pytest.raises(LinkError, match=r"udpin:0\.0\.0\.0:14550"):
+        LinkSettings(url)
+
+
+@pytest.mark.parametrize("url", ["tcp:rover.local:5760", "tcp:127.0.0.1:70000", "tcp:127.0.0.1:0"])
+def test_names_and_impossible_ports_are_refused(url: str) -> None:
+    with pytest.raises(LinkError, match=r"no IPv4 address|not in 1\.\.65535"):
+        LinkSettings(url)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"system_id": 0},
+        {"system_id": 255},
+        {"budget": 10.0},
+        {"budget": float("nan")},
+        {"asked_budget": -1.0},
+        {"burst": 100.0},
+        {"pace": -0.1},
+        {"allowed_senders": (255, 245)},
+        {"allowed_senders": (0, 255)},
+    ],
+)
+def test_a_setting_that_cannot_work_is_refused_by_name(wrong: dict[str, Any]) -> None:
+    with pytest.raises(LinkError, match=next(iter(wrong))):
+        LinkSettings("udpin:0.0.0.0:14550", **wrong)
+
+
+def test_only_links_that_hear_the_autopilot_first_wait_for_it() -> None:
+    assert LinkSettings("udpin:0.0.0.0:14550").waits_for_vehicle
+    assert LinkSettings("serial:/dev/ttyAMA0:57600").waits_for_vehicle
+    assert not LinkSettings("udpout:127.0.0.1:14550").waits_for_vehicle
+    assert not LinkSettings("tcp:127.0.0.1:5760").waits_for_vehicle

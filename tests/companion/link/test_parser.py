@@ -1,0 +1,66 @@
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.parser import Parser
+
+MAV = mavlink.MAVLink(None, 255, 190)
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 253254, 4, 3).pack(MAV)
+TEXT = mavlink.MAVLink_statustext_message(6, b"a text of some length").pack(MAV)
+OLD = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(MAV, force_mavlink1=True)
+
+
+def types(parser: Parser, data: bytes, *, whole: bool = False) -> list[str]:
+    return [message.get_type() for message in parser.feed(data, whole=whole)]
+
+
+def test_frames_of_both_versions_are_found() -> None:
+    assert types(Parser(), HEARTBEAT + OLD + TEXT) == ["HEARTBEAT", "HEARTBEAT", "STATUSTEXT"]
+
+
+@given(st.integers(1, 20))
+def test_a_stream_may_come_in_pieces(size: int) -> None:
+    parser = Parser()
+    stream = HEARTBEAT + TEXT + OLD
+    found = [name for at in range(0, len(stream), size) for name in types(parser, stream[at : at + size])]
+    assert found == ["HEARTBEAT", "STATUSTEXT", "HEARTBEAT"]
+
+
+@settings(max_examples=200)
+@given(st.binary(max_size=300))
+def test_noise_never_raises_and_costs_no_frame_of_the_next_datagram(noise: bytes) -> None:
+    parser = Parser()
+    types(parser, noise, whole=True)
+    assert types(parser, HEARTBEAT, whole=True) == ["HEARTBEAT"]
+
+
+@settings(max_examples=100)
+@given(st.integers(0, len(TEXT) - 1), st.integers(1, 255))
+def test_a_broken_frame_costs_only_itself(place: int, flip: int) -> None:
+    broken = bytearray(TEXT)
+    broken[place] ^= flip
+    parser = Parser()
+    found = types(parser, HEARTBEAT + bytes(broken) + HEARTBEAT * 24)
+    assert found.count("HEARTBEAT") >= 24
+    assert "STATUSTEXT" not in found
+
+
+def test_a_signed_frame_is_read_whole() -> None:
+    signing = mavlink.MAVLink(None, 255, 190)
+    signing.signing.secret_key = bytes(32)
+    signing.signing.sign_outgoing = True
+    signed = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(signing)
+    assert types(Parser(), signed + TEXT) == ["HEARTBEAT", "STATUSTEXT"]
+
+
+def test_unknown_messages_are_passed_over() -> None:
+    unknown = bytearray(HEARTBEAT)
+    unknown[7:10] = (54321).to_bytes(3, "little")
+    assert types(Parser(), bytes(unknown) + TEXT) == ["STATUSTEXT"]
+
+
+def test_the_buffer_never_grows_beyond_one_frame() -> None:
+    parser = Parser()
+    for _ in range(1000):
+        types(parser, HEARTBEAT[:-1])
+    assert len(parser._buffer) < 300

@@ -91,6 +91,11 @@ class Ground:
         _, _, forest, gravel = self._read_route(x, y)
         return forest, gravel
 
+    def light_on(self, x: float, y: float) -> float:
+        """How bright a thing stands at a place: 1 in the open, less under trees."""
+        forest, _ = self.shares(np.full((1, 1), x, np.float32), np.full((1, 1), y, np.float32))
+        return 1.0 - 0.3 * float(forest[0, 0])
+
     def _read_route(self, x: Floats, y: Floats) -> list[Floats]:
         import cv2
 

@@ -79,7 +79,8 @@ def rock(rng: np.random.Generator, look: int) -> Picture:
     picture[..., :3] = np.clip(
         cv2.GaussianBlur(picture[..., :3], (0, 0), 2.0) * (1 + rough[..., None]), 0, 255
     ).astype(np.uint8)
-    return picture, 1.0, 1.0
+    shown = np.flatnonzero(picture[..., 3].any(axis=0))
+    return picture[:, shown[0] : shown[-1] + 1], 1.0, 1.0
 
 
 def log(rng: np.random.Generator, look: int) -> Picture:

@@ -167,8 +167,7 @@ class OperatorClient:
             rover.counters.duplicate_acknowledgements += 1
             return []
         pending.acknowledge(ack, final=ack.result is not Result.BUSY)
-        stands = rover.hear_stage(ack.target, ack.stage, ack.outcome, now)
-        return [ev.Acknowledged(rover.system, ack), *stands]
+        return [ev.Acknowledged(rover.system, ack), *rover.hear_acknowledgement(ack, now)]
 
     def _close_over(self, system: int, told: Iterable[ev.Event], now: float) -> None:
         closed = {event.call.id for event in told if isinstance(event, ev.CallClosed)}

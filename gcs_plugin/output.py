@@ -6,7 +6,8 @@ import time
 from collections.abc import Iterable
 from typing import Any, Protocol, TextIO
 
-from companion.wire.ids import State
+from companion.wire.ids import Stage, State
+from companion.wire.payloads import CallData
 from gcs_plugin import events as ev
 from gcs_plugin import wording
 from gcs_plugin.pending import Status
@@ -21,6 +22,13 @@ _ON_THE_WAY = {
     Status.CLOSED: "not acknowledged: the call was closed meanwhile",
     Status.EXPIRED: "LOST: no acknowledgement within 60 s",
 }
+
+
+_Standing = tuple[int, Stage, bool, int]
+
+
+def _standing(call: CallData) -> _Standing:
+    return call.id, call.stage, call.holding, int(call.reasons)
 
 
 class Output(Protocol):
@@ -81,6 +89,7 @@ class TextOutput:
         self._stream = stream
         self._colours = colours
         self._texts: dict[tuple[int, str], float] = {}
+        self._standing: dict[int, _Standing] = {}
 
     def started(self, link: str) -> None:
         self._write(f"on {link}; type `help` for what can be typed", stamped=True)
@@ -118,9 +127,10 @@ class TextOutput:
             case ev.VehicleChanged():
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], _FAINT
             case ev.CallOpened():
+                self._standing[event.system] = _standing(event.call)
                 return wording.call_lines(event.call, event.call.age_s), _ALARM
             case ev.CallChanged():
-                return [wording.changed(event.call, event.call.age_s)], _PLAIN
+                return [wording.changed(event.call, event.call.age_s)] * self._news(event), _PLAIN
             case ev.CallClosed():
                 return [wording.closed(event.call, event.after_s)], _GOOD
             case ev.TextHeard():
@@ -136,6 +146,15 @@ class TextOutput:
                 return [f"cannot read a message of the companion: {wording.clean(event.problem)}"], _ALARM
             case _:
                 return [], _PLAIN
+
+    def _news(self, event: ev.CallChanged) -> bool:
+        """Reasons come and go from frame to frame: one that was told for this stage is no news."""
+        told, now = self._standing.get(event.system), _standing(event.call)
+        if told is not None and told[:3] == now[:3]:
+            self._standing[event.system] = (*now[:3], told[3] | now[3])
+            return now[3] & ~told[3] != 0
+        self._standing[event.system] = now
+        return True
 
     def _fresh(self, event: ev.TextHeard, now: float) -> bool:
         """A call's text repeats every 15 s until it is answered: to read it once a minute is enough."""

@@ -17,7 +17,7 @@ GRACE_S = 2.0
 """How long the acknowledgement may come after the call was heard to be closed."""
 BLOCKS_S = 8.0
 """An answer keeps later ones to the same rover back for so long at most: their order matters."""
-MAX_OPERATIONS = 32
+MAX_PARTS = 4
 
 
 class Status(Enum):
@@ -36,10 +36,8 @@ class Status(Enum):
 def split(transaction: int, target: int, motion: Motion, operations: Sequence[Operation]) -> list[bytes]:
     """The payloads of an answer, each at most 128 bytes; as few parts as there can be in order.
 
-    Raises PayloadError for more than 32 operations, or a word of more than 96 bytes.
+    Raises PayloadError for more than four parts, or a word of more than 96 bytes.
     """
-    if len(operations) > MAX_OPERATIONS:
-        raise PayloadError(f"{len(operations)} changes in one answer: {MAX_OPERATIONS} at most, send two")
     groups: list[list[Operation]] = [[]]
     size = empty = len(AnswerMessage(transaction, target, motion).pack())
     for operation in operations:
@@ -52,6 +50,8 @@ def split(transaction: int, target: int, motion: Motion, operations: Sequence[Op
             size = empty
         groups[-1].append(operation)
         size += grown
+    if len(groups) > MAX_PARTS:
+        raise PayloadError(f"{len(operations)} changes are too long for one answer: send them in two")
     return [
         AnswerMessage(transaction, target, motion, tuple(group), part, len(groups)).pack()
         for part, group in enumerate(groups)

@@ -7,7 +7,8 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from statistics import median
 
-from companion.wire.ids import Outcome, Stage, State, read_heartbeat_mode
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Kind, Outcome, Result, Stage, State, read_heartbeat_mode
 from companion.wire.parameters import WORD_PREFIX
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin import events as ev
@@ -15,12 +16,13 @@ from gcs_plugin.vehicle import Vehicle
 
 FRESH_S = 3.0
 """The companion is there when its heartbeat is younger than this."""
-FORGOTTEN_S = 25.0
-"""An open call repeats every 10 s: one that is not the current one and is mute for so long is closed."""
+ANEW_S = 10.0
+"""A hold that was announced so much later than the known one of its id is another: the rover began anew."""
 MAX_CALLS = 64
 MAX_PARAMETERS = 64
 MAX_LATENCIES = 4096
 MAX_SUMMARIES_A_SECOND = 20
+_TELLS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED, Result.STALE)
 
 
 @dataclass
@@ -30,6 +32,8 @@ class Call:
     data: CallData
     opened_at: float
     heard_at: float
+    serial: int = 0
+    """Counts what this rover has opened; an id may begin anew."""
     presumed_closed: bool = False
     """Only the heartbeat said so: a later message that calls it open is believed."""
 
@@ -79,6 +83,7 @@ class Rover:
         self._heard_at: float | None = None
         self._up = False
         self._idle_since: float | None = None
+        self._serial = 0
         self._summary_at = 0.0
 
     def alive(self, now: float) -> bool:
@@ -149,13 +154,30 @@ class Rover:
         return [ev.SummaryHeard(self.system, summary)]
 
     def hear_call(self, data: CallData, now: float) -> list[ev.Event]:
-        """A repeat says nothing new. The same id with another frame is another call: the rover began anew."""
+        """A repeat says nothing new."""
         known = self.calls.get(data.id)
-        if known is not None and known.data.frame_id == data.frame_id:
+        if known is not None and not _begins_anew(known, data, now):
             return self._hear_again(known, data, now)
         self._make_room()
-        self.calls[data.id] = Call(data, now - data.age_s, now)
+        self._serial += 1
+        self.calls[data.id] = Call(data, now - data.age_s, now, self._serial)
         return [] if data.stage is Stage.CLOSED else [ev.CallOpened(self.system, data)]
+
+    def hear_acknowledgement(self, ack: Acknowledgement, now: float) -> list[ev.Event]:
+        """Where the call stands by an answer's acknowledgement, ahead of the call's own next message.
+
+        A refused answer's says nothing of it; a stale one's says that it is over.
+        """
+        call = self.calls.get(ack.target)
+        if call is None or not call.open or ack.result not in _TELLS_STAGE or ack.stage is call.data.stage:
+            return []
+        if ack.stage is not Stage.CLOSED:
+            call.data = replace(call.data, stage=ack.stage)
+            return [ev.CallChanged(self.system, call.data)]
+        if ack.outcome is not Outcome.NONE or ack.result is Result.STALE:
+            call.presumed_closed = ack.outcome is Outcome.NONE
+            return [self._close(call, ack.outcome, now)]
+        return []
 
     def hear_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         self.texts.append((now, severity, text))
@@ -168,16 +190,6 @@ class Rover:
             return []
         self.parameters[name] = value
         return [ev.ParameterHeard(self.system, name, value)]
-
-    def hear_stage(self, call_id: int, stage: Stage, outcome: Outcome, now: float) -> list[ev.Event]:
-        """An acknowledgement says where `call_id` stands, ahead of the call's next message."""
-        call = self.calls.get(call_id)
-        if call is None or not call.open or call.data.stage is stage:
-            return []
-        if stage is Stage.CLOSED:
-            return [self._close(call, outcome, now)]
-        call.data = replace(call.data, stage=stage)
-        return [ev.CallChanged(self.system, call.data)]
 
     def _hear_again(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
         if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):
@@ -193,18 +205,15 @@ class Rover:
         return []
 
     def _close_forgotten(self, now: float) -> list[ev.Event]:
-        """Closing messages were lost: for 3 s nothing is current, or another one is and this one is mute."""
+        """For 3 s nothing is current: the closing messages were lost."""
         if self.current_id:
             self._idle_since = None
-        elif self._idle_since is None:
+            return []
+        if self._idle_since is None:
             self._idle_since = now
         told: list[ev.Event] = []
         for call in self.open_calls():
-            if self._idle_since is None:
-                forgotten = call.data.id != self.current_id and now - call.heard_at >= FORGOTTEN_S
-            else:
-                forgotten = call.heard_at < self._idle_since <= now - FRESH_S
-            if forgotten:
+            if call.heard_at < self._idle_since <= now - FRESH_S:
                 call.presumed_closed = True
                 told.append(self._close(call, Outcome.NONE, now))
         return told
@@ -217,3 +226,10 @@ class Rover:
         if len(self.calls) >= MAX_CALLS:
             by_use = sorted(self.calls.values(), key=lambda call: (call.open, call.heard_at))
             del self.calls[by_use[0].data.id]
+
+
+def _begins_anew(known: Call, data: CallData, now: float) -> bool:
+    """A call keeps its frame for life; a hold has none of its own, but it was announced only once."""
+    if known.data.kind is Kind.CALL and data.kind is Kind.CALL:
+        return known.data.frame_id != data.frame_id
+    return now - data.age_s > known.opened_at + ANEW_S

@@ -22,6 +22,7 @@ from typing import Any
 from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.payloads import CallData
 from gcs_plugin.commands import CommandError, Reply, parse
+from gcs_plugin.rovers import Call
 
 EXAMPLE = '[{"reasons": ["unknown_object"], "answer": "tap drum -1 go"}, {"when": "clear", "answer": "go"}]'
 MAX_RULES = 200
@@ -31,7 +32,7 @@ _KINDS = {"call": Kind.CALL, "hold": Kind.HOLD}
 _REASONS = {reason.name.lower(): reason for reason in Reasons if reason.name}
 
 
-_Key = tuple[int, int, int]  # system, id of the call, its frame: ids may begin anew with a new run
+_Key = tuple[int, int]  # system, serial number of the call
 
 
 class ScriptError(ValueError):
@@ -99,14 +100,14 @@ class Script:
             raise ScriptError(f"a script is a list of 1 to {MAX_RULES} rules: {EXAMPLE}")
         return cls([_rule(number, row) for number, row in enumerate(table, 1)])
 
-    def answer(self, system: int, call: CallData, now: float) -> str | None:
+    def answer(self, system: int, call: Call, now: float) -> str | None:
         """The line to type for this open call now, if any."""
-        key = (system, call.id, call.frame_id)
+        key, stage = (system, call.serial), call.data.stage
         visit = self._visits.get(key)
-        if visit is None or visit.stage is not call.stage:
-            visit = self._visits[key] = _Visit(call.stage, now)
+        if visit is None or visit.stage is not stage:
+            visit = self._visits[key] = _Visit(stage, now)
         for number, rule in enumerate(self._rules):
-            if not rule.fits(key, call) or number in visit.tried or not rule.left:
+            if not rule.fits(key, call.data) or number in visit.tried or not rule.left:
                 continue
             if now - visit.since < rule.after:
                 return None

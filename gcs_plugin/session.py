@@ -96,7 +96,7 @@ class Session:
         for call in rover.open_calls():
             if call.data.id in busy:
                 continue
-            line = script.answer(rover.system, call.data, now)
+            line = script.answer(rover.system, call, now)
             if line is not None:
                 typed = f"rover {rover.system} {call.data.id} {line}"
                 self._output.typed(typed)

@@ -237,13 +237,13 @@ def test_only_component_191_of_that_rover_is_believed(
 
 
 def test_a_long_answer_goes_in_parts_at_a_pace_that_radios_bear(sky: Sky) -> None:
-    words = tuple(SetWord(f"a word that is long enough to fill {number}", 0.5) for number in range(9))
+    words = tuple(SetWord(f"a word that is long enough to fill {number}", 0.5) for number in range(8))
     sky.run(2.0)
     pending = sky.answer(*words)
     sky.run(2.0)
     assert pending.status is Status.ACKNOWLEDGED
     assert sky.rover.applied == [(7, ids.Motion.GO, words)]
-    assert len(sky.sent) == 5
+    assert len(sky.sent) == 4
     assert min(b - a for a, b in zip(sky.sent, sky.sent[1:], strict=False)) >= 0.05 - 1e-9
 
 
@@ -277,8 +277,8 @@ def test_an_answer_that_is_never_acknowledged_keeps_the_next_one_back_for_eight_
 
 
 def test_what_cannot_be_told_on_the_wire_is_refused_at_once(sky: Sky) -> None:
-    with pytest.raises(PayloadError, match="32 at most"):
-        sky.answer(*[BUSH] * 33)
+    with pytest.raises(PayloadError, match="send them in two"):
+        sky.answer(*[SetWord("a word of some length", 1.0)] * 33)
     with pytest.raises(PayloadError, match="shorter word"):
         sky.answer(SetWord("ü" * 49, 1.0))
 
@@ -318,6 +318,54 @@ def test_an_id_that_begins_anew_with_another_frame_is_another_call(sky: Sky, thi
     sky.rover.call = replace(thing_call, frame_id=12)
     sky.run(2.0)
     assert [event.call.frame_id for event in sky.of(ev.CallOpened)] == [4711, 12]
+
+
+@pytest.mark.parametrize(
+    ("result", "closes"),
+    [
+        (ids.Result.DENIED, False),
+        (ids.Result.REFUSED, False),
+        (ids.Result.APPLIED, False),
+        (ids.Result.STALE, True),
+    ],
+)
+def test_an_acknowledgement_without_an_outcome_closes_the_call_only_when_it_is_stale(
+    sky: Sky, result: ids.Result, *, closes: bool
+) -> None:
+    sky.run(2.0)
+    sky.lose_down = lambda _: True
+    pending = sky.answer(BUSH)
+    sky.run(0.2)
+    ack = Acknowledgement(
+        pending.transaction, 7, result, ids.Stage.CLOSED, ids.Outcome.NONE,
+        None, None, ids.Reasons.NONE, 0, "",
+    )  # fmt: skip
+    sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, ack.pack()))
+    sky.run(0.2)
+    assert pending.status is Status.ACKNOWLEDGED
+    assert len(sky.of(ev.CallClosed)) == closes
+    sky.run(1.0)
+    assert len(sky.client.rovers[1].open_calls()) == 1
+
+
+def test_a_hold_has_a_new_frame_each_time_and_is_still_one_hold(sky: Sky, thing_call: CallData) -> None:
+    hold = replace(thing_call, id=9, kind=ids.Kind.HOLD, reasons=ids.Reasons.BLOCKED)
+    for second in range(40):
+        sky.rover.call = replace(hold, frame_id=second, age_s=second)
+        sky.run(1.0)
+    assert [event.call.id for event in sky.of(ev.CallOpened)] == [9]
+    sky.rover.call = replace(hold, frame_id=3, age_s=0)
+    sky.run(1.0)
+    assert [event.call.id for event in sky.of(ev.CallOpened)] == [9, 9]
+
+
+def test_a_hold_under_a_newer_call_is_not_thought_closed(sky: Sky, thing_call: CallData) -> None:
+    sky.rover.call = replace(thing_call, id=6, kind=ids.Kind.HOLD, reasons=ids.Reasons.BLOCKED)
+    sky.run(2.0)
+    sky.rover.call = thing_call
+    sky.run(60.0)
+    assert [call.data.id for call in sky.client.rovers[1].open_calls()] == [6, 7]
+    assert sky.of(ev.CallClosed) == []
 
 
 def test_summaries_that_are_lost_are_counted_and_a_restart_is_not(sky: Sky) -> None:

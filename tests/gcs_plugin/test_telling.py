@@ -93,6 +93,18 @@ def test_a_text_that_repeats_is_read_once_a_minute() -> None:
     assert page.getvalue().count("C7 still here") == 2
 
 
+def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallData) -> None:
+    page = io.StringIO()
+    output = TextOutput(page, colours=False)
+    output.event(ev.CallOpened(1, thing_call), 1.0, several=False)
+    before = len(page.getvalue().splitlines())
+    both = replace(thing_call, reasons=ids.Reasons.UNKNOWN_OBJECT | ids.Reasons.BLOCKED)
+    for call in (both, thing_call, both, thing_call, replace(both, stage=ids.Stage.CLEAR)):
+        output.event(ev.CallChanged(1, call), 2.0, several=False)
+    told = page.getvalue().splitlines()[before:]
+    assert ["blocked" in told[0], "clear now" in told[1], len(told)] == [True, True, 2]
+
+
 def test_the_picture_is_named_only_when_it_lies_here(thing_call: CallData, tmp_path: Path) -> None:
     picture = tmp_path / "7.jpg"
     there = replace(thing_call, picture=str(picture))

@@ -1,0 +1,9 @@
+"""What must survive a restart, a full disk and a pulled plug: one SQLite file and the open call's frame."""
+
+from __future__ import annotations
+
+from companion.journal.errors import JournalError
+from companion.journal.journal import Journal
+from companion.journal.records import CallRecord
+
+__all__ = ["CallRecord", "Journal", "JournalError"]

@@ -1,0 +1,37 @@
+"""What is kept of calls that are closed, for people to read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from companion.calls.decisions import Call
+
+
+@dataclass(frozen=True)
+class CallRecord:
+    """A closed call. closed_at: seconds since 1970. outcome: as in wire.ids.Outcome, lower case.
+
+    record: frame id, reasons and the figures that the call was made for. answers: as they were recorded.
+    """
+
+    id: int
+    closed_at: float
+    outcome: str
+    record: Mapping[str, Any]
+    answers: tuple[Mapping[str, Any], ...] = ()
+
+
+def record_of(call: Call) -> dict[str, Any]:
+    """The figures of a call as JSON values."""
+    seen = call.seen
+    roi = seen.roi if seen is not None else None
+    return {
+        "frame_id": call.frame_id,
+        "reasons": sorted(reason.value for reason in call.reasons),
+        "words": seen.words.format() if seen is not None else None,
+        "roi_uncertainty": roi.uncertainty if roi is not None else None,
+        "worst_tile": roi.worst_tile.uncertainty if roi is not None else None,
+        "similarity": seen.similarity if seen is not None else None,
+    }

@@ -16,6 +16,7 @@ from companion.link.vehicle import VehicleTracker
 from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
 
 CLASH_FOR = 10.0
+_TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "COMMAND_ACK"})
 _REQUESTS = frozenset(
     {"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", "TUNNEL", "COMMAND_LONG", "COMMAND_INT"}
 )
@@ -56,7 +57,7 @@ class Listener:
             self._hear_ourselves(message, now)
             return None
         kind = message.get_type()
-        if sender[1] == AUTOPILOT_COMPONENT_ID:
+        if sender[1] == AUTOPILOT_COMPONENT_ID and kind in _TELEMETRY:
             return self._hear_autopilot(kind, sender[0], message, now)
         return None if self.clash else self._hear_request(kind, sender, message, now)
 

@@ -7,6 +7,7 @@ from companion.link.sender import Sender
 
 SAME_TEXT_GAP = 5.0
 MAX_TEXTS = 8
+ALERT = 1
 
 
 class Speaker:
@@ -17,9 +18,9 @@ class Speaker:
         self._said: dict[str, float] = {}
 
     def say(self, text: str, severity: int, now: float) -> None:
-        """Queue a STATUSTEXT of MAV_SEVERITY `severity`."""
+        """Queue a STATUSTEXT of MAV_SEVERITY `severity`; an ALERT goes as early as a call."""
         self._said = {old: at for old, at in self._said.items() if now - at < SAME_TEXT_GAP}
-        if text in self._said or self._sender.waiting("text") >= MAX_TEXTS:
+        if text in self._said or (severity > ALERT and self._sender.waiting("text") >= MAX_TEXTS):
             return
         self._said[text] = now
-        self._sender.push("text", encode.text(text, severity), now)
+        self._sender.push("call text" if severity <= ALERT else "text", encode.text(text, severity), now)

@@ -1,0 +1,343 @@
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.heard import AnswerRequest
+from companion.link.rehearsal import Rehearsal
+from companion.wire.answers import (
+    Acknowledgement,
+    AnswerMessage,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    SetWord,
+    TapBox,
+)
+from companion.wire.ids import (
+    TUNNEL_ACKNOWLEDGEMENT,
+    TUNNEL_ANSWER,
+    TUNNEL_SUMMARY,
+    Motion,
+    Outcome,
+    Reasons,
+    Result,
+    Stage,
+)
+
+ACK = Acknowledgement(
+    9, 7, Result.APPLIED, Stage.CLOSED, Outcome.ANSWERED, 0.1, 0.2, Reasons.NONE, 5, "C7 closed: answered"
+)
+GO = AnswerMessage(9, 7, Motion.GO, (SetWord("drum", -1.0),))
+GROUND = (255, 190)
+
+
+def tunnel(
+    payload: bytes, *, target: tuple[int, int] = (1, 191), kind: int = TUNNEL_ANSWER, length: int = -1
+) -> Any:
+    size = len(payload) if length < 0 else length
+    return mavlink.MAVLink_tunnel_message(*target, kind, size, payload + bytes(128 - len(payload)))
+
+
+def command(
+    p1: float,
+    p2: float,
+    p3: float = 0,
+    p4: float = 0,
+    *,
+    number: int = 31010,
+    target: tuple[int, int] = (1, 191),
+    again: int = 0,
+) -> Any:
+    return mavlink.MAVLink_command_long_message(*target, number, again, p1, p2, p3, p4, 0, 0, 0)
+
+
+def acknowledgements(stage: Rehearsal) -> list[Acknowledgement]:
+    return [Acknowledgement.unpack(payload) for payload in stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
+
+
+def results(stage: Rehearsal) -> list[tuple[int, int]]:
+    return [(ack.command, ack.result) for ack in stage.sent("COMMAND_ACK")]
+
+
+def heard(stage: Rehearsal, *messages: Any, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
+    """What the link reports when these messages come in."""
+    before = len(stage.reported(AnswerRequest))
+    for message in messages:
+        stage.send(message, sender)
+    stage.run(0.3)
+    return stage.reported(AnswerRequest)[before:]
+
+
+@pytest.fixture
+def stage() -> Rehearsal:
+    stage = Rehearsal()
+    stage.run(0.1)
+    return stage
+
+
+def test_an_answer_is_reported_with_its_sender(stage: Rehearsal) -> None:
+    assert heard(stage, tunnel(GO.pack()), sender=(250, 3)) == [
+        AnswerRequest((250, 3), 9, 7, Motion.GO, (SetWord("drum", -1.0),))
+    ]
+
+
+def test_the_acknowledgement_goes_to_the_asker_and_nobody_else(stage: Rehearsal) -> None:
+    (request,) = heard(stage, tunnel(GO.pack()), sender=(250, 3))
+    stage.link.acknowledge(request, ACK, stage.now)
+    stage.run(0.1)
+    assert acknowledgements(stage) == [ACK]
+    reply = next(
+        message for message in stage.sent("TUNNEL") if message.payload_type == TUNNEL_ACKNOWLEDGEMENT
+    )
+    assert (reply.target_system, reply.target_component) == (250, 3)
+
+
+def test_the_same_transaction_is_reported_once_and_acknowledged_each_time(stage: Rehearsal) -> None:
+    (request,) = heard(stage, tunnel(GO.pack()))
+    assert heard(stage, tunnel(GO.pack())) == []
+    assert acknowledgements(stage) == []
+    stage.link.acknowledge(request, ACK, stage.now)
+    stage.run(0.1)
+    for _ in range(3):
+        assert heard(stage, tunnel(GO.pack())) == []
+    assert acknowledgements(stage) == [ACK] * 4
+
+
+def test_the_same_number_of_another_sender_is_another_transaction(stage: Rehearsal) -> None:
+    assert len(heard(stage, tunnel(GO.pack()))) == 1
+    assert len(heard(stage, tunnel(GO.pack()), sender=(254, 1))) == 1
+
+
+def test_a_busy_answer_may_be_sent_again(stage: Rehearsal) -> None:
+    (request,) = heard(stage, tunnel(GO.pack()))
+    stage.link.acknowledge(request, replace(ACK, result=Result.BUSY), stage.now)
+    assert len(heard(stage, tunnel(GO.pack()))) == 1
+    assert acknowledgements(stage)[0].result == Result.BUSY
+
+
+def test_many_transactions_are_remembered_but_not_for_ever(stage: Rehearsal) -> None:
+    for number in range(1, 200):
+        message = tunnel(AnswerMessage(number, 7, Motion.GO).pack())
+        stage.send(message, (245 + number % 10, 1))
+        stage.run(0.1, step=0.05)
+        for request in stage.reported(AnswerRequest)[-1:]:
+            stage.link.acknowledge(request, replace(ACK, transaction=number), stage.now)
+    assert len(stage.reported(AnswerRequest)) == 199
+    assert len(stage.link._desk._cases) <= 64
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 0, 1, 1, 2)])
+def test_a_long_answer_comes_in_parts_in_any_order(stage: Rehearsal, order: tuple[int, ...]) -> None:
+    operations: list[Operation] = [
+        SetWord("a" * 90, 1.0),
+        TapBox(3, (0.1, 0.1, 0.2, 0.2), "drum", -1.0),
+        NewEpisode(),
+    ]
+    parts = [AnswerMessage(5, 7, Motion.NONE, (op,), part, 3) for part, op in enumerate(operations)]
+    (request,) = heard(stage, *(tunnel(parts[number].pack()) for number in order))
+    assert request.operations == tuple(operations)
+    assert request.transaction == 5
+
+
+def test_parts_that_come_too_late_are_not_put_together(stage: Rehearsal) -> None:
+    parts = [AnswerMessage(5, 7, Motion.NONE, (NewEpisode(),), part, 2).pack() for part in (0, 1)]
+    assert heard(stage, tunnel(parts[0])) == []
+    stage.run(11, step=0.1)
+    assert heard(stage, tunnel(parts[1])) == []
+
+
+def test_parts_that_contradict_each_other_are_refused_with_the_reason(stage: Rehearsal) -> None:
+    assert (
+        heard(
+            stage,
+            tunnel(AnswerMessage(5, 7, Motion.NONE, (), 0, 2).pack()),
+            tunnel(AnswerMessage(5, 8, Motion.NONE, (), 1, 2).pack()),
+        )
+        == []
+    )
+    assert [(ack.result, ack.text) for ack in acknowledgements(stage)] == [
+        (Result.REFUSED, "the parts do not belong together")
+    ]
+
+
+def test_more_than_four_parts_are_refused(stage: Rehearsal) -> None:
+    assert heard(stage, tunnel(AnswerMessage(5, 7, Motion.NONE, (), 0, 5).pack())) == []
+    assert acknowledgements(stage)[0].result == Result.REFUSED
+
+
+def test_halves_of_many_answers_take_bounded_memory(stage: Rehearsal) -> None:
+    for number in range(1, 50):
+        heard(stage, tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()))
+    assert len(stage.link._desk._assembly._open) <= 8
+
+
+def test_a_sender_that_may_not_is_denied_counted_and_told(stage: Rehearsal) -> None:
+    assert heard(stage, tunnel(GO.pack()), command(7, 1), sender=(42, 1)) == []
+    assert [ack.result for ack in acknowledgements(stage)] == [Result.DENIED]
+    assert results(stage) == [(31010, 2)]
+    assert stage.link.counters.rejected["sender"] == 2
+    assert stage.sent("STATUSTEXT")[0].text == "Sender 42 refused: not in allowed_senders"
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (tunnel(b"\x02" + GO.pack()[1:]), "version"),
+        (tunnel(GO.pack()[:-3]), "payload"),
+        (tunnel(GO.pack() + b"x"), "payload"),
+        (tunnel(GO.pack(), length=200), "payload"),
+        (tunnel(b""), "payload"),
+        (
+            tunnel(
+                AnswerMessage(1, 1, Motion.NONE, (SetWord("xx", 1.0),)).pack().replace(b"xx", b"\xff\xfe")
+            ),
+            "payload",
+        ),
+        (tunnel(GO.pack(), target=(1, 0)), "target"),
+        (tunnel(GO.pack(), target=(0, 0)), "target"),
+    ],
+)
+def test_payloads_that_are_no_answer_are_counted(stage: Rehearsal, message: Any, reason: str) -> None:
+    assert heard(stage, message) == []
+    assert stage.link.counters.rejected == {reason: 1}
+    assert acknowledgements(stage) == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        tunnel(GO.pack(), target=(2, 191)),
+        tunnel(GO.pack(), target=(1, 1)),
+        tunnel(GO.pack(), kind=TUNNEL_SUMMARY),
+        command(7, 1, target=(2, 191)),
+        command(7, 1, target=(1, 1)),
+    ],
+)
+def test_what_is_for_others_passes_by(stage: Rehearsal, message: Any) -> None:
+    assert heard(stage, message) == []
+    assert stage.link.counters.rejected == {}
+    assert results(stage) == []
+
+
+@pytest.mark.parametrize(("code", "motion"), [(1, Motion.GO), (2, Motion.STAY), (3, Motion.LOOK_AGAIN)])
+def test_a_stock_ground_station_answers_by_command(stage: Rehearsal, code: int, motion: Motion) -> None:
+    assert heard(stage, command(7, code)) == [AnswerRequest(GROUND, None, 7, motion, ())]
+
+
+def test_a_stock_ground_station_sets_a_weight_by_command(stage: Rehearsal) -> None:
+    assert heard(stage, command(0, 4, 6, -0.8)) == [
+        AnswerRequest(GROUND, None, 0, Motion.NONE, (SetWord("dry bush", -0.8),))
+    ]
+    assert heard(stage, command(0, 4, 6, -2)) == [
+        AnswerRequest(GROUND, None, 0, Motion.NONE, (ForgetWord("dry bush"),))
+    ]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        (math.nan, 1, 0, 0),
+        (7, math.nan, 0, 0),
+        (7, 0, 0, 0),
+        (7, 5, 0, 0),
+        (7, 1.5, 0, 0),
+        (-1, 1, 0, 0),
+        (70_000, 1, 0, 0),
+        (math.inf, 1, 0, 0),
+        (0, 4, 99, 0.5),
+        (0, 4, 0, 0.5),
+        (0, 4, math.nan, 0.5),
+        (0, 4, 6, math.nan),
+        (0, 4, 6, 1.5),
+    ],
+)
+def test_a_command_that_makes_no_sense_is_denied(
+    stage: Rehearsal, wrong: tuple[float, float, float, float]
+) -> None:
+    assert heard(stage, command(*wrong)) == []
+    assert results(stage) == [(31010, 2)]
+    assert stage.link.counters.rejected == {"command": 1}
+
+
+@pytest.mark.parametrize(
+    ("result", "expected"),
+    [
+        (Result.APPLIED, 0),
+        (Result.APPLIED_NOT_REMEMBERED, 0),
+        (Result.NOT_COVERED, 0),
+        (Result.STALE, 2),
+        (Result.REFUSED, 4),
+        (Result.DENIED, 2),
+        (Result.BUSY, 1),
+    ],
+)
+def test_a_command_is_acknowledged_by_its_result_and_a_text(
+    stage: Rehearsal, result: Result, expected: int
+) -> None:
+    (request,) = heard(stage, command(7, 1), sender=(250, 3))
+    stage.link.acknowledge(request, replace(ACK, result=result), stage.now)
+    stage.run(0.2)
+    (ack,) = stage.sent("COMMAND_ACK")
+    assert (ack.command, ack.result) == (31010, expected)
+    assert (ack.target_system, ack.target_component) == (250, 3)
+    assert stage.sent("STATUSTEXT")[0].text == "C7 closed: answered"
+
+
+def test_a_repeated_command_is_acknowledged_again_and_applied_once(stage: Rehearsal) -> None:
+    (request,) = heard(stage, command(0, 1))
+    assert heard(stage, command(0, 1, again=1)) == []
+    stage.link.acknowledge(request, ACK, stage.now)
+    assert heard(stage, command(0, 1, again=2)) == []
+    assert results(stage) == [(31010, 0), (31010, 0)]
+
+
+def test_the_same_command_given_once_more_is_a_new_wish(stage: Rehearsal) -> None:
+    (request,) = heard(stage, command(0, 1))
+    stage.link.acknowledge(request, ACK, stage.now)
+    assert len(heard(stage, command(0, 1))) == 1
+
+
+def test_unknown_commands_get_an_ack_that_says_so(stage: Rehearsal) -> None:
+    heard(stage, command(0, 0, number=400), command(1, 0, number=245))
+    assert results(stage) == [(400, 3), (245, 0)]
+    whole = mavlink.MAVLink_command_int_message(1, 191, 0, 31011, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    heard(stage, whole)
+    assert results(stage)[-1] == (31011, 3)
+
+
+def test_a_flood_of_requests_is_dropped_and_counted_but_others_are_heard(stage: Rehearsal) -> None:
+    for number in range(1, 301):
+        stage.send(tunnel(AnswerMessage(number, 7, Motion.STAY).pack()))
+    stage.run(0.2)
+    assert 60 <= len(stage.reported(AnswerRequest)) < 70
+    assert stage.link.counters.rejected["rate"] > 200
+    assert len(heard(stage, tunnel(GO.pack()), sender=(254, 1))) == 1
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.sampled_from([45001, 45002, 45003, 45004, 0]),
+    st.binary(max_size=128),
+    st.integers(0, 255),
+    st.tuples(st.integers(0, 255), st.integers(0, 255)),
+)
+def test_no_tunnel_ever_raises(kind: int, payload: bytes, length: int, sender: tuple[int, int]) -> None:
+    stage = Rehearsal()
+    stage.run(0.02)
+    heard(stage, tunnel(payload, kind=kind, length=length), tunnel(b"\x01" + payload[:127]), sender=sender)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(width=32), min_size=4, max_size=4), st.integers(0, 65535), st.integers(0, 255))
+def test_every_command_to_us_gets_exactly_one_ack_or_is_reported(
+    values: list[float], number: int, again: int
+) -> None:
+    stage = Rehearsal()
+    stage.run(0.02)
+    told = heard(stage, command(*values, number=number, again=again))
+    assert len(told) + len(results(stage)) == 1

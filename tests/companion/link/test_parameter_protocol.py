@@ -1,0 +1,203 @@
+import itertools
+import math
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.heard import ParameterRequest
+from companion.link.rehearsal import Rehearsal
+from companion.link.settings import LinkSettings
+from companion.wire.parameters import Parameter, ParameterError, build
+
+GROUND = (255, 190)
+FULL = build([f"word {number}" for number in range(24)], {}, {})
+
+
+def values(stage: Rehearsal) -> list[tuple[str, float]]:
+    return [(m.param_id, round(m.param_value, 4)) for m in stage.sent("PARAM_VALUE")]
+
+
+def setting(name: str, value: float, *, target: tuple[int, int] = (1, 191), kind: int = 9) -> Any:
+    return mavlink.MAVLink_param_set_message(*target, name.encode(), value, kind)
+
+
+def read(name: str = "", index: int = -1, *, target: tuple[int, int] = (1, 191)) -> Any:
+    return mavlink.MAVLink_param_request_read_message(*target, name.encode(), index)
+
+
+def ask(stage: Rehearsal, *messages: Any, sender: tuple[int, int] = GROUND) -> list[ParameterRequest]:
+    before = len(stage.reported(ParameterRequest))
+    for message in messages:
+        stage.send(message, sender)
+    stage.run(0.5)
+    return stage.reported(ParameterRequest)[before:]
+
+
+@pytest.fixture
+def stage() -> Rehearsal:
+    stage = Rehearsal()
+    stage.run(0.1)
+    return stage
+
+
+@pytest.mark.parametrize("target", [(1, 191), (1, 0), (0, 0)])
+def test_the_list_is_told_whole_and_in_order(target: tuple[int, int]) -> None:
+    stage = Rehearsal(parameters=FULL)
+    stage.run(0.1)
+    stage.send(mavlink.MAVLink_param_request_list_message(*target), (42, 1))
+    stage.run(5)
+    told = stage.sent("PARAM_VALUE")
+    assert [m.param_index for m in told] == list(range(29))
+    assert {m.param_count for m in told} == {29}
+    assert {m.param_type for m in told} == {9}
+    assert [m.param_id for m in told] == [entry.name for entry in FULL]
+
+
+def test_the_list_is_paced_and_keeps_to_its_own_budget() -> None:
+    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", asked_budget=300.0, burst=300.0), FULL)
+    stage.run(0.1)
+    stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
+    stage.run(10)
+    times = [frame.at for frame in stage.frames]
+    assert min(b - a for a, b in itertools.pairwise(times)) >= 0.0299
+    assert len(stage.sent("PARAM_VALUE")) == 29
+    assert stage.times("PARAM_VALUE")[-1] > 2.0
+
+
+def test_two_askers_at_a_time_cost_one_list_and_a_bit() -> None:
+    stage = Rehearsal(parameters=FULL)
+    stage.run(0.1)
+    stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
+    stage.run(0.3)
+    before = len(stage.sent("PARAM_VALUE"))
+    stage.send(mavlink.MAVLink_param_request_list_message(1, 191), (254, 1))
+    stage.run(5)
+    after = [m.param_index for m in stage.sent("PARAM_VALUE")][before:]
+    assert sorted(set(after)) == list(range(29))
+    assert len(after) <= 31
+
+
+def test_one_value_is_read_by_name_and_by_index_by_anybody(stage: Rehearsal) -> None:
+    ask(stage, read("AT_W_GRASS"), sender=(42, 1))
+    ask(stage, read(index=4, target=(1, 0)), sender=(42, 1))
+    assert values(stage) == [("AT_W_GRASS", 1.0), ("AT_POLICY", 0.0)]
+
+
+def test_an_unknown_name_or_index_is_counted_and_not_answered(stage: Rehearsal) -> None:
+    ask(stage, read("WP_RADIUS"), read(index=99), read(index=-2), setting("WP_RADIUS", 1))
+    assert values(stage) == []
+    assert stage.link.counters.rejected == {"unknown parameter": 4}
+
+
+def test_a_set_is_reported_and_echoed_when_the_daemon_has_applied_it(stage: Rehearsal) -> None:
+    assert ask(stage, setting("AT_W_DRY_BUSH", -0.8)) == [ParameterRequest(GROUND, "AT_W_DRY_BUSH", -0.8)]
+    assert values(stage) == []
+    stage.link.set_parameter("AT_W_DRY_BUSH", -0.8, stage.now)
+    stage.run(0.1)
+    assert values(stage) == [("AT_W_DRY_BUSH", -0.8)]
+    assert stage.link.counters.sent["asked"] == 37
+
+
+def test_a_value_that_was_not_taken_is_echoed_as_it_stands(stage: Rehearsal) -> None:
+    ask(stage, setting("AT_POLICY", 2))
+    stage.link.set_parameter("AT_POLICY", 0.0, stage.now)
+    stage.run(0.1)
+    assert values(stage) == [("AT_POLICY", 0.0)]
+
+
+def test_a_value_that_changed_by_itself_is_told_to_all_once(stage: Rehearsal) -> None:
+    stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
+    stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
+    stage.run(0.2)
+    stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
+    stage.run(0.2)
+    assert values(stage) == [("AT_W_GRASS", -2.0)]
+    assert stage.link.counters.sent["asked"] == 0
+
+
+@pytest.mark.parametrize("kind", [1, 6, 9, 10])
+def test_a_set_is_taken_whatever_type_it_names(stage: Rehearsal, kind: int) -> None:
+    assert ask(stage, setting("AT_POLICY", 1, kind=kind))[0].value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("AT_W_GRASS", 1.01),
+        ("AT_W_GRASS", -1.5),
+        ("AT_W_GRASS", math.nan),
+        ("AT_W_GRASS", math.inf),
+        ("AT_THR_ROI", -2),
+        ("AT_POLICY", 4),
+        ("AT_POLICY", 0.5),
+        ("AT_THR_ROI", struct.unpack("<f", struct.pack("<i", 1))[0]),
+    ],
+)
+def test_a_value_out_of_range_gets_the_old_value_and_a_text(
+    stage: Rehearsal, name: str, value: float
+) -> None:
+    assert ask(stage, setting(name, value)) == []
+    assert [name for name, _ in values(stage)] == [name]
+    assert values(stage)[0][1] in {1.0, 0.3, 0.0}
+    assert stage.sent("STATUSTEXT")[0].text.startswith(f"{name} takes ")
+    assert stage.link.counters.rejected == {"range": 1}
+
+
+def test_a_sender_that_may_not_gets_the_old_value_and_is_counted(stage: Rehearsal) -> None:
+    assert ask(stage, setting("AT_W_GRASS", -1.0), sender=(42, 1)) == []
+    assert values(stage) == [("AT_W_GRASS", 1.0)]
+    assert stage.link.counters.rejected == {"sender": 1}
+
+
+def test_a_read_only_value_is_kept() -> None:
+    stage = Rehearsal(parameters=[Parameter("AT_VERSION", 1.0, 0.0, 9.0, read_only=True)])
+    stage.run(0.1)
+    assert ask(stage, setting("AT_VERSION", 2.0)) == []
+    assert values(stage) == [("AT_VERSION", 1.0)]
+    assert stage.sent("STATUSTEXT")[0].text == "AT_VERSION is read-only: kept"
+
+
+@pytest.mark.parametrize("target", [(1, 0), (0, 0), (0, 191)])
+def test_a_set_for_everyone_is_for_nobody(stage: Rehearsal, target: tuple[int, int]) -> None:
+    assert ask(stage, setting("AT_W_GRASS", 0.5, target=target)) == []
+    assert values(stage) == []
+    assert stage.link.counters.rejected == {"target": 1}
+
+
+def test_a_set_meant_for_the_autopilot_passes_by(stage: Rehearsal) -> None:
+    assert ask(stage, setting("AT_W_GRASS", 0.5, target=(1, 1))) == []
+    assert stage.link.counters.rejected == {}
+
+
+def test_the_daemon_cannot_tell_what_is_not_listed(stage: Rehearsal) -> None:
+    with pytest.raises(ParameterError, match="AT_W_MUD"):
+        stage.link.set_parameter("AT_W_MUD", 1.0, stage.now)
+    with pytest.raises(ParameterError, match="out of range"):
+        stage.link.set_parameter("AT_W_GRASS", math.nan, stage.now)
+
+
+def test_too_many_parameters_are_refused_at_the_start() -> None:
+    with pytest.raises(ParameterError, match="49 parameters, at most 48"):
+        Rehearsal(parameters=[Parameter(f"AT_{number}", 0.0, 0.0, 1.0) for number in range(49)])
+
+
+def test_an_empty_list_answers_nothing() -> None:
+    stage = Rehearsal(parameters=[])
+    stage.run(0.1)
+    stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
+    stage.run(1)
+    assert stage.sent("PARAM_VALUE") == []
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.binary(max_size=16), st.floats(width=32), st.integers(0, 255), st.integers(-32768, 32767))
+def test_no_parameter_message_ever_raises(name: bytes, value: float, kind: int, index: int) -> None:
+    stage = Rehearsal()
+    stage.run(0.02)
+    stage.send(mavlink.MAVLink_param_set_message(1, 191, name, value, kind))
+    stage.send(mavlink.MAVLink_param_request_read_message(1, 191, name, index))
+    stage.run(0.05)

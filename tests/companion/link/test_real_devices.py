@@ -1,0 +1,257 @@
+"""Real sockets and a pseudo-terminal, with pymavlink at the other end."""
+
+import os
+import pty
+import socket
+import time
+import tty
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.heard import AnswerRequest, Heard
+from companion.link.link import Link
+from companion.link.parser import Parser
+from companion.link.settings import LinkError, LinkSettings
+from companion.link.transport import Tcp, Udp, open_transport
+from companion.wire.ids import Motion
+from companion.wire.parameters import build
+
+DEADLINE = 5.0
+AUTOPILOT = mavlink.MAVLink(None, 1, 1)
+GROUND = mavlink.MAVLink(None, 255, 190)
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)
+GO = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 7, 1, 0, 0, 0, 0, 0)
+
+
+class Peer:
+    """The other end: raw bytes in and out, parsed by pymavlink."""
+
+    def __init__(self, receive: Callable[[], bytes], send: Callable[[bytes], Any]) -> None:
+        self._receive = receive
+        self._mav = mavlink.MAVLink(None)
+        self._mav.robust_parsing = True
+        self.send = send
+        self.got: list[Any] = []
+
+    def read(self) -> None:
+        try:
+            data = self._receive()
+        except (BlockingIOError, ConnectionError):
+            return
+        self.got += self._mav.parse_buffer(data) or []
+
+    def types(self) -> list[str]:
+        return [message.get_type() for message in self.got]
+
+
+def until(link: Link, done: Callable[[], bool], *peers: Peer) -> list[Heard]:
+    """Let the link live in real time until `done`; fails after 5 s."""
+    heard: list[Heard] = []
+    end = time.monotonic() + DEADLINE
+    while not done():
+        assert time.monotonic() < end, "too late"
+        heard += link.poll(time.monotonic())
+        link.tick(time.monotonic())
+        for peer in peers:
+            peer.read()
+        time.sleep(0.002)
+    return heard
+
+
+@pytest.fixture
+def ground() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        ground.settimeout(0)
+        yield ground
+
+
+def link_to(url: str, *, opener: Callable[[], Any] | None = None) -> Link:
+    return Link(LinkSettings(url), build(["grass"], {}, {}), time.monotonic(), opener=opener)
+
+
+def test_udpout_speaks_first_and_hears_answers(ground: socket.socket) -> None:
+    port = ground.getsockname()[1]
+    link = link_to(f"udpout:127.0.0.1:{port}")
+    source: list[Any] = []
+
+    def receive() -> bytes:
+        data, address = ground.recvfrom(2048)
+        source[:] = [address]
+        return data
+
+    peer = Peer(receive, lambda data: ground.sendto(data, source[0]))
+    until(link, lambda: "HEARTBEAT" in peer.types(), peer)
+    peer.send(HEARTBEAT.pack(AUTOPILOT))
+    until(link, lambda: link.vehicle is not None, peer)
+    peer.send(GO.pack(GROUND))
+    heard: list[Heard] = []
+    end = time.monotonic() + DEADLINE
+    while not heard and time.monotonic() < end:
+        heard = [event for event in link.poll(time.monotonic()) if isinstance(event, AnswerRequest)]
+    assert heard == [AnswerRequest((255, 190), None, 7, Motion.GO, ())]
+    link.close()
+
+
+def test_udpout_hears_only_the_address_that_it_speaks_to(ground: socket.socket) -> None:
+    transport = open_transport(LinkSettings(f"udpout:127.0.0.1:{ground.getsockname()[1]}").address())
+    transport.write(b"hello")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        assert isinstance(transport, Udp)
+        stranger.sendto(b"stranger", ("127.0.0.1", transport.port))
+        ground.sendto(b"friend", ("127.0.0.1", transport.port))
+        got = b""
+        end = time.monotonic() + DEADLINE
+        while b"friend" not in got and time.monotonic() < end:
+            got += transport.read()
+    assert got == b"friend"
+    transport.close()
+
+
+def test_udpin_waits_for_the_autopilot_and_answers_where_it_came_from(ground: socket.socket) -> None:
+    transport = Udp(LinkSettings("udpin:127.0.0.1:0").address())
+    link = link_to("udpin:127.0.0.1:0", opener=lambda: transport)
+    peer = Peer(lambda: ground.recv(2048), lambda data: ground.sendto(data, ("127.0.0.1", transport.port)))
+    peer.send(HEARTBEAT.pack(AUTOPILOT))
+    until(link, lambda: "HEARTBEAT" in peer.types(), peer)
+    assert peer.got[0].get_srcSystem() == 1
+    link.close()
+
+
+def test_udpin_answers_the_newest_four_peers_only() -> None:
+    transport = Udp(LinkSettings("udpin:127.0.0.1:0").address())
+    assert not transport.write(b"nobody yet")
+    peers = []
+    try:
+        for _ in range(6):
+            peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            peer.settimeout(DEADLINE)
+            peers.append(peer)
+            peer.sendto(b"x", ("127.0.0.1", transport.port))
+            end = time.monotonic() + DEADLINE
+            while not transport.read():
+                assert time.monotonic() < end
+        assert transport.write(b"frame")
+        assert [peer.recv(10) for peer in peers[2:]] == [b"frame"] * 4
+        peers[0].settimeout(0)
+        with pytest.raises(BlockingIOError):
+            peers[0].recv(10)
+    finally:
+        transport.close()
+        for peer in peers:
+            peer.close()
+
+
+def test_a_udp_port_where_nobody_listens_is_harmless() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    link = link_to(f"udpout:127.0.0.1:{port}")
+    for step in range(20):
+        link.poll(time.monotonic() + step)
+        link.tick(time.monotonic() + step)
+    assert link.trouble is None
+    link.close()
+
+
+def test_a_port_that_is_taken_is_tried_again_and_named(ground: socket.socket) -> None:
+    link = link_to(f"udpin:127.0.0.1:{ground.getsockname()[1]}")
+    link.poll(time.monotonic())
+    assert "in use" in str(link.trouble)
+    assert link.fileno() is None
+    ground.close()
+    link.poll(time.monotonic() + 1.0)
+    assert link.fileno() is not None
+    link.close()
+
+
+def test_tcp_connects_survives_a_restart_of_the_other_end_and_connects_again() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(DEADLINE)
+        port = server.getsockname()[1]
+        link = link_to(f"tcp:127.0.0.1:{port}")
+        link.poll(time.monotonic())
+        for _ in range(2):
+            connected, _address = server.accept()
+            connected.settimeout(0)
+            peer = Peer(lambda: connected.recv(2048), connected.sendall)  # noqa: B023
+            until(link, lambda: "HEARTBEAT" in peer.types(), peer)  # noqa: B023
+            connected.close()
+            until(link, lambda: link.fileno() is None)
+            assert "link lost" in str(link.trouble)
+            until(link, lambda: link.fileno() is not None)
+        link.close()
+
+
+def test_tcp_refused_is_tried_again_quietly() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    link = link_to(f"tcp:127.0.0.1:{port}")
+    now = time.monotonic()
+    for step in range(50):
+        link.poll(now + step * 0.1)
+        link.tick(now + step * 0.1)
+    assert "refused" in str(link.trouble)
+    link.close()
+
+
+def test_a_tcp_peer_that_does_not_read_blocks_nothing_and_gets_whole_frames() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(DEADLINE)
+        transport = Tcp(LinkSettings(f"tcp:127.0.0.1:{server.getsockname()[1]}").address())
+        connected, _address = server.accept()
+        frame = mavlink.MAVLink_statustext_message(6, b"x" * 50).pack(GROUND)
+        end = time.monotonic() + DEADLINE
+        sent = 0
+        while time.monotonic() < end:
+            if not transport.write(frame):
+                if sent > 1000:
+                    break
+                continue
+            sent += 1
+        assert sent > 1000
+        connected.settimeout(0.2)
+        parser, found = Parser(), 0
+        while found < sent and time.monotonic() < end:
+            found += len(parser.feed(connected.recv(65536), whole=False))
+            transport.write(frame)
+        assert parser.bad == 0
+        connected.close()
+        transport.close()
+
+
+def test_a_serial_port_waits_for_the_autopilot_and_is_missed_when_it_is_pulled() -> None:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    link = link_to(f"serial:{os.ttyname(slave)}:57600")
+    peer = Peer(lambda: os.read(master, 2048), lambda data: os.write(master, data))
+    link.poll(time.monotonic())
+    link.tick(time.monotonic())
+    peer.read()
+    assert peer.got == []
+    peer.send(HEARTBEAT.pack(AUTOPILOT))
+    until(link, lambda: "HEARTBEAT" in peer.types(), peer)
+    os.close(slave)
+    os.close(master)
+    until(link, lambda: link.trouble is not None)
+    assert link.fileno() is None
+    link.close()
+
+
+def test_a_serial_device_that_is_absent_is_named() -> None:
+    pytest.importorskip("serial")
+    link = link_to("serial:/dev/does-not-exist:57600")
+    link.poll(time.monotonic())
+    assert "No such file" in str(link.trouble) or "could not open" in str(link.trouble)
+    link.tick(time.monotonic())
+
+
+def test_without_pyserial_a_serial_link_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "serial", None)
+    with pytest.raises(LinkError, match="pip install"):
+        link_to("serial:/dev/ttyAMA0:57600")

@@ -141,7 +141,9 @@ def _woods(rng: np.random.Generator) -> NDArray[np.uint32]:
 
 
 def _raggedness(rng: np.random.Generator) -> Floats:
-    return 0.6 * _panorama_noise(rng, 5, 40) + 0.5 * _panorama_noise(rng, 40, 300)
+    leaves, crowns = _panorama_noise(rng, 2, 9), _panorama_noise(rng, 9, 40)
+    ragged: Floats = 0.3 * leaves + 0.35 * crowns + 0.5 * _panorama_noise(rng, 40, 300)
+    return ragged
 
 
 def _hills(rng: np.random.Generator) -> Floats:

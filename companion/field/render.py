@@ -48,7 +48,7 @@ class Camera:
         labels = LABELS.index("sky"), LABELS.index("tree")
         self._backdrop = Backdrop(world.seed, *lens.directions(self._foot), labels)
         self._verge = Verge(world)
-        self._sprites: dict[tuple[str, int], sprites.Sprite] = {}
+        self._sprites = sprites.paint_all(world.seed)
 
     def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """The frame at a pose and time t in s: RGB (H, W, 3) and labels (H, W), indices into LABELS."""
@@ -127,16 +127,13 @@ class Camera:
         pixels = self.lens.focal / depth
         at, size = (column, foot + 0.02 * pixels), (width * pixels, thing.height * pixels)
         light = self._ground.light_on(thing.x, thing.y)
-        sprite = self._sprite(thing.kind, thing.look % sprites.looks(thing.kind))
-        drawn = sprite.draw(picture, at, size, light, backdrop.HAZE, float(_clear(np.float32(distance))))
+        looks = self._sprites[thing.kind]
+        drawn = looks[thing.look % len(looks)].draw(
+            picture, at, size, light, backdrop.HAZE, float(_clear(np.float32(distance)))
+        )
         if drawn:
             where, opacity = drawn
             labels[where][opacity > 127] = _THING_LABELS[thing.kind]
-
-    def _sprite(self, kind: str, look: int) -> sprites.Sprite:
-        if (kind, look) not in self._sprites:
-            self._sprites[kind, look] = sprites.paint(kind, look, self.world.seed)
-        return self._sprites[kind, look]
 
 
 def _clear(distance: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:

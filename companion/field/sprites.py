@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -65,13 +66,17 @@ class Sprite:
         return (slice(y0, y1), slice(x0, x1)), patch[..., 3]
 
 
-def looks(kind: str) -> int:
-    """How many looks a kind of thing has."""
-    return _PAINTERS[kind][0]
+def paint_all(seed: int) -> dict[str, tuple[Sprite, ...]]:
+    """The pictures of all kinds of things, one a look."""
+    return {
+        kind: tuple(paint(kind, look, seed) for look in range(looks))
+        for kind, (looks, _) in _PAINTERS.items()
+    }
 
 
+@lru_cache(maxsize=128)
 def paint(kind: str, look: int, seed: int) -> Sprite:
-    """The picture of a kind of thing in one of its looks, 0 to `looks(kind)` - 1."""
+    """The picture of a kind of thing in one of its looks, counted from 0."""
     import cv2
 
     rng = np.random.default_rng([seed, 30, list(_PAINTERS).index(kind), look])

@@ -1,0 +1,38 @@
+"""How long the simulated field's camera takes for a frame, on one core: `python bench/field_frames.py`."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import cv2
+import numpy as np
+
+from companion.field.render import Camera
+from companion.field.things import World
+from companion.field.trail import ZONES
+
+
+def main(seeds: tuple[int, ...] = (1, 2, 3), frames: int = 200) -> None:
+    """Print milliseconds of CPU a frame, over laps of several worlds."""
+    cv2.setNumThreads(1)
+    for width, height in ((320, 240), (640, 480)):
+        spent: dict[str, list[float]] = {zone: [] for zone in ZONES}
+        for seed in seeds:
+            world = World(seed)
+            camera, trail = Camera(world, width, height), world.trail
+            camera.render(trail.pose(0.0), 0.0)
+            for s in np.linspace(0.0, trail.length, frames):
+                begin = time.process_time()
+                camera.render(trail.pose(s), float(s))
+                spent[trail.zone(s)].append(1e3 * (time.process_time() - begin))
+        every = np.concatenate([np.asarray(times) for times in spent.values()])
+        zones = ", ".join(f"{zone} {np.mean(times):.1f}" for zone, times in spent.items())
+        sys.stdout.write(
+            f"{width}x{height}: {every.mean():.1f} ms a frame ({1e3 / every.mean():.0f}/s), "
+            f"95 % below {np.percentile(every, 95):.1f}, worst {every.max():.1f}; {zones}\n"
+        )
+
+
+if __name__ == "__main__":
+    main()

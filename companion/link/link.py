@@ -8,6 +8,7 @@ from functools import partial
 
 from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
+from companion.link.autopilot import ARDUPILOT
 from companion.link.connection import Connection
 from companion.link.desk import AnswerDesk
 from companion.link.guard import Guard
@@ -182,8 +183,10 @@ class Link:
         self._parameters.changed(name, value, now)
 
     def set_mode(self, custom_mode: int, now: float) -> None:
-        """Ask the autopilot for a mode, before all else; forgotten when it cannot be sent within 1 s."""
-        if self.vehicle is not None:
+        """Ask an ArduPilot for a mode, before all else; forgotten when it cannot be sent within 1 s."""
+        if self.vehicle is None or self.vehicle.autopilot != ARDUPILOT:
+            self._guard.rejected["no autopilot for modes"] += 1
+        else:
             message = encode.set_mode(self.vehicle.system_id, custom_mode)
             self._sender.push("mode", message, now, key=0, lifetime=MODE_LIFETIME)
 

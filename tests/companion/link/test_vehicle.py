@@ -169,6 +169,16 @@ def test_a_mode_command_without_a_vehicle_goes_nowhere() -> None:
     assert stage.sent("COMMAND_LONG") == []
 
 
+def test_another_kind_of_autopilot_gets_no_mode_command() -> None:
+    stage = Rehearsal(vehicle=None)
+    stage.send(mavlink.MAVLink_heartbeat_message(10, 12, 129, 0x04040000, 4, 3), (1, 1))
+    stage.run(0.1)
+    stage.link.set_mode(4, stage.now)
+    stage.run(0.1)
+    assert [m for m in stage.sent("COMMAND_LONG") if m.command == 176] == []
+    assert stage.link.counters.rejected == {"no autopilot for modes": 1}
+
+
 def test_after_the_autopilot_was_away_a_heartbeat_leaves_at_once() -> None:
     stage = Rehearsal()
     stage.run(1.3)

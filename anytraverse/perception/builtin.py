@@ -17,7 +17,7 @@ from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.ground_features import Grid, ground_features
 from anytraverse.perception.lexicon import LOOKS, VOCABULARY, meaning
 from anytraverse.perception.looks import Look, attention
-from anytraverse.perception.scene import scene_vector
+from anytraverse.perception.scene import SAME_PLACE, scene_vector
 from anytraverse.perception.tapped import learn_look, look_of, vector_of
 from anytraverse.preferences import clean_word
 from anytraverse.regions import Box
@@ -30,7 +30,7 @@ class Builtin:
 
     model_id = MODEL_ID
     vocabulary = VOCABULARY
-    defaults = DefaultThresholds(roi=0.3, scene=0.85, tile=0.4)
+    defaults = DefaultThresholds(roi=0.3, scene=SAME_PLACE, tile=0.25)
 
     def __init__(self, argument: str = "") -> None:
         """Raises PerceiverError for an argument: it takes none."""

@@ -1,0 +1,128 @@
+"""`companion`: the daemon on the rover, its demo, and its configuration."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+_SHIPPED = ("companion.toml", "vehicles/rover.toml")
+
+
+class UserError(Exception):
+    """Something that whoever typed the command can mend. Its text is what they are told."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; its exit code, or 2 with what to mend on stderr."""
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+    except UserError as error:
+        print(f"companion {options.command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="companion", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+
+    run = commands.add_parser("run", help="look, judge and call, until stopped")
+    run.add_argument("--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml")
+    run.add_argument("-v", "--verbose", action="store_true", help="log more")
+    run.set_defaults(run=_run)
+
+    demo = commands.add_parser("demo", help="drive a simulated trail and ask you about it")
+    demo.add_argument("--auto", action="store_true", help="answer by itself")
+    demo.add_argument("--seed", type=int, default=0, metavar="N", help="which trail, by default %(default)s")
+    demo.add_argument("--out", metavar="FOLDER", help="where pictures and logs go, by default a new one")
+    demo.add_argument("--camera", metavar="SOURCE", help="a camera of your own, e.g. video:drive.mp4")
+    demo.set_defaults(run=_demo)
+
+    init = commands.add_parser("init", help="write a configuration to edit")
+    init.add_argument("folder", nargs="?", default=".", metavar="FOLDER", help="where, by default here")
+    init.set_defaults(run=_init)
+
+    config = commands.add_parser("config", help="check a configuration")
+    actions = config.add_subparsers(dest="action", required=True, metavar="action")
+    check = actions.add_parser("check", help="say what is wrong with it, or what is in force")
+    check.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
+    check.set_defaults(run=_check)
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    from anytraverse.errors import AnyTraverseError
+    from companion.config import ConfigError, load_config
+    from companion.journal import JournalError
+    from companion.link.settings import LinkError
+    from companion.wire.parameters import ParameterError
+
+    _log_to_stderr(logging.DEBUG if options.verbose else logging.INFO)
+    try:
+        config = load_config(options.config)
+        from companion.run import main as run
+
+        return run(config)
+    except ConfigError as error:
+        raise UserError(_told(error)) from error
+    except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:
+        raise UserError(str(error)) from error
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from companion.demo.main import main as demo
+
+    return demo(options)
+
+
+def _init(options: argparse.Namespace) -> int:
+    from companion.resources import resource
+
+    folder = Path(options.folder).expanduser()
+    try:
+        for name in _SHIPPED:
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                with path.open("x", encoding="utf-8") as file:
+                    file.write(resource(f"config/{name}").read_text(encoding="utf-8"))
+                print(f"{path}: written")
+            except FileExistsError:
+                print(f"{path}: is there already, left as it is")
+    except OSError as error:
+        raise UserError(f"{error.filename or folder}: {(error.strerror or str(error)).lower()}") from error
+    print(f"Edit them, then: companion config check {folder / _SHIPPED[0]}")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    from companion.config import ConfigError, format_config, load_config
+
+    try:
+        print(format_config(load_config(options.file)), end="")
+    except ConfigError as error:
+        raise UserError(_told(error)) from error
+    return 0
+
+
+def _told(error: Exception) -> str:
+    """One problem on the command's own line, several below it."""
+    text = str(error)
+    return text if "\n" not in text else f"\n{text}"
+
+
+def _log_to_stderr(level: int) -> None:
+    # systemd's journal stamps the time itself.
+    time = "" if "JOURNAL_STREAM" in os.environ else "%(asctime)s "
+    logging.basicConfig(level=level, format=f"{time}%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

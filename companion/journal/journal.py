@@ -74,10 +74,11 @@ class Journal:
 
     def save_supervision(self, state: Mapping[str, Any]) -> None:
         """Keep the state of the open call and the hold: JSON values. Raises JournalError."""
-        text = json.dumps(dict(state))
+        text = _json(state)
         with self._database.writing() as connection:
             connection.execute("REPLACE INTO supervision VALUES (1, ?)", (text,))
-        self._supervision = dict(state)
+        kept: dict[str, Any] = json.loads(text)
+        self._supervision = kept
 
     def load_supervision(self) -> dict[str, Any] | None:
         """The state kept last, or None."""
@@ -101,12 +102,12 @@ class Journal:
 
     def record_call(self, call: Call) -> None:
         """Keep what a closed call was about. Raises JournalError."""
-        row = (call.id, time.time(), call.outcome.name.lower(), json.dumps(record_of(call)))
+        row = (call.id, time.time(), call.outcome.name.lower(), _json(record_of(call)))
         self._append("calls", "id, closed_at, outcome, record", row)
 
     def record_answer(self, call_id: int, record: Mapping[str, Any]) -> None:
         """Keep what was answered to a call: JSON values. Raises JournalError."""
-        row = (call_id, time.time(), json.dumps(dict(record)))
+        row = (call_id, time.time(), _json(record))
         self._append("answers", "call_id, answered_at, record", row)
 
     def calls(self, limit: int = 20) -> list[CallRecord]:
@@ -156,6 +157,13 @@ class Journal:
             connection.execute(
                 f"DELETE FROM {table} WHERE number <= (SELECT max(number) FROM {table}) - ?", (MAX_CALLS,)
             )
+
+
+def _json(values: Mapping[str, Any]) -> str:
+    try:
+        return json.dumps(dict(values))
+    except (TypeError, ValueError) as error:
+        raise JournalError(f"what cannot be written as JSON cannot be kept: {error}") from error
 
 
 def _read_state(database: Database) -> dict[str, Any] | None:

@@ -1,0 +1,116 @@
+"""The open call, its frame, and the record of closed ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anytraverse.assessment import Reason
+from companion.calls.decisions import Call
+from companion.journal import Journal, JournalError
+from companion.journal import journal as journal_module
+from companion.journal.durable import write_durably
+from companion.wire.ids import Outcome
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[Journal]:
+    journal = Journal(tmp_path)
+    yield journal
+    journal.close()
+
+
+def _call(number: int, outcome: Outcome = Outcome.ANSWERED) -> Call:
+    return Call(number, 40 + number, {Reason.UNKNOWN_OBJECT}, 0.0, None, outcome=outcome)
+
+
+def test_the_state_of_the_calls_comes_back(journal: Journal, tmp_path: Path) -> None:
+    state = {"last_id": 7, "mode": None, "call": {"id": 7, "reasons": ["unknown_object"]}, "hold": None}
+    journal.save_supervision({"last_id": 6})
+    journal.save_supervision(state)
+    journal.close()
+    again = Journal(tmp_path)
+    assert again.load_supervision() == state
+    again.close()
+
+
+def test_the_callers_later_changes_of_the_state_are_not_kept(journal: Journal) -> None:
+    state = {"call": {"id": 1}}
+    journal.save_supervision(state)
+    state["call"]["id"] = 2
+    assert journal.load_supervision() == {"call": {"id": 1}}
+
+
+def test_the_frame_of_the_open_call_comes_back_pixel_by_pixel(journal: Journal, tmp_path: Path) -> None:
+    image = np.random.default_rng(1).integers(0, 256, (24, 32, 3), np.uint8)
+    journal.save_frame(np.zeros((4, 4, 3), np.uint8))
+    journal.save_frame(image)
+    loaded = journal.load_frame()
+    assert loaded is not None
+    assert (loaded == image).all()
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".db", ".db-wal", ".png"]
+
+
+@pytest.mark.parametrize("content", [b"", b"torn", b"\x89PNG\r\n\x1a\n"])
+def test_a_torn_frame_is_no_frame(journal: Journal, tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "call.png").write_bytes(content)
+    assert journal.load_frame() is None
+
+
+def test_what_is_no_picture_is_not_kept(journal: Journal) -> None:
+    journal.save_frame(np.ones((4, 4, 3), np.uint8))
+    with pytest.raises(JournalError):
+        journal.save_frame(np.ones((4, 4), np.uint8))
+    assert journal.load_frame() is not None
+
+
+def test_a_file_that_cannot_be_written_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "file"
+    write_durably(path, b"old")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_durably(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_under_the_frame_is_a_journal_error(
+    journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(JournalError, match="make room"):
+        journal.save_frame(np.ones((4, 4, 3), np.uint8))
+
+
+def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journal) -> None:
+    journal.record_answer(1, {"motion": "go", "words": "drum: -1"})
+    journal.record_call(_call(1))
+    journal.record_call(_call(2, Outcome.PASSED))
+    newest, oldest = journal.calls()
+    assert (newest.id, newest.outcome, newest.answers) == (2, "passed", ())
+    assert (oldest.id, oldest.outcome) == (1, "answered")
+    assert oldest.answers == ({"motion": "go", "words": "drum: -1"},)
+    assert oldest.record["reasons"] == ["unknown_object"]
+    assert oldest.record["frame_id"] == 41
+    assert oldest.closed_at > 0
+    assert [call.id for call in journal.calls(1)] == [2]
+
+
+def test_old_calls_and_answers_go(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_module, "MAX_CALLS", 3)
+    for number in range(1, 7):
+        journal.record_call(_call(number))
+        journal.record_answer(number, {})
+    assert [call.id for call in journal.calls()] == [6, 5, 4]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -34,7 +34,7 @@ AHEAD = Box(0.4, 0.65, 0.6, 0.9)
 class Painted:
     """A perceiver for painted pictures: red says what stands there, green how sure it is, blue which scene.
 
-    It counts its work. `spoil_attention` and `spoil_embedding` replace what it would answer.
+    It counts its work. What is put in the place of `spoil_...` changes what it answers.
     """
 
     model_id = "painted-1"
@@ -45,6 +45,7 @@ class Painted:
         self.encoded = self.attended = self.embedded = 0
         self.spoil_attention: Callable[[NDArray[np.float32]], NDArray[Any]] = lambda maps: maps
         self.spoil_embedding: Callable[[NDArray[np.float32]], NDArray[Any]] = lambda vector: vector
+        self.spoil_example: Callable[[Example], Example] = lambda example: example
 
     def meaning(self, word: str) -> str:
         """The word's first synonym."""
@@ -79,7 +80,7 @@ class Painted:
         """What stands in the middle of the box."""
         x, y = box.centre
         code = features[int(y * HEIGHT), int(x * WIDTH), 0]
-        return Example(self.model_id, np.array([code], dtype=np.float32))
+        return self.spoil_example(Example(self.model_id, np.array([code], dtype=np.float32)))
 
 
 class Rover:
@@ -124,6 +125,7 @@ class Rover:
 
     def answer(
         self,
+        weights: Mapping[str, float] | None = None,
         call: Observation | None = None,
         call_id: int = 0,
         *,
@@ -132,10 +134,9 @@ class Rover:
         forget: tuple[str, ...] = (),
         forget_calls: tuple[int, ...] = (),
         new_episode: bool = False,
-        **weights: float,
     ) -> AnswerOutcome:
         """Answer as the operator would."""
-        changes = Changes(weights, taps, forget, forget_calls, new_episode)
+        changes = Changes(weights or {}, taps, forget, forget_calls, new_episode)
         return self.engine.answer(changes, self.now, call=call, call_id=call_id, go=go)
 
 
@@ -151,12 +152,6 @@ def rover() -> Rover:
     rover = Rover("grass: 1; rock: -1")
     rover.see()
     return rover
-
-
-@pytest.fixture
-def eyes() -> Painted:
-    """Painted eyes alone."""
-    return Painted()
 
 
 @pytest.fixture

@@ -1,0 +1,246 @@
+"""A changed scene that was answered before gives its words back."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from anytraverse.assessment import Reason
+from anytraverse.history import Embedding, Entry, History
+from anytraverse.judging import Settings
+from anytraverse.memory import Memory
+from anytraverse.perception import Example
+from anytraverse.preferences import Preferences, Setting
+
+if TYPE_CHECKING:
+    from tests.anytraverse.conftest import Rover
+
+GNOME = Example("painted-1", np.array([99], dtype=np.float32))
+
+
+def at(angle: float) -> Embedding:
+    """A scene in the plane, in degrees."""
+    radians = math.radians(angle)
+    return np.array([math.cos(radians), math.sin(radians)], dtype=np.float32)
+
+
+def stamped(**words: tuple[float, int]) -> Preferences:
+    """Words with weight and stamp."""
+    return Preferences({word: Setting(*setting) for word, setting in words.items()})
+
+
+def entry(angle: float, words: Preferences, order: int = 5, **examples: tuple[Example, ...]) -> Entry:
+    """An answered scene."""
+    return Entry(at(angle), words, order, order, call_id=order, examples=examples)
+
+
+def memory(words: Preferences, *entries: Entry, **forgotten: int) -> Memory:
+    """What was learnt so far; the reference is the scene at 0 degrees."""
+    return Memory(
+        "painted-1", words, words, forgotten=forgotten, reference=at(0), history=History(entries), clock=20
+    )
+
+
+GRASS = stamped(grass=(1, 0))
+TRAIL_TOO = stamped(grass=(1, 0), trail=(1, 3))
+
+
+def test_a_scene_never_seen_is_a_call_for_words(rover: Rover) -> None:
+    seen = rover.see(90)
+    assert seen.reasons == {Reason.UNKNOWN_SCENE}
+    assert seen.match is None
+
+
+def test_a_match_is_adopted_after_two_frames_and_judged_with_its_words_before_anything_is_told(
+    make_rover: type[Rover],
+) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
+    first = rover.see(90, "trail")
+    assert first.reasons == {Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT}
+    assert first.match is not None
+    assert first.adopted is None
+    assert "trail" not in first.words
+    second = rover.see(90, "trail")
+    assert second.adopted is not None
+    assert second.words == TRAIL_TOO
+    assert second.ok
+    assert second.roi is not None
+    assert second.roi.uncertainty == 0
+    assert rover.eyes.encoded == 2
+
+
+def test_words_of_a_match_that_forbid_the_ground_are_told_at_once(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, stamped(grass=(-1, 0)))))
+    rover.see(90)
+    assert rover.see(90).reasons == {Reason.BLOCKED}
+
+
+def test_words_of_a_match_that_do_not_cover_the_thing_leave_the_call(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
+    rover.see(90, "trail", "drum")
+    second = rover.see(90, "trail", "drum")
+    assert second.adopted is not None
+    assert second.reasons == {Reason.UNKNOWN_OBJECT}
+
+
+@pytest.mark.parametrize(
+    ("scenes", "adopted"),
+    [([90, 90], True), ([90, 0, 90], True), ([90, 0, 0, 90], False), ([90, 180, 180, 90], False)],
+)
+def test_two_of_the_last_three_frames_must_match(
+    make_rover: type[Rover], scenes: list[int], adopted: bool
+) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
+    last = [rover.see(scene) for scene in scenes][-1]
+    assert (last.adopted is not None) is adopted
+
+
+def test_the_votes_are_a_setting(make_rover: type[Rover]) -> None:
+    rover = make_rover("", Settings(votes=1, window=1), memory(GRASS, entry(90, TRAIL_TOO)))
+    assert rover.see(90).adopted is not None
+
+
+def test_broken_frames_are_counted_as_frames_without_a_match(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
+    rover.see(90)
+    rover.see(90, captured_at=0.0)
+    rover.see(90, image=None)
+    assert rover.see(90).adopted is None
+    assert rover.see(90).adopted is not None
+
+
+def test_the_most_similar_scene_is_adopted_and_becomes_the_reference(make_rover: type[Rover]) -> None:
+    near, far = entry(90, TRAIL_TOO, 5), entry(70, GRASS, 6)
+    rover = make_rover("", memory=memory(GRASS, far, near))
+    rover.see(85)
+    seen = rover.see(85)
+    assert seen.adopted is near
+    assert seen.similarity == pytest.approx(math.cos(math.radians(5)))
+    assert rover.memory.reference is near.embedding
+    matched = {one.order: one.matched for one in rover.memory.history}
+    assert matched == {5: 21, 6: 6}
+
+
+def test_a_scene_not_similar_enough_is_no_match(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
+    assert rover.see(130).match is None
+
+
+def test_an_unknown_object_is_a_call_even_where_a_remembered_scene_has_the_word(
+    make_rover: type[Rover],
+) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(0, stamped(drum=(-1, 3)))))
+    for _ in range(4):
+        seen = rover.see(0, thing="drum")
+        assert seen.reasons == {Reason.UNKNOWN_OBJECT}
+        assert seen.match is None
+    assert "drum" not in rover.memory.preferences
+
+
+def test_words_that_the_match_does_not_name_stay(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(stamped(grass=(1, 0), rock=(-1, 0)), entry(90, TRAIL_TOO)))
+    rover.see(90)
+    rover.see(90)
+    assert rover.memory.preferences == Preferences.parse("grass: 1; rock: -1; trail: 1")
+
+
+def test_a_match_does_not_undo_a_word_that_was_set_later(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(stamped(grass=(0.2, 9)), entry(90, TRAIL_TOO)))
+    rover.see(90)
+    assert rover.see(90).words == Preferences.parse("grass: 0.2; trail: 1")
+
+
+def test_a_match_undoes_a_word_that_was_set_before_it(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(stamped(grass=(0.2, 4)), entry(90, TRAIL_TOO)))
+    rover.see(90)
+    assert rover.see(90).words == Preferences.parse("grass: 1; trail: 1")
+
+
+def test_a_match_does_not_bring_a_forgotten_word_back(make_rover: type[Rover]) -> None:
+    rover = make_rover("grass: 1")
+    rover.see()
+    call = rover.call(90, "trail")
+    rover.answer({"trail": 1}, call, 1)
+    rover.answer(forget=("trail",))
+    rover.see(0)
+    rover.see(0)
+    rover.see(90, "trail")
+    back = rover.see(90, "trail")
+    assert back.adopted is not None
+    assert back.reasons == {Reason.UNKNOWN_OBJECT}
+    assert "trail" not in back.words
+
+
+def test_a_forgotten_word_is_brought_back_by_a_scene_that_was_answered_after_it_was_set_again(
+    make_rover: type[Rover],
+) -> None:
+    words = stamped(grass=(1, 0), trail=(1, 8))
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO, 5), entry(180, words, 9), trail=7))
+    rover.see(90)
+    assert rover.see(90).words == GRASS
+    rover.see(180)
+    assert rover.see(180).words == words
+
+
+def test_a_synonym_that_was_set_later_keeps_the_matchs_word_out(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(stamped(grass=(1, 0), path=(-1, 9)), entry(90, TRAIL_TOO)))
+    rover.see(90)
+    seen = rover.see(90)
+    assert seen.adopted is not None
+    assert seen.words == Preferences.parse("grass: 1; path: -1")
+    assert seen.dropped == ()
+
+
+def test_a_synonym_that_was_set_before_gives_way_and_that_is_said(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(stamped(grass=(1, 0), path=(-1, 2)), entry(90, TRAIL_TOO)))
+    rover.see(90)
+    seen = rover.see(90)
+    assert seen.words == TRAIL_TOO
+    assert seen.dropped == ("path",)
+
+
+def test_beyond_sixteen_words_the_least_recently_set_goes_and_that_is_said(make_rover: type[Rover]) -> None:
+    words = Preferences({f"kind {n}": Setting(1, n) for n in range(16)})
+    rover = make_rover("", memory=memory(words, entry(90, stamped(grass=(1, 7)), order=17)))
+    rover.see(90, "kind 5")
+    seen = rover.see(90, "kind 5")
+    assert seen.dropped == ("kind 0",)
+    assert "grass" in seen.words
+    assert len(seen.words) == 16
+
+
+def test_a_dropped_words_weight_is_not_undone_by_an_older_scene(make_rover: type[Rover]) -> None:
+    words = Preferences({f"kind {n}": Setting(1, 6 + n) for n in range(16)})
+    old = entry(90, Preferences({"kind 0": Setting(-1, 2)}), 5)
+    rover = make_rover("", memory=memory(words, old, entry(180, stamped(grass=(1, 18)), 19)))
+    rover.see(180)
+    assert rover.see(180).dropped == ("kind 0",)
+    rover.see(90)
+    assert "kind 0" not in rover.see(90).words
+
+
+def test_tapped_words_come_back_with_their_examples(make_rover: type[Rover]) -> None:
+    words = stamped(grass=(1, 0), gnome=(-1, 3))
+    rover = make_rover("", memory=memory(GRASS, entry(90, words, gnome=(GNOME,))))
+    rover.see(90, thing="gnome")
+    seen = rover.see(90, thing="gnome")
+    assert seen.reasons == {Reason.BLOCKED}
+    assert rover.memory.examples["gnome"] == (GNOME,)
+
+
+def test_a_remembered_word_that_cannot_be_grounded_is_left_out(make_rover: type[Rover]) -> None:
+    words = stamped(grass=(1, 0), gnome=(-1, 3))
+    rover = make_rover("", memory=memory(GRASS, entry(90, words)))
+    rover.see(90)
+    assert rover.see(90).words == GRASS
+
+
+def test_a_frame_with_a_fault_does_not_vote(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
+    for _ in range(4):
+        seen = rover.see(90, captured_at=rover.now - 60)
+        assert seen.reasons == {Reason.FAULT, Reason.UNKNOWN_SCENE}
+        assert seen.adopted is None

@@ -85,7 +85,7 @@ def _demo(options: argparse.Namespace) -> int:
 def _init(options: argparse.Namespace) -> int:
     from companion.resources import resource
 
-    folder = Path(options.folder).expanduser()
+    folder = Path(options.folder)
     try:
         for name in _SHIPPED:
             path = folder / name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,7 +44,7 @@ class PictureFolder:
     """
 
     def __init__(self, place: str, playback: Playback) -> None:
-        self._folder = Path(place).expanduser()
+        self._folder = Path(os.path.expanduser(place))
         self._loop = playback.loop
         self._pace = Pace(playback.rate or _USUAL_RATE)
         self._frames: Iterator[Path] = iter(pictures(self._folder))

@@ -99,6 +99,7 @@ class CameraThread:
         self._patience = patience or Patience()
         self._newest = NewestFrame()
         self._status = CameraStatus()
+        self._delivered_at: float | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
@@ -107,6 +108,11 @@ class CameraThread:
     def status(self) -> CameraStatus:
         """Never blocks."""
         return self._status
+
+    @property
+    def delivered_at(self) -> float | None:
+        """Monotonic seconds when the newest good frame came; None before the first."""
+        return self._delivered_at
 
     @property
     def state(self) -> CameraState:
@@ -180,6 +186,7 @@ class CameraThread:
     def _keep(self, capture: Capture) -> None:
         frame = Frame(self._next_id, capture.captured_at, capture.image)
         self._next_id += 1
+        self._delivered_at = time.monotonic()
         dropped = self._newest.put(frame)
         self._set(
             state=CameraState.DELIVERING,

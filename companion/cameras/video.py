@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ class VideoFile:
     """A video file that OpenCV can decode. `captured_at` is the time at which a frame was due."""
 
     def __init__(self, place: str, playback: Playback) -> None:
-        self._path = Path(place).expanduser()
+        self._path = Path(os.path.expanduser(place))
         self._loop = playback.loop
         self._video = self._open()
         self._read_in_lap = 0

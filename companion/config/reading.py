@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -15,7 +16,7 @@ from companion.config.words import read_words
 
 def load_config(path: str | Path) -> Config:
     """The configuration in `path` over the vehicle's file that it names. Raises ConfigError."""
-    main = Layer.read(Path(path).expanduser())
+    main = Layer.read(Path(os.path.expanduser(path)))
     problems: list[Problem] = []
     layers = [main]
     _refuse_unknown(main, (*WORD_KEYS, *SECTIONS), problems)
@@ -37,8 +38,8 @@ def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:
     name = main.table("vehicle", []).get("file", Vehicle().file)
     if not isinstance(name, str) or not name:
         return None
-    path = main.path.parent / Path(name).expanduser()
-    if not path.is_file():
+    path = main.path.parent / os.path.expanduser(name)
+    if not os.path.isfile(path):
         problems.append(
             main.problem(("vehicle", "file"), f'there is no file {path}: name the vehicle\'s file, or ""')
         )

@@ -174,7 +174,7 @@ class Journal(Section):
     def path(self) -> Path:
         """The folder that counts."""
         given = self.folder or os.environ.get("STATE_DIRECTORY", "").split(":")[0]
-        return Path(given or "~/.local/state/anytraverse").expanduser()
+        return Path(os.path.expanduser(given or "~/.local/state/anytraverse"))
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class Journal:
         A damaged one is set aside under another name, with a warning, and a fresh one begun. Raises
         JournalError when the folder cannot be used, another companion uses it, or a newer one wrote it.
         """
-        self._folder = folder.expanduser()
+        self._folder = folder
         self._path = self._folder / "journal.db"
         self._frame = self._folder / "call.png"
         self.recovered_from: Path | None = None

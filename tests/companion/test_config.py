@@ -7,9 +7,12 @@ from dataclasses import MISSING, fields, replace
 from pathlib import Path
 
 import pytest
+import tomlkit
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from anytraverse.perception import DefaultThresholds
-from companion.config import Config, ConfigError, format_config, load_config
+from companion.config import Config, ConfigError, Problem, format_config, load_config
 from companion.config.assembly import call_numbers, judging_settings
 from companion.config.schema import SECTIONS
 from companion.resources import resource
@@ -184,6 +187,34 @@ def test_a_vehicles_file_that_is_absent_is_told(tmp_path: Path) -> None:
     assert problem.startswith("companion.toml:2: vehicle.file = 'vehicles/tank.toml': there is no file")
 
 
+_SCALARS = st.one_of(
+    st.integers(-5, 300), st.floats(), st.booleans(), st.text(max_size=6), st.just("~x\\0/a")
+)
+_ANYTHING = st.one_of(
+    _SCALARS, st.lists(_SCALARS, max_size=3), st.dictionaries(st.text(max_size=3), _SCALARS)
+)
+_KEYS = st.sampled_from([field.name for section in SECTIONS.values() for field in fields(section)])
+_NAMES = st.sampled_from([*SECTIONS, "words", "vocabulary", "aliases", "lnk"])
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    st.dictionaries(_NAMES, st.one_of(_ANYTHING, st.dictionaries(_KEYS, _ANYTHING, max_size=4)), max_size=4)
+)
+def test_whatever_stands_in_a_file_it_loads_or_is_told(
+    tmp_path_factory: pytest.TempPathFactory, data: dict[str, object]
+) -> None:
+    path = tmp_path_factory.mktemp("config") / "companion.toml"
+    data.setdefault("vehicle", {"file": ""})
+    path.write_text(tomlkit.dumps(data), encoding="utf-8")
+    problems: tuple[Problem, ...] = ()
+    try:
+        load_config(path)
+    except ConfigError as error:
+        problems = error.problems
+    assert all(problem.line is not None and problem.reason for problem in problems)
+
+
 def test_words_are_kept_in_their_one_spelling(tmp_path: Path) -> None:
     config = load_config(_write(tmp_path, '[words]\n" Dry  GRASS" = 1\n'))
     assert dict(config.preferences) == {"dry grass": 1.0}
@@ -213,8 +244,7 @@ def test_the_journal_lies_where_systemd_says_unless_config_says(
 
 
 def test_unset_thresholds_are_the_perceivers_own(tmp_path: Path) -> None:
-    settings = judging_settings(load_config(_write(tmp_path, "")), _OWN)
-    limits = settings.thresholds
+    limits = judging_settings(load_config(_write(tmp_path, "")), _OWN).thresholds
     assert (limits.roi, limits.scene, limits.tile, limits.trav) == (0.31, 0.86, 0.41, 0.4)
 
 

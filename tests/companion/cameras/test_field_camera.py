@@ -102,6 +102,32 @@ def test_the_reader_finds_a_field_that_starts_later_on_the_same_port() -> None:
     assert thread.close(5.0)
 
 
+def _packed(shape: tuple[int, int]) -> bytes:
+    height, width = shape
+    size = width.to_bytes(2, "little") + height.to_bytes(2, "little")
+    return b"ATF1" + bytes(4) + np.float64(time.monotonic()).tobytes() + size + bytes(3 * width * height)
+
+
+def test_a_frame_torn_by_a_lost_connection_is_never_delivered() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(5.0)
+        source = f"field:127.0.0.1:{listener.getsockname()[1]}"
+        thread = CameraThread(lambda: open_camera(source), patience=_QUICK)
+        torn, _ = listener.accept()
+        torn.recv(1)
+        torn.sendall(_packed((6, 8))[:-1])
+        torn.close()
+        whole, _ = listener.accept()
+        whole.recv(1)
+        assert thread.status.read == 0
+        whole.sendall(_packed((5, 7)))
+        frame = thread.take(5.0)
+        whole.close()
+    assert frame is not None
+    assert (frame.id, frame.image.shape) == (1, (5, 7, 3))
+    assert thread.close(5.0)
+
+
 @pytest.mark.parametrize(
     "place", ["5600", "127.0.0.1", "127.0.0.1:", "127.0.0.1:99999", "10.0.0.5:5600", "rover:1"]
 )

@@ -108,6 +108,23 @@ def test_a_lost_camera_is_opened_anew_and_ids_go_on_rising() -> None:
     assert all(camera.closed for camera in cameras)
 
 
+def test_the_time_of_the_newest_delivery_is_told() -> None:
+    late = threading.Event()
+
+    def wait_for_it() -> Capture:
+        late.wait(_SOON)
+        return _picture()
+
+    with _reading(lambda: _ScriptedCamera(wait_for_it, BadFrame("torn"))) as thread:
+        at_first = thread.delivered_at
+        assert at_first is None
+        before = time.monotonic()
+        late.set()
+        _wait_until(lambda: thread.status.refused == 1)
+        assert thread.delivered_at is not None
+        assert before <= thread.delivered_at <= time.monotonic()
+
+
 def test_ids_begin_where_the_caller_says() -> None:
     with _reading(lambda: _ScriptedCamera(_picture), first_id=900) as thread:
         frame = thread.take(_SOON)

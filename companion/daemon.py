@@ -8,6 +8,7 @@ import select
 import signal
 import time
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from anytraverse.assessment import Reason
 from anytraverse.history import Place
@@ -29,9 +30,9 @@ from companion.cameras.newest import CameraThread
 from companion.conversation import Conversation, Heard
 from companion.eyes import Applied, Eyes, Judged
 from companion.keeper import Keeper
-from companion.link.link import Link
 from companion.link.autopilot import GUIDED, mode_name
 from companion.link.heard import AnswerRequest, ParameterRequest, Vehicle, VehicleHeard
+from companion.link.link import Link
 from companion.odometer import Odometer
 from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness
@@ -102,6 +103,22 @@ class Daemon:
         self._keeper.save_calls(self._calls)
         self._speak(now)
         self._link.tick(now)
+
+    def status(self) -> dict[str, Any]:
+        """Figures for the status file."""
+        now = time.monotonic()
+        newest, camera, counters = self._calls.sight.newest, self._camera.status, self._link.counters
+        return {
+            "state": self._calls.state(now).name.lower(),
+            "reasons": sorted(reason.value for reason in self._calls.sight.reasons(now)),
+            "current_id": self._calls.current_id,
+            "policy": self._calls.policy.name.lower(),
+            "words": self._conversation.words.format(),
+            "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
+            "similarity": newest.similarity if newest else None,
+            "camera": {"state": camera.state.value, "read": camera.read, "dropped": camera.dropped},
+            "link": {"trouble": self._link.trouble, "sent": dict(counters.sent), "lost": counters.lost},
+        }
 
     def _wait(self) -> None:
         readable = [number for number in (self._link.fileno(), self._eyes.fileno()) if number is not None]
@@ -264,12 +281,6 @@ class Daemon:
     def _close(self, kind: Kind, number: int, outcome: Outcome, now: float) -> None:
         data = self._announcement.closed(kind, number, outcome, self._conversation.words, self.place(), now)
         self._link.announce(data, texts.closed(kind, number, outcome), now)
-
-
-def run(daemon: Daemon, stop: Callable[[], bool]) -> None:
-    """Turn until `stop()`."""
-    while not stop():
-        daemon.turn()
 
 
 def stop_on_signals() -> Callable[[], bool]:

@@ -71,12 +71,12 @@ class Eyes:
         engine: AnyTraverse,
         camera: FrameSource,
         period: float,
-        place: Callable[[], Place] = Place,
     ) -> None:
         self._engine = engine
         self._camera = camera
         self._period = period
-        self._place = place
+        self.place: Callable[[], Place] = Place
+        """Asked for what goes with a remembered scene."""
         self._jobs: queue.Queue[Callable[[], Result | None]] = queue.Queue(MAX_JOBS)
         self._results: deque[Result] = deque(maxlen=MAX_RESULTS)
         self._wake_reader, self._wake_writer = os.pipe()
@@ -111,7 +111,7 @@ class Eyes:
         def job() -> Result:
             try:
                 outcome = self._engine.answer(
-                    changes, time.monotonic(), call=call, call_id=call_id, go=go, place=self._place()
+                    changes, time.monotonic(), call=call, call_id=call_id, go=go, place=self.place()
                 )
                 return Applied(token, outcome, None, self._engine.memory)
             except AnyTraverseError as error:
@@ -186,7 +186,7 @@ class Eyes:
 
     def _judge(self, frame: Frame) -> Judged:
         try:
-            assessment = self._engine.step(frame, time.monotonic(), self._place())
+            assessment = self._engine.step(frame, time.monotonic(), self.place())
         except Exception:
             log.exception("frame %d could not be judged", frame.id)
             assessment = self._engine.fault(frame, time.monotonic(), "the perceiver failed")

@@ -10,8 +10,8 @@ from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
 from companion.conversation import Conversation, Heard
 from companion.eyes import Eyes
-from companion.link.link import Link
 from companion.link.heard import ParameterRequest
+from companion.link.link import Link
 from companion.wire import texts
 from companion.wire.ids import Policy
 from companion.wire.parameters import (

@@ -159,7 +159,7 @@ def just_announced(kind: Kind, number: int) -> str:
 
 
 def known_place(call: int) -> str:
-    """A remembered scene gave its words; no call was needed. call: the answered one, 0 for the first scene."""
+    """A remembered scene gave its words. call: the answered one, 0 for the first scene."""
     return fit(f"Known place again: words of C{call}" if call else "Known place again: first words")
 
 

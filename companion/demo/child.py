@@ -1,0 +1,89 @@
+"""A process of the demo, read line by line without blocking."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO
+
+MAX_LINES = 10_000
+
+
+class ChildError(RuntimeError):
+    """A process of the demo that did not start or ended too early; its log says why."""
+
+
+class Child:
+    """`python -m ...` with its stdout as lines; stderr goes to a log file.
+
+    interactive: the process talks to the terminal itself and has no lines.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str], log: Path, *, interactive: bool = False) -> None:
+        self.name = name
+        self.log = log
+        self._lines: queue.Queue[tuple[float, str]] = queue.Queue(MAX_LINES)
+        pipe = None if interactive else subprocess.PIPE
+        with log.open("ab") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", *arguments],
+                stdin=pipe,
+                stdout=pipe,
+                stderr=errors,
+                text=True,
+                bufsize=1,
+            )
+        if self.process.stdout is not None:
+            threading.Thread(target=self._read, args=(self.process.stdout,), daemon=True).start()
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self.process.poll() is None
+
+    def lines(self) -> list[tuple[float, str]]:
+        """What it printed since the last call, with the monotonic seconds when it was read."""
+        taken: list[tuple[float, str]] = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                taken.append(self._lines.get_nowait())
+        return taken
+
+    def first_line(self, timeout: float) -> str:
+        """The first line that it prints. Raises ChildError when none comes."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            with contextlib.suppress(queue.Empty):
+                return self._lines.get(timeout=0.1)[1]
+            if not self.running:
+                break
+        raise ChildError(f"{self.name} did not start: see {self.log}")
+
+    def type(self, line: str) -> None:
+        """Write a line to its standard input."""
+        if self.process.stdin is not None and self.running:
+            with contextlib.suppress(OSError):
+                self.process.stdin.write(line + "\n")
+                self.process.stdin.flush()
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """Ask it to end; kill it when it does not."""
+        if self.running:
+            self.process.terminate()
+        try:
+            self.process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait(timeout)
+
+    def _read(self, stream: IO[str]) -> None:
+        with contextlib.suppress(ValueError, OSError):
+            for line in stream:
+                with contextlib.suppress(queue.Full):
+                    self._lines.put_nowait((time.monotonic(), line.rstrip("\n")))

@@ -1,0 +1,193 @@
+"""Sets the stage and follows the play: field, daemon and operator over real UDP, told as a story."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from companion.demo.answers import AutoOperator
+from companion.demo.child import Child, ChildError
+from companion.demo.story import Story
+from companion.demo.tally import Tally, missing
+from companion.field.control import FieldControl
+
+LIMIT = 85.0
+"""Seconds after which the scripted demo gives up."""
+READY_WITHIN = 20.0
+STEP = 0.1
+BEYOND_RETURN = 12.0
+"""Metres into the known meadow that the rover must come without a call."""
+NEAR = 9.0
+"""Metres ahead at which a person would point at a thing."""
+REMOVE_AFTER = 1.5
+"""Seconds that a named thing must have kept the rover standing before somebody takes it away."""
+
+
+@dataclass
+class Stage:
+    """The processes and where they leave things."""
+
+    out: Path
+    trail: Child
+    daemon: Child
+    operator: Child
+    control: FieldControl
+    started: float = field(default_factory=time.monotonic)
+
+    def daemon_status(self) -> dict[str, Any]:
+        """The daemon's status file; empty while there is none."""
+        with contextlib.suppress(OSError, ValueError):
+            status = json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8"))
+            return status if isinstance(status, dict) else {}
+        return {}
+
+    def close(self) -> None:
+        """End all processes, the operator first."""
+        for child in (self.operator, self.daemon):
+            child.stop()
+        with contextlib.suppress(Exception):
+            self.control.stop()
+            self.control.close()
+        self.trail.stop()
+
+
+class Director:
+    """Follows field and operator; in the scripted demo also answers, and takes named things away."""
+
+    def __init__(self, stage: Stage, story: Story, *, auto: bool) -> None:
+        self._stage = stage
+        self._story = story
+        self._auto = AutoOperator() if auto else None
+        self._tally = Tally()
+        self._open: dict[int, dict[str, Any]] = {}
+        self._blocked_since: float | None = None
+        self._left_meadow = False
+        self._calls_at_return: int | None = None
+        self._returned_at = 0.0
+        self._seconds = 0.0
+        self.status: dict[str, Any] = {}
+
+    def play(self) -> dict[str, Any]:
+        """Until the rover is back in the known meadow, time is over or the operator quits; the figures."""
+        self._wait_until_ready()
+        self._stage.control.start()
+        started = time.monotonic()
+        while not self._over(time.monotonic() - started):
+            for child in (self._stage.trail, self._stage.daemon):
+                if not child.running:
+                    raise ChildError(f"{child.name} ended: see {child.log}")
+            self._follow(time.monotonic())
+            time.sleep(STEP)
+        self._seconds = time.monotonic() - started
+        self._stage.daemon.stop()
+        self._hear_all()
+        return self._tally.figures(self.status, self._stage.daemon_status(), self._seconds)
+
+    def _wait_until_ready(self) -> None:
+        deadline = time.monotonic() + READY_WITHIN
+        while time.monotonic() < deadline and self._stage.daemon.running:
+            if self._stage.daemon_status().get("state") == "ok":
+                return
+            time.sleep(STEP)
+        raise ChildError(f"the daemon saw nothing that it knows: see {self._stage.daemon.log}")
+
+    def _over(self, seconds: float) -> bool:
+        if self._auto is None:
+            return not self._stage.operator.running
+        return self._tally.returned_without_call or seconds >= LIMIT
+
+    def _follow(self, now: float) -> None:
+        self.status = self._stage.control.status()
+        self._story.field(self.status, self._clock(now))
+        self._hear_all()
+        self._take_away(now)
+        self._watch_return()
+        if self._auto is not None:
+            for call in list(self._open.values()):
+                self._answer(self._auto, call, now)
+
+    def _hear_all(self) -> None:
+        lines = self._stage.operator.lines()
+        with (self._stage.out / "logs" / "events.jsonl").open("a", encoding="utf-8") as log:
+            log.writelines(line + "\n" for _, line in lines)
+        for at, line in lines:
+            with contextlib.suppress(ValueError):
+                self._hear(json.loads(line), at)
+
+    def _hear(self, event: dict[str, Any], now: float) -> None:
+        self._tally.event(event, now)
+        self._story.event(event, self._clock(now))
+        if event.get("event") in {"call", "call_changed"}:
+            self._open[event["id"]] = event
+        elif event.get("event") == "closed":
+            self._open.pop(event["id"], None)
+
+    def _answer(self, operator: AutoOperator, call: dict[str, Any], now: float) -> None:
+        thing = self._thing_ahead()
+        kind = str(thing["kind"]) if thing is not None else None
+        line = operator.answer(call, self._place_ahead(), kind, now)
+        if line is not None:
+            self._story.tell(self._clock(now), f"operator types: {call['id']} {line}")
+            self._tally.typed(line)
+            self._stage.operator.type(f"{call['id']} {line}")
+
+    def _thing_ahead(self) -> dict[str, Any] | None:
+        ahead = [
+            thing for thing in self.status["things_ahead"] if thing["surprise"] and thing["distance"] < NEAR
+        ]
+        return min(ahead, key=lambda thing: thing["distance"], default=None)
+
+    def _place_ahead(self) -> str:
+        return str(self.status.get("zone_ahead", self.status["zone"]))
+
+    def _take_away(self, now: float) -> None:
+        """A person takes a named thing away, once it has kept the rover standing for a while."""
+        state = self._stage.daemon_status()
+        thing = self._thing_ahead()
+        standing = self.status["speed"] < 0.05 and self.status["mode"] == "HOLD"
+        blocked = state.get("state") == "blocked" and "unknown_object" not in state.get("reasons", [])
+        if not (thing and standing and blocked):
+            self._blocked_since = None
+            return
+        if self._blocked_since is None:
+            self._blocked_since = now
+        elif now - self._blocked_since >= REMOVE_AFTER:
+            self._stage.control.remove(thing["id"])
+            self._tally.kept_off += 1
+            self._blocked_since = None
+            self._story.tell(
+                self._clock(now),
+                f"somebody takes the {thing['kind']} away, {thing['distance']:.1f} m before the rover",
+            )
+
+    def _watch_return(self) -> None:
+        status = self.status
+        if status["zone"] != "meadow":
+            self._left_meadow, self._calls_at_return = True, None
+            return
+        if not self._left_meadow:
+            return
+        if self._calls_at_return is None:
+            self._calls_at_return, self._returned_at = len(self._tally.calls), status["distance"]
+        if len(self._tally.calls) > self._calls_at_return:
+            return
+        if status["distance"] - self._returned_at >= BEYOND_RETURN and self._tally.history_matches:
+            self._tally.returned_without_call = True
+
+    def _clock(self, now: float) -> float:
+        return now - self._stage.started
+
+
+def verdict(figures: dict[str, Any], story: Story) -> int:
+    """Say what was shown and what was not; the exit code."""
+    left = missing(figures)
+    story.plain()
+    for name in left:
+        story.plain(f"NOT SHOWN: {name}")
+    if not left:
+        story.plain("All of the job was shown.")
+    return 1 if left else 0

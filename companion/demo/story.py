@@ -1,0 +1,70 @@
+"""The demo as a newcomer reads it: one line a thing that happened."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, TextIO
+
+_REASONS = {
+    "unknown_scene": "this place looks like none that it was told about",
+    "unknown_object": "something here fits none of its words",
+    "blocked": "what it knows here is not drivable",
+    "fault": "it cannot see",
+}
+
+
+class Story:
+    """Prints lines with the time and the rover's place in front."""
+
+    def __init__(self, stream: TextIO = sys.stdout) -> None:
+        self._stream = stream
+        self._mode = ""
+        self.where = ""
+
+    def tell(self, time: float, text: str) -> None:
+        """One line."""
+        print(f"{time:6.1f} s  {self.where:<14} {text}", file=self._stream, flush=True)
+
+    def plain(self, text: str = "") -> None:
+        """A line without a time."""
+        print(text, file=self._stream, flush=True)
+
+    def event(self, event: dict[str, Any], time: float) -> None:
+        """One event of the operator's, if a newcomer should know of it."""
+        name = event.get("event")
+        if name == "call" and event["kind"] == "call":
+            why = " and ".join(_REASONS[reason] for reason in event["reasons"])
+            self.tell(time, f"CALL {event['id']}: {why} ({_figures(event)}, frame {event['frame_id']})")
+        elif name == "call":
+            self.tell(time, f"HOLD {event['id']}: {_REASONS.get(_first(event), 'not OK')}")
+        elif name == "call_changed" and event["stage"] == "clear":
+            self.tell(time, f"{event['id']}: the way is clear now; it asks for a go")
+        elif name == "closed" and event["kind"] == "call":
+            self.tell(time, f"call {event['id']} is closed: {event['outcome'].replace('_', ' ')}")
+        elif name == "ack":
+            self.tell(time, f"answer {event['result'].replace('_', ' ')}: {event['text']}")
+        elif name == "text" and event["text"].startswith("Known place again"):
+            self.tell(time, f"no call: {event['text']}")
+        elif name == "state" and event["state"] in {"blocked", "fault"}:
+            self.tell(time, f"state {event['state'].upper()}: {_REASONS[event['state']]}")
+
+    def field(self, status: dict[str, Any], time: float) -> None:
+        """The field's status: place and mode."""
+        self.where = f"{status['zone']} {status['distance']:.0f} m"
+        if status["mode"] != self._mode:
+            by = status["mode_log"][-1]["by"] if status["mode_log"] else "?"
+            self.tell(time, f"rover: {status['mode']} (by {by}), {status['speed']:.1f} m/s")
+            self._mode = status["mode"]
+
+
+def _first(event: dict[str, Any]) -> str:
+    return str(event["reasons"][0]) if event["reasons"] else ""
+
+
+def _figures(event: dict[str, Any]) -> str:
+    shown = []
+    if event.get("roi_uncertainty") is not None:
+        shown.append(f"uncertainty {event['roi_uncertainty']:.2f}, worst tile {event['worst_tile']:.2f}")
+    if event.get("similarity") is not None:
+        shown.append(f"similarity {event['similarity']:.2f}")
+    return ", ".join(shown) or "no figures"

@@ -1,0 +1,114 @@
+"""What the demo must prove, counted from what field and operator saw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any
+
+BYTES_PER_S = 300.0
+LEAST_FPS = 8.0
+
+
+@dataclass
+class Tally:
+    """Take in the operator's events and the field's status; `figures` and `missing` are the verdict."""
+
+    calls: dict[int, list[str]] = field(default_factory=dict)
+    holds_announced: set[int] = field(default_factory=set)
+    closed: dict[int, str] = field(default_factory=dict)
+    acknowledged: int = 0
+    taps: int = 0
+    words: int = 0
+    history_matches: int = 0
+    blocked: int = 0
+    kept_off: int = 0
+    summaries: int = 0
+    received: dict[int, float] = field(default_factory=dict)
+    returned_without_call: bool = False
+    _state: str = ""
+
+    def event(self, event: dict[str, Any], at: float) -> None:
+        """One event of the operator's. at: monotonic seconds when it was read."""
+        name = event.get("event")
+        if name == "call" and event["kind"] == "call":
+            self.calls[event["id"]] = event["reasons"]
+        elif name == "call":
+            self.holds_announced.add(event["id"])
+        elif name == "closed" and event["id"] in self.calls:
+            self.closed[event["id"]] = event["outcome"]
+        elif name == "ack" and event["result"] in {"applied", "not_covered"}:
+            self.acknowledged += 1
+        elif name == "text" and event["text"].startswith("Known place again"):
+            self.history_matches += 1
+        elif name == "summary":
+            self.summaries += 1
+            self.received.setdefault(event["frame_id"], at)
+        elif name == "state":
+            if event["state"] == "blocked" and self._state != "blocked":
+                self.blocked += 1
+            self._state = event["state"]
+
+    def typed(self, line: str) -> None:
+        """An answer that the operator gave."""
+        if "tap" in line:
+            self.taps += 1
+        elif ":" in line:
+            self.words += 1
+
+    def figures(
+        self, field_status: dict[str, Any], daemon_status: dict[str, Any], seconds: float
+    ) -> dict[str, Any]:
+        """The demo's last line. latency: capture to the moment the operator's side had the summary."""
+        captured = {frame_id: at for frame_id, at, _ in daemon_status.get("recent", [])}
+        latencies = [
+            1000 * (at - captured[frame_id]) for frame_id, at in self.received.items() if frame_id in captured
+        ]
+        modes = [(entry["mode"], entry["by"]) for entry in field_status["mode_log"]]
+        frames = daemon_status.get("frames", 0)
+        judged = [at for _, _, at in daemon_status.get("recent", [])] or [0.0]
+        return {
+            "frames": frames,
+            "fps": round((len(judged) - 1) / max(1e-3, judged[-1] - judged[0]), 2),
+            "calls": len(self.calls),
+            "calls_unknown_object": sum(r == ["unknown_object"] for r in self.calls.values()),
+            "calls_unknown_scene": sum("unknown_scene" in r for r in self.calls.values()),
+            "answers": self.acknowledged,
+            "answers_by_tap": self.taps,
+            "answers_by_words": self.words,
+            "closed_unanswered": sum(outcome == "passed" for outcome in self.closed.values()),
+            "history_matches": self.history_matches,
+            "returned_without_call": self.returned_without_call,
+            "holds": modes.count(("HOLD", "companion")),
+            "resumes": modes.count(("AUTO", "companion")),
+            "blocked": self.blocked,
+            "kept_off_named_things": self.kept_off,
+            "collisions": len(field_status["contacts"]),
+            "bytes_per_s": round(field_status["bytes"]["gcs"]["from_companion"] / max(1e-3, seconds), 1),
+            "summaries_received": self.summaries,
+            "latency_ms_p50": round(median(latencies), 1) if latencies else None,
+            "latency_ms_max": round(max(latencies), 1) if latencies else None,
+            "seconds": round(seconds, 1),
+        }
+
+
+def missing(figures: dict[str, Any]) -> list[str]:
+    """What the demo should have shown and did not; empty when all is proven."""
+    wanted = {
+        "at least two calls": figures["calls"] >= 2,
+        "a call for an unknown object alone": figures["calls_unknown_object"] >= 1,
+        "a call for an unknown scene": figures["calls_unknown_scene"] >= 1,
+        "answers acknowledged": figures["answers"] >= 2,
+        "an answer by a tapped box": figures["answers_by_tap"] >= 1,
+        "an answer by words": figures["answers_by_words"] >= 1,
+        "at least two holds": figures["holds"] >= 2,
+        "as many resumes as holds": figures["resumes"] == figures["holds"],
+        "a blocked state that kept off the named thing": figures["kept_off_named_things"] >= 1,
+        "a return to a known place without a call": figures["returned_without_call"],
+        "a match in the history": figures["history_matches"] >= 1,
+        "no contact with anything": figures["collisions"] == 0,
+        f"at least {LEAST_FPS:g} frames per second": figures["fps"] >= LEAST_FPS,
+        f"at most {BYTES_PER_S:g} bytes per second": figures["bytes_per_s"] <= BYTES_PER_S,
+        "summaries at the ground": figures["summaries_received"] >= 1,
+    }
+    return [name for name, shown in wanted.items() if not shown]

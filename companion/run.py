@@ -1,0 +1,208 @@
+"""`companion run`: puts the daemon together from the configuration, and runs it until SIGTERM."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.errors import AnyTraverseError
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import first_memory, resumed_memory
+from anytraverse.perception import Perceiver, make_perceiver
+from anytraverse.regions import Box
+from anytraverse.roi import Corridor
+from companion.album import Album
+from companion.calls.machine import OperatorCalls
+from companion.calls.numbers import Numbers
+from companion.calls.snapshot import restore
+from companion.cameras import Playback, open_camera
+from companion.cameras.newest import CameraThread
+from companion.config import Config
+from companion.conversation import Conversation
+from companion.daemon import Daemon, stop_on_signals
+from companion.eyes import Eyes
+from companion.journal import Journal
+from companion.keeper import Keeper
+from companion.link.link import Link
+from companion.settings_desk import SettingsDesk, setting_values
+from companion.tasks import Liveness, tasks
+from companion.wire import parameters
+from companion.wire.ids import Policy, State
+
+log = logging.getLogger(__name__)
+
+_WARM_UP = np.zeros((240, 320, 3), dtype=np.uint8)
+_LOAD_TICK = 0.05
+_STATUS_PERIOD = 1.0
+
+
+def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
+    """How frames are judged: the config's figures, and the perceiver's own where it leaves them open."""
+    given, own = config.thresholds, Thresholds.of(perceiver.defaults)
+    tile = own.tile if given.tile is None else None if given.tile == "off" else float(given.tile)
+    thresholds = Thresholds(
+        roi=own.roi if given.roi is None else given.roi,
+        scene=own.scene if given.scene is None else given.scene,
+        tile=tile,
+        trav=given.trav,
+        margin=config.call.margin,
+        similarity_margin=config.call.similarity_margin,
+    )
+    roi = config.roi
+    return Settings(
+        region=Box(roi.left, roi.top, roi.right, roi.bottom),
+        thresholds=thresholds,
+        corridor=Corridor(config.corridor.bottom, config.corridor.top),
+        tile_share=roi.tile_share,
+        freshness=config.freshness,
+        votes=config.call.votes,
+        window=config.call.window,
+    )
+
+
+def call_numbers(config: Config, judging: Settings) -> Numbers:
+    """The state machine's table of numbers."""
+    call = config.call
+    return Numbers(
+        policy=Policy[call.policy.upper()],
+        judging=judging,
+        votes=call.votes,
+        window=call.window,
+        ok_frames=call.ok_frames,
+        passed_after=call.passed_after,
+        accepted_for=call.accepted_for,
+        accepted_distance=call.accepted_distance,
+        accepted_rise=call.accepted_rise,
+        go_lasts=call.go_lasts,
+        fault_ends_hold=call.fault_ends_hold,
+    )
+
+
+def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
+    """Run until `stop()` (by default SIGTERM or SIGINT); the exit code.
+
+    Raises AnyTraverseError, LinkError, ParameterError, JournalError for what a person must mend first.
+    """
+    stop = stop or stop_on_signals()
+    words = config.preferences
+    vocabulary = tuple(dict.fromkeys((*words, *config.vocabulary)))
+    listed = parameters.build(vocabulary, words, {}, aliases=config.aliases)
+    link = Link(config.link.settings(), listed, time.monotonic())
+    link.set_state(State.STARTING, 0)
+    perceiver = _load(config.perceiver.name, link, stop)
+    if perceiver is None:
+        return 0
+    judging = judging_settings(config, perceiver)
+    folder = config.journal.path
+    journal = Journal(folder)
+    notices: list[str] = []
+    if journal.recovered_from is not None:
+        notices.append(f"journal was damaged, set aside as {journal.recovered_from.name}")
+    supervision = journal.load_supervision() or {}
+    last_frame = int(supervision.get("frame_id", 0))
+    album = Album(folder / "pictures", config.pictures.keep, judging.region)
+    keeper = Keeper(journal, album, folder / "status.json", last_frame)
+    saved = journal.load_memory()
+    if saved is None:
+        memory = first_memory(perceiver.model_id, words, config.journal.scenes)
+    else:
+        memory, told = resumed_memory(saved, perceiver.model_id, words, perceiver.meaning)
+        notices += told
+    engine = AnyTraverse(perceiver, judging, memory)
+    source, playback = config.camera.source, Playback(config.camera.playback, config.camera.loop)
+    camera = CameraThread(partial(open_camera, source, playback), first_id=last_frame + 1)
+    now = time.monotonic()
+    numbers = call_numbers(config, judging)
+    calls = OperatorCalls(numbers, now)
+    if supervision:
+        _restore(calls, supervision, now, notices)
+    eyes = Eyes(engine, camera, 1.0 / config.camera.rate)
+    conversation = Conversation(calls, eyes, memory.preferences)
+    desk = SettingsDesk(listed, link, eyes, calls, conversation)
+    for name, value in setting_values(judging.thresholds, numbers.policy).items():
+        link.set_parameter(name, value, now)
+    daemon = Daemon(
+        link,
+        camera,
+        eyes,
+        calls,
+        keeper,
+        conversation,
+        desk,
+        Liveness(tasks(numbers), now),
+        round(config.camera.view),
+    )
+    eyes.place = daemon.place
+    for notice in notices:
+        log.warning("%s", notice)
+        link.say(notice[:50], 4, now)
+    log.info(
+        "ready: %s, camera %s, link %s, policy %s",
+        perceiver.model_id,
+        source,
+        config.link.url,
+        config.call.policy,
+    )
+    eyes.start()
+    keeper.restore_call_frame(calls, eyes)
+    try:
+        _run(daemon, keeper, stop)
+    finally:
+        eyes.stop()
+        camera.close()
+        journal.close()
+        link.close()
+    return 0
+
+
+def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
+    status_at = float("-inf")
+    while not stop():
+        daemon.turn()
+        if time.monotonic() - status_at >= _STATUS_PERIOD:
+            status_at = time.monotonic()
+            keeper.write_status(daemon.status())
+    keeper.write_status(daemon.status())
+
+
+def _restore(calls: OperatorCalls, saved: dict[str, Any], now: float, notices: list[str]) -> None:
+    try:
+        restore(calls, saved, now)
+    except (KeyError, TypeError, ValueError) as error:
+        notices.append(f"open call not restored: {error!r}")
+    if calls.current_id:
+        log.warning("restarted with %s %d open", calls.kind.name.lower(), calls.current_id)
+
+
+def _load(name: str, link: Link, stop: Callable[[], bool]) -> Perceiver | None:
+    """The perceiver, made and warmed up in a thread while the link tells that we are starting."""
+    loaded: list[Perceiver] = []
+    failed: list[BaseException] = []
+
+    def load() -> None:
+        try:
+            perceiver = make_perceiver(name)
+            perceiver.embed(perceiver.encode(_WARM_UP))
+            loaded.append(perceiver)
+        except Exception as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=load, name="loading", daemon=True)
+    thread.start()
+    while thread.is_alive() and not stop():
+        now = time.monotonic()
+        link.poll(now)
+        link.tick(now)
+        thread.join(_LOAD_TICK)
+    if failed:
+        if isinstance(failed[0], AnyTraverseError):
+            raise failed[0]
+        raise AnyTraverseError(f'perceiver "{name}" failed to load: {failed[0]!r}') from failed[0]
+    return loaded[0] if loaded else None

@@ -38,9 +38,9 @@ WORDS = {
 SEEN_FROM = 12.0  # m, beyond which an alarm is not about the surprise
 
 
-def drive(seed: int, light: float, surprises: tuple[str, ...], size: tuple[int, int]) -> Iterator[
-    tuple[float, str, Assessment, World]
-]:
+def drive(
+    seed: int, light: float, surprises: tuple[str, ...], size: tuple[int, int]
+) -> Iterator[tuple[float, str, Assessment, World]]:
     """One lap, each frame judged with its zone's words: place, zone, assessment, world."""
     world = World(seed, surprises)
     world.light = light
@@ -99,7 +99,9 @@ def surprises(seed: int, light: float, size: tuple[int, int]) -> dict[str, float
                 continue
             pose = world.trail.pose(s)
             ahead = math.hypot(thing.x - pose.x, thing.y - pose.y)
-            forward = (thing.x - pose.x) * math.cos(pose.heading) + (thing.y - pose.y) * math.sin(pose.heading)
+            forward = (thing.x - pose.x) * math.cos(pose.heading) + (thing.y - pose.y) * math.sin(
+                pose.heading
+            )
             if forward <= 0 or ahead > SEEN_FROM:
                 continue
             recent[thing.kind].append(Reason.UNKNOWN_OBJECT in assessment.reasons)

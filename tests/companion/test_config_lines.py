@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import json
+import re
 import string
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.config.lines import key_lines
+from companion.config.lines import KeyPath, key_lines
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 _ODD = '''
 # a comment with [brackets] and key = "value"
@@ -32,6 +41,15 @@ last = -1.5e3
 [[many]]
 name = "one"
 '''
+_INSIDE = {("table", "inline", *rest) for rest in [("x",), ("y",), ("y", "z")]}
+"""Keys of inline tables: they count as part of the key that holds them."""
+
+
+def _paths(data: Mapping[str, Any], above: KeyPath = ()) -> Iterator[KeyPath]:
+    for key, value in data.items():
+        yield (*above, key)
+        if isinstance(value, Mapping):
+            yield from _paths(value, (*above, key))
 
 
 def test_odd_files_are_read_like_the_parser_reads_them() -> None:
@@ -54,21 +72,45 @@ def test_odd_files_are_read_like_the_parser_reads_them() -> None:
         ("many",): 20,
         ("many", "name"): 21,
     }
-    tomlkit.parse(_ODD)
+    assert set(_paths(tomllib.loads(_ODD))) <= set(lines) | _INSIDE
 
 
-_KEYS = st.text(string.ascii_letters + string.digits + "_- .#='\"[]é", min_size=1, max_size=8)
+_KEYS = st.text(string.ascii_letters + string.digits + "_- .#='\"[]\\\té", min_size=1, max_size=8)
 _TEXTS = st.text(string.printable.replace("\r", "").replace("\x0b", "").replace("\x0c", ""), max_size=20)
 _VALUES = st.one_of(st.integers(-9, 9), st.booleans(), _TEXTS, st.lists(_TEXTS, max_size=3))
 
 
+def _written(key: str) -> str:
+    if re.fullmatch("[A-Za-z0-9_-]+", key):
+        return key
+    literal = "'" not in key and "\t" not in key
+    return f"'{key}'" if literal else json.dumps(key, ensure_ascii=False)
+
+
+def _value(value: object, style: str) -> str:
+    """A value in one of TOML's ways: on one line, or over several."""
+    if isinstance(value, str) and style == "long":
+        return '"""\n' + json.dumps(value, ensure_ascii=False)[1:-1].replace("\\n", "\n") + '"""'
+    if isinstance(value, list) and style == "long":
+        return "[ # ]\n" + "".join(f"  {_value(one, style)},\n" for one in value) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
 @settings(max_examples=60, deadline=None)
-@given(st.dictionaries(_KEYS, st.dictionaries(_KEYS, _VALUES, max_size=4), max_size=4))
-def test_every_key_is_found_on_the_line_where_it_is_written(data: dict[str, dict[str, object]]) -> None:
-    text = tomlkit.dumps(data)
-    lines = key_lines(text)
-    assert set(lines) == {(name,) for name in data} | {(name, key) for name in data for key in data[name]}
-    rows = text.split("\n")
-    for path, line in lines.items():
-        name = tomlkit.key(path[-1]).as_string()
-        assert rows[line - 1].lstrip("[").startswith(name)
+@given(
+    st.dictionaries(_KEYS, st.dictionaries(_KEYS, _VALUES, max_size=4), max_size=4),
+    st.sampled_from(["short", "long"]),
+)
+def test_every_key_is_found_on_the_line_where_it_is_written(
+    data: dict[str, dict[str, object]], style: str
+) -> None:
+    text = ""
+    expected: dict[KeyPath, int] = {}
+    for name, table in data.items():
+        expected[name,] = text.count("\n") + 1
+        text += f"[{_written(name)}]\n"
+        for key, value in table.items():
+            expected[name, key] = text.count("\n") + 1
+            text += f"{_written(key)} = {_value(value, style)} # = [\n"
+    assert tomllib.loads(text) == data
+    assert key_lines(text) == expected

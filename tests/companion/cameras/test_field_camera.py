@@ -91,10 +91,7 @@ def test_the_reader_finds_a_field_that_starts_later_on_the_same_port() -> None:
         late.settimeout(5.0)
         client, _ = late.accept()
         client.recv(1)
-        header = (
-            b"ATF1" + (9).to_bytes(4, "little") + np.float64(time.monotonic()).tobytes() + b"\x02\0\x01\0"
-        )
-        client.sendall(header + bytes(6))
+        client.sendall(_packed((1, 2)))
         frame = thread.take(5.0)
         client.close()
     assert frame is not None

@@ -6,19 +6,21 @@ import json
 import re
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.perception import DefaultThresholds
+from anytraverse.perception import DefaultThresholds, Perceiver
 from companion.config import Config, ConfigError, Problem, format_config, load_config
-from companion.config.assembly import call_numbers, judging_settings
 from companion.config.schema import SECTIONS
 from companion.resources import resource
+from companion.run import call_numbers, judging_settings
 from companion.wire.ids import Policy
 
-_OWN = DefaultThresholds(roi=0.31, scene=0.86, tile=0.41)
+_OWN = cast(Perceiver, SimpleNamespace(defaults=DefaultThresholds(roi=0.31, scene=0.86, tile=0.41)))
 _NO_VEHICLE = '[vehicle]\nfile = ""\n'
 
 
@@ -268,7 +270,8 @@ def test_set_thresholds_override_and_a_tile_can_be_off(tmp_path: Path) -> None:
 
 def test_the_state_machine_gets_its_numbers(tmp_path: Path) -> None:
     text = '[call]\npolicy = "hold"\nvotes = 3\nwindow = 4\nok_frames = 6\ngo_lasts = 30\nfreshness = 1.5\n'
-    numbers = call_numbers(load_config(_write(tmp_path, text)), _OWN)
+    config = load_config(_write(tmp_path, text))
+    numbers = call_numbers(config, judging_settings(config, _OWN))
     assert numbers.policy is Policy.HOLD
     assert (numbers.votes, numbers.window, numbers.ok_frames, numbers.go_lasts) == (3, 4, 6, 30.0)
     assert (numbers.judging.votes, numbers.judging.window, numbers.freshness) == (3, 4, 1.5)

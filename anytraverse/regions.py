@@ -63,14 +63,13 @@ class Box:
 
     def grown(self, factor: float) -> Box:
         """This box with its sides scaled about the centre by `factor` > 0, cut at the image's edge."""
-        x, y = self.centre
-        half_width = (self.right - self.left) / 2 * factor
-        half_height = (self.bottom - self.top) / 2 * factor
+        aside = (factor - 1.0) / 2 * (self.right - self.left)
+        upright = (factor - 1.0) / 2 * (self.bottom - self.top)
         return Box(
-            max(0.0, x - half_width),
-            max(0.0, y - half_height),
-            min(1.0, x + half_width),
-            min(1.0, y + half_height),
+            max(0.0, self.left - aside),
+            max(0.0, self.top - upright),
+            min(1.0, self.right + aside),
+            min(1.0, self.bottom + upright),
         )
 
     def contains(self, x: float, y: float) -> bool:

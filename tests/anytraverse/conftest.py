@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import NDArray
 
 from anytraverse.answers import AnswerOutcome, Changes, Tap
@@ -21,6 +22,9 @@ from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
+
+settings.register_profile("steady", derandomize=True, deadline=None)
+settings.load_profile("steady")
 
 HEIGHT, WIDTH = 40, 60
 GNOME = 99

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
+from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.telling import call_data, current_data, current_text
 from companion.wire import texts
@@ -34,7 +37,8 @@ class Announcement:
         self._key: object = None
         self._said: Said | None = None
         self._composed_at = 0.0
-        self._last_call = 0
+        self.last_call = 0
+        """Id of the last call announced."""
 
     def now(
         self, words: Preferences, place: Place, picture: str, silent: list[str], now: float
@@ -45,7 +49,7 @@ class Announcement:
             self._said = None
             return None
         if calls.call is not None:
-            self._last_call = calls.call.id
+            self.last_call = calls.call.id
         failed = calls.hold is not None and calls.hold.failed
         key = (
             calls.current_id,
@@ -71,15 +75,41 @@ class Announcement:
             self._key, self._composed_at = key, now
         return self._said
 
-    def was_call(self, number: int) -> bool:
-        """Whether the last call announced had this id: then the call's closing says it all."""
-        return number == self._last_call
+    def closed_call(self, call: Call, words: Preferences, place: Place, now: float) -> CallData:
+        """The last word on a call, with the figures of its frame."""
+        return self._closed(
+            Kind.CALL,
+            call.id,
+            call.outcome,
+            call.reasons,
+            call.seen,
+            call.frame_id,
+            words,
+            place,
+            now - call.opened_at,
+        )
 
-    def closed(
-        self, kind: Kind, number: int, outcome: Outcome, words: Preferences, place: Place, now: float
+    def closed_hold(
+        self, number: int, outcome: Outcome, words: Preferences, place: Place, now: float
     ) -> CallData:
-        """The last word on a call or hold."""
+        """The last word on a hold, with the figures of the newest frame."""
         seen = self._calls.sight.newest
+        frame_id = seen.frame.id if seen is not None else 0
+        reasons = self._calls.sight.reasons(now)
+        return self._closed(Kind.HOLD, number, outcome, reasons, seen, frame_id, words, place, 0.0)
+
+    def _closed(
+        self,
+        kind: Kind,
+        number: int,
+        outcome: Outcome,
+        reasons: Iterable[Reason],
+        seen: Assessment | None,
+        frame_id: int,
+        words: Preferences,
+        place: Place,
+        age: float,
+    ) -> CallData:
         self._said = None
         return call_data(
             seen,
@@ -90,9 +120,9 @@ class Announcement:
             kind=kind,
             stage=Stage.CLOSED,
             outcome=outcome,
-            reasons=self._calls.sight.reasons(now),
+            reasons=reasons,
             holding=False,
-            frame_id=seen.frame.id if seen is not None else 0,
-            age=0.0,
+            frame_id=frame_id,
+            age=age,
             picture="",
         )

@@ -116,7 +116,12 @@ class Daemon:
             "words": self._conversation.words.format(),
             "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
             "similarity": newest.similarity if newest else None,
-            "camera": {"state": camera.state.value, "read": camera.read, "dropped": camera.dropped},
+            "camera": {
+                "state": camera.state.value,
+                "reason": camera.reason,
+                "read": camera.read,
+                "dropped": camera.dropped,
+            },
             "link": {"trouble": self._link.trouble, "sent": dict(counters.sent), "lost": counters.lost},
         }
 
@@ -195,6 +200,7 @@ class Daemon:
             kept = self._keeper.save_calls(self._calls)
             for reply in (reply for heard in self._replies for reply in heard.replies):
                 self._link.acknowledge(reply.request, reply.acknowledgement, now)
+                self._keeper.answered(reply)
                 log.info(
                     "answer to %d: %s %s%s",
                     reply.acknowledgement.target,
@@ -234,12 +240,13 @@ class Daemon:
                 case CallClosed(call):
                     log.info("call %d closed: %s", call.id, call.outcome.name.lower())
                     self._keeper.call_closed(call)
-                    self._close(Kind.CALL, call.id, call.outcome, now)
+                    data = self._announcement.closed_call(call, self._conversation.words, self.place(), now)
+                    self._link.announce(data, texts.closed(Kind.CALL, call.id, call.outcome), now)
                 case HoldStarted(hold, reasons):
                     log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
                 case HoldRenamed(old, hold):
                     log.info("hold %d goes on as call %d", old, hold.id)
-                    self._close(Kind.HOLD, old, Outcome.NONE, now)
+                    self._close_hold(old, Outcome.NONE, now)
                 case HoldMoved():
                     self._hold_moved(decision, now)
                 case GoLapsed(number):
@@ -250,8 +257,9 @@ class Daemon:
                     self._link.say(texts.shadow(self._calls.kind, self._calls.current_id), WARNING, now)
 
     def _hold_moved(self, moved: HoldMoved, now: float) -> None:
-        hold, kind = moved.hold, self._calls.kind
-        own = self._calls.call is None or self._calls.call.id != hold.id
+        hold = moved.hold
+        of_call = hold.id in {self._announcement.last_call, self._calls.call and self._calls.call.id}
+        kind = Kind.CALL if of_call else Kind.HOLD
         log.info("hold %d: %s", hold.id, moved.event.value)
         newest = self._calls.sight.newest
         match moved.event:
@@ -266,7 +274,9 @@ class Daemon:
                 if hold.mode_before == GUIDED:
                     self._link.say(texts.send_target_again(), ERROR, now)
                 if newest is not None:
-                    self._keeper.picture(newest, self._calls.state(now), f"{hold.id} drives on")
+                    self._keeper.picture(
+                        newest, self._calls.state(now), f"{texts.name(kind, hold.id)} drives on"
+                    )
             case HoldEvent.TAKEN_OVER:
                 mode = mode_name(self._calls.autopilot.mode or 0)
                 self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
@@ -275,12 +285,12 @@ class Daemon:
             HoldEvent.TAKEN_OVER: Outcome.TAKEN_OVER,
             HoldEvent.DROPPED: Outcome.SWITCHED_OFF,
         }.get(moved.event)
-        if ended is not None and own and not self._announcement.was_call(hold.id):
-            self._close(Kind.HOLD, hold.id, ended, now)
+        if ended is not None and kind is Kind.HOLD:
+            self._close_hold(hold.id, ended, now)
 
-    def _close(self, kind: Kind, number: int, outcome: Outcome, now: float) -> None:
-        data = self._announcement.closed(kind, number, outcome, self._conversation.words, self.place(), now)
-        self._link.announce(data, texts.closed(kind, number, outcome), now)
+    def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:
+        data = self._announcement.closed_hold(number, outcome, self._conversation.words, self.place(), now)
+        self._link.announce(data, texts.closed(Kind.HOLD, number, outcome), now)
 
 
 def stop_on_signals() -> Callable[[], bool]:

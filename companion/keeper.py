@@ -8,6 +8,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from companion.calls.acceptance import Acceptance
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import snapshot
+from companion.conversation import Reply
 from companion.eyes import Applied, Eyes
 from companion.journal import Journal, JournalError
 from companion.wire.ids import State
@@ -74,6 +76,20 @@ class Keeper:
         """Nothing is asked any more."""
         self._write("call", self._journal.record_call, call)
         self.call_picture = ""
+
+    def answered(self, reply: Reply) -> None:
+        """Keep what was answered to a call, and what came of it."""
+        request, acknowledgement = reply.request, reply.acknowledgement
+        if acknowledgement.target == 0:
+            return
+        record = {
+            "motion": request.motion.name.lower(),
+            "operations": [str(operation) for operation in request.operations],
+            "sender": list(request.sender),
+            "result": acknowledgement.result.name.lower(),
+            "text": acknowledgement.text,
+        }
+        self._write("answer", partial(self._journal.record_answer, acknowledgement.target), record)
 
     def picture(self, seen: Assessment, state: State, title: str) -> None:
         """A moment for the album."""

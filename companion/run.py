@@ -14,7 +14,7 @@ import numpy as np
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings, Thresholds
-from anytraverse.memory import first_memory, resumed_memory
+from anytraverse.memory import Memory, first_memory, resumed_memory
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor
@@ -102,19 +102,11 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
     judging = judging_settings(config, perceiver)
     folder = config.journal.path
     journal = Journal(folder)
-    notices: list[str] = []
-    if journal.recovered_from is not None:
-        notices.append(f"journal was damaged, set aside as {journal.recovered_from.name}")
+    memory, notices = _remembered(journal, config, perceiver)
     supervision = journal.load_supervision() or {}
     last_frame = int(supervision.get("frame_id", 0))
     album = Album(folder / "pictures", config.pictures.keep, judging.region)
     keeper = Keeper(journal, album, folder / "status.json", last_frame)
-    saved = journal.load_memory()
-    if saved is None:
-        memory = first_memory(perceiver.model_id, words, config.journal.scenes)
-    else:
-        memory, told = resumed_memory(saved, perceiver.model_id, words, perceiver.meaning)
-        notices += told
     engine = AnyTraverse(perceiver, judging, memory)
     source, playback = config.camera.source, Playback(config.camera.playback, config.camera.loop)
     camera = CameraThread(partial(open_camera, source, playback), first_id=last_frame + 1)
@@ -160,6 +152,18 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
         journal.close()
         link.close()
     return 0
+
+
+def _remembered(journal: Journal, config: Config, perceiver: Perceiver) -> tuple[Memory, list[str]]:
+    """What the journal holds, fitted to model and config, and what a person should be told about it."""
+    notices: list[str] = []
+    if journal.recovered_from is not None:
+        notices.append(f"journal was damaged, set aside as {journal.recovered_from.name}")
+    saved = journal.load_memory()
+    if saved is None:
+        return first_memory(perceiver.model_id, config.preferences, config.journal.scenes), notices
+    memory, told = resumed_memory(saved, perceiver.model_id, config.preferences, perceiver.meaning)
+    return memory, notices + told
 
 
 def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:

@@ -10,49 +10,11 @@ import tempfile
 from pathlib import Path
 
 from companion.demo.child import Child, ChildError
+from companion.demo.config import write_config
 from companion.demo.director import Director, Stage, verdict
 from companion.demo.sheet import write_sheet
 from companion.demo.story import Story
 from companion.field.control import FieldControl, FieldError
-
-CONFIG = """\
-[camera]
-source = "{camera}"
-rate = 10
-
-[link]
-url = "{link}"
-
-[vehicle]
-file = ""
-
-[journal]
-folder = "{state}"
-
-[pictures]
-keep = 200
-
-[call]
-policy = "{policy}"
-
-# At 3 m/s the rover needs 4 m to stop: its ROI reaches 8 m ahead.
-[roi]
-left = 0.35
-top = 0.5
-right = 0.65
-bottom = 0.95
-
-[corridor]
-bottom = 0.3
-top = 0.12
-
-[words]
-"grass" = 1.0
-"dirt path" = 1.0
-"bush" = -1.0
-"tree" = -1.0
-"sky" = -1.0
-"""
 
 
 def main(options: argparse.Namespace) -> int:
@@ -97,16 +59,7 @@ def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
     field = Child("field", ["companion.field", "--seed", str(seed), "--speed", "3"], logs / "field.log")
     try:
         ports = json.loads(field.first_line(20.0))
-        config = out / "companion.toml"
-        config.write_text(
-            CONFIG.format(
-                camera=f"field:{ports['frames']}",
-                link=ports["companion"],
-                state=out / "state",
-                policy="hold",
-            ),
-            encoding="utf-8",
-        )
+        config = write_config(out, camera=f"field:{ports['frames']}", link=ports["companion"], policy="hold")
         daemon = Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
         events = ["--events"] if auto else []
         operator = Child(

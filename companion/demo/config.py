@@ -1,0 +1,53 @@
+"""The configuration that a demo runs with: written out, so that a newcomer can read and change it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_TEXT = """\
+# Written by `companion demo`. config/companion.toml explains every setting.
+[camera]
+source = "{camera}"
+rate = 10
+
+[vehicle]
+file = ""
+
+[link]
+url = "{link}"
+
+[journal]
+folder = "{state}"
+
+[pictures]
+keep = 200
+
+[call]
+policy = "{policy}"
+
+# At 3 m/s the rover needs 4 m to stop: its ROI reaches 8 m ahead.
+[roi]
+left = 0.35
+top = 0.5
+right = 0.65
+bottom = 0.95
+
+[corridor]
+bottom = 0.3
+top = 0.12
+
+[words]
+"grass" = 1.0
+"dirt path" = 1.0
+"bush" = -1.0
+"tree" = -1.0
+"sky" = -1.0
+"""
+
+
+def write_config(out: Path, *, camera: str, link: str, policy: str) -> Path:
+    """companion.toml in `out`, with the state beside it."""
+    path = out / "companion.toml"
+    text = _TEXT.format(camera=camera, link=link, policy=policy, state=out / "state")
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,187 @@
+"""Each figure against its threshold, and the margin by which it must turn good again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from anytraverse.assessment import Assessment, Finding, Maps, Reason
+from anytraverse.errors import SettingsError
+from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
+from anytraverse.perception import DefaultThresholds
+from anytraverse.regions import Box
+from anytraverse.roi import Corridor
+
+if TYPE_CHECKING:
+    from tests.anytraverse.conftest import Rover
+
+WHOLE = Settings(region=Box(0, 0, 1, 1), corridor=None)
+
+
+def painted(rows: list[str], **words: float) -> Maps:
+    """Maps of a 1-letter-a-pixel painting: capital letters are sure, small ones half as sure."""
+    attention = np.array(
+        [
+            [[{word: 1.0, word.lower(): 0.49}.get(pixel, 0.0) for pixel in row] for row in rows]
+            for word in words
+        ],
+        dtype=np.float32,
+    )
+    maps = make_maps(attention, list(words.values()), WHOLE)
+    assert isinstance(maps, Maps)
+    return maps
+
+
+def findings(maps: Maps, settings: Settings, similarity: float | None = None) -> dict[str, Finding]:
+    """Findings by their figure."""
+    roi = roi_figures(maps, 1.0, settings)
+    assert not isinstance(roi, Finding)
+    return {finding.figure: finding for finding in find(maps, roi, similarity, settings)}
+
+
+@pytest.mark.parametrize(
+    ("value", "bad", "clear"),
+    [
+        (0.31, True, False),
+        (0.3, False, False),
+        (0.28, False, False),
+        (0.27, False, True),
+        (math.nan, True, False),
+    ],
+)
+def test_above_its_threshold_a_figure_is_bad_and_below_the_margin_clear(
+    value: float, bad: bool, clear: bool
+) -> None:
+    finding = Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", value, 0.3, 0.03)
+    assert (finding.bad, finding.clear) == (bad, clear)
+
+
+@pytest.mark.parametrize(
+    ("value", "bad", "clear"),
+    [(0.84, True, False), (0.85, False, False), (0.86, False, True), (math.nan, True, False)],
+)
+def test_below_its_threshold_a_figure_is_bad_and_above_the_margin_clear(
+    value: float, bad: bool, clear: bool
+) -> None:
+    finding = Finding.below(Reason.UNKNOWN_SCENE, "scene_similarity", value, 0.85, 0.01)
+    assert (finding.bad, finding.clear) == (bad, clear)
+
+
+def test_the_worst_tile_has_a_threshold_of_its_own() -> None:
+    maps = painted(["GGGGGGGG"] * 7 + ["GGGGGGG?"], G=1)
+    mean_alone = replace(WHOLE, tile_share=1 / 8)
+    found = findings(maps, mean_alone)
+    assert not found["roi_uncertainty"].bad
+    assert "worst_tile" not in found
+    with_tile = replace(mean_alone, thresholds=Thresholds(tile=0.6))
+    assert findings(maps, with_tile)["worst_tile"].bad
+    assert findings(maps, with_tile)["worst_tile"].reason is Reason.UNKNOWN_OBJECT
+
+
+def test_blocked_is_judged_only_over_pixels_that_a_word_explains() -> None:
+    maps = painted(["GGRR", "rrrr", "????"], G=1, R=-1)
+    found = findings(maps, WHOLE)
+    assert found["drivable_share"].value == 0.5
+    assert not found["drivable_share"].bad
+    assert findings(painted(["GRRR", "????"], G=1, R=-1), WHOLE)["drivable_share"].bad
+
+
+def test_where_nothing_is_known_nothing_is_blocked_but_unknown() -> None:
+    found = findings(painted(["gg", "??"], G=1), replace(WHOLE, corridor=Corridor(0.5, 0.5)))
+    assert "drivable_share" not in found
+    assert not found["corridor"].bad
+    assert found["roi_uncertainty"].bad
+
+
+def test_a_wall_is_blocked_though_most_ground_is_drivable() -> None:
+    maps = painted(["GGGG"] * 5 + ["RRRR"] + ["GGGG"] * 5, G=1, R=-1)
+    found = findings(maps, replace(WHOLE, corridor=Corridor(0.5, 0.5)))
+    assert found["corridor"].bad
+    assert found["corridor"].reason is Reason.BLOCKED
+    assert not found["drivable_share"].bad
+
+
+def test_a_corridor_is_clear_only_with_room_to_spare() -> None:
+    settings = replace(WHOLE, corridor=Corridor(0.5, 0.5))
+    just = findings(painted(["GGGGGGGGGGRRRRRRRRRR"] * 3, G=1, R=-1), settings)["corridor"]
+    roomy = findings(painted(["GGGGGGGGGGGGRRRRRRRR"] * 3, G=1, R=-1), settings)["corridor"]
+    assert (just.bad, roomy.bad) == (False, False)
+    assert roomy.clear
+    narrow = findings(painted(["GGGGGGGGRRRRRRRRRRRR"] * 3, G=1, R=-1), settings)["corridor"]
+    assert (narrow.bad, narrow.clear) == (True, False)
+
+
+def test_a_word_of_no_weight_explains_but_is_not_drivable() -> None:
+    maps = painted(["MM"], M=0)
+    assert maps.known.all()
+    assert maps.not_drivable.all()
+    assert not maps.drivable.any()
+
+
+def test_the_figures_of_the_roi() -> None:
+    maps = painted(["GGR?", "ggRR"], G=0.5, R=-1)
+    roi = roi_figures(maps, 1.0, WHOLE)
+    assert not isinstance(roi, Finding)
+    assert roi.uncertainty == pytest.approx((1 + 0.51 * 2) / 8)
+    assert roi.traversability == pytest.approx((0.5 * 2 + 0.245 * 2) / 8)
+    assert roi.known_share == 5 / 8
+    assert roi.drivable_share == 2 / 5
+    assert roi.corridor is None
+
+
+def test_without_a_reference_the_scene_is_not_judged() -> None:
+    assert "scene_similarity" not in findings(painted(["G"], G=1), WHOLE, None)
+    assert findings(painted(["G"], G=1), WHOLE, 0.5)["scene_similarity"].bad
+
+
+def test_all_reasons_of_a_frame_are_told(rover: Rover) -> None:
+    seen: Assessment = rover.see(90, "rock", "drum", captured_at=0.0)
+    assert seen.reasons == set(Reason)
+    for reason in Reason:
+        finding = seen.finding(reason)
+        assert finding is not None
+        assert finding.reason is reason
+
+
+def test_a_perceivers_own_thresholds() -> None:
+    assert Thresholds.of(DefaultThresholds(0.2, 0.9, 0.5)) == Thresholds(roi=0.2, scene=0.9, tile=0.5)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"roi": 0.0},
+        {"roi": math.nan},
+        {"scene": 1.1},
+        {"tile": -0.1},
+        {"trav": math.nan},
+        {"margin": -0.01},
+        {"similarity_margin": math.inf},
+    ],
+)
+def test_a_threshold_out_of_range_is_refused_by_name(wrong: dict[str, float]) -> None:
+    [name] = wrong
+    with pytest.raises(SettingsError, match=f"^{name} is "):
+        Thresholds(**wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"tile_share": 0.0},
+        {"freshness": 0.0},
+        {"freshness": math.inf},
+        {"votes": 0},
+        {"votes": 4},
+        {"pooling": "mean"},
+        {"uncertainty": "mean"},
+    ],
+)
+def test_a_setting_out_of_range_is_refused_by_name(wrong: dict[str, Any]) -> None:
+    [name] = wrong
+    with pytest.raises(SettingsError, match=f"^{name} is "):
+        Settings(**wrong)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from anytraverse import judging
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.errors import ExampleError, PerceiverError, PreferencesError, UnknownWordError
 from anytraverse.frame import Frame, is_black, is_image
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Memory
 from anytraverse.perception import Example
+from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 
@@ -152,7 +152,7 @@ def test_a_dark_picture_is_not_a_black_one() -> None:
 def test_an_uncertainty_that_is_not_finite_is_a_fault(
     make_rover: type[Rover], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(judging.UNCERTAINTIES, "broken", lambda maps: maps[0] * np.float32(np.nan))
+    monkeypatch.setitem(UNCERTAINTIES, "broken", lambda maps: maps[0] * np.float32(np.nan))
     rover = make_rover("grass: 1", Settings(uncertainty="broken"))
     assert rover.see().reasons == {Reason.FAULT}
 
@@ -160,7 +160,7 @@ def test_an_uncertainty_that_is_not_finite_is_a_fault(
 def test_a_pooling_that_is_not_finite_is_a_fault(
     make_rover: type[Rover], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(judging.POOLINGS, "broken", lambda maps, _: maps[0] / np.float32(np.inf) * np.inf)
+    monkeypatch.setitem(POOLINGS, "broken", lambda maps, _: maps[0] / np.float32(np.inf) * np.inf)
     rover = make_rover("grass: 1", Settings(pooling="broken"))
     with np.errstate(invalid="ignore"):
         assert rover.see().reasons == {Reason.FAULT}

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from anytraverse.assessment import Assessment, Reason
+from anytraverse.history import Embedding, cosine
 from anytraverse.regions import Box
 from anytraverse.roi import worst_tile
 from companion.calls.numbers import Numbers
 
 _REACH = 1.3
 """How much further than its box a thing may be found on the next frame, as it comes nearer."""
+_MARGIN = 1.15
+"""How much larger than what is found of the thing its box is."""
 _UNCERTAIN = 0.5
 """Uncertainty from which a pixel belongs to the thing, where tiles have no threshold."""
 _SPREAD = 8
@@ -21,16 +24,19 @@ _SPREAD = 8
 
 @dataclass
 class Acceptance:
-    """The accepted reasons, the accepted box in the image, and the uncertainty that was seen.
+    """The accepted reasons, and what of them was seen.
 
-    box: where the unknown thing is, None where no unknown object was accepted. similarity: as seen, or None.
-    travelled: metres driven at its start, None where position is not known.
+    box: where the unknown thing is in the image, None where none was seen.
+    uncertainty: mean of the ROI. beside: worst tile outside the box, 0 for none.
+    scene: embedding of the accepted place, None where it is not known.
+    travelled: metres driven at the start, None where not known.
     """
 
     reasons: frozenset[Reason]
     box: Box | None
     uncertainty: float
-    similarity: float | None
+    beside: float
+    scene: Embedding | None
     since: float
     travelled: float | None
     clear_frames: int = 0
@@ -45,21 +51,30 @@ class Acceptance:
         travelled: float | None,
     ) -> Acceptance:
         """Accept `reasons` as they are in `seen`."""
-        box = None
-        if Reason.UNKNOWN_OBJECT in reasons and seen.roi is not None:
-            box = seen.roi.worst_tile.box.grown(1.5)
-        acceptance = cls(reasons, box, 0.0, seen.similarity, now, travelled)
-        for _ in range(_SPREAD):
-            acceptance.follow(seen, numbers)
-        acceptance.witness(seen)
-        return acceptance
-
-    def witness(self, seen: Assessment) -> None:
-        """What the operator has been shown widens what a go accepts."""
+        box, uncertainty = None, 0.0
         if seen.roi is not None:
+            uncertainty = seen.roi.uncertainty
+            if Reason.UNKNOWN_OBJECT in reasons | seen.reasons:
+                box = seen.roi.worst_tile.box.grown(1.5)
+        accepted = cls(reasons, box, uncertainty, 0.0, scene_of(seen), now, travelled)
+        for _ in range(_SPREAD):
+            found = accepted._find(seen, numbers)
+            if accepted.box is not None and found is not None:
+                accepted.box = _union(accepted.box, found)
+        accepted.beside = accepted._beside(seen, numbers)
+        return accepted
+
+    def watch(self, seen: Assessment, numbers: Numbers) -> None:
+        """Follow the thing while the call is open, with the uncertainty as it comes nearer.
+
+        What turns up beside it was not in the picture that the operator is asked about.
+        """
+        limit = numbers.judging.thresholds.tile
+        if limit is None:
+            limit = self.beside + numbers.accepted_rise
+        if seen.roi is not None and self._beside(seen, numbers) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
-        if seen.similarity is not None:
-            self.similarity = min(seen.similarity, 1.0 if self.similarity is None else self.similarity)
+            self.follow(seen, numbers)
 
     def covers(self, seen: Assessment, numbers: Numbers) -> frozenset[Reason]:
         """Those of the frame's reasons that stay within what was accepted."""
@@ -72,24 +87,17 @@ class Acceptance:
 
     def follow(self, seen: Assessment, numbers: Numbers) -> None:
         """Move the box after the thing: down the image and wider, never up."""
-        if self.box is None or seen.maps is None:
-            return
-        uncertainty = seen.maps.uncertainty
-        height, width = uncertainty.shape
-        near = self.box.grown(_REACH)
-        thing = near.mask(height, width) & (uncertainty > (numbers.judging.thresholds.tile or _UNCERTAIN))
-        rows, columns = np.flatnonzero(thing.any(axis=1)), np.flatnonzero(thing.any(axis=0))
-        if len(rows) == 0:
-            return
-        found = Box(
-            columns[0] / width, rows[0] / height, (columns[-1] + 1) / width, (rows[-1] + 1) / height
-        ).grown(1.15)
-        top = max(found.top, min(self.box.top, found.bottom - 1e-3))
-        self.box = Box(found.left, top, found.right, found.bottom)
+        found = self._find(seen, numbers)
+        if self.box is not None and found is not None:
+            top = max(found.top, min(self.box.top, found.bottom - 1e-3))
+            self.box = Box(found.left, top, found.right, found.bottom)
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or the time or distance is over. Counts frames: once a frame."""
-        self.clear_frames = 0 if seen.reasons & self.reasons else self.clear_frames + 1
+        if seen.reasons & self.reasons:
+            self.clear_frames = 0
+        elif Reason.FAULT not in seen.reasons:
+            self.clear_frames += 1
         too_far = (
             travelled is not None
             and self.travelled is not None
@@ -97,25 +105,55 @@ class Acceptance:
         )
         return self.clear_frames >= numbers.ok_frames or now - self.since >= numbers.accepted_for or too_far
 
+    def _find(self, seen: Assessment, numbers: Numbers) -> Box | None:
+        """The box around what is uncertain in and near the accepted box."""
+        if self.box is None or seen.maps is None:
+            return None
+        uncertainty = seen.maps.uncertainty
+        height, width = uncertainty.shape
+        near = self.box.grown(_REACH)
+        thing = near.mask(height, width) & (uncertainty > (numbers.judging.thresholds.tile or _UNCERTAIN))
+        rows, columns = np.flatnonzero(thing.any(axis=1)), np.flatnonzero(thing.any(axis=0))
+        if len(rows) == 0:
+            return None
+        left, right = int(columns[0]) / width, int(columns[-1] + 1) / width
+        return Box(left, int(rows[0]) / height, right, int(rows[-1] + 1) / height).grown(_MARGIN)
+
+    def _beside(self, seen: Assessment, numbers: Numbers) -> float:
+        """Uncertainty of the worst tile of the ROI outside the box; 0 when there is no room for one."""
+        if seen.maps is None:
+            return 1.0
+        height, width = seen.frame.image.shape[:2]
+        judging = numbers.judging
+        tile = worst_tile(
+            seen.maps.uncertainty, judging.region, width / height, judging.tile_share, outside=self.box
+        )
+        return tile.uncertainty if tile is not None else 0.0
+
     def _covers_object(self, seen: Assessment, numbers: Numbers) -> bool:
-        if seen.roi is None or seen.maps is None or self.box is None:
+        if seen.roi is None or self.box is None:
             return False
         if not seen.roi.uncertainty <= self.uncertainty + numbers.accepted_rise:
             return False
         limit = numbers.judging.thresholds.tile
-        if limit is None:
-            return True
-        height, width = seen.frame.image.shape[:2]
-        outside = worst_tile(
-            seen.maps.uncertainty,
-            numbers.judging.region,
-            width / height,
-            numbers.judging.tile_share,
-            outside=self.box,
-        )
-        return outside is None or outside.uncertainty <= limit
+        return limit is None or self._beside(seen, numbers) <= limit
 
     def _covers_scene(self, seen: Assessment, numbers: Numbers) -> bool:
-        if seen.similarity is None or self.similarity is None:
+        scene = scene_of(seen)
+        if scene is None or self.scene is None:
             return False
-        return seen.similarity >= self.similarity - numbers.judging.thresholds.similarity_margin
+        return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
+
+
+def scene_of(seen: Assessment) -> Embedding | None:
+    """What the place looks like, None where nothing could be seen."""
+    return seen.observation.embedding if seen.observation is not None else None
+
+
+def _union(one: Box, other: Box) -> Box:
+    return Box(
+        min(one.left, other.left),
+        min(one.top, other.top),
+        max(one.right, other.right),
+        max(one.bottom, other.bottom),
+    )

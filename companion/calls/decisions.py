@@ -18,7 +18,9 @@ class Call:
     reasons: all that it was raised for, later ones included.
     scope: what a go without words would accept; it follows the thing while the call is open.
     tried: an answer did not cover it. answered: its answer covers it. accepted: by a go without words.
-    quiet: "stay" ended the escalation.
+    learnt: its place is in the history.
+    quiet: "stay" ended the escalation. gone_since: when its reasons were gone, None while they are there.
+    worst: mean uncertainty of the ROI at its worst, worst_frame_id: and where.
     """
 
     id: int
@@ -30,9 +32,17 @@ class Call:
     tried: bool = False
     answered: bool = False
     accepted: bool = False
+    learnt: bool = False
     quiet: bool = False
     gone_since: float | None = None
     outcome: Outcome = Outcome.NONE
+    worst: float = 0.0
+    worst_frame_id: int = 0
+
+    def add(self, seen: Assessment) -> None:
+        """Another frame while it is open: a worse one is added to the record."""
+        if seen.roi is not None and seen.roi.uncertainty > self.worst:
+            self.worst, self.worst_frame_id = seen.roi.uncertainty, seen.frame.id
 
     @property
     def answered_outcome(self) -> Outcome:

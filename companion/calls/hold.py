@@ -44,6 +44,7 @@ class Hold:
     tried_at: float = 0.0
     failed: bool = False
     only_fault: bool = True
+    called_back_at: float | None = None
 
     @property
     def standing(self) -> bool:
@@ -62,6 +63,11 @@ class Hold:
         """Start to work for another stage, with all tries."""
         self.stage, self.tries, self.failed = stage, 0, False
 
+    def call_back(self, now: float) -> None:
+        """Hold again after all, while the way back may already have been taken."""
+        self.turn(HoldStage.REQUESTED)
+        self.called_back_at = now
+
     def tick(self, now: float, numbers: Numbers) -> tuple[int | None, HoldEvent | None]:
         """The mode to command now, if any, and FAILED once when the last try is over."""
         wanted = self.wanted_mode(numbers)
@@ -70,24 +76,29 @@ class Hold:
             return None, None
         event = None
         if self.tries == numbers.mode_tries and not self.failed:
-            self.failed, event = True, HoldEvent.FAILED
+            event = HoldEvent.FAILED
             if self.stage is HoldStage.RESUMING:
                 self.turn(HoldStage.STANDING)
                 return None, event
+            self.failed = True
         self.tries += 1
         self.tried_at = now
         return wanted, event
 
-    def vehicle(self, mode: int, numbers: Numbers) -> HoldEvent | None:
+    def vehicle(self, mode: int, now: float, numbers: Numbers) -> HoldEvent | None:
         """The mode that the vehicle shows. Any mode that we did not ask for is a human's, who wins."""
-        if self.stage is HoldStage.RESUMING and mode == self.mode_before:
-            return HoldEvent.RESUMED
         if mode == numbers.hold_mode:
             if self.stage is HoldStage.REQUESTED:
                 self.turn(HoldStage.STANDING)
                 return HoldEvent.CONFIRMED
             return None
-        if self.stage is HoldStage.REQUESTED and mode in numbers.holdable:
-            self.mode_before = mode
+        if mode != self.mode_before:
+            return HoldEvent.TAKEN_OVER
+        if self.stage is HoldStage.RESUMING:
+            return HoldEvent.RESUMED
+        if self.stage is HoldStage.REQUESTED:
             return None
-        return HoldEvent.TAKEN_OVER
+        if self.called_back_at is None or now - self.called_back_at > numbers.mode_settles:
+            return HoldEvent.TAKEN_OVER
+        self.turn(HoldStage.REQUESTED)
+        return None

@@ -39,6 +39,10 @@ class Numbers:
     """... this many times; then ALERT ..."""
     mode_retry_failed: float = 5.0
     """... and at this interval for as long as it is needed."""
+    mode_settles: float = 3.0
+    """The way back, called back by us, may show for this long without a human's doing."""
+    vehicle_silence: float = 5.0
+    """A mode last heard this long ago is not known any more: nothing is commanded over it."""
     fault_ends_hold: bool = False
     """Whether the hold of a fault may end by itself."""
     hold_mode: int = 4

@@ -16,7 +16,7 @@ CALLS_FOR_WORDS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
 class Sight:
     """Fails closed: no fresh frame is a fault, and no OK frame within T is a reason of its own.
 
-    ok_run: OK frames in a row. bad_at: when a frame was last not OK.
+    ok_run: OK frames in a row. bad_at: when it was last not OK, be it by a frame or by the lack of one.
     """
 
     def __init__(self, numbers: Numbers, now: float) -> None:
@@ -31,18 +31,39 @@ class Sight:
         """The newest frame's reasons that nobody accepted."""
 
     def take(self, seen: Assessment, now: float, travelled: float | None) -> None:
-        """A frame was judged. travelled: metres driven, None where not known."""
-        self.newest, self._seen_at = seen, now
-        self._open = seen.reasons - self._accepted(seen, now, travelled)
-        waiting_for_match = seen.match is not None and seen.adopted is None
+        """A new frame was judged. travelled: metres driven, None where not known."""
+        self.pass_time(now)
+        self._seen_at = now
+        self._weigh(seen)
+        acceptance = self.acceptance
+        if acceptance is not None:
+            if Reason.UNKNOWN_OBJECT in seen.reasons - self._open:
+                acceptance.follow(seen, self.numbers)
+            if acceptance.ended(seen, self.numbers, now, travelled):
+                self.acceptance = None
         for reason, votes in self._votes.items():
-            bad = reason in self._open and not (waiting_for_match and reason is Reason.UNKNOWN_SCENE)
-            clear = reason not in self._open and (reason in seen.reasons or seen.is_clear(reason))
+            bad, clear = self._vote(reason, seen)
             votes.add(bad=bad, clear=clear)
-        if self._open or not seen.findings:
-            self.bad_at, self.ok_run = now, 0
-        else:
+        if self._ok:
             self._ok_at, self.ok_run = now, self.ok_run + 1
+        else:
+            self.bad_at, self.ok_run = now, 0
+
+    def judge_again(self, seen: Assessment, now: float) -> None:
+        """The newest frame was judged again: what it says counts instead of what it said, not in addition."""
+        self._weigh(seen)
+        for reason, votes in self._votes.items():
+            bad, clear = self._vote(reason, seen)
+            votes.amend(bad=bad, clear=clear)
+        if self._ok:
+            self._ok_at = now
+        else:
+            self.bad_at, self.ok_run = now, 0
+
+    def pass_time(self, now: float) -> None:
+        """Without frames nothing is OK."""
+        if not self.fresh(now):
+            self.bad_at, self.ok_run = now, 0
 
     def reasons(self, now: float) -> frozenset[Reason]:
         """The reasons that count now."""
@@ -56,6 +77,12 @@ class Sight:
     def fresh(self, now: float) -> bool:
         """Whether a frame was judged within T."""
         return now - self._seen_at <= self.numbers.freshness
+
+    def look_again(self) -> None:
+        """Only what is seen from now on counts; a fault stays one until frames show otherwise."""
+        for reason in Reason:
+            if reason is not Reason.FAULT:
+                self._votes[reason].reset()
 
     def look_afresh(self, now: float) -> None:
         """What was seen before an answer says nothing about what it changed: votes and T start anew."""
@@ -72,19 +99,24 @@ class Sight:
         if not reasons:
             return
         if scope is not None:
-            scope = replace(scope, reasons=reasons, since=now, travelled=travelled)
+            scope = replace(scope, reasons=reasons, since=now, travelled=travelled, clear_frames=0)
         elif self.newest is not None:
             scope = Acceptance.of(self.newest, reasons, self.numbers, now, travelled)
         self.acceptance = scope
         for reason in reasons:
             self._votes[reason].reset()
 
-    def _accepted(self, seen: Assessment, now: float, travelled: float | None) -> frozenset[Reason]:
-        if self.acceptance is None:
-            return frozenset()
-        covered = self.acceptance.covers(seen, self.numbers)
-        if Reason.UNKNOWN_OBJECT in covered:
-            self.acceptance.follow(seen, self.numbers)
-        if self.acceptance.ended(seen, self.numbers, now, travelled):
-            self.acceptance = None
-        return covered
+    @property
+    def _ok(self) -> bool:
+        return self.newest is not None and bool(self.newest.findings) and not self._open
+
+    def _weigh(self, seen: Assessment) -> None:
+        covered = self.acceptance.covers(seen, self.numbers) if self.acceptance is not None else frozenset()
+        self.newest, self._open = seen, seen.reasons - covered
+
+    def _vote(self, reason: Reason, seen: Assessment) -> tuple[bool, bool]:
+        """Bad, clear or neither. A remembered scene that may still be adopted is not voted against."""
+        if reason in self._open:
+            waiting = reason is Reason.UNKNOWN_SCENE and seen.match is not None and seen.adopted is None
+            return not waiting, False
+        return False, reason in seen.reasons or seen.is_clear(reason)

@@ -6,12 +6,19 @@ must be given again.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call
 from companion.calls.hold import Hold, HoldStage
+from companion.calls.holding import Vehicle
 from companion.calls.machine import OperatorCalls
+from companion.calls.sight import CALLS_FOR_WORDS
+from companion.wire.ids import Policy
+
+_U16 = 0xFFFF
+_U32 = 0xFFFFFFFF
 
 
 def snapshot(calls: OperatorCalls) -> dict[str, Any]:
@@ -25,8 +32,9 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "id": call.id,
             "frame_id": call.frame_id,
             "reasons": sorted(reason.value for reason in call.reasons),
-            "answered": call.answered,
-            "accepted": call.accepted,
+            "tried": call.tried,
+            "answered": call.answered and not call.accepted,
+            "learnt": call.learnt,
             "quiet": call.quiet,
         },
         "hold": hold
@@ -39,29 +47,64 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
     }
 
 
-def restore(calls: OperatorCalls, saved: dict[str, Any], now: float) -> None:
-    """Take up where `saved` ended. Raises KeyError, TypeError or ValueError for anything else."""
-    last_id = int(saved["last_id"])
-    call, hold = saved["call"], saved["hold"]
-    restored_call = call and Call(
-        id=int(call["id"]),
-        frame_id=int(call["frame_id"]),
-        reasons={Reason(value) for value in call["reasons"]},
+def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
+    """Take up where `saved` ended; the hold only under the hold policy.
+
+    Raises KeyError, TypeError or ValueError for anything else; then nothing has changed.
+    """
+    if not isinstance(saved, Mapping):
+        raise TypeError("the saved calls are not a mapping")
+    last_id = _whole(saved["last_id"], _U16)
+    mode = None if saved["mode"] is None else _whole(saved["mode"], _U32)
+    call = None if saved["call"] is None else _call(saved["call"], now)
+    hold = None if saved["hold"] is None else _hold(saved["hold"], now)
+    if call is not None and hold is not None and call.id != hold.id:
+        raise ValueError(f"call {call.id} and hold {hold.id} cannot both be open")
+    calls.last_id = last_id
+    calls.call = call
+    calls.holding.hold = hold if calls.policy is Policy.HOLD else None
+    calls.holding.vehicle = Vehicle(mode)
+
+
+def _call(saved: Any, now: float) -> Call:
+    if not isinstance(saved["reasons"], list):
+        raise TypeError("the reasons of a saved call are not a list")
+    reasons = {Reason(value) for value in saved["reasons"]}
+    if not reasons or not reasons <= CALLS_FOR_WORDS:
+        raise ValueError(f"{saved['reasons']} are no reasons for a call")
+    return Call(
+        id=_whole(saved["id"], _U16, 1),
+        frame_id=_whole(saved["frame_id"], _U32),
+        reasons=reasons,
         opened_at=now,
         seen=None,
-        answered=bool(call["answered"]),
-        accepted=bool(call["accepted"]),
-        quiet=bool(call["quiet"]),
+        tried=_flag(saved["tried"]),
+        answered=_flag(saved["answered"]),
+        learnt=_flag(saved["learnt"]),
+        quiet=_flag(saved["quiet"]),
     )
-    restored_hold = hold and Hold(
-        id=int(hold["id"]),
-        mode_before=int(hold["mode_before"]),
+
+
+def _hold(saved: Any, now: float) -> Hold:
+    stage = HoldStage(saved["stage"])
+    return Hold(
+        id=_whole(saved["id"], _U16, 1),
+        mode_before=_whole(saved["mode_before"], _U32),
         started_at=now,
-        stage=HoldStage(hold["stage"]),
-        only_fault=bool(hold["only_fault"]),
+        stage=HoldStage.STANDING if stage is HoldStage.RESUMING else stage,
+        only_fault=_flag(saved["only_fault"]),
     )
-    calls.last_id = max(calls.last_id, last_id)
-    calls.call = restored_call or None
-    calls.hold = restored_hold or None
-    if calls.hold is not None and calls.hold.stage is HoldStage.RESUMING:
-        calls.hold.turn(HoldStage.STANDING)
+
+
+def _whole(value: Any, highest: int, lowest: int = 0) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise TypeError(f"{value!r} is not a whole number")
+    if not lowest <= value <= highest:
+        raise ValueError(f"{value} is not in {lowest} to {highest}")
+    return value
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f"{value!r} is neither true nor false")
+    return value

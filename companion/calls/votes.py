@@ -21,6 +21,12 @@ class Votes:
         elif sum(clear for _, clear in self._frames) >= self._needed:
             self.active = False
 
+    def amend(self, *, bad: bool, clear: bool) -> None:
+        """The newest frame votes anew, not twice."""
+        if self._frames:
+            self._frames.pop()
+        self.add(bad=bad, clear=clear)
+
     def reset(self) -> None:
         """Inactive, with nothing remembered."""
         self._frames.clear()

@@ -1,0 +1,58 @@
+"""What an answer does to the call that it is for."""
+
+from __future__ import annotations
+
+from anytraverse.answers import AnswerOutcome
+from anytraverse.assessment import Reason
+from companion.calls.acceptance import Acceptance
+from companion.calls.decisions import Call
+from companion.calls.sight import Sight
+from companion.wire.ids import Motion, Result
+
+
+def answer_call(
+    call: Call,
+    sight: Sight,
+    motion: Motion,
+    changed: bool,
+    outcome: AnswerOutcome | None,
+    now: float,
+    travelled: float | None,
+) -> Result:
+    """A go without words accepts what the call is for; anything else takes such a go back.
+
+    Otherwise the call's frame, judged again, decides whether it is answered.
+    """
+    call.quiet = call.quiet or motion is Motion.STAY
+    call.learnt = call.learnt or (outcome is not None and outcome.remembered)
+    if motion is Motion.GO and not changed:
+        if not call.answered:
+            call.answered = call.accepted = True
+            sight.accept(call.reasons, _scope(call, sight, now, travelled), now, travelled)
+            sight.look_afresh(now)
+        return Result.APPLIED
+    if call.accepted:
+        call.answered = call.accepted = False
+        sight.acceptance = None
+    if outcome is None or outcome.call is None:
+        return Result.APPLIED
+    call.seen = outcome.call
+    covered = not _left(call)
+    if covered and not call.answered:
+        sight.look_afresh(now)
+    call.answered, call.tried = covered, changed and not covered
+    return Result.NOT_COVERED if call.tried else Result.APPLIED
+
+
+def _left(call: Call) -> frozenset[Reason]:
+    """The call's reasons that its frame still has. What was not judged is not covered; a place in H is."""
+    seen = call.seen
+    if seen is None or seen.roi is None or Reason.FAULT in seen.reasons:
+        return frozenset(call.reasons)
+    return (seen.reasons & call.reasons) - ({Reason.UNKNOWN_SCENE} if call.learnt else set())
+
+
+def _scope(call: Call, sight: Sight, now: float, travelled: float | None) -> Acceptance | None:
+    if call.scope is None and call.seen is not None:
+        return Acceptance.of(call.seen, frozenset(call.reasons), sight.numbers, now, travelled)
+    return call.scope

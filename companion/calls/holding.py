@@ -1,0 +1,125 @@
+"""The one hold: when it may start, what may be commanded for it, and when it may end.
+
+Never over a human: only out of the autopilot's own driving modes, only when armed, and only while the
+autopilot is heard. Only our own hold is undone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from anytraverse.assessment import Reason
+from companion.calls.decisions import Decision, GoLapsed, HoldMoved, HoldStarted, SetMode
+from companion.calls.hold import Hold, HoldEvent, HoldStage
+from companion.calls.numbers import Numbers
+from companion.calls.sight import Sight
+from companion.wire.ids import Motion
+
+
+@dataclass
+class Vehicle:
+    """The newest that the autopilot said. mode None: nothing yet. travelled: metres, None where not known.
+
+    heard_at: when it last told its mode.
+    """
+
+    mode: int | None = None
+    armed: bool = False
+    travelled: float | None = None
+    heard_at: float | None = None
+
+
+class Holding:
+    """At most one hold. go_at: when the go was given that the hold waits to fulfil."""
+
+    def __init__(self, numbers: Numbers) -> None:
+        self.numbers = numbers
+        self.hold: Hold | None = None
+        self.vehicle = Vehicle()
+        self.go_at: float | None = None
+
+    def hear(self, vehicle: Vehicle, now: float) -> HoldEvent | None:
+        """The autopilot showed its mode, or, with the old `heard_at`, only where it is."""
+        news = vehicle.heard_at != self.vehicle.heard_at
+        self.vehicle = vehicle
+        if not news or self.hold is None or vehicle.mode is None:
+            return None
+        return self.hold.vehicle(vehicle.mode, now, self.numbers)
+
+    def heard(self, now: float) -> bool:
+        """Whether the mode is known: it was told within `vehicle_silence`."""
+        heard_at = self.vehicle.heard_at
+        return heard_at is not None and now - heard_at <= self.numbers.vehicle_silence
+
+    def drives_itself(self, now: float) -> bool:
+        """Whether the autopilot drives, so that a hold takes the vehicle from nobody."""
+        vehicle = self.vehicle
+        return self.heard(now) and vehicle.armed and vehicle.mode in self.numbers.holdable
+
+    def start(self, number: int, reasons: frozenset[Reason], now: float) -> HoldStarted:
+        """Hold the vehicle, out of the mode that it shows; a go given before is not for this."""
+        assert self.vehicle.mode is not None
+        self.hold, self.go_at = Hold(number, self.vehicle.mode, now), None
+        return HoldStarted(self.hold, reasons)
+
+    def end(self) -> Hold | None:
+        """The hold is over, whatever ended it."""
+        hold, self.hold, self.go_at = self.hold, None, None
+        return hold
+
+    def answer(self, motion: Motion, sight: Sight, now: float) -> None:
+        """The newest answer decides: whatever is not a go takes an earlier one back."""
+        if self.hold is None or motion is not Motion.GO:
+            self.go_at = None
+            return
+        if self.go_at is None and self.hold.stage is not HoldStage.RESUMING:
+            sight.ok_run = 0
+        self.go_at = now
+
+    def settle(self, reasons: frozenset[Reason], sight: Sight, asking: bool, now: float) -> list[Decision]:
+        """What is to be done now. asking: a call is open, so that the hold is not a fault's alone."""
+        hold = self.hold
+        if hold is None:
+            return []
+        decisions: list[Decision] = []
+        hold.only_fault = hold.only_fault and not asking and reasons <= {Reason.FAULT}
+        if self.go_at is not None and self._lapsed(self.go_at, sight, now):
+            self.go_at = None
+            decisions.append(GoLapsed(hold.id))
+        ready = not reasons and self._ready(hold, sight, now)
+        if hold.stage is HoldStage.RESUMING and not ready:
+            hold.call_back(now)
+        elif hold.stage is not HoldStage.RESUMING and ready:
+            hold.turn(HoldStage.RESUMING)
+        return decisions + self._command(hold, now)
+
+    def _command(self, hold: Hold, now: float) -> list[Decision]:
+        if not self.vehicle.armed:
+            return []
+        decisions: list[Decision] = []
+        resuming = hold.stage is HoldStage.RESUMING
+        mode, event = hold.tick(now, self.numbers)
+        if event is not None:
+            decisions.append(HoldMoved(hold, event, resuming))
+            self.go_at = None if resuming else self.go_at
+        if mode is not None and self._may_command(mode, now):
+            decisions.append(SetMode(mode))
+        return decisions
+
+    def _may_command(self, mode: int, now: float) -> bool:
+        """The way back only out of our hold; a hold out of that or a driving mode."""
+        if self.vehicle.mode == self.numbers.hold_mode:
+            return self.heard(now)
+        return mode == self.numbers.hold_mode and self.drives_itself(now)
+
+    def _ready(self, hold: Hold, sight: Sight, now: float) -> bool:
+        if not self.vehicle.armed or not self.heard(now) or sight.ok_run < self.numbers.ok_frames:
+            return False
+        if self.vehicle.mode not in (self.numbers.hold_mode, hold.mode_before):
+            return False
+        return self.go_at is not None or (self.numbers.fault_ends_hold and hold.only_fault)
+
+    def _lapsed(self, go_at: float, sight: Sight, now: float) -> bool:
+        """A go is for now: it does not wait long for a clear view, nor for arming or a lost autopilot."""
+        too_old = sight.bad_at - go_at > self.numbers.go_lasts
+        return too_old or not self.vehicle.armed or not self.heard(now)

@@ -94,17 +94,17 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
     words = config.preferences
     vocabulary = tuple(dict.fromkeys((*words, *config.vocabulary)))
     listed = parameters.build(vocabulary, words, {}, aliases=config.aliases)
+    journal = Journal(config.journal.path)
+    supervision = journal.load_supervision() or {}
     link = Link(config.link.settings(), listed, time.monotonic())
-    link.set_state(State.STARTING, 0)
+    link.set_state(State.STARTING, _open_id(supervision))
     perceiver = _load(config.perceiver.name, link, stop)
     if perceiver is None:
         return 0
     judging = judging_settings(config, perceiver)
-    folder = config.journal.path
-    journal = Journal(folder)
     memory, notices = _remembered(journal, config, perceiver)
-    supervision = journal.load_supervision() or {}
     last_frame = int(supervision.get("frame_id", 0))
+    folder = config.journal.path
     album = Album(folder / "pictures", config.pictures.keep, judging.region)
     keeper = Keeper(journal, album, folder / "status.json", last_frame)
     engine = AnyTraverse(perceiver, judging, memory)
@@ -176,7 +176,14 @@ def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
     keeper.write_status(daemon.status())
 
 
+def _open_id(saved: dict[str, Any]) -> int:
+    """The call or hold that was open: told from the first heartbeat on, so that nobody takes it for closed."""
+    open_one = saved.get("call") or saved.get("hold") or {}
+    return int(open_one.get("id", 0))
+
+
 def _restore(calls: OperatorCalls, saved: dict[str, Any], now: float, notices: list[str]) -> None:
+    calls.last_id = int(saved.get("last_id", 0))
     try:
         restore(calls, saved, now)
     except (KeyError, TypeError, ValueError) as error:

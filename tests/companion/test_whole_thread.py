@@ -1,0 +1,177 @@
+"""Field, daemon and operator as real processes over real UDP: from the frame to the answer and back."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.demo.child import Child
+from companion.demo.director import Stage
+from companion.demo.main import set_stage
+
+PATIENCE = 30.0
+
+
+class Play:
+    """A stage, and what its operator has heard."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self.events: list[dict[str, Any]] = []
+        self._read = 0
+
+    def wait_for(self, what: str, fits: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """The next event that fits; events before it count as read."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            self.events += [json.loads(line) for _, line in self.stage.operator.lines()]
+            while self._read < len(self.events):
+                event = self.events[self._read]
+                self._read += 1
+                if fits(event):
+                    return event
+            time.sleep(0.05)
+        raise AssertionError(
+            f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
+        )
+
+    def wait_until(self, what: str, fits: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """The field's status once it fits."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            status = self.stage.control.status()
+            if fits(status):
+                return status
+            time.sleep(0.05)
+        raise AssertionError(
+            f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
+        )
+
+    def drive_to_the_drum(self) -> dict[str, Any]:
+        """Start, and come to a stand before the drum; the call."""
+        self.wait_for("an OK daemon", lambda event: event["event"] == "state" and event["state"] == "ok")
+        self.stage.control.start()
+        call = self.wait_for("a call", lambda event: event["event"] == "call" and event["kind"] == "call")
+        self.wait_until("the hold", lambda status: status["mode"] == "HOLD" and status["speed"] < 0.05)
+        return call
+
+    def restart_daemon(self) -> None:
+        """Another daemon on the same configuration."""
+        daemon = self.stage.daemon
+        self.stage.daemon = Child(
+            "daemon", ["companion", "run", "--config", str(self.stage.out / "companion.toml")], daemon.log
+        )
+
+
+@pytest.fixture
+def play(tmp_path: Path) -> Iterator[Play]:
+    stage = set_stage(tmp_path, seed=1, auto=True)
+    try:
+        yield Play(stage)
+    finally:
+        stage.close()
+
+
+def _acknowledged(target: int) -> Callable[[dict[str, Any]], bool]:
+    return lambda event: event["event"] == "ack" and event["target"] == target
+
+
+def test_a_thing_without_a_word_is_called_named_kept_off_and_passed_once_it_is_gone(play: Play) -> None:
+    call = play.drive_to_the_drum()
+    assert call["reasons"] == ["unknown_object"]
+    assert (play.stage.out / "state" / "pictures" / Path(call["picture"]).name).is_file()
+    assert play.stage.control.status()["contacts"] == []
+
+    play.stage.operator.type(f"{call['id']} tap drum -1 go")
+    acknowledgement = play.wait_for("an acknowledgement", _acknowledged(call["id"]))
+    assert acknowledgement["result"] == "applied"
+
+    stood_at = play.stage.control.status()["distance"]
+    time.sleep(2.0)
+    status = play.stage.control.status()
+    assert status["mode"] == "HOLD"
+    assert status["distance"] == pytest.approx(stood_at, abs=0.3)
+
+    play.stage.control.remove("drum-1")
+    deadline = time.monotonic() + PATIENCE
+    while play.stage.control.status()["mode"] != "AUTO" and time.monotonic() < deadline:
+        for number in _open_ids(play):
+            play.stage.operator.type(f"{number} go")
+        time.sleep(1.0)
+    driven = play.wait_until("driving on", lambda status: status["distance"] > stood_at + 4)
+    assert driven["contacts"] == []
+    assert [entry["by"] for entry in driven["mode_log"][-2:]] == ["companion", "companion"]
+
+
+def _open_ids(play: Play) -> set[int]:
+    play.events += [json.loads(line) for _, line in play.stage.operator.lines()]
+    opened = {event["id"] for event in play.events if event["event"] in {"call", "call_changed"}}
+    return opened - {event["id"] for event in play.events if event["event"] == "closed"}
+
+
+def test_a_daemon_killed_with_an_open_call_comes_back_with_it_and_takes_its_answer(play: Play) -> None:
+    call = play.drive_to_the_drum()
+    play.stage.daemon.process.kill()
+    play.stage.daemon.process.wait(5.0)
+    assert play.stage.control.status()["mode"] == "HOLD"
+
+    play.wait_for("silence", lambda event: event["event"] == "link" and not event["up"])
+    play.restart_daemon()
+    play.wait_for(
+        "the same call in the heartbeat",
+        lambda event: event["event"] == "state" and event["current_id"] == call["id"],
+    )
+    assert play.stage.control.status()["mode"] == "HOLD", "nothing resumes by a restart"
+
+    play.stage.operator.type(f"{call['id']} tap drum -1")
+    acknowledgement = play.wait_for(
+        "an acknowledgement", lambda event: _acknowledged(call["id"])(event) and event["result"] != "busy"
+    )
+    assert acknowledgement["result"] in {"applied", "not_covered"}
+    journal = sqlite3.connect(f"file:{play.stage.out / 'state' / 'journal.db'}?mode=ro", uri=True)
+    with journal:
+        tables = {row[0] for row in journal.execute("select name from sqlite_master where type='table'")}
+    journal.close()
+    assert tables, "what was acknowledged is on disk"
+    play.stage.daemon.process.kill()
+    play.stage.daemon.process.wait(5.0)
+    play.restart_daemon()
+    words = _status_words(play, after=time.monotonic())
+    assert "drum: -1" in words, "an acknowledged word survives kill -9"
+
+
+def _status_words(play: Play, after: float) -> str:
+    path = play.stage.out / "state" / "status.json"
+    path.unlink(missing_ok=True)
+    while time.monotonic() - after < PATIENCE:
+        if path.is_file():
+            return str(json.loads(path.read_text())["words"])
+        time.sleep(0.1)
+    raise AssertionError("the restarted daemon wrote no status")
+
+
+def test_a_human_who_takes_over_during_a_hold_wins_and_the_call_is_closed(play: Play) -> None:
+    call = play.drive_to_the_drum()
+    play.stage.control.mode("MANUAL")
+    closed = play.wait_for(
+        "the end of the call", lambda event: event["event"] == "closed" and event["id"] == call["id"]
+    )
+    assert closed["outcome"] == "taken_over"
+    time.sleep(2.0)
+    assert play.stage.control.status()["mode"] == "MANUAL"
+
+
+def test_a_frozen_camera_holds_the_rover(play: Play) -> None:
+    play.wait_for("an OK daemon", lambda event: event["event"] == "state" and event["state"] == "ok")
+    play.stage.control.start()
+    play.wait_until("driving", lambda status: status["speed"] > 1.0)
+    play.stage.control.ask("freeze_camera", on=True)
+    play.wait_until("the hold", lambda status: status["mode"] == "HOLD" and status["speed"] < 0.05)
+    fault = play.wait_for("a fault", lambda event: event["event"] == "state" and event["state"] == "fault")
+    assert fault["current_id"] > 0

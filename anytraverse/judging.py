@@ -113,7 +113,7 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
     height, width = maps.signed.shape
     inside = settings.region.mask(height, width)
     tile = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_share)
-    if tile is None or not inside.any():
+    if tile is None:
         return Finding.fault("the ROI holds no pixel: make it larger")
     known = int(maps.known[inside].sum())
     return RoiFigures(

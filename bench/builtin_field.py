@@ -24,12 +24,13 @@ from anytraverse.memory import first_memory
 from anytraverse.perception.builtin import Builtin
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
+from anytraverse.roi import Corridor
 from companion.field.render import Camera
 from companion.field.things import World
 
 STEP = 0.5  # m between two frames
 SPEED = 2.0  # m/s
-REGION = Box(1 / 3, 0.55, 2 / 3, 0.95)
+REGION = Box(0.35, 0.5, 0.65, 0.95)  # of a fast rover, as in the demo
 WORDS = {
     "meadow": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1",
     "forest": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1",
@@ -46,7 +47,9 @@ def drive(
     world.light = light
     camera = Camera(world, *size)
     perceiver = Builtin()
-    settings = Settings(region=REGION, thresholds=Thresholds.of(perceiver.defaults))
+    settings = Settings(
+        region=REGION, thresholds=Thresholds.of(perceiver.defaults), corridor=Corridor(bottom=0.3, top=0.12)
+    )
     engines = {
         zone: AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
         for zone, words in WORDS.items()
@@ -131,7 +134,7 @@ def timed(size: tuple[int, int]) -> float:
     world = World(1)
     image, _ = Camera(world, *size).render(world.trail.pose(30.0), 0.0)
     perceiver = Builtin()
-    prompts = [Prompt(w) for w in "grass,dirt path,sky,bush,tree,gravel,dry grass,water".split(",")]
+    prompts = [Prompt(word) for word in Preferences.parse(WORDS["gravel"] + "; water: -1")]
     taken = []
     for _ in range(50):
         begin = time.perf_counter()

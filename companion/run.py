@@ -177,7 +177,7 @@ def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
 
 
 def _open_id(saved: dict[str, Any]) -> int:
-    """The call or hold that was open: told from the first heartbeat on, so that nobody takes it for closed."""
+    """The call or hold that was open: told from the first heartbeat on, so that nobody thinks it closed."""
     open_one = saved.get("call") or saved.get("hold") or {}
     return int(open_one.get("id", 0))
 

@@ -40,8 +40,8 @@ class Holding:
 
     def hear(self, vehicle: Vehicle, now: float) -> HoldEvent | None:
         """The autopilot showed its mode, or, with the old `heard_at`, only where it is."""
-        news = vehicle.heard_at != self.vehicle.heard_at
-        self.vehicle = vehicle
+        before, self.vehicle = self.vehicle, vehicle
+        news = (vehicle.heard_at, vehicle.mode, vehicle.armed) != (before.heard_at, before.mode, before.armed)
         if not news or self.hold is None or vehicle.mode is None:
             return None
         return self.hold.vehicle(vehicle.mode, now, self.numbers)

@@ -115,6 +115,13 @@ def test_a_corridor_is_clear_only_with_room_to_spare() -> None:
     assert (narrow.bad, narrow.clear) == (True, False)
 
 
+def test_half_sure_explains() -> None:
+    attention = np.array([[[0.5, 0.499]]], dtype=np.float32)
+    maps = make_maps(attention, [1.0], WHOLE)
+    assert isinstance(maps, Maps)
+    assert maps.known.tolist() == [[True, False]]
+
+
 def test_a_word_of_no_weight_explains_but_is_not_drivable() -> None:
     maps = painted(["MM"], M=0)
     assert maps.known.all()
@@ -159,7 +166,11 @@ def test_a_perceivers_own_thresholds() -> None:
         {"scene": 1.1},
         {"tile": -0.1},
         {"trav": math.nan},
+        {"trav": 1.01},
+        {"roi": 1.01},
+        {"tile": 1.01},
         {"margin": -0.01},
+        {"margin": 1.01},
         {"similarity_margin": math.inf},
     ],
 )
@@ -167,6 +178,12 @@ def test_a_threshold_out_of_range_is_refused_by_name(wrong: dict[str, float]) ->
     [name] = wrong
     with pytest.raises(SettingsError, match=f"^{name} is "):
         Thresholds(**wrong)
+
+
+def test_the_ends_of_each_range_can_be_used() -> None:
+    Thresholds(roi=1, scene=1, tile=1, trav=1, margin=1, similarity_margin=1)
+    lowest = Thresholds(scene=-1, trav=0, margin=0, similarity_margin=0)
+    Settings(thresholds=lowest, tile_share=1, votes=3, window=3)
 
 
 @pytest.mark.parametrize(

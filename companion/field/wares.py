@@ -84,7 +84,7 @@ def rock(rng: np.random.Generator, look: int) -> Picture:
 
 
 def log(rng: np.random.Generator, look: int) -> Picture:
-    """A trunk on its side with the cut face, its rings showing, at one end."""
+    """A Scots pine trunk on its side, red of bark, with the cut face and its rings at one end."""
     import cv2
 
     rows, columns = 84, 512
@@ -94,7 +94,7 @@ def log(rng: np.random.Generator, look: int) -> Picture:
     grain = 0.16 * cv2.resize(noise(rng, rows, 64, 2, 12), (columns, rows)) + 0.1 * noise(
         rng, rows, columns, 3, 30
     )
-    bark = np.array([104, 76, 52]) * shade[:, None, None] * (1 + grain[..., None])
+    bark = np.array([114, 56, 42]) * shade[:, None, None] * (1 + grain[..., None])
     mask = np.zeros((rows, columns), np.uint8)
     cv2.rectangle(mask, (22, 2), (columns - 24, rows - 3), 255, -1)
     for end in (22, columns - 24):
@@ -102,7 +102,7 @@ def log(rng: np.random.Generator, look: int) -> Picture:
     picture[..., :3], picture[..., 3] = np.clip(bark, 0, 255).astype(np.uint8), mask
     cut = 22 if look else columns - 24
     for i, part in enumerate(np.linspace(1, 0.12, 7)):
-        colour = (206, 170, 118) if i % 2 else (178, 138, 90)
+        colour = (214, 150, 92) if i % 2 else (186, 112, 66)
         cv2.ellipse(
             picture,
             (cut, rows // 2),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Embedding, cosine
@@ -12,14 +13,12 @@ from anytraverse.regions import Box
 from anytraverse.roi import worst_tile
 from companion.calls.numbers import Numbers
 
-_REACH = 1.3
-"""How much further than its box a thing may be found on the next frame, as it comes nearer."""
+Mask = NDArray[np.bool_]
+
 _MARGIN = 1.15
 """How much larger than what is found of the thing its box is."""
 _UNCERTAIN = 0.5
 """Uncertainty from which a pixel belongs to the thing, where tiles have no threshold."""
-_SPREAD = 8
-"""Steps in which the accepted box grows over the whole thing at the start."""
 
 
 @dataclass
@@ -27,7 +26,7 @@ class Acceptance:
     """The accepted reasons, and what of them was seen.
 
     box: where the unknown thing is in the image, None where none was seen.
-    uncertainty: mean of the ROI. beside: worst tile outside the box, 0 for none.
+    uncertainty: mean of the ROI. beside: worst tile outside the box.
     scene: embedding of the accepted place, None where it is not known.
     travelled: metres driven at the start, None where not known.
     """
@@ -57,10 +56,9 @@ class Acceptance:
             if Reason.UNKNOWN_OBJECT in reasons | seen.reasons:
                 box = seen.roi.worst_tile.box.grown(1.5)
         accepted = cls(reasons, box, uncertainty, 0.0, scene_of(seen), now, travelled)
-        for _ in range(_SPREAD):
-            found = accepted._find(seen, numbers)
-            if accepted.box is not None and found is not None:
-                accepted.box = _union(accepted.box, found)
+        found = accepted._find(seen, numbers, max(seen.maps.signed.shape)) if seen.maps is not None else None
+        if box is not None and found is not None:
+            accepted.box = _union(box, found)
         accepted.beside = accepted._beside(seen, numbers)
         return accepted
 
@@ -87,10 +85,7 @@ class Acceptance:
 
     def follow(self, seen: Assessment, numbers: Numbers) -> None:
         """Move the box after the thing: down the image and wider, never up."""
-        found = self._find(seen, numbers)
-        if self.box is not None and found is not None:
-            top = max(found.top, min(self.box.top, found.bottom - 1e-3))
-            self.box = Box(found.left, top, found.right, found.bottom)
+        self.box = self._moved(seen, numbers)
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or the time or distance is over. Counts frames: once a frame."""
@@ -105,14 +100,23 @@ class Acceptance:
         )
         return self.clear_frames >= numbers.ok_frames or now - self.since >= numbers.accepted_for or too_far
 
-    def _find(self, seen: Assessment, numbers: Numbers) -> Box | None:
-        """The box around what is uncertain in and near the accepted box."""
+    def _moved(self, seen: Assessment, numbers: Numbers) -> Box | None:
+        """The box around the thing as it is in this frame; as it was where nothing is found of it."""
+        if self.box is None or seen.maps is None:
+            return self.box
+        found = self._find(seen, numbers, _tile_side(seen.maps.signed.shape[1], numbers))
+        if found is None:
+            return self.box
+        top = max(found.top, min(self.box.top, found.bottom - 1e-3))
+        return Box(found.left, top, found.right, found.bottom)
+
+    def _find(self, seen: Assessment, numbers: Numbers, reach: int) -> Box | None:
+        """The box around what is uncertain in the accepted box and, up to `reach` pixels, what touches it."""
         if self.box is None or seen.maps is None:
             return None
-        uncertainty = seen.maps.uncertainty
-        height, width = uncertainty.shape
-        near = self.box.grown(_REACH)
-        thing = near.mask(height, width) & (uncertainty > (numbers.judging.thresholds.tile or _UNCERTAIN))
+        uncertain = seen.maps.uncertainty > (numbers.judging.thresholds.tile or _UNCERTAIN)
+        height, width = uncertain.shape
+        thing = _connected(uncertain & self.box.mask(height, width), uncertain, reach)
         rows, columns = np.flatnonzero(thing.any(axis=1)), np.flatnonzero(thing.any(axis=0))
         if len(rows) == 0:
             return None
@@ -120,13 +124,17 @@ class Acceptance:
         return Box(left, int(rows[0]) / height, right, int(rows[-1] + 1) / height).grown(_MARGIN)
 
     def _beside(self, seen: Assessment, numbers: Numbers) -> float:
-        """Uncertainty of the worst tile of the ROI outside the box; 0 when there is no room for one."""
+        """Uncertainty of the worst tile of the ROI beside the thing; 0 when there is no room for one."""
         if seen.maps is None:
             return 1.0
         height, width = seen.frame.image.shape[:2]
         judging = numbers.judging
         tile = worst_tile(
-            seen.maps.uncertainty, judging.region, width / height, judging.tile_share, outside=self.box
+            seen.maps.uncertainty,
+            judging.region,
+            width / height,
+            judging.tile_share,
+            outside=self._moved(seen, numbers),
         )
         return tile.uncertainty if tile is not None else 0.0
 
@@ -148,6 +156,27 @@ class Acceptance:
 def scene_of(seen: Assessment) -> Embedding | None:
     """What the place looks like, None where nothing could be seen."""
     return seen.observation.embedding if seen.observation is not None else None
+
+
+def _tile_side(width: int, numbers: Numbers) -> int:
+    """Pixels of a map `width` pixels wide: a thing comes nearer by less than a tile from frame to frame."""
+    bounds = numbers.judging.region.bounds
+    return max(1, round(numbers.judging.tile_share * (bounds.right - bounds.left) * width))
+
+
+def _connected(seed: Mask, within: Mask, steps: int) -> Mask:
+    """`seed` and the pixels of `within` that lead to it over at most `steps` of their sides."""
+    for _ in range(steps):
+        spread = seed.copy()
+        spread[1:] |= seed[:-1]
+        spread[:-1] |= seed[1:]
+        spread[:, 1:] |= seed[:, :-1]
+        spread[:, :-1] |= seed[:, 1:]
+        spread &= within
+        if np.array_equal(spread, seed):
+            break
+        seed = spread
+    return seed
 
 
 def _union(one: Box, other: Box) -> Box:

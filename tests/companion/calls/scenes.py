@@ -1,0 +1,292 @@
+"""A trail in virtual time: what stands on it is painted, what the rover does is scripted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from anytraverse.answers import AnswerOutcome
+from anytraverse.assessment import Assessment, Finding, Observation, Reason
+from anytraverse.frame import Frame
+from anytraverse.history import Entry, Match
+from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
+from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved, HoldStarted, SetMode
+from companion.calls.hold import Hold, HoldEvent
+from companion.calls.machine import OperatorCalls
+from companion.calls.numbers import Numbers
+from companion.calls.snapshot import restore, snapshot
+from companion.wire.ids import Motion, Outcome, Policy, Result
+
+HEIGHT, WIDTH = 40, 60
+STEP = 0.05
+PERIOD = 0.1
+HOLD, AUTO, GUIDED, MANUAL, RTL, LOITER = 4, 10, 15, 0, 11, 5
+AHEAD = Box(0.40, 0.68, 0.52, 0.80)
+"""A small thing in the ROI."""
+BESIDE = Box(0.58, 0.72, 0.66, 0.86)
+"""Another one, away from it."""
+ACROSS = Box(0.30, 0.70, 0.70, 0.85)
+"""Right across the way."""
+DecisionKind = TypeVar("DecisionKind", bound=Decision)
+
+
+@dataclass(frozen=True)
+class Thing:
+    """Something on the trail, and the word that it would be known by. unsure: how uncertain while unknown."""
+
+    box: Box
+    name: str = "drum"
+    unsure: float = 0.95
+
+
+@dataclass(frozen=True)
+class View:
+    """What a frame shows. turned: degrees between this place and where the words were learnt.
+
+    haze: uncertainty of everything. broken: the maps are not finite. pending: a remembered scene may fit.
+    """
+
+    things: tuple[Thing, ...] = ()
+    turned: float = 0.0
+    haze: float = 0.0
+    broken: bool = False
+    pending: bool = False
+
+    def assessed(
+        self,
+        number: int,
+        words: Mapping[str, float],
+        judging: Settings,
+        at: float,
+        age: float,
+        reference: float,
+    ) -> Assessment:
+        """This view as the engine would judge it with `words`."""
+        names = list(words)
+        attention = np.zeros((len(names), HEIGHT, WIDTH), dtype=np.float32)
+        attention[names.index("trail")] = 1.0 - self.haze
+        for thing in self.things:
+            inside = thing.box.mask(HEIGHT, WIDTH)
+            attention[:, inside] = 0.0
+            if thing.name in words:
+                attention[names.index(thing.name), inside] = 0.95
+            else:
+                attention[names.index("trail"), inside] = 1.0 - thing.unsure
+        if self.broken:
+            attention[:] = np.nan
+        frame = Frame(number, at - age, np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
+        angle = math.radians(self.turned)
+        embedding = np.array([math.cos(angle), math.sin(angle)], dtype=np.float32)
+        seen = Assessment(
+            frame, Preferences.of(words), (), age, observation=Observation(frame, None, embedding)
+        )
+        maps = make_maps(attention, list(words.values()), judging)
+        if isinstance(maps, Finding):
+            return replace(seen, findings=(maps,))
+        roi = roi_figures(maps, WIDTH / HEIGHT, judging)
+        assert not isinstance(roi, Finding)
+        similarity = math.cos(angle - math.radians(reference))
+        match = None
+        if self.pending:
+            match = Match(Entry(embedding, Preferences.of(words), 1, 1), 1.0)
+        findings = tuple(find(maps, roi, similarity, judging))
+        return replace(seen, findings=findings, maps=maps, roi=roi, similarity=similarity, match=match)
+
+
+CLEAR = View()
+DRUM = View((Thing(AHEAD),))
+LOG = View((Thing(ACROSS, "log"),))
+"""Known as not drivable from the start: the way is blocked."""
+BROKEN = View(broken=True)
+ELSEWHERE = View(turned=60.0)
+
+
+@dataclass
+class Autopilot:
+    """Obeys a mode command after `delay`, unless deaf. Beats at once on a change, else once a second."""
+
+    mode: int = AUTO
+    armed: bool = True
+    delay: float = 0.1
+    deaf: bool = False
+    silent: bool = False
+    travelled: float | None = None
+    told: tuple[int, bool] | None = None
+    beat_at: float = -1.0
+    commands: list[tuple[float, int]] = field(default_factory=list)
+
+    def obey(self, now: float) -> None:
+        """Take the modes whose time has come, in order."""
+        while self.commands and self.commands[0][0] <= now:
+            self.mode = self.commands.pop(0)[1]
+
+    def beats(self, now: float) -> bool:
+        """Whether a heartbeat goes out now."""
+        if self.silent or (self.told == (self.mode, self.armed) and now - self.beat_at < 1.0):
+            return False
+        self.told, self.beat_at = (self.mode, self.armed), now
+        return True
+
+
+class Scene:
+    """A rover on the trail; `run` lets time pass, and `log` keeps what was decided when."""
+
+    def __init__(
+        self,
+        policy: Policy = Policy.REPORT,
+        *,
+        tile: float | None = 0.25,
+        freshness: float = 1.0,
+        mode: int = AUTO,
+        armed: bool = True,
+        fault_ends_hold: bool = False,
+        now: float = 1000.0,
+    ) -> None:
+        judging = Settings(thresholds=Thresholds(tile=tile), freshness=freshness)
+        self.now = now
+        self.numbers = Numbers(policy=policy, judging=judging, fault_ends_hold=fault_ends_hold)
+        self.calls = OperatorCalls(self.numbers, now)
+        self.autopilot = Autopilot(mode, armed)
+        self.words = {"trail": 1.0, "log": -1.0}
+        self.reference = 0.0
+        self.view = CLEAR
+        self.camera = True
+        self.frames: dict[int, View] = {}
+        self.frame = 0
+        self.due = now
+        self.log: list[tuple[float, Decision]] = []
+
+    def run(self, seconds: float, *views: View) -> list[Decision]:
+        """Let time pass; the views take turns frame by frame, the last `view` goes on when none is given."""
+        before, end = len(self.log), self.now + seconds
+        turn = 0
+        while self.now < end - 1e-9:
+            self.now = round(self.now + STEP, 6)
+            self.autopilot.obey(self.now)
+            if self.autopilot.beats(self.now):
+                self.hear()
+            if self.camera and self.now >= self.due - 1e-9:
+                self.due = self.now + PERIOD
+                if views:
+                    self.view = views[turn % len(views)]
+                    turn += 1
+                self.show(self.view)
+            self.keep(self.calls.tick(self.now))
+        return [decision for _, decision in self.log[before:]]
+
+    def show(self, *views: View) -> list[Decision]:
+        """Frames, one a period, without anything in between."""
+        decisions: list[Decision] = []
+        for view in views:
+            self.now = round(self.now + (PERIOD if len(views) > 1 else 0.0), 6)
+            self.frame += 1
+            self.frames[self.frame] = view
+            decisions += self.keep(self.calls.assessed(self.judged(self.frame), self.now))
+        self.view = views[-1]
+        return decisions
+
+    def judged(self, number: int) -> Assessment:
+        """A frame judged with the words in force."""
+        return self.frames[number].assessed(
+            number, self.words, self.numbers.judging, self.now, 0.05, self.reference
+        )
+
+    def hear(self) -> None:
+        """The autopilot's heartbeat."""
+        pilot = self.autopilot
+        self.keep(self.calls.vehicle(pilot.mode, pilot.armed, self.now, pilot.travelled))
+
+    def human(self, mode: int, *, armed: bool = True) -> None:
+        """A human sets the mode, and the heartbeat tells it at once."""
+        self.autopilot.commands.clear()
+        self.autopilot.mode, self.autopilot.armed = mode, armed
+        self.run(STEP)
+
+    def keep(self, decisions: list[Decision]) -> list[Decision]:
+        """Log them, and carry out the modes."""
+        for decision in decisions:
+            self.log.append((self.now, decision))
+            if isinstance(decision, SetMode) and not self.autopilot.deaf:
+                self.autopilot.commands.append((self.now + self.autopilot.delay, decision.mode))
+        return decisions
+
+    def answer(
+        self,
+        motion: Motion = Motion.NONE,
+        words: Mapping[str, float] | None = None,
+        target: int | None = None,
+    ) -> Result:
+        """An operator's answer, by default to what is open, applied as the engine would."""
+        call = self.calls.call
+        self.words.update(words or {})
+        teaches = bool(words) or motion is Motion.GO
+        outcome = None
+        if call is not None and self.calls.current_id == (target or self.calls.current_id):
+            if teaches and self.view.turned == self.frames[call.frame_id].turned:
+                self.reference = self.view.turned
+            outcome = AnswerOutcome(self.judged(call.frame_id), self.judged(self.frame), remembered=teaches)
+        elif words:
+            outcome = AnswerOutcome(None, self.judged(self.frame))
+        result, decisions = self.calls.answered(
+            self.calls.current_id if target is None else target, motion, bool(words), outcome, self.now
+        )
+        self.keep(decisions)
+        return result
+
+    def go(self, words: Mapping[str, float] | None = None) -> Result:
+        """ "go", with or without words."""
+        return self.answer(Motion.GO, words)
+
+    def policy(self, policy: Policy) -> list[Decision]:
+        """Another policy."""
+        return self.keep(self.calls.set_policy(policy, self.now))
+
+    def restarted(self) -> Scene:
+        """The same trail and rover with a new daemon that remembers what the journal kept."""
+        kept = snapshot(self.calls)
+        self.calls = OperatorCalls(replace(self.numbers, policy=self.calls.policy), self.now)
+        restore(self.calls, kept, self.now)
+        self.autopilot.told = None
+        return self
+
+    def all(self, kind: type[DecisionKind]) -> list[DecisionKind]:
+        """Everything of one kind that was decided so far."""
+        return [decision for _, decision in self.log if isinstance(decision, kind)]
+
+    def modes(self) -> list[int]:
+        """Modes commanded so far."""
+        return [decision.mode for decision in self.all(SetMode)]
+
+    def events(self) -> list[HoldEvent]:
+        """What happened to holds so far."""
+        return [moved.event for moved in self.all(HoldMoved)]
+
+    def opened(self) -> list[int]:
+        """Ids of the calls opened so far."""
+        return [decision.call.id for decision in self.all(CallOpened)]
+
+    def closed(self) -> list[tuple[int, Outcome]]:
+        """Calls closed so far, and how."""
+        return [(decision.call.id, decision.call.outcome) for decision in self.all(CallClosed)]
+
+    def held(self) -> list[frozenset[Reason]]:
+        """Why holds were started so far."""
+        return [decision.reasons for decision in self.all(HoldStarted)]
+
+    @property
+    def call(self) -> Call:
+        """The open call."""
+        assert self.calls.call is not None
+        return self.calls.call
+
+    @property
+    def hold(self) -> Hold:
+        """The hold."""
+        assert self.calls.hold is not None
+        return self.calls.hold

@@ -1,0 +1,391 @@
+"""Rule 12: when the rover is held, how hard that is tried, and what it takes to drive on."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.assessment import Reason
+from companion.calls.decisions import GoLapsed, HoldMoved, HoldStarted, SetMode
+from companion.calls.hold import HoldEvent, HoldStage
+from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
+from tests.companion.calls.scenes import (
+    AUTO,
+    BROKEN,
+    CLEAR,
+    DRUM,
+    GUIDED,
+    HOLD,
+    LOG,
+    LOITER,
+    MANUAL,
+    RTL,
+    Scene,
+    View,
+)
+
+
+def when(scene: Scene, mode: int) -> list[float]:
+    """Seconds between the commands of `mode` and the first of them."""
+    times = [at for at, decision in scene.log if isinstance(decision, SetMode) and decision.mode == mode]
+    return [round(at - times[0], 2) for at in times]
+
+
+def stage(scene: Scene) -> HoldStage:
+    """Where the hold stands."""
+    return scene.hold.stage
+
+
+@pytest.mark.parametrize("mode", [AUTO, GUIDED])
+def test_a_call_holds_the_rover_in_the_autopilots_own_driving_modes(mode: int) -> None:
+    scene = Scene(Policy.HOLD, mode=mode)
+    scene.run(1.0)
+    scene.run(1.0, DRUM)
+    assert scene.modes() == [HOLD]
+    assert scene.autopilot.mode == HOLD
+    assert scene.hold.mode_before == mode
+    assert scene.hold.id == scene.call.id == 1
+
+
+@pytest.mark.parametrize("mode", [MANUAL, RTL, LOITER, HOLD])
+@pytest.mark.parametrize("view", [DRUM, LOG, BROKEN])
+def test_the_rover_is_never_held_in_another_mode(mode: int, view: View) -> None:
+    scene = Scene(Policy.HOLD, mode=mode)
+    scene.run(1.0)
+    scene.run(3.0, view)
+    assert scene.modes() == []
+    assert scene.calls.hold is None
+
+
+def test_a_disarmed_rover_is_not_held() -> None:
+    scene = Scene(Policy.HOLD, armed=False)
+    scene.run(3.0, DRUM)
+    assert scene.modes() == []
+    scene.human(AUTO, armed=True)
+    assert scene.modes() == [HOLD]
+
+
+def test_nothing_is_commanded_before_the_autopilot_was_heard() -> None:
+    scene = Scene(Policy.HOLD)
+    scene.autopilot.silent = True
+    scene.run(3.0, DRUM)
+    assert scene.opened() == [1]
+    assert scene.modes() == []
+    scene.autopilot.silent = False
+    scene.run(0.2)
+    assert scene.modes() == [HOLD]
+
+
+def test_a_mode_that_was_heard_too_long_ago_is_not_commanded_over(hold: Scene) -> None:
+    hold.autopilot.silent = True
+    hold.run(6.0, CLEAR)
+    hold.run(2.0, DRUM)
+    assert hold.modes() == []
+    hold.autopilot.silent = False
+    hold.run(0.2)
+    assert hold.modes() == [HOLD]
+
+
+def test_a_position_alone_is_no_news_of_the_mode(hold: Scene) -> None:
+    heard = hold.calls.autopilot.heard_at
+    hold.autopilot.silent = True
+    for _ in range(8):
+        hold.run(1.0, CLEAR)
+        hold.calls.vehicle(AUTO, True, hold.now, travelled=3.0, heard_at=heard)  # noqa: FBT003
+    assert hold.calls.autopilot.travelled == 3.0
+    hold.run(2.0, DRUM)
+    assert hold.modes() == []
+
+
+def test_a_blocked_way_is_held_under_an_id_of_the_one_counter(hold: Scene) -> None:
+    hold.run(1.0, DRUM)
+    hold.go()
+    hold.run(2.0, CLEAR)
+    hold.run(1.0, LOG)
+    assert (hold.calls.current_id, hold.calls.kind) == (2, Kind.HOLD)
+    assert hold.held()[-1] == {Reason.BLOCKED}
+    assert hold.calls.state(hold.now) is State.BLOCKED
+
+
+def test_the_hold_is_confirmed_by_the_mode_read_back(hold: Scene) -> None:
+    hold.autopilot.delay = 0.6
+    hold.run(0.5, DRUM)
+    assert stage(hold) is HoldStage.REQUESTED
+    assert hold.events() == []
+    hold.run(0.6, DRUM)
+    assert stage(hold) is HoldStage.STANDING
+    assert hold.events() == [HoldEvent.CONFIRMED]
+
+
+def test_three_tries_then_failed_once_then_a_try_every_five_seconds(hold: Scene) -> None:
+    hold.autopilot.deaf = True
+    hold.run(20.0, DRUM)
+    assert when(hold, HOLD) == [0.0, 1.0, 2.0, 3.0, 8.0, 13.0, 18.0]
+    assert hold.events() == [HoldEvent.FAILED]
+    assert hold.hold.failed
+    hold.autopilot.deaf = False
+    hold.run(6.0)
+    assert hold.events() == [HoldEvent.FAILED, HoldEvent.CONFIRMED]
+    assert not hold.hold.failed
+
+
+def test_a_hold_that_fails_on_a_silent_autopilot_is_told_and_nothing_more_is_commanded(hold: Scene) -> None:
+    hold.run(0.5, DRUM)
+    assert hold.calls.hold is not None
+    hold.autopilot.silent = hold.autopilot.deaf = True
+    hold.calls.hold.turn(HoldStage.REQUESTED)
+    hold.run(4.0)
+    assert hold.events()[-1] is HoldEvent.FAILED
+    before = len(hold.modes())
+    hold.run(20.0)
+    assert len(hold.modes()) <= before + 1
+
+
+def test_nothing_resumes_without_a_go(held: Scene) -> None:
+    held.run(300.0, CLEAR)
+    assert held.modes() == [HOLD]
+    assert held.calls.stage() is Stage.CLEAR
+
+
+def test_a_go_is_followed_by_five_ok_frames_before_the_rover_drives(held: Scene) -> None:
+    held.run(2.0, CLEAR)
+    held.go()
+    held.show(CLEAR, CLEAR, CLEAR, CLEAR)
+    assert held.modes() == [HOLD]
+    held.show(CLEAR)
+    assert held.modes() == [HOLD, AUTO]
+
+
+def test_a_bad_frame_between_starts_the_count_anew(held: Scene) -> None:
+    held.run(2.0, CLEAR)
+    held.go()
+    held.show(CLEAR, CLEAR, CLEAR, CLEAR, LOG, CLEAR, CLEAR, CLEAR, CLEAR)
+    assert held.modes() == [HOLD]
+    held.show(CLEAR)
+    assert held.modes() == [HOLD, AUTO]
+
+
+def test_a_black_out_between_starts_the_count_anew(held: Scene) -> None:
+    held.run(2.0, CLEAR)
+    held.go()
+    held.show(CLEAR, CLEAR, CLEAR, CLEAR)
+    held.camera = False
+    held.run(3.0)
+    held.show(CLEAR, CLEAR, CLEAR, CLEAR)
+    assert held.modes() == [HOLD]
+    held.show(CLEAR)
+    assert held.modes() == [HOLD, AUTO]
+
+
+def test_a_second_go_does_not_start_the_count_anew(held: Scene) -> None:
+    held.go()
+    held.show(DRUM, DRUM, DRUM)
+    held.go()
+    held.show(DRUM, DRUM)
+    assert held.modes() == [HOLD, AUTO]
+
+
+def test_resuming_goes_back_to_the_mode_before_and_closes_the_call(held: Scene) -> None:
+    held.go()
+    held.run(1.5, DRUM)
+    assert held.autopilot.mode == AUTO
+    assert held.events() == [HoldEvent.CONFIRMED, HoldEvent.RESUMED]
+    assert held.closed() == [(1, Outcome.ACCEPTED)]
+    assert held.calls.hold is None
+
+
+def test_guided_is_given_back_as_guided() -> None:
+    scene = Scene(Policy.HOLD, mode=GUIDED)
+    scene.run(1.0)
+    scene.run(1.0, LOG)
+    scene.go()
+    scene.run(1.5, CLEAR)
+    assert scene.modes() == [HOLD, GUIDED]
+    [resumed] = [moved for moved in scene.all(HoldMoved) if moved.event is HoldEvent.RESUMED]
+    assert resumed.hold.mode_before == GUIDED
+
+
+def test_the_way_back_is_tried_three_times_then_failed_and_needs_another_go(held: Scene) -> None:
+    held.autopilot.deaf = True
+    held.go()
+    held.run(20.0, DRUM)
+    assert when(held, AUTO) == [0.0, 1.0, 2.0]
+    [failed] = [moved for moved in held.all(HoldMoved) if moved.event is HoldEvent.FAILED]
+    assert failed.resuming
+    assert held.calls.go_at is None
+    assert stage(held) is HoldStage.STANDING
+    assert held.autopilot.mode == HOLD
+
+
+def test_a_go_lapses_after_sixty_seconds_of_not_ok(blocked: Scene) -> None:
+    assert blocked.go() is Result.APPLIED
+    blocked.run(59.0)
+    assert blocked.all(GoLapsed) == []
+    blocked.run(2.0)
+    assert blocked.all(GoLapsed) == [GoLapsed(1)]
+    blocked.run(5.0, CLEAR)
+    assert blocked.autopilot.mode == HOLD
+    assert blocked.calls.stage() is Stage.CLEAR
+
+
+def test_a_go_lapses_after_sixty_seconds_without_a_frame(held: Scene) -> None:
+    held.go()
+    held.camera = False
+    held.run(61.0)
+    assert held.all(GoLapsed) == [GoLapsed(1)]
+
+
+def test_a_go_given_less_than_sixty_seconds_before_the_last_bad_frame_counts(blocked: Scene) -> None:
+    blocked.go()
+    blocked.run(55.0)
+    blocked.run(1.5, CLEAR)
+    assert blocked.autopilot.mode == AUTO
+
+
+def test_a_go_on_a_blocked_way_does_not_drive_over_it(blocked: Scene) -> None:
+    blocked.go()
+    blocked.run(30.0)
+    assert blocked.modes() == [HOLD]
+    assert blocked.calls.sight.acceptance is None
+
+
+def test_a_go_that_was_fulfilled_is_not_for_the_next_hold(blocked: Scene) -> None:
+    blocked.go()
+    blocked.run(2.0, CLEAR)
+    blocked.run(1.0, LOG)
+    blocked.run(10.0, CLEAR)
+    assert blocked.autopilot.mode == HOLD
+
+
+def test_a_go_to_a_call_that_held_nothing_is_not_for_the_next_hold(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    report.go()
+    report.policy(Policy.HOLD)
+    report.run(1.0, LOG)
+    report.run(10.0, CLEAR)
+    assert report.modes() == [HOLD]
+
+
+def test_disarming_ends_the_go_and_arming_does_not_drive_off(blocked: Scene) -> None:
+    blocked.go()
+    blocked.human(HOLD, armed=False)
+    assert blocked.all(GoLapsed) == [GoLapsed(1)]
+    blocked.run(20.0, CLEAR)
+    blocked.human(HOLD, armed=True)
+    blocked.run(20.0, CLEAR)
+    assert blocked.modes() == [HOLD]
+
+
+def test_a_go_while_disarmed_is_none(blocked: Scene) -> None:
+    blocked.human(HOLD, armed=False)
+    blocked.go()
+    blocked.run(5.0, CLEAR)
+    blocked.human(HOLD, armed=True)
+    blocked.run(5.0, CLEAR)
+    assert blocked.modes() == [HOLD]
+
+
+def test_disarming_on_the_way_back_commands_nothing_more(held: Scene) -> None:
+    held.autopilot.deaf = True
+    held.go()
+    held.run(0.6, DRUM)
+    assert held.modes() == [HOLD, AUTO]
+    held.human(HOLD, armed=False)
+    held.run(20.0, DRUM)
+    assert held.modes() == [HOLD, AUTO]
+
+
+def test_nothing_is_resumed_over_an_autopilot_that_fell_silent(blocked: Scene) -> None:
+    blocked.autopilot.silent = True
+    blocked.run(6.0)
+    blocked.go()
+    blocked.run(5.0, CLEAR)
+    assert blocked.modes() == [HOLD]
+    assert blocked.all(GoLapsed) == [GoLapsed(1)]
+
+
+def test_a_bad_frame_calls_the_way_back_back(held: Scene) -> None:
+    held.autopilot.delay = 0.5
+    held.go()
+    held.show(DRUM, DRUM, DRUM, DRUM, DRUM)
+    assert stage(held) is HoldStage.RESUMING
+    held.show(LOG)
+    assert held.modes() == [HOLD, AUTO, HOLD]
+    held.run(3.0, LOG)
+    assert held.autopilot.mode == HOLD
+    assert HoldEvent.TAKEN_OVER not in held.events()
+    assert stage(held) is HoldStage.STANDING
+
+
+def test_frames_that_stop_on_the_way_back_call_it_back(held: Scene) -> None:
+    held.autopilot.deaf = True
+    held.go()
+    held.show(DRUM, DRUM, DRUM, DRUM, DRUM)
+    held.camera = False
+    held.run(1.2)
+    assert held.modes()[-1] == HOLD
+
+
+def test_stay_calls_the_way_back_back(held: Scene) -> None:
+    held.autopilot.delay = 0.5
+    held.go()
+    held.show(DRUM, DRUM, DRUM, DRUM, DRUM)
+    held.answer(Motion.STAY)
+    assert held.modes() == [HOLD, AUTO, HOLD]
+    held.run(3.0, DRUM)
+    assert held.autopilot.mode == HOLD
+
+
+def test_a_way_back_that_shows_late_is_ours_and_is_held_again(held: Scene) -> None:
+    held.autopilot.deaf = True
+    held.go()
+    held.show(DRUM, DRUM, DRUM, DRUM, DRUM)
+    held.show(LOG)
+    held.hear()  # an old heartbeat: still in hold
+    assert stage(held) is HoldStage.STANDING
+    held.autopilot.mode = AUTO  # only now the first command shows
+    held.hear()
+    assert held.calls.hold is not None
+    assert held.modes() == [HOLD, AUTO, HOLD, HOLD]
+
+
+def test_a_resume_that_was_called_back_needs_no_second_go(held: Scene) -> None:
+    held.autopilot.delay = 0.3
+    held.go()
+    held.show(DRUM, DRUM, DRUM, DRUM, DRUM, LOG)
+    held.run(3.0, DRUM)
+    assert held.autopilot.mode == AUTO
+
+
+def test_a_hold_that_never_took_is_given_up_when_the_view_is_clear_and_go_was_said(hold: Scene) -> None:
+    hold.autopilot.deaf = True
+    hold.run(5.0, LOG)
+    hold.go()
+    hold.run(2.0, CLEAR)
+    assert hold.calls.hold is None
+    assert AUTO not in hold.modes()
+    assert hold.events() == [HoldEvent.FAILED, HoldEvent.RESUMED]
+
+
+def test_a_call_that_opens_while_a_blocked_hold_stands_names_it(blocked: Scene) -> None:
+    blocked.run(1.0, DRUM)
+    assert blocked.opened() == [2]
+    assert blocked.hold.id == 2
+    assert len(blocked.all(HoldStarted)) == 1
+    assert blocked.modes() == [HOLD]
+
+
+def test_the_old_go_does_not_count_for_a_new_call(blocked: Scene) -> None:
+    blocked.go()
+    blocked.run(2.0, DRUM)
+    assert blocked.calls.go_at is None
+    blocked.run(10.0, CLEAR)
+    assert blocked.autopilot.mode == HOLD
+
+
+def test_only_our_own_hold_is_undone() -> None:
+    scene = Scene(Policy.HOLD, mode=HOLD)
+    scene.run(1.0, DRUM)
+    scene.go()
+    scene.run(5.0, CLEAR)
+    assert scene.modes() == []
+    assert scene.closed() == [(1, Outcome.ACCEPTED)]

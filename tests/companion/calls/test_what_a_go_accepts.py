@@ -1,0 +1,240 @@
+"""Rule 6: a go without words accepts the thing, the place and the uncertainty seen, and ends."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.assessment import Reason
+from anytraverse.regions import Box
+from companion.wire.ids import Outcome
+from tests.companion.calls.scenes import (
+    AHEAD,
+    AUTO,
+    BESIDE,
+    BROKEN,
+    CLEAR,
+    DRUM,
+    ELSEWHERE,
+    HOLD,
+    LOG,
+    Scene,
+    Thing,
+    View,
+)
+
+NEARER = (
+    AHEAD,
+    Box(0.39, 0.70, 0.53, 0.83),
+    Box(0.38, 0.73, 0.54, 0.87),
+    Box(0.38, 0.77, 0.54, 0.91),
+    Box(0.37, 0.82, 0.55, 0.97),
+    Box(0.36, 0.86, 0.56, 1.0),
+)
+"""The drum as the rover comes nearer."""
+
+
+def ended(scene: Scene) -> bool:
+    """Whether nothing is accepted any more."""
+    return scene.calls.sight.acceptance is None
+
+
+@pytest.fixture
+def accepted(report: Scene) -> Scene:
+    """Driving on after a go to a drum ahead."""
+    report.run(1.0, DRUM)
+    report.go()
+    assert report.closed() == [(1, Outcome.ACCEPTED)]
+    return report
+
+
+def test_the_accepted_thing_does_not_call_again(accepted: Scene) -> None:
+    accepted.run(15.0)
+    assert accepted.opened() == [1]
+    assert accepted.calls.sight.ok_run > 100
+
+
+def test_the_accepted_box_grows_and_moves_down_the_image_with_the_thing(accepted: Scene) -> None:
+    for box in NEARER:
+        accepted.run(0.2, View((Thing(box),)))
+    assert accepted.opened() == [1]
+    acceptance = accepted.calls.sight.acceptance
+    assert acceptance is not None
+    assert acceptance.box is not None
+    assert acceptance.box.top > AHEAD.top
+    assert acceptance.box.right - acceptance.box.left > AHEAD.right - AHEAD.left
+
+
+def test_the_accepted_box_covers_the_whole_thing_from_the_start(report: Scene) -> None:
+    tall = View((Thing(Box(0.42, 0.58, 0.50, 0.97)),))
+    report.run(1.0, tall)
+    report.go()
+    report.run(3.0, tall)
+    assert report.opened() == [1]
+
+
+def test_the_accepted_box_does_not_move_up(accepted: Scene) -> None:
+    accepted.run(1.0, View((Thing(NEARER[2]),)))
+    accepted.run(0.5, View((Thing(Box(0.38, 0.60, 0.54, 0.72)),)))
+    assert accepted.opened() == [1, 2]
+
+
+def test_a_second_thing_outside_the_box_must_call(accepted: Scene) -> None:
+    accepted.run(0.5, View((Thing(AHEAD), Thing(BESIDE))))
+    assert accepted.opened() == [1, 2]
+
+
+def test_a_second_thing_that_turned_up_after_the_calls_frame_is_not_accepted_with_it(held: Scene) -> None:
+    both = View((Thing(AHEAD), Thing(BESIDE)))
+    held.run(3.0, both)
+    held.go()
+    held.run(0.5, both)
+    assert held.opened() == [1, 2]
+    held.run(10.0, both)
+    assert held.autopilot.mode == HOLD
+
+
+def test_a_mean_above_the_accepted_one_and_delta_must_call() -> None:
+    scene = Scene(tile=None)
+    scene.run(0.5, View(haze=0.35))
+    scene.go()
+    scene.run(2.0, View(haze=0.44))
+    assert scene.opened() == [1]
+    scene.run(0.5, View(haze=0.46))
+    assert scene.opened() == [1, 2]
+
+
+def test_what_came_nearer_while_the_call_was_open_is_the_uncertainty_seen(report: Scene) -> None:
+    for box in NEARER[:3]:
+        report.run(0.5, View((Thing(box),)))
+    report.go()
+    report.run(1.0)
+    assert report.opened() == [1]
+
+
+def test_without_a_tile_threshold_what_turned_up_beside_does_not_raise_what_was_seen() -> None:
+    scene = Scene(tile=None)
+    ahead = Thing(Box(0.36, 0.62, 0.50, 0.94))
+    scene.run(0.5, View((ahead,)))
+    scene.run(0.5, View((ahead, Thing(Box(0.56, 0.62, 0.67, 0.94)))))
+    scene.go()
+    scene.run(0.5)
+    assert scene.opened() == [1, 2]
+
+
+def test_an_acceptance_ends_when_the_thing_is_gone_for_five_frames(accepted: Scene) -> None:
+    accepted.show(CLEAR, CLEAR, CLEAR, CLEAR, DRUM, CLEAR, CLEAR, CLEAR, CLEAR)
+    assert not ended(accepted)
+    accepted.show(CLEAR)
+    assert ended(accepted)
+    accepted.run(0.5, DRUM)
+    assert accepted.opened() == [1, 2]
+
+
+def test_broken_frames_do_not_show_that_the_thing_is_gone(accepted: Scene) -> None:
+    accepted.show(*[BROKEN] * 8)
+    assert not ended(accepted)
+
+
+def test_an_acceptance_ends_after_twenty_seconds(accepted: Scene) -> None:
+    accepted.run(19.5)
+    assert accepted.opened() == [1]
+    accepted.run(1.0)
+    assert accepted.opened() == [1, 2]
+
+
+def test_an_acceptance_ends_after_ten_metres_where_the_way_is_known(report: Scene) -> None:
+    report.autopilot.travelled = 100.0
+    report.run(2.0, DRUM)
+    report.go()
+    report.autopilot.travelled = 109.5
+    report.run(2.0)
+    assert report.opened() == [1]
+    report.autopilot.travelled = 110.0
+    report.run(2.0)
+    assert report.opened() == [1, 2]
+
+
+def test_a_go_does_not_accept_what_is_known_and_not_drivable(hold: Scene) -> None:
+    both = View((Thing(AHEAD), Thing(Box(0.3, 0.85, 0.7, 0.95), "log")))
+    hold.run(1.0, both)
+    hold.go()
+    hold.run(10.0, both)
+    assert hold.autopilot.mode == HOLD
+    assert hold.opened() == [1]
+
+
+def test_a_go_accepts_the_place_of_the_call_and_no_other(report: Scene) -> None:
+    report.run(0.5, ELSEWHERE)
+    reference = report.reference
+    report.go()
+    report.reference = reference  # as if the rover had been elsewhere when the answer came
+    report.run(3.0)
+    assert report.opened() == [1]
+    report.run(0.5, View(turned=100.0))
+    assert report.opened() == [1, 2]
+
+
+def test_a_place_less_unlike_the_reference_than_the_accepted_one_is_still_another(report: Scene) -> None:
+    report.run(0.5, ELSEWHERE)
+    reference = report.reference
+    report.go()
+    report.reference = reference
+    report.run(0.5, View(turned=-50.0))
+    assert report.opened() == [1, 2]
+
+
+def test_a_thing_in_the_accepted_place_calls(report: Scene) -> None:
+    report.run(0.5, ELSEWHERE)
+    report.go()
+    report.run(0.5, View((Thing(AHEAD),), turned=60.0))
+    assert report.opened() == [1, 2]
+    assert report.call.reasons == {Reason.UNKNOWN_OBJECT}
+
+
+def test_place_and_thing_of_one_frame_are_accepted_together_though_they_count_one_after_the_other(
+    report: Scene,
+) -> None:
+    both = View((Thing(AHEAD),), turned=60.0)
+    report.show(View(turned=60.0), both, both)
+    assert report.call.reasons == {Reason.UNKNOWN_OBJECT, Reason.UNKNOWN_SCENE}
+    report.go()
+    report.run(3.0, both)
+    assert report.opened() == [1]
+
+
+def test_an_accepted_thing_and_a_blocked_way_hold_for_the_way(accepted: Scene) -> None:
+    accepted.run(1.0, View((Thing(AHEAD), Thing(Box(0.3, 0.85, 0.7, 0.95), "log"))))
+    assert accepted.calls.sight.reasons(accepted.now) == {Reason.BLOCKED}
+
+
+def test_after_a_restart_the_frame_of_the_call_says_what_a_go_accepts(held: Scene) -> None:
+    held.restarted()
+    held.run(0.5, DRUM)
+    held.call.seen = held.judged(held.call.frame_id)
+    both = View((Thing(AHEAD), Thing(BESIDE)))
+    held.run(0.5, both)
+    held.go()
+    held.run(0.5, both)
+    assert held.opened() == [1, 2]
+
+
+def test_an_acceptance_that_runs_out_in_the_hold_is_a_new_call(held: Scene) -> None:
+    fallen = View((Thing(AHEAD), Thing(Box(0.3, 0.85, 0.7, 0.95), "log")))
+    held.run(1.0, fallen)
+    held.go()
+    held.run(25.0, fallen)
+    assert held.opened() == [1, 2]
+    assert held.closed() == [(1, Outcome.ACCEPTED)]
+    held.run(10.0, CLEAR)
+    assert held.autopilot.mode == HOLD
+
+
+def test_with_a_go_the_rover_drives_over_the_accepted_thing_in_hold_policy(held: Scene) -> None:
+    held.go()
+    for box in NEARER:
+        held.run(0.7, View((Thing(box),)))
+    held.run(5.0, CLEAR)
+    assert held.autopilot.mode == AUTO
+    assert held.opened() == [1]
+    held.run(1.0, LOG)
+    assert held.autopilot.mode == HOLD

@@ -96,13 +96,16 @@ def test_attention_of_another_precision_is_judged_alike(rover: Rover) -> None:
     assert double.roi.uncertainty == pytest.approx(single.roi.uncertainty, abs=1e-4)
 
 
-def test_attention_a_hair_outside_its_range_is_cut_to_it(rover: Rover) -> None:
-    rover.eyes.spoil_attention = lambda maps: maps * np.float32(1.0005) - np.float32(0.0004)
+@pytest.mark.parametrize(("factor", "shift"), [(1.0005, -0.0004), (1.0005, 0.0), (1.0, -0.0004)])
+def test_attention_a_hair_outside_its_range_is_cut_to_it(rover: Rover, factor: float, shift: float) -> None:
+    rover.eyes.spoil_attention = lambda maps: maps * np.float32(factor) + np.float32(shift)
     seen = rover.see()
     assert seen.ok
     assert seen.maps is not None
-    assert seen.maps.uncertainty.min() == 0
+    assert seen.maps.uncertainty.min() >= 0
+    assert seen.maps.uncertainty.max() <= 1
     assert seen.maps.attention.min() == 0
+    assert seen.maps.attention.max() <= 1
 
 
 def test_an_embedding_of_another_norm_is_compared_by_its_direction(rover: Rover) -> None:
@@ -114,6 +117,14 @@ def test_an_embedding_of_another_norm_is_compared_by_its_direction(rover: Rover)
 @pytest.mark.parametrize("captured_at", [-1e9, 1e9, math.nan, math.inf, -math.inf])
 def test_a_frame_that_is_not_fresh_is_a_fault(rover: Rover, captured_at: float) -> None:
     assert rover.see(captured_at=captured_at).reasons == {Reason.FAULT}
+
+
+@pytest.mark.parametrize(("captured", "says"), [(-2.0, "is 2.0 s old"), (0.5, "is 0.5 s ahead")])
+def test_a_fault_of_age_says_how_old_the_frame_is(rover: Rover, captured: float, says: str) -> None:
+    frame = rover.frame()
+    finding = rover.engine.step(frame, frame.captured_at - captured).finding(Reason.FAULT)
+    assert finding is not None
+    assert says in finding.figure
 
 
 @pytest.mark.parametrize(("age", "fresh"), [(0.0, True), (0.75, True), (0.8, False), (-0.01, False)])
@@ -141,6 +152,7 @@ def test_what_is_not_a_picture_is_a_fault_and_never_reaches_the_perceiver(rover:
     seen = rover.see(image=image)
     assert seen.reasons == {Reason.FAULT}
     assert seen.observation is None
+    assert seen.age == pytest.approx(0.1)
     assert rover.eyes.encoded == encoded
 
 

@@ -168,6 +168,7 @@ def test_a_perceivers_own_thresholds() -> None:
         {"trav": math.nan},
         {"trav": 1.01},
         {"roi": 1.01},
+        {"tile": 0.0},
         {"tile": 1.01},
         {"margin": -0.01},
         {"margin": 1.01},
@@ -178,6 +179,13 @@ def test_a_threshold_out_of_range_is_refused_by_name(wrong: dict[str, float]) ->
     [name] = wrong
     with pytest.raises(SettingsError, match=f"^{name} is "):
         Thresholds(**wrong)
+
+
+def test_the_starting_numbers() -> None:
+    start = Settings()
+    assert start.thresholds == Thresholds(0.3, 0.85, None, 0.4, margin=0.03, similarity_margin=0.01)
+    assert (start.votes, start.window, start.tile_share, start.freshness) == (2, 3, 0.25, 1.0)
+    assert start.region == Box(1 / 3, 0.6, 2 / 3, 0.95)
 
 
 def test_the_ends_of_each_range_can_be_used() -> None:

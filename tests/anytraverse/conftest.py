@@ -144,7 +144,7 @@ class Rover:
         return self.engine.answer(changes, self.now, call=call, call_id=call_id, go=go)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_rover() -> type[Rover]:
     """A rover for configured words and settings."""
     return Rover

@@ -11,7 +11,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.calls.decisions import CallClosed, Decision
+from companion.calls.decisions import CallClosed, Decision, GoLapsed
 from companion.calls.machine import OperatorCalls
 from companion.eyes import Applied, Eyes
 from companion.link.heard import AnswerRequest, ParameterRequest
@@ -212,7 +212,7 @@ class Conversation:
         if not target:
             return f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
         if result is Result.STALE:
-            return texts.stale(target)
+            return self._too_late(target, memory)
         call = self._calls.call if self._calls.current_id == target else None
         if result is Result.NOT_COVERED and call_frame is not None:
             if Reason.UNKNOWN_OBJECT in call_frame.reasons or call_frame.roi is None:
@@ -228,9 +228,19 @@ class Conversation:
             return texts.blocked(target, newest.roi.drivable_share if newest.roi else None, kind)
         if self._calls.go_at is not None:
             return texts.waiting_for_view(kind, target)
-        if call is not None and not call.answered:
-            return texts.fit(f"{texts.name(kind, target)} noted: still open")
-        return texts.answered_waiting(kind, target)
+        if any(isinstance(decision, GoLapsed) for decision in decisions):
+            return texts.fit(f"{texts.name(kind, target)} no go: disarmed, or no autopilot")
+        if self._calls.stage() is Stage.CLEAR:
+            return texts.clear(kind, target)
+        if call is not None and call.answered:
+            return texts.answered_waiting(kind, target)
+        return texts.fit(f"{texts.name(kind, target)} noted: still {'open' if call else 'holding'}")
+
+    def _too_late(self, target: int, memory: Memory | None) -> str:
+        """The id was closed while the answer was applied: what it taught is in force all the same."""
+        if memory is None:
+            return texts.stale(target)
+        return f"{target} is closed; in use: {memory.preferences.format()}"
 
 
 def _closed(decisions: Sequence[Decision], target: int) -> CallClosed | None:

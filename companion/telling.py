@@ -137,10 +137,14 @@ def call_data(
 
 
 def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
-    """What a person reads of the open call or hold. silent: tasks without a sign of life."""
+    """What a person reads of the open call or hold, "" without one. silent: tasks without a sign of life."""
     number, kind, stage = calls.current_id, calls.kind, calls.stage()
     reasons = calls.sight.reasons(now)
     newest = calls.sight.newest
+    if number == 0:
+        return ""
+    if calls.hold is not None and calls.hold.failed:
+        return texts.hold_failed(kind, number)
     if Reason.FAULT in reasons:
         return texts.fault(number, fault_name(newest, silent), kind)
     if stage is Stage.CLEAR:
@@ -153,7 +157,7 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
         return texts.blocked(number, share, kind)
     if calls.go_at is not None:
         return texts.waiting_for_view(kind, number)
-    return texts.answered_waiting(kind, number)
+    return (texts.answered_waiting if stage is Stage.ANSWERED else texts.holding)(kind, number)
 
 
 def fault_name(newest: Assessment | None, silent: list[str]) -> str:

@@ -1,0 +1,286 @@
+"""Whatever comes in whatever order: what must never be decided, and what must always be."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from companion.calls.decisions import (
+    CallClosed,
+    CallOpened,
+    Decision,
+    HoldMoved,
+    HoldRenamed,
+    HoldStarted,
+    SetMode,
+)
+from companion.calls.snapshot import restore, snapshot
+from companion.telling import current_text
+from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage
+from tests.companion.calls.scenes import (
+    AHEAD,
+    AUTO,
+    BESIDE,
+    BROKEN,
+    CLEAR,
+    DRUM,
+    ELSEWHERE,
+    GUIDED,
+    HOLD,
+    LOG,
+    LOITER,
+    MANUAL,
+    RTL,
+    Scene,
+    Thing,
+    View,
+)
+
+VIEWS = [
+    CLEAR,
+    CLEAR,
+    DRUM,
+    LOG,
+    BROKEN,
+    ELSEWHERE,
+    View((Thing(AHEAD), Thing(BESIDE, "tent"))),
+    View((Thing(AHEAD, unsure=0.24),)),
+    View(turned=60.0, pending=True),
+]
+WORDS: list[dict[str, float] | None] = [None, None, {"drum": 1.0}, {"drum": -1.0}, {"puddle": 1.0}]
+MODES = st.sampled_from([AUTO, AUTO, GUIDED, HOLD, MANUAL, RTL, LOITER])
+DRIVING = (AUTO, GUIDED)
+PAUSES = st.sampled_from([0.02, 0.3, 1.1, 4.0, 6.0, 21.0, 61.0])
+SILENCE, T, N = 5.0, 1.0, 5
+
+
+class Calls(RuleBasedStateMachine):
+    """Feeds the state machine, and keeps books of its own about modes, frames, answers and ids."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.scene = Scene()
+        self.mode, self.armed, self.heard_at = 0, False, float("-inf")
+        self.go_at: float | None = None
+        self.bad_at = self.good_at = self.excused_at = self.scene.now
+        self.run = 0
+        self.open: int | None = None
+        self.hold: int | None = None
+        self.before = 0
+        self.highest = 0
+        self.closed: list[int] = []
+
+    @initialize(policy=st.sampled_from([*Policy, Policy.HOLD, Policy.HOLD]), ends=st.booleans())
+    def begin(self, policy: Policy, ends: bool) -> None:
+        self.scene = Scene(policy, fault_ends_hold=ends)
+        self.bad_at = self.good_at = self.excused_at = self.scene.now
+
+    @property
+    def now(self) -> float:
+        return self.scene.now
+
+    @rule(views=st.lists(st.sampled_from(VIEWS), min_size=1, max_size=3), times=st.integers(1, 4))
+    def frames(self, views: list[View], times: int) -> None:
+        """Frames at ten a second."""
+        for view in views * times:
+            self._frame(view)
+
+    @rule(count=st.integers(5, 12), view=st.sampled_from([CLEAR, CLEAR, DRUM, LOG]))
+    def many(self, count: int, view: View) -> None:
+        """The same frame for a while."""
+        for _ in range(count):
+            self._frame(view)
+
+    @rule(pause=PAUSES)
+    def nothing_comes(self, pause: float) -> None:
+        """Time passes without frames, in ticks."""
+        for _ in range(4):
+            self.scene.now += pause / 4
+            self._books(good=None)
+            self._check(self.scene.calls.tick(self.now))
+
+    @rule(mode=MODES, armed=st.sampled_from([True, True, True, False]))
+    def heartbeat(self, mode: int, armed: bool) -> None:
+        """Any mode at any moment: a human's, or the autopilot's own."""
+        self._hear(mode, armed)
+
+    @precondition(lambda self: self.scene.calls.hold is not None)
+    @rule()
+    def obedience(self) -> None:
+        """The autopilot does what the hold wants."""
+        wanted = self.scene.hold.wanted_mode(self.scene.numbers)
+        self._hear(HOLD if wanted is None else wanted, True)  # noqa: FBT003
+
+    @rule(motion=st.sampled_from(Motion), words=st.sampled_from(WORDS), stale=st.integers(0, 9))
+    def answer(self, motion: Motion, words: Mapping[str, float] | None, stale: int) -> None:
+        """An answer, now and then to something that is not open."""
+        scene = self.scene
+        if scene.frame == 0:
+            return
+        target = scene.calls.current_id + 1 if stale == 0 else scene.calls.current_id
+        was = scene.calls.current_id
+        before = len(scene.log)
+        result = scene.answer(motion, words, target)
+        assert (result is Result.STALE) is (target == 0 or target != was)
+        if result is not Result.STALE:
+            self.excused_at = self.now
+            if motion is not Motion.GO or result is Result.NOT_COVERED:
+                self.go_at = None
+            else:
+                if self.go_at is None:
+                    self.run = self.run if self._resuming() else 0
+                self.go_at = self.now
+        self._check([decision for _, decision in scene.log[before:]])
+
+    @rule(policy=st.sampled_from([*Policy, Policy.HOLD, Policy.HOLD, Policy.HOLD]))
+    def switch(self, policy: Policy) -> None:
+        """Another policy."""
+        decisions = self.scene.calls.set_policy(policy, self.now)
+        self._check(decisions)
+
+    @rule()
+    def restart(self) -> None:
+        """The daemon is killed and comes back."""
+        kept = json.loads(json.dumps(snapshot(self.scene.calls)))
+        self.scene.restarted()
+        self.go_at, self.run = None, 0
+        self.heard_at = float("-inf")
+        self.bad_at = self.good_at = self.excused_at = self.now
+        assert self.scene.calls.current_id == (kept["call"] or kept["hold"] or {"id": 0})["id"]
+
+    @invariant()
+    def call_and_hold_share_one_id(self) -> None:
+        calls = self.scene.calls
+        if calls.call is not None and calls.hold is not None:
+            assert calls.call.id == calls.hold.id
+        assert (calls.call.id if calls.call else None) == self.open
+        assert (calls.hold.id if calls.hold else None) == self.hold
+        assert calls.current_id == (self.open or self.hold or 0)
+
+    @invariant()
+    def no_hold_without_the_hold_policy(self) -> None:
+        assert self.scene.calls.hold is None or self.scene.calls.policy is Policy.HOLD
+
+    @invariant()
+    def nothing_is_open_when_off(self) -> None:
+        assert self.scene.calls.policy is not Policy.OFF or self.scene.calls.current_id == 0
+
+    @invariant()
+    def an_answered_call_is_open_only_while_its_hold_stands(self) -> None:
+        calls = self.scene.calls
+        assert calls.call is None or not calls.call.answered or calls.hold is not None
+
+    @invariant()
+    def a_go_waits_only_for_a_hold(self) -> None:
+        assert self.scene.calls.go_at is None or self.scene.calls.hold is not None
+
+    @invariant()
+    def nothing_ok_within_t_holds_a_rover_that_drives_itself(self) -> None:
+        calls = self.scene.calls
+        drives = self.armed and self.mode in DRIVING and self.now - self.heard_at < SILENCE
+        late = self.now - max(self.good_at, self.excused_at) > T + 1e-6
+        if calls.policy is Policy.HOLD and drives and late:
+            assert calls.hold is not None
+
+    @invariant()
+    def it_can_always_be_told_and_kept(self) -> None:
+        calls = self.scene.calls
+        said = current_text(calls, [], self.now)
+        assert len(said.encode()) <= 50
+        assert bool(said) is (calls.current_id != 0)
+        assert (calls.stage() is Stage.CLOSED) is (calls.current_id == 0)
+        assert calls.kind in Kind
+        calls.state(self.now)
+        again = Scene(calls.policy).calls
+        restore(again, json.loads(json.dumps(snapshot(calls))), self.now)
+        assert again.current_id == calls.current_id
+
+    def _frame(self, view: View) -> None:
+        scene = self.scene
+        scene.now += 0.1
+        scene.frame += 1
+        scene.frames[scene.frame], scene.view = view, view
+        seen = scene.judged(scene.frame)
+        acceptance = scene.calls.sight.acceptance
+        accepted = acceptance.reasons if acceptance is not None else frozenset()
+        self._books(good=seen.reasons <= accepted)
+        self._check(scene.calls.assessed(seen, self.now))
+
+    def _books(self, *, good: bool | None) -> None:
+        """good: whether a frame could be OK; None: no frame."""
+        if good:
+            self.run = self.run + 1 if self.now - max(self.good_at, self.bad_at) <= T else 1
+            self.good_at = self.now
+        elif good is False or self.now - max(self.good_at, self.bad_at) > T:
+            self.run, self.bad_at = 0, self.now
+
+    def _hear(self, mode: int, armed: bool) -> None:
+        self.mode, self.armed, self.heard_at = mode, armed, self.now
+        decisions = self.scene.calls.vehicle(mode, armed, self.now)
+        if any(isinstance(one, HoldMoved) and one.event.value == "taken over" for one in decisions):
+            self.excused_at = self.now
+        self._check(decisions)
+
+    def _resuming(self) -> bool:
+        hold = self.scene.calls.hold
+        return hold is not None and hold.stage.value == "resuming"
+
+    def _check(self, decisions: Iterable[Decision]) -> None:
+        for decision in decisions:
+            self._check_one(decision)
+
+    def _check_one(self, decision: Decision) -> None:
+        match decision:
+            case SetMode(mode):
+                assert self.scene.calls.policy is Policy.HOLD
+                assert self.hold is not None
+                assert self.armed
+                assert self.now - self.heard_at <= SILENCE
+                if mode == HOLD:
+                    assert self.mode in (*DRIVING, HOLD)
+                else:
+                    self._check_way_back(mode)
+            case CallOpened(call):
+                assert self.open is None
+                assert call.id > self.highest
+                self.open = self.highest = call.id
+                self.go_at = None
+            case CallClosed(call):
+                assert call.id == self.open
+                assert call.id not in self.closed
+                assert call.outcome is not Outcome.NONE
+                self.closed.append(call.id)
+                self.open = None
+            case HoldStarted(hold, reasons):
+                assert reasons
+                assert self.hold is None
+                assert self.mode in DRIVING
+                assert hold.id == self.open or hold.id > self.highest
+                self.hold, self.before = hold.id, self.mode
+                self.highest = max(self.highest, hold.id)
+                self.go_at = None
+            case HoldRenamed(old, hold):
+                assert old == self.hold
+                self.hold = hold.id
+            case HoldMoved(hold, event):
+                assert hold.id == self.hold
+                if event.value in ("taken over", "resumed", "dropped"):
+                    self.hold = self.go_at = None
+
+    def _check_way_back(self, mode: int) -> None:
+        assert mode == self.before
+        assert self.mode == HOLD
+        assert self.run >= N
+        if self.go_at is not None:
+            assert self.bad_at - self.go_at <= 60.0 + 1e-6
+        else:
+            assert self.scene.numbers.fault_ends_hold
+            assert self.open is None
+
+
+Calls.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+TestAnySequence = Calls.TestCase

@@ -1,0 +1,239 @@
+"""What the ground reads of the state: texts of at most 50 bytes, summary and call data."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.history import Place
+from anytraverse.preferences import Preferences
+from companion.telling import call_data, current_data, current_text, flags, milliseconds, summary
+from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Stage, State, words_hash
+from companion.wire.payloads import CallData, Summary
+from tests.companion.calls.scenes import (
+    ACROSS,
+    AHEAD,
+    BROKEN,
+    CLEAR,
+    DRUM,
+    ELSEWHERE,
+    HOLD,
+    LOG,
+    MANUAL,
+    Scene,
+    Thing,
+    View,
+)
+
+BARREL = View((Thing(ACROSS),))
+
+
+def text(scene: Scene, *silent: str) -> str:
+    """The text of what is open; it fits a STATUSTEXT that every ground station shows whole."""
+    said = current_text(scene.calls, list(silent), scene.now)
+    assert len(said.encode()) <= 50
+    return said
+
+
+def data(scene: Scene) -> CallData:
+    """The data of what is open, after the wire."""
+    made = current_data(
+        scene.calls, Preferences.of(scene.words), Place(51.5, -0.1, 359.99), "7.jpg", scene.now
+    )
+    assert made is not None
+    return CallData.unpack(made.pack())
+
+
+def test_with_nothing_open_nothing_is_told(report: Scene) -> None:
+    assert text(report) == ""
+    words = Preferences.of(report.words)
+    assert current_data(report.calls, words, Place(), "", report.now) is None
+
+
+def test_a_call_for_a_thing_says_what_and_how_to_answer(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    assert text(report) == "C1 unknown thing ahead 12%: ok/stay/word"
+
+
+def test_a_call_for_a_place_says_so(report: Scene) -> None:
+    report.run(1.0, ELSEWHERE)
+    assert text(report) == "C1 new place 0.50: ok/stay/word"
+
+
+def test_a_call_for_both_says_both(report: Scene) -> None:
+    report.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    assert text(report) == "C1 new place, unknown thing 12%: ok/stay/word"
+
+
+def test_words_that_did_not_cover_are_told_with_the_figure(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    report.answer(words={"puddle": -1.0})
+    assert text(report) == "C1 stays open: still unknown 12%"
+
+
+def test_the_largest_id_and_the_longest_fault_fit(report: Scene) -> None:
+    report.calls.last_id = 0xFFFE
+    report.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    assert text(report).startswith("C65535 new place, unknown thing 12%: ok/st")
+    assert text(report) == text(report).strip()
+
+
+def test_a_blocked_hold_says_blocked(blocked: Scene) -> None:
+    assert text(blocked) == "H1 blocked 57% drivable: waiting"
+
+
+def test_a_fault_outranks_what_the_call_asks(held: Scene) -> None:
+    held.run(1.0, BROKEN)
+    assert text(held) == "C1 FAULT attention maps are not finite"
+    assert text(held, "camera") == "C1 FAULT camera silent"
+
+
+def test_a_hold_for_want_of_frames_says_so(hold: Scene) -> None:
+    hold.camera = False
+    hold.run(2.0)
+    assert text(hold) == "H1 FAULT no fresh frame"
+
+
+def test_a_thing_that_walked_off_asks_clear_now_go(held: Scene) -> None:
+    held.run(1.0, CLEAR)
+    assert text(held) == "C1 clear now, go?"
+
+
+def test_answered_words_ask_for_a_go_and_then_for_nothing_but_that(held: Scene) -> None:
+    held.answer(words={"drum": 1.0})
+    assert text(held) == "C1 answered, holding: go when ready"
+    held.run(1.0)
+    assert text(held) == "C1 clear now, go?"
+
+
+def test_a_go_that_waits_says_what_for(hold: Scene) -> None:
+    hold.run(1.0, BARREL)
+    hold.go({"drum": -1.0})
+    hold.run(1.0)
+    assert text(hold) == "C1 blocked 57% drivable: waiting"
+    hold.show(CLEAR, CLEAR)
+    assert text(hold) == "C1 go given: waiting for a clear view"
+
+
+def test_a_hold_whose_reason_has_just_gone_only_says_that_it_holds(blocked: Scene) -> None:
+    blocked.show(CLEAR, CLEAR)
+    assert text(blocked) == "H1 holding"
+    blocked.show(CLEAR, CLEAR, CLEAR)
+    assert text(blocked) == "H1 clear now, go?"
+
+
+def test_a_hold_that_failed_outranks_everything(hold: Scene) -> None:
+    hold.autopilot.deaf = True
+    hold.run(5.0, DRUM)
+    assert text(hold) == "C1 HOLD FAILED: STOP BY HAND"
+
+
+def test_the_data_of_a_call_keeps_its_frame_and_its_figures(held: Scene) -> None:
+    frame = held.call.frame_id
+    held.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    told = data(held)
+    assert (told.id, told.kind, told.stage, told.outcome) == (1, Kind.CALL, Stage.OPEN, Outcome.NONE)
+    assert told.frame_id == frame
+    assert told.reasons == Reasons.UNKNOWN_OBJECT | Reasons.UNKNOWN_SCENE
+    assert told.holding
+    assert told.roi_uncertainty == pytest.approx(0.119, abs=1e-3)
+    assert told.worst_tile == pytest.approx(0.95, abs=1e-3)
+    assert told.worst_tile_box is not None
+    assert told.similarity == 1.0
+    assert (told.latitude, told.longitude) == (51.5, -0.1)
+    assert (told.word_count, told.words) == (2, words_hash(held.words))
+    assert told.picture == "7.jpg"
+
+
+def test_the_data_of_a_hold_without_a_call_shows_the_newest_frame(blocked: Scene) -> None:
+    told = data(blocked)
+    assert (told.kind, told.reasons, told.frame_id) == (Kind.HOLD, Reasons.BLOCKED, blocked.frame)
+    assert told.drivable_share == pytest.approx(0.571, abs=1e-3)
+
+
+def test_the_data_follow_the_stage(held: Scene) -> None:
+    held.answer(words={"drum": 1.0})
+    assert data(held).stage is Stage.ANSWERED
+    assert data(held).reasons == Reasons.NONE
+    held.run(1.0)
+    assert data(held).stage is Stage.CLEAR
+
+
+def test_a_hold_that_is_only_asked_for_does_not_claim_to_hold(hold: Scene) -> None:
+    hold.autopilot.deaf = True
+    hold.run(1.0, DRUM)
+    assert not data(hold).holding
+
+
+def test_a_call_that_a_restart_found_open_is_told_without_figures(held: Scene) -> None:
+    held.restarted()
+    told = data(held)
+    assert (told.id, told.roi_uncertainty, told.worst_tile_box) == (1, None, None)
+    assert text(held) == "C1 unknown thing ahead ?%: ok/stay/word"
+
+
+def test_data_survive_whatever_is_not_known_or_too_much(report: Scene) -> None:
+    report.show(View(turned=float("nan")))
+    made = call_data(
+        report.calls.sight.newest,
+        report.numbers.judging.region,
+        Preferences(),
+        Place(),
+        number=0xFFFF,
+        kind=Kind.HOLD,
+        stage=Stage.CLOSED,
+        outcome=Outcome.RECOVERED,
+        reasons=(),
+        holding=False,
+        frame_id=2**40,
+        age=1e9,
+        picture="p" * 200,
+    )
+    told = CallData.unpack(made.pack())
+    assert (told.id, told.similarity, told.latitude, told.age_s) == (0xFFFF, None, None, 0xFFFF)
+    assert told.picture == "p" * 60
+
+
+@pytest.mark.parametrize("view", [CLEAR, DRUM, LOG, BROKEN, ELSEWHERE])
+def test_a_summary_packs_and_unpacks_for_every_view(report: Scene, view: View) -> None:
+    report.run(1.0, view)
+    newest = report.calls.sight.newest
+    assert newest is not None
+    state = report.calls.state(report.now)
+    made = summary(
+        newest, report.numbers.judging.region, state, Policy.REPORT, report.calls.current_id, 90, report.now
+    )
+    told = Summary.unpack(made.pack())
+    assert told.state is state
+    assert told.reasons == flags(newest.reasons)
+    assert told.frame_id == newest.frame.id
+    assert told.latency_ms == 50
+    assert told.current_id == report.calls.current_id
+    assert (told.roi_uncertainty is None) is (view is BROKEN)
+
+
+def test_milliseconds_stay_on_the_wire() -> None:
+    assert [milliseconds(seconds) for seconds in (-1.0, 0.0123, 1e6)] == [0, 12, 0xFFFF]
+
+
+def test_the_state_says_first_what_a_human_should_know_first() -> None:
+    scene = Scene(Policy.HOLD, mode=MANUAL)
+    states = [scene.calls.state(scene.now)]
+    scene.run(1.0)
+    states.append(scene.calls.state(scene.now))
+    for view in (DRUM, LOG, BROKEN):
+        scene.run(1.0, view)
+        states.append(scene.calls.state(scene.now))
+    assert states == [State.STARTING, State.OK, State.CALLING, State.CALLING, State.FAULT]
+
+
+def test_a_hold_that_stands_in_the_clear_is_holding(held: Scene) -> None:
+    held.answer(words={"drum": 1.0})
+    held.run(1.0)
+    assert held.calls.state(held.now) is State.HOLDING
+    assert held.autopilot.mode == HOLD
+
+
+def test_stay_does_not_change_what_is_asked(held: Scene) -> None:
+    before = text(held)
+    held.answer(Motion.STAY)
+    assert text(held) == before

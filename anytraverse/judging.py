@@ -159,7 +159,7 @@ def find_scene(similarity: float | None, settings: Settings) -> list[Finding]:
     if similarity is None:
         return []
     if not math.isfinite(similarity):
-        return [Finding.fault("the scene cannot be compared: new episode?")]
+        return [Finding.fault("scene not comparable: new episode?")]
     limits = settings.thresholds
     return [
         Finding.below(

@@ -25,7 +25,7 @@ keep = 200
 [call]
 policy = "{policy}"
 
-# At 3 m/s the rover needs 4 m to stop: its ROI reaches 8 m ahead.
+# At 2.5 m/s the rover needs 3 m to stop: its ROI reaches 8 m ahead.
 [roi]
 left = 0.35
 top = 0.5

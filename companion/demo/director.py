@@ -146,10 +146,10 @@ class Director:
 
     def _take_away(self, now: float) -> None:
         """A person takes a named thing away, once it has kept the rover standing for a while."""
-        state = self._stage.daemon_status()
         thing = self._thing_ahead()
         standing = self.status["speed"] < 0.05 and self.status["mode"] == "HOLD"
-        blocked = state.get("state") == "blocked" and "unknown_object" not in state.get("reasons", [])
+        unknown = any("unknown_object" in call["reasons"] for call in self._open.values())
+        blocked = self._tally.state == "blocked" and not unknown
         if not (thing and standing and blocked):
             self._blocked_since = None
             return

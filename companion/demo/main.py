@@ -56,7 +56,7 @@ def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
     """Start field, daemon and operator. Raises ChildError."""
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
-    field = Child("field", ["companion.field", "--seed", str(seed), "--speed", "3"], logs / "field.log")
+    field = Child("field", ["companion.field", "--seed", str(seed), "--speed", "2.5"], logs / "field.log")
     try:
         ports = json.loads(field.first_line(20.0))
         config = write_config(out, camera=f"field:{ports['frames']}", link=ports["companion"], policy="hold")

@@ -26,7 +26,8 @@ class Tally:
     summaries: int = 0
     received: dict[int, float] = field(default_factory=dict)
     returned_without_call: bool = False
-    _state: str = ""
+    state: str = ""
+    """The daemon's, as the operator heard it last."""
 
     def event(self, event: dict[str, Any], at: float) -> None:
         """One event of the operator's. at: monotonic seconds when it was read."""
@@ -45,9 +46,9 @@ class Tally:
             self.summaries += 1
             self.received.setdefault(event["frame_id"], at)
         elif name == "state":
-            if event["state"] == "blocked" and self._state != "blocked":
+            if event["state"] == "blocked" and self.state != "blocked":
                 self.blocked += 1
-            self._state = event["state"]
+            self.state = event["state"]
 
     def typed(self, line: str) -> None:
         """An answer that the operator gave."""

@@ -144,6 +144,8 @@ class Daemon:
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
             self._link.say(text, INFO, now)
             self._keeper.picture(seen, self._calls.state(now), text)
+        if seen.dropped:
+            self._link.say(texts.out_of_use(", ".join(seen.dropped)), NOTICE, now)
         state = self._calls.state(now)
         region = self._calls.numbers.judging.region
         self._link.summary(

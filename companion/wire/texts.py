@@ -183,6 +183,11 @@ def word_dropped(word: str) -> str:
     return fit(f"Too many words, out of use: {word}")
 
 
+def out_of_use(words: str) -> str:
+    """Words that a remembered scene put out of use."""
+    return fit(f"Out of use here: {words}")
+
+
 def sender_refused(system: int) -> str:
     """A sender that may not change anything."""
     return fit(f"Sender {system} refused: not in allowed_senders")

@@ -29,6 +29,9 @@ from companion.wire.answers import (
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 from companion.wire.parameters import NOT_IN_USE
 
+_FRAME_PATIENCE = 10.0
+"""Seconds to wait after a restart for the call's frame to be judged; then answers do without it."""
+
 
 @dataclass(frozen=True)
 class Reply:
@@ -55,6 +58,7 @@ class _Asked:
     request: AnswerRequest
     target: int
     changed: bool
+    number: int
 
 
 def changes_of(operations: Iterable[Operation]) -> Changes:
@@ -80,13 +84,17 @@ def changes_of(operations: Iterable[Operation]) -> Changes:
 
 
 class Conversation:
-    """Answers go to the eyes, which apply them; what came of it goes back to who asked."""
+    """Answers go to the eyes, which apply them in order; what came of it goes back to who asked.
+
+    Only "stay" overtakes: it counts at once, and takes the motion from what still waits for the eyes.
+    """
 
     def __init__(self, calls: OperatorCalls, eyes: Eyes, words: Preferences) -> None:
         self._calls = calls
         self._eyes = eyes
         self.words = words
         """The words in force, as far as the eyes have told."""
+        self._asked = self._applied = self._overruled = 0
 
     def hear(self, request: AnswerRequest, now: float) -> Heard:
         """An operator's answer."""
@@ -98,17 +106,21 @@ class Conversation:
         except AnyTraverseError as error:
             return self._reply(request, target or 0, Result.REFUSED, str(error))
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
-        if not changes and (call is None or request.motion is Motion.STAY):
+        if request.motion is Motion.STAY:
+            self._overruled = self._asked
+        in_order = call is None and self._asked == self._applied
+        if not changes and (in_order or request.motion is Motion.STAY):
             return self._moved(request, target or 0, now)
         observation = call.seen.observation if call is not None and call.seen is not None else None
-        if call is not None and observation is None:
+        if call is not None and observation is None and now - call.opened_at < _FRAME_PATIENCE:
             return self._reply(
                 request, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
-        asked = _Asked(request, target or 0, bool(changes))
+        asked = _Asked(request, target or 0, bool(changes), self._asked + 1)
         go = request.motion is Motion.GO
         if not self._eyes.answer(asked, changes, call=observation, call_id=call.id if call else 0, go=go):
             return self._reply(request, target or 0, Result.BUSY, "too many answers wait: send it again")
+        self._asked = asked.number
         return Heard()
 
     def set_weight(self, request: ParameterRequest, word: str) -> bool:
@@ -127,14 +139,14 @@ class Conversation:
         if not isinstance(applied.token, _Asked):
             return Heard()
         asked = applied.token
+        self._applied = asked.number
         if applied.error is not None:
             return self._reply(asked.request, asked.target, Result.REFUSED, str(applied.error))
         outcome = applied.outcome
         result, decisions = Result.APPLIED, list[Decision]()
         if asked.target:
-            result, decisions = self._calls.answered(
-                asked.target, asked.request.motion, asked.changed, outcome, now
-            )
+            motion = Motion.NONE if asked.number <= self._overruled else asked.request.motion
+            result, decisions = self._calls.answered(asked.target, motion, asked.changed, outcome, now)
         if result is Result.APPLIED and not remembered:
             result = Result.APPLIED_NOT_REMEMBERED
         call_frame = outcome.call if outcome is not None else None

@@ -35,7 +35,7 @@ def answer_call(
         call.answered = call.accepted = False
         sight.acceptance = None
     if outcome is None or outcome.call is None:
-        return Result.APPLIED
+        return Result.NOT_COVERED if changed else Result.APPLIED
     call.seen = outcome.call
     covered = not _left(call)
     if covered and not call.answered:

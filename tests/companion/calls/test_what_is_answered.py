@@ -1,0 +1,268 @@
+"""Answers from the radio to the state machine: order, staleness, and what the operator is told of them."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import pytest
+
+from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.errors import UnknownWordError
+from anytraverse.memory import Memory
+from anytraverse.preferences import Preferences
+from companion.conversation import Conversation, Heard
+from companion.eyes import Applied, Eyes
+from companion.link.heard import AnswerRequest
+from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
+from companion.wire.ids import Motion, Outcome, Result, Stage
+from tests.companion.calls.scenes import ACROSS, AUTO, CLEAR, DRUM, HOLD, Scene, Thing, View
+
+GO, STAY = Motion.GO, Motion.STAY
+
+
+class Queue:
+    """Eyes that apply answers when told to."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.jobs: list[tuple[Any, Changes, bool, bool]] = []
+        self.full = False
+
+    def answer(self, token: object, changes: Changes, *, call: object, call_id: int, go: bool) -> bool:
+        """As `Eyes.answer`."""
+        assert (call_id > 0) or call is None
+        if not self.full:
+            self.jobs.append((token, changes, call is not None, go))
+        return not self.full
+
+    def apply(self) -> Applied:
+        """The oldest job."""
+        scene = self.scene
+        token, changes, for_call, go = self.jobs.pop(0)
+        scene.words.update(changes.weights)
+        frame = scene.call.frame_id if for_call and scene.calls.call is not None else None
+        outcome = AnswerOutcome(
+            call=scene.judged(frame) if frame is not None else None,
+            newest=scene.judged(scene.frame),
+            remembered=frame is not None and (bool(changes) or go),
+        )
+        return Applied(token, outcome, None, memory(scene))
+
+
+def memory(scene: Scene) -> Memory:
+    """What the eyes remember."""
+    return Memory("model", Preferences.of(scene.words))
+
+
+class Talk:
+    """An operator who talks to a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.eyes = Queue(scene)
+        self.conversation = Conversation(scene.calls, cast(Eyes, self.eyes), Preferences.of(scene.words))
+        self.said: list[Acknowledgement] = []
+
+    def say(self, target: int, motion: Motion = Motion.NONE, **words: float) -> None:
+        """An answer leaves for the companion."""
+        self.send(target, motion, *(SetWord(word, weight) for word, weight in words.items()))
+
+    def send(self, target: int, motion: Motion, *operations: Operation) -> None:
+        """The same with any operations."""
+        request = AnswerRequest((255, 190), len(self.said) + 1, target, motion, operations)
+        self._take(self.conversation.hear(request, self.scene.now))
+
+    def seen(self, *, remembered: bool = True) -> None:
+        """The eyes have applied one answer."""
+        self._take(self.conversation.applied(self.eyes.apply(), remembered=remembered, now=self.scene.now))
+
+    def _take(self, heard: Heard) -> None:
+        self.scene.keep(heard.decisions)
+        self.said += [reply.acknowledgement for reply in heard.replies]
+
+    @property
+    def last(self) -> tuple[Result, str]:
+        """What the newest acknowledgement says."""
+        return self.said[-1].result, self.said[-1].text
+
+
+def test_words_are_acknowledged_once_the_eyes_have_applied_them(held: Scene) -> None:
+    talk = Talk(held)
+    talk.say(1, GO, drum=1.0)
+    assert talk.said == []
+    talk.seen()
+    assert talk.last == (Result.APPLIED, "C1 go given: waiting for a clear view")
+    assert talk.said[-1].stage is Stage.ANSWERED
+
+
+def test_a_call_that_an_answer_closes_says_so(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    talk = Talk(report)
+    talk.say(1, drum=1.0)
+    talk.seen()
+    assert talk.last == (Result.APPLIED, "C1 closed: answered, thank you")
+    assert (talk.said[-1].stage, talk.said[-1].outcome) == (Stage.CLOSED, Outcome.ANSWERED)
+
+
+def test_words_that_do_not_cover_are_told_with_the_figure(held: Scene) -> None:
+    talk = Talk(held)
+    talk.say(1, GO, puddle=1.0)
+    talk.seen()
+    assert talk.last == (Result.NOT_COVERED, "C1 stays open: still unknown 12%")
+    assert talk.said[-1].stage is Stage.OPEN
+
+
+def test_a_forbidden_thing_across_the_way_is_told_as_blocked(hold: Scene) -> None:
+    hold.run(1.0, View((Thing(ACROSS),)))
+    talk = Talk(hold)
+    talk.say(1, GO, drum=-1.0)
+    talk.seen()
+    assert talk.last == (Result.APPLIED, "C1 blocked 57% drivable: waiting")
+
+
+def test_what_the_journal_could_not_keep_is_said(held: Scene) -> None:
+    talk = Talk(held)
+    talk.say(1, GO)
+    talk.seen(remembered=False)
+    assert talk.last == (Result.APPLIED_NOT_REMEMBERED, "C1 applied, not remembered: disk?")
+    held.run(1.5)
+    assert held.autopilot.mode == AUTO
+
+
+@pytest.mark.parametrize("target", [2, 0xFFFF])
+def test_an_id_that_is_not_open_is_stale_and_changes_nothing(held: Scene, target: int) -> None:
+    talk = Talk(held)
+    talk.say(target, GO, drum=1.0)
+    assert talk.last == (Result.STALE, f"No open call or hold {target}: nothing changed")
+    assert talk.eyes.jobs == []
+
+
+def test_the_current_one_is_refused_while_it_is_too_new_to_have_been_read(report: Scene) -> None:
+    report.show(DRUM, DRUM)
+    talk = Talk(report)
+    talk.say(0, GO)
+    assert talk.last == (Result.STALE, "C1 is new: read it, then answer")
+
+
+def test_words_for_nothing_in_particular_are_taken_when_nothing_is_open(report: Scene) -> None:
+    talk = Talk(report)
+    talk.say(0, drum=-1.0)
+    talk.seen()
+    assert talk.last == (Result.APPLIED, "in use: trail: 1; log: -1; drum: -1")
+
+
+def test_words_for_a_call_that_closed_meanwhile_are_told_to_be_in_use(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    talk = Talk(report)
+    talk.say(1, drum=1.0)
+    talk.say(1, GO)
+    talk.seen()
+    talk.seen()
+    assert talk.last == (Result.STALE, "1 is closed; in use: trail: 1; log: -1; drum: 1")
+
+
+def test_a_box_that_is_none_is_refused_with_the_reason(held: Scene) -> None:
+    talk = Talk(held)
+    talk.send(1, GO, TapBox(1, (0.5, 0.5, 0.4, 0.6), "drum", 1.0))
+    assert talk.last[0] is Result.REFUSED
+    assert "empty" in talk.last[1]
+    assert held.calls.go_at is None
+
+
+def test_an_answer_that_the_eyes_refuse_moves_nothing(held: Scene) -> None:
+    talk = Talk(held)
+    talk.say(1, GO, unicorn=1.0)
+    token, *_ = talk.eyes.jobs.pop()
+    error = UnknownWordError("unicorn", ("trail",))
+    heard = talk.conversation.applied(
+        Applied(token, None, error, memory(held)), remembered=True, now=held.now
+    )
+    assert heard.replies[0].acknowledgement.result is Result.REFUSED
+    assert heard.decisions == []
+    assert held.calls.go_at is None
+
+
+def test_stay_counts_at_once_and_overtakes_a_go_that_the_eyes_still_have(held: Scene) -> None:
+    talk = Talk(held)
+    talk.say(1, GO)
+    talk.say(1, STAY)
+    assert talk.last == (Result.APPLIED, "C1 noted: still open")
+    talk.seen()
+    held.run(10.0)
+    assert held.autopilot.mode == HOLD
+    assert held.calls.stage() is Stage.OPEN
+
+
+def test_a_go_after_a_stay_counts(held: Scene) -> None:
+    talk = Talk(held)
+    talk.say(1, STAY)
+    talk.say(1, GO)
+    talk.seen()
+    held.run(1.5)
+    assert held.autopilot.mode == AUTO
+
+
+def test_a_go_does_not_overtake_the_words_before_it(blocked: Scene) -> None:
+    talk = Talk(blocked)
+    talk.say(1, log=1.0)
+    talk.say(1, GO)
+    talk.seen()
+    talk.seen()
+    blocked.run(1.5)
+    assert blocked.autopilot.mode == AUTO
+
+
+def test_a_go_to_a_blocked_hold_is_told_to_wait(blocked: Scene) -> None:
+    talk = Talk(blocked)
+    talk.say(1, GO)
+    assert talk.last == (Result.APPLIED, "H1 blocked 57% drivable: waiting")
+    blocked.run(1.5, CLEAR)
+    assert blocked.autopilot.mode == AUTO
+
+
+def test_stay_to_a_hold_is_noted(hold: Scene) -> None:
+    hold.camera = False
+    hold.run(2.0)
+    talk = Talk(hold)
+    talk.say(1, STAY)
+    assert talk.last == (Result.APPLIED, "H1 noted: still holding")
+
+
+def test_a_go_while_disarmed_is_told_to_come_to_nothing(held: Scene) -> None:
+    held.human(HOLD, armed=False)
+    talk = Talk(held)
+    talk.say(1, GO)
+    talk.seen()
+    assert talk.last == (Result.APPLIED, "C1 no go: disarmed, or no autopilot")
+
+
+def test_an_answer_waits_for_the_frame_of_a_call_that_a_restart_found_open(held: Scene) -> None:
+    held.restarted()
+    talk = Talk(held)
+    talk.say(1, GO)
+    assert talk.last[0] is Result.BUSY
+
+
+def test_but_not_for_ever(held: Scene) -> None:
+    held.restarted()
+    held.run(11.0, DRUM)
+    talk = Talk(held)
+    talk.say(1, GO, drum=1.0)
+    talk.eyes.jobs[0] = (*talk.eyes.jobs[0][:2], False, True)
+    talk.seen()
+    assert talk.last == (Result.NOT_COVERED, "C1 noted: still open")
+    talk.say(1, GO)
+    talk.seen()
+    held.run(1.5)
+    assert held.autopilot.mode == AUTO
+
+
+def test_too_many_waiting_answers_are_refused_for_now(held: Scene) -> None:
+    talk = Talk(held)
+    talk.eyes.full = True
+    talk.say(1, GO)
+    assert talk.last == (Result.BUSY, "too many answers wait: send it again")
+    talk.eyes.full = False
+    talk.say(1, GO)
+    talk.seen()
+    assert talk.last[0] is Result.APPLIED

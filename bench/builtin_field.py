@@ -16,6 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.answers import Changes, Tap
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
@@ -26,7 +27,8 @@ from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor
 from companion.field.render import Camera
-from companion.field.things import World
+from companion.field.things import Thing, World
+from companion.field.trail import Pose
 
 STEP = 0.5  # m between two frames
 SPEED = 2.0  # m/s
@@ -47,13 +49,7 @@ def drive(
     world.light = light
     camera = Camera(world, *size)
     perceiver = Builtin()
-    settings = Settings(
-        region=REGION, thresholds=Thresholds.of(perceiver.defaults), corridor=Corridor(bottom=0.3, top=0.12)
-    )
-    engines = {
-        zone: AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
-        for zone, words in WORDS.items()
-    }
+    engines = {zone: _engine(perceiver, words) for zone, words in WORDS.items()}
     trail = world.trail
     for s in np.arange(trail.start, trail.start + trail.length, STEP):
         image, _ = camera.render(trail.pose(float(s)), float(s) / SPEED)
@@ -113,6 +109,55 @@ def surprises(seed: int, light: float, size: tuple[int, int]) -> dict[str, float
     return {kind: round(seen.get(kind, 0.0), 1) for kind in ("drum", "rock", "log")}
 
 
+def laps(seed: int, size: tuple[int, int]) -> list[list[str]]:
+    """The calls of two laps whose operator names each place, and taps and takes away each thing.
+
+    A thing's call is followed by what the frame is judged as after the tap.
+    """
+    world = World(seed)
+    camera = Camera(world, *size)
+    engine = _engine(Builtin(), WORDS["meadow"])
+    trail, calls, flags = world.trail, [], [False, False]
+    for lap in range(2):
+        calls.append(list[str]())
+        for s in np.arange(trail.start, trail.start + trail.length + (10.0 if lap else 0.0), STEP):
+            now = (lap * trail.length + float(s)) / SPEED
+            world.light = 1 + 0.4 * math.sin(now / 7)
+            pose = trail.pose(float(s))
+            judged = engine.step(Frame(round(now * 10), now, camera.render(pose, now)[0]), now)
+            flags.append(bool(judged.reasons & {Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT}))
+            if judged.match is not None or sum(flags[-3:]) < 2 or not flags[-1]:
+                continue
+            ahead = [t for t in world.things.values() if t.surprise and _away(pose, t) < 8]
+            if Reason.UNKNOWN_SCENE in judged.reasons or not ahead or judged.roi is None:
+                changes = Changes(weights=dict(Preferences.parse(WORDS[trail.zone(float(s) + 4.0)])))
+            else:
+                changes = Changes(
+                    taps=(Tap(judged.frame.id, judged.roi.worst_tile.box, ahead[0].kind, -1.0),)
+                )
+            outcome = engine.answer(
+                changes, now, call=judged.observation, call_id=len(calls[-1]) + 1, go=True
+            )
+            after = sorted(reason.value for reason in outcome.call.reasons) if outcome.call else []
+            what = ahead[0].kind if changes.taps else trail.zone(float(s) + 4.0)
+            calls[-1].append(f"{s:.0f} m {what} -> {'+'.join(after) or 'ok'}")
+            if changes.taps:
+                world.remove(ahead[0].id)
+            flags.clear()
+    return calls
+
+
+def _away(pose: Pose, thing: Thing) -> float:
+    return math.hypot(thing.x - pose.x, thing.y - pose.y)
+
+
+def _engine(perceiver: Builtin, words: str) -> AnyTraverse:
+    settings = Settings(
+        region=REGION, thresholds=Thresholds.of(perceiver.defaults), corridor=Corridor(bottom=0.3, top=0.12)
+    )
+    return AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
+
+
 def similarities(scenes: dict[str, list[NDArray[np.float32]]]) -> str:
     """Cosines of each zone's frames to a frame well inside each zone: low, median, high."""
     parts = []
@@ -149,14 +194,16 @@ def main() -> None:
     """Run all of it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=8)
-    parser.add_argument("--lights", default="0.5,1,1.6")
+    parser.add_argument("--lights", nargs="*", type=float, default=[0.5, 1.0, 1.6])
     parser.add_argument("--size", default="320x240")
     options = parser.parse_args()
     width, height = (int(part) for part in options.size.split("x"))
     size = (width, height)
     print(f"{timed(size):.1f} ms a frame of {options.size}")
     for seed in range(1, options.seeds + 1):
-        for light in (float(part) for part in options.lights.split(",")):
+        for number, calls in enumerate(laps(seed, size), 1):
+            print(f"  {seed} lap {number}: {len(calls)} calls: {'; '.join(calls)}")
+        for light in options.lights:
             scenes = clean(seed, light, size)
             print(f"    similarity {similarities(scenes)}")
             print(f"    seen from  {surprises(seed, light, size)}")

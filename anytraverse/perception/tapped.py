@@ -23,7 +23,7 @@ it is high at every edge."""
 _LEAST = np.array([0.05, 0.06, 0.3, 0.5], dtype=np.float32)
 """Spreads that a look keeps at least: another distance, another light."""
 _MOST = np.array([0.1, 0.12, 0.5, 0.8], dtype=np.float32)
-_VIVID = np.array([0.15, 0.15, 0.0, 0.0], dtype=np.float32)
+_VIVID = np.array([0.08, 0.08, 0.0, 0.0], dtype=np.float32)
 """How much the spreads of vivid colours widen: they fade as a channel saturates."""
 _LEAST_CELLS = 6
 _REACH = 3.0  # how far the thing may continue beyond the box, in sizes of the box

@@ -183,9 +183,9 @@ def word_dropped(word: str) -> str:
     return fit(f"Too many words, out of use: {word}")
 
 
-def out_of_use(words: str) -> str:
-    """Words that a remembered scene put out of use."""
-    return fit(f"Out of use here: {words}")
+def out_of_use(word: str) -> str:
+    """A word, or several, that a remembered scene put out of use."""
+    return fit(f"Out of use here: {word}")
 
 
 def sender_refused(system: int) -> str:

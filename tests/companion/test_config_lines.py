@@ -90,13 +90,14 @@ def _written(key: str) -> str:
 def _value(value: object, style: str) -> str:
     """A value in one of TOML's ways: on one line, or over several."""
     if isinstance(value, str) and style == "long":
-        return '"""\n' + json.dumps(value, ensure_ascii=False)[1:-1].replace("\\n", "\n") + '"""'
+        lines = (json.dumps(line, ensure_ascii=False)[1:-1] for line in value.split("\n"))
+        return '"""\n' + "\n".join(lines) + '"""'
     if isinstance(value, list) and style == "long":
         return "[ # ]\n" + "".join(f"  {_value(one, style)},\n" for one in value) + "]"
     return json.dumps(value, ensure_ascii=False)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.dictionaries(_KEYS, st.dictionaries(_KEYS, _VALUES, max_size=4), max_size=4),
     st.sampled_from(["short", "long"]),

@@ -77,7 +77,7 @@ def draw_panel(image: Image, assessment: Assessment, region: Region, title: str 
             large.append(_map(image, values, name, note, scale=scale, region=region, width=_LARGE))
         small = _word_maps(image, maps, assessment, region)
     rows = [_header(assessment, title), _row(large)]
-    columns = 4
+    columns = _columns(len(small))
     rows += [_row(small[i : i + columns]) for i in range(0, len(small), columns)]
     width = 3 * _LARGE + 2 * _GAP + 2 * _MARGIN
     sheet = [_padded(row, width) for row in rows]
@@ -151,7 +151,8 @@ def _header(assessment: Assessment, title: str) -> Image:
 
 
 def _word_maps(image: Image, maps: Maps, assessment: Assessment, region: Region) -> list[Image]:
-    width = (3 * _LARGE - _GAP) // 4
+    columns = _columns(len(maps.attention))
+    width = (3 * _LARGE + 2 * _GAP - (columns - 1) * _GAP) // columns
     tiles = []
     for (word, weight), values in zip(assessment.words.items(), maps.attention, strict=True):
         inside = region.mask(*values.shape)
@@ -159,6 +160,12 @@ def _word_maps(image: Image, maps: Maps, assessment: Assessment, region: Region)
         name = f"{word}  {weight:+.2g}"
         tiles.append(_map(image, values, name, note, scale=_ATTENTION, region=region, width=width))
     return tiles
+
+
+def _columns(words: int) -> int:
+    """So many word maps side by side that the rows are about equally full: three to five."""
+    rows = -(-words // 5)
+    return max(3, -(-words // max(1, rows)))
 
 
 def _map(

@@ -13,12 +13,12 @@ from anytraverse.synonyms import Meaning, meaning_of, opposed
 def adopted_memory(memory: Memory, entry: Entry, meaning: Meaning) -> tuple[Memory, tuple[str, ...]]:
     """`memory` with the words of `entry` in force, nu(tau, tau_match), and the words that had to go for them.
 
-    What the operator did to a word after the entry was made stands, also against its synonyms. An older word
-    that the entry contradicts goes.
+    A word that the operator set without a call after the entry was made, or forgot, stands, also against its
+    synonyms. Words answered to a call belong to that call's scene: any that the entry contradicts goes.
     """
 
     def settled_later(word: str) -> bool:
-        return memory.touched_by(word) > entry.order
+        return memory.settled.get(word, -1) > entry.order
 
     words: dict[str, Setting] = {}
     contradicted: set[str] = set()

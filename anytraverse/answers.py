@@ -63,7 +63,8 @@ def changed_memory(
     """`memory` after `changes`, all or nothing, and the words that had to go.
 
     What is forgotten is forgotten first, with its examples; then words are set.
-    seen: the frame that taps refer to. Raises PreferencesError (UnknownWordError) and ExampleError, with
+    seen: the frame of the call that is answered, to which taps refer; None for words without a call, which
+    stand against scenes remembered before. Raises PreferencesError (UnknownWordError) and ExampleError, with
     `memory` as it was.
     """
     if not changes:
@@ -82,11 +83,12 @@ def changed_memory(
     before = memory.preferences.without(*gone)
     preferences = before.merged(Preferences(settings))
     refuse_contradictions(preferences, perceiver.meaning)
+    settled = dict.fromkeys(gone if seen is not None else {*gone, *settings}, clock)
     after = replace(memory, history=_forgetting(memory.history, changes), clock=clock)
     if changes.new_episode:
         after = replace(after, reference=None)
     return (
-        after.using(preferences, examples, dict.fromkeys(gone, clock)),
+        after.using(preferences, examples, settled),
         tuple(word for word in before if word not in preferences),
     )
 

@@ -20,40 +20,34 @@ class Memory:
 
     clock: the last stamp given; stamps order settings and entries even on a computer without a clock.
     configured: the configured words as last seen, to notice when they were edited.
-    forgotten: word out of use -> stamp before which no remembered scene brings it back. Only words that some
-    remembered scene holds are listed.
+    settled: word -> stamp of its last being set without a call, or forgotten; no remembered scene older than
+    that changes it. Words set in answer to a call belong to that call's scene and are not listed, nor is a
+    word that is neither in use nor in a remembered scene.
     """
 
     model_id: str
     preferences: Preferences = field(default_factory=Preferences)
     configured: Preferences = field(default_factory=Preferences)
     examples: Examples = field(default_factory=dict)
-    forgotten: Mapping[str, int] = field(default_factory=dict)
+    settled: Mapping[str, int] = field(default_factory=dict)
     reference: Embedding | None = None
     history: History = field(default_factory=History)
     clock: int = 0
 
-    def touched_by(self, word: str) -> int:
-        """The stamp of the last thing the operator did to `word`; -1 for nothing."""
-        settled = self.preferences.order(word) if word in self.preferences else -1
-        return max(settled, self.forgotten.get(word, -1))
-
     def using(
-        self, preferences: Preferences, examples: Examples, forgotten: Mapping[str, int] | None = None
+        self, preferences: Preferences, examples: Examples, settled: Mapping[str, int] | None = None
     ) -> Memory:
         """With other words in force, and the examples of these.
 
-        forgotten: words that the operator forgot, with a stamp. A word that merely went out of use keeps the
-        stamp of its setting: a remembered scene that is older than it must not undo it.
+        settled: words that were set without a call, or forgotten, just now, with their stamp.
         """
-        left = {word: self.preferences.order(word) for word in self.preferences if word not in preferences}
-        stamps = {**self.forgotten, **left, **(forgotten or {})}
-        held = {word for entry in self.history for word in entry.preferences}
+        stamps = {**self.settled, **(settled or {})}
+        known = {*preferences, *(word for entry in self.history for word in entry.preferences)}
         return replace(
             self,
             preferences=preferences,
             examples={word: kept for word, kept in examples.items() if word in preferences},
-            forgotten={word: at for word, at in stamps.items() if word in held and word not in preferences},
+            settled={word: at for word, at in stamps.items() if word in known},
         )
 
     def remembering(self, embedding: Embedding, call_id: int, place: Place, *, move: bool) -> Memory:
@@ -74,15 +68,23 @@ def first_memory(model_id: str, configured: Preferences, history_limit: int = 25
 
 
 def resumed_memory(
-    saved: Memory, model_id: str, configured: Preferences, meaning: Meaning
+    saved: Memory,
+    model_id: str,
+    configured: Preferences,
+    meaning: Meaning,
+    *,
+    history_limit: int | None = None,
 ) -> tuple[Memory, list[str]]:
     """What a rover starts with after a restart, and what a person should be told about it.
 
     Scenes and examples of another model are left out. Configured words that were edited since win over the
-    saved ones. Of words that contradict each other the older go. Words that `meaning` refuses (the perceiver
-    cannot ground them) go, unless they have examples.
+    saved ones, and over remembered scenes. Of words that contradict each other the older go. Words that
+    `meaning` refuses (the perceiver cannot ground them) go, unless they have examples.
+    history_limit: the scenes to remember from now on; None: as many as before.
     """
     memory, notices = _of_model(saved, model_id)
+    if history_limit is not None:
+        memory = replace(memory, history=History(memory.history, history_limit))
     clock = memory.clock + 1
     edited = {word: weight for word, weight in configured.items() if saved.configured.get(word) != weight}
     removed = {word for word in saved.configured if word not in configured}
@@ -102,7 +104,7 @@ def resumed_memory(
     if lost:
         notices.append(f"words that {model_id} cannot ground are out of use: {_listed(lost)}")
     preferences = preferences.without(*contradicted, *lost)
-    memory = memory.using(preferences, memory.examples, dict.fromkeys(removed, clock))
+    memory = memory.using(preferences, memory.examples, dict.fromkeys((*edited, *removed), clock))
     return replace(memory, configured=configured, clock=clock), notices
 
 

@@ -27,7 +27,7 @@ _TABLES = {
     " UNIQUE (model_id, vector)",
     "examples": "owner INTEGER NOT NULL, word TEXT NOT NULL, position INTEGER NOT NULL,"
     " vector INTEGER NOT NULL REFERENCES vectors, PRIMARY KEY (owner, word, position)",
-    "forgotten": "word TEXT PRIMARY KEY, stamp INTEGER NOT NULL",
+    "settled": "word TEXT PRIMARY KEY, stamp INTEGER NOT NULL",
     "supervision": "only INTEGER PRIMARY KEY CHECK (only = 1), state TEXT NOT NULL",
     "calls": "number INTEGER PRIMARY KEY, id INTEGER NOT NULL, closed_at REAL NOT NULL,"
     " outcome TEXT NOT NULL, record TEXT NOT NULL",

@@ -51,7 +51,7 @@ def read_memory(rows: Query) -> Memory | None:
             preferences=Preferences(words.get(IN_FORCE)),
             configured=Preferences(words.get(CONFIGURED)),
             examples=examples.get(IN_FORCE, {}),
-            forgotten=dict(rows("SELECT word, stamp FROM forgotten")),
+            settled=dict(rows("SELECT word, stamp FROM settled")),
             reference=None if reference is None else _vector(reference),
             history=History(entries, scenes),
             clock=clock,
@@ -68,14 +68,14 @@ def write_memory(connection: sqlite3.Connection, memory: Memory, kept: Memory | 
         (memory.model_id, memory.clock, memory.history.limit, reference),
     )
     if kept is None:
-        for table in ("entries", "words", "examples", "forgotten"):
+        for table in ("entries", "words", "examples", "settled"):
             connection.execute(f"DELETE FROM {table}")
     _write_words(connection, IN_FORCE, memory.preferences, kept.preferences if kept else None)
     _write_words(connection, CONFIGURED, memory.configured, kept.configured if kept else None)
     _write_examples(connection, IN_FORCE, memory.examples, kept.examples if kept else None)
-    if kept is None or memory.forgotten != kept.forgotten:
-        connection.execute("DELETE FROM forgotten")
-        connection.executemany("INSERT INTO forgotten VALUES (?, ?)", memory.forgotten.items())
+    if kept is None or memory.settled != kept.settled:
+        connection.execute("DELETE FROM settled")
+        connection.executemany("INSERT INTO settled VALUES (?, ?)", memory.settled.items())
     before = {entry.order: entry for entry in kept.history} if kept is not None else {}
     after = {entry.order: entry for entry in memory.history}
     for stamp, old in before.items():

@@ -199,11 +199,22 @@ def test_a_new_episode_forgets_all_scenes_and_keeps_the_words(rover: Rover) -> N
     assert rover.memory.preferences == Preferences.parse("grass: 1; rock: -1; trail: 1")
 
 
-def test_the_list_of_forgotten_words_holds_only_what_a_scene_could_bring_back(rover: Rover) -> None:
+def test_only_words_in_use_or_in_a_remembered_scene_are_listed_as_settled(rover: Rover) -> None:
     for n in range(20):
         rover.answer({f"kind {n}": 1.0})
         rover.answer(forget=(f"kind {n}",))
     rover.answer(forget=("rock",))
-    assert rover.memory.forgotten.keys() == {"rock"}
-    rover.answer({"rock": -1})
-    assert not rover.memory.forgotten
+    assert rover.memory.settled.keys() == {"rock"}
+    rover.answer({"trail": 1})
+    assert rover.memory.settled.keys() == {"rock", "trail"}
+    rover.answer(new_episode=True)
+    assert rover.memory.settled.keys() == {"trail"}
+
+
+def test_words_answered_to_a_call_belong_to_its_scene_and_settle_nothing(rover: Rover) -> None:
+    rover.answer({"grass": 0.5, "trail": 1}, rover.call(90), 7)
+    assert not rover.memory.settled
+    rover.answer({"grass": 0.2})
+    settled = rover.memory.settled
+    rover.answer({"grass": 0.7}, rover.call(180), 8)
+    assert rover.memory.settled == settled

@@ -31,12 +31,12 @@ STEPS = st.lists(
 
 @given(STEPS)
 @settings(max_examples=80)
-def test_the_operators_last_word_stands_and_nothing_contradicts_itself(
+def test_nothing_from_before_a_word_was_set_without_a_call_or_forgotten_comes_back_or_contradicts_itself(
     make_rover: type[Rover], steps: list[tuple[str, object, object]]
 ) -> None:
     configured = Preferences.parse("grass: 1")
     rover = make_rover("", memory=first_memory("painted-1", configured, history_limit=3))
-    last_set: dict[str, float] = dict(configured)
+    given = {word: {weight} for word, weight in configured.items()}
     call, call_id = rover.call(), 0
     for step in steps:
         match step:
@@ -60,9 +60,12 @@ def test_the_operators_last_word_stands_and_nothing_contradicts_itself(
                 except AnyTraverseError:
                     assert rover.memory is before
                 else:
-                    last_set = {word: last_set[word] for word in last_set if word not in forget} | weights
+                    for word in forget:
+                        given[word] = set()
+                    for word, weight in weights.items():
+                        given[word] = {weight} | (given.get(word, set()) if answered is not None else set())
         memory = rover.memory
-        assert dict(memory.preferences).items() <= last_set.items()
+        assert all(weight in given[word] for word, weight in memory.preferences.items())
         assert len(memory.preferences) <= MAX_WORDS
         refuse_contradictions(memory.preferences, rover.eyes.meaning)
         assert memory.reference is not None

@@ -58,11 +58,29 @@ def test_an_edited_word_wins_over_the_operators_and_that_is_said(taught: Rover) 
 
 
 def test_no_remembered_scene_undoes_an_edited_word(taught: Rover, make_rover: type[Rover]) -> None:
-    memory, _ = resumed(taught, "grass: 0.8; rock: -1")
+    memory, _ = resumed(taught, "grass: 0.8; rock: -0.5")
     again = make_rover("", memory=memory)
     again.see(0)
     assert again.see(0).adopted is not None
-    assert again.memory.preferences["grass"] == 0.8
+    assert again.memory.preferences == Preferences.parse("grass: 0.8; rock: -0.5; trail: 1; gnome: -1")
+
+
+def test_without_an_edit_a_remembered_scene_gives_its_words_back_after_a_restart(
+    rover: Rover, make_rover: type[Rover]
+) -> None:
+    rover.answer({"grass": -1}, rover.call(90), 7)
+    again = make_rover("", memory=resumed(rover)[0])
+    again.see(0)
+    assert again.see(0).words["grass"] == 1
+
+
+def test_an_edited_number_of_scenes_counts_from_the_next_start(taught: Rover) -> None:
+    words, meaning = taught.memory.configured, taught.eyes.meaning
+    memory, _ = resumed_memory(taught.memory, "painted-1", words, meaning, history_limit=1)
+    assert memory.history.limit == 1
+    assert [entry.call_id for entry in memory.history] == [7]
+    memory, _ = resumed_memory(memory, "painted-2", words, meaning, history_limit=5)
+    assert memory.history.limit == 5
 
 
 def test_a_removed_word_is_out_of_use_and_no_remembered_scene_brings_it_back(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from anytraverse.assessment import Reason
+from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Embedding, Entry, History
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
@@ -37,10 +37,10 @@ def entry(angle: float, words: Preferences, order: int = 5, **examples: tuple[Ex
     return Entry(at(angle), words, order, order, call_id=order, examples=examples)
 
 
-def memory(words: Preferences, *entries: Entry, **forgotten: int) -> Memory:
+def memory(words: Preferences, *entries: Entry, **settled: int) -> Memory:
     """What was learnt so far; the reference is the scene at 0 degrees."""
     return Memory(
-        "painted-1", words, words, forgotten=forgotten, reference=at(0), history=History(entries), clock=20
+        "painted-1", words, words, settled=settled, reference=at(0), history=History(entries), clock=20
     )
 
 
@@ -147,16 +147,52 @@ def test_words_that_the_match_does_not_name_stay(make_rover: type[Rover]) -> Non
     assert rover.memory.preferences == Preferences.parse("grass: 1; rock: -1; trail: 1")
 
 
-def test_a_match_does_not_undo_a_word_that_was_set_later(make_rover: type[Rover]) -> None:
-    rover = make_rover("", memory=memory(stamped(grass=(0.2, 9)), entry(90, TRAIL_TOO)))
-    rover.see(90)
-    assert rover.see(90).words == Preferences.parse("grass: 0.2; trail: 1")
+def back_at(rover: Rover, scene: int) -> Assessment:
+    """The scene is seen until it is recognized."""
+    rover.see(scene)
+    seen = rover.see(scene)
+    assert seen.adopted is not None
+    return seen
 
 
-def test_a_match_undoes_a_word_that_was_set_before_it(make_rover: type[Rover]) -> None:
-    rover = make_rover("", memory=memory(stamped(grass=(0.2, 4)), entry(90, TRAIL_TOO)))
-    rover.see(90)
-    assert rover.see(90).words == Preferences.parse("grass: 1; trail: 1")
+def test_back_at_a_scene_its_words_are_in_force_again_though_another_scenes_answer_set_them_otherwise(
+    rover: Rover,
+) -> None:
+    rover.answer({"grass": 1}, rover.call(90), 1)
+    rover.answer({"grass": -1}, rover.call(180), 2)
+    assert rover.memory.preferences["grass"] == -1
+    assert back_at(rover, 90).words["grass"] == 1
+    assert back_at(rover, 180).words["grass"] == -1
+
+
+def test_a_word_set_without_a_call_after_a_scene_was_answered_stands_there(rover: Rover) -> None:
+    rover.answer({"grass": 1}, rover.call(90), 1)
+    rover.answer({"grass": 0.2})
+    rover.answer({"trail": 1}, rover.call(180), 2)
+    assert back_at(rover, 90).words["grass"] == 0.2
+
+
+def test_a_word_set_without_a_call_before_a_scene_was_answered_gives_way_there(rover: Rover) -> None:
+    rover.answer({"grass": 0.2})
+    rover.answer({"grass": 1}, rover.call(90), 1)
+    rover.answer({"grass": -1}, rover.call(180), 2)
+    assert back_at(rover, 90).words["grass"] == 1
+
+
+def test_a_word_set_without_a_call_stands_against_older_scenes_though_answered_since(rover: Rover) -> None:
+    rover.answer({"grass": 1}, rover.call(90), 1)
+    rover.answer({"grass": 0.2})
+    rover.answer({"grass": -1}, rover.call(180), 2)
+    assert back_at(rover, 90).words["grass"] == -1
+
+
+def test_a_word_forgotten_since_does_not_come_back_from_a_scene_though_answered_elsewhere(
+    rover: Rover,
+) -> None:
+    rover.answer({"trail": 1}, rover.call(90), 1)
+    rover.answer(forget=("trail",))
+    rover.answer({"trail": -1}, rover.call(180), 2)
+    assert back_at(rover, 90).words["trail"] == -1
 
 
 def test_a_match_does_not_bring_a_forgotten_word_back(make_rover: type[Rover]) -> None:
@@ -185,8 +221,9 @@ def test_a_forgotten_word_is_brought_back_by_a_scene_that_was_answered_after_it_
     assert rover.see(180).words == words
 
 
-def test_a_synonym_that_was_set_later_keeps_the_matchs_word_out(make_rover: type[Rover]) -> None:
-    rover = make_rover("", memory=memory(stamped(grass=(1, 0), path=(-1, 9)), entry(90, TRAIL_TOO)))
+def test_a_synonym_set_without_a_call_later_keeps_the_matchs_word_out(make_rover: type[Rover]) -> None:
+    words = stamped(grass=(1, 0), path=(-1, 9))
+    rover = make_rover("", memory=memory(words, entry(90, TRAIL_TOO), path=9))
     rover.see(90)
     seen = rover.see(90)
     assert seen.adopted is not None
@@ -194,8 +231,12 @@ def test_a_synonym_that_was_set_later_keeps_the_matchs_word_out(make_rover: type
     assert seen.dropped == ()
 
 
-def test_a_synonym_that_was_set_before_gives_way_and_that_is_said(make_rover: type[Rover]) -> None:
-    rover = make_rover("", memory=memory(stamped(grass=(1, 0), path=(-1, 2)), entry(90, TRAIL_TOO)))
+@pytest.mark.parametrize(("stamp", "settled"), [(2, {"path": 2}), (2, {}), (9, {})])
+def test_a_synonym_set_before_or_answered_elsewhere_gives_way_and_that_is_said(
+    make_rover: type[Rover], stamp: int, settled: dict[str, int]
+) -> None:
+    words = stamped(grass=(1, 0), path=(-1, stamp))
+    rover = make_rover("", memory=memory(words, entry(90, TRAIL_TOO), **settled))
     rover.see(90)
     seen = rover.see(90)
     assert seen.words == TRAIL_TOO
@@ -212,14 +253,17 @@ def test_beyond_sixteen_words_the_least_recently_set_goes_and_that_is_said(make_
     assert len(seen.words) == 16
 
 
-def test_a_dropped_words_weight_is_not_undone_by_an_older_scene(make_rover: type[Rover]) -> None:
+@pytest.mark.parametrize(("settled", "comes_back"), [({"kind 0": 6}, False), ({}, True)])
+def test_a_word_set_without_a_call_and_dropped_since_does_not_come_back_from_an_older_scene(
+    make_rover: type[Rover], settled: dict[str, int], comes_back: bool
+) -> None:
     words = Preferences({f"kind {n}": Setting(1, 6 + n) for n in range(16)})
     old = entry(90, Preferences({"kind 0": Setting(-1, 2)}), 5)
-    rover = make_rover("", memory=memory(words, old, entry(180, stamped(grass=(1, 18)), 19)))
-    rover.see(180)
-    assert rover.see(180).dropped == ("kind 0",)
-    rover.see(90)
-    assert "kind 0" not in rover.see(90).words
+    new = entry(180, stamped(grass=(1, 18)), 19)
+    rover = make_rover("", memory=memory(words, old, new, **settled))
+    assert back_at(rover, 180).dropped == ("kind 0",)
+    rover.answer(forget=("kind 15",))
+    assert ("kind 0" in back_at(rover, 90).words) is comes_back
 
 
 def test_tapped_words_come_back_with_their_examples(make_rover: type[Rover]) -> None:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anytraverse.adoption import adopted_memory
 from anytraverse.history import Entry, History, Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import Example
@@ -50,7 +51,7 @@ _MEMORIES = st.builds(
     preferences=_PREFERENCES,
     configured=_PREFERENCES,
     examples=_EXAMPLES,
-    forgotten=st.dictionaries(_WORDS, _STAMPS, max_size=3),
+    settled=st.dictionaries(_WORDS, _STAMPS, max_size=3),
     reference=st.none() | _VECTORS,
     history=st.builds(History, _ENTRIES, st.integers(3, 9)),
     clock=_STAMPS,
@@ -61,7 +62,7 @@ def _plain(value: Any) -> Any:
     """A memory as values that compare."""
     match value:
         case Memory():
-            parts = (value.model_id, value.clock, value.history.limit, dict(value.forgotten))
+            parts = (value.model_id, value.clock, value.history.limit, dict(value.settled))
             words = [list(one.settings.items()) for one in (value.preferences, value.configured)]
             rest = (_plain(value.examples), _plain(value.reference), [_plain(one) for one in value.history])
             return (*parts, words, *rest)
@@ -132,7 +133,7 @@ def test_each_step_of_a_drive_comes_back(journal: Journal, folder: Path) -> None
     steps = [
         memory,
         replace(memory, history=memory.history.touched(memory.history[1], 99), clock=99),
-        replace(memory, preferences=memory.preferences.without("bush"), forgotten={"bush": 100}),
+        replace(memory, preferences=memory.preferences.without("bush"), settled={"bush": 100}),
         replace(memory, history=memory.history.without_call(3)),
         replace(memory, examples={}, reference=None),
         replace(memory, history=History(limit=4)),
@@ -142,6 +143,17 @@ def test_each_step_of_a_drive_comes_back(journal: Journal, folder: Path) -> None
         assert _plain(_reopened(journal, folder)) == _plain(step)
         journal = Journal(folder)
     journal.close()
+
+
+def test_a_remembered_scene_changes_the_same_words_after_a_restart(journal: Journal, folder: Path) -> None:
+    memory = first_memory("m1", Preferences.of({"grass": 1.0, "bush": -1.0, "rock": -1.0, "mud": -1.0}))
+    memory = memory.remembering(np.eye(2, dtype=np.float32)[0], 1, Place(), move=True)
+    elsewhere = Preferences({"grass": Setting(-1, 2), "bush": Setting(0.2, 3), "rock": Setting(-0.5, 5)})
+    memory = replace(memory.using(elsewhere, {}, {"bush": 3, "rock": 4, "mud": 4}), clock=5)
+    journal.save_memory(memory)
+    found = _reopened(journal, folder)
+    after, _ = adopted_memory(found, found.history[0], str)
+    assert after.preferences == Preferences.of({"grass": 1.0, "bush": 0.2, "rock": -0.5})
 
 
 def test_the_order_of_words_is_kept(journal: Journal, folder: Path) -> None:

@@ -147,7 +147,7 @@ def _scribble(folder: Path) -> None:
 
 
 def _drop(folder: Path) -> None:
-    _edit(folder, "DROP TABLE forgotten")
+    _edit(folder, "DROP TABLE settled")
 
 
 def _bad_weight(folder: Path) -> None:

@@ -162,7 +162,13 @@ def _remembered(journal: Journal, config: Config, perceiver: Perceiver) -> tuple
     saved = journal.load_memory()
     if saved is None:
         return first_memory(perceiver.model_id, config.preferences, config.journal.scenes), notices
-    memory, told = resumed_memory(saved, perceiver.model_id, config.preferences, perceiver.meaning)
+    memory, told = resumed_memory(
+        saved,
+        perceiver.model_id,
+        config.preferences,
+        perceiver.meaning,
+        history_limit=config.journal.scenes,
+    )
     return memory, notices + told
 
 

@@ -84,6 +84,16 @@ def test_nor_for_a_new_place(hold: Scene) -> None:
     assert hold.opened() == [1]
 
 
+def test_the_place_that_he_accepted_is_the_one_he_drove_on_in(hold: Scene) -> None:
+    hold.run(1.0, ELSEWHERE)
+    hold.run(1.0, View(turned=110.0))
+    hold.human(AUTO)
+    hold.run(15.0)
+    assert hold.autopilot.mode == AUTO
+    hold.run(1.0, ELSEWHERE)
+    assert hold.autopilot.mode == HOLD
+
+
 def test_what_he_accepted_ends_as_any_acceptance_and_is_a_new_call_with_its_own_hold(held: Scene) -> None:
     held.human(AUTO)
     held.run(25.0, DRUM)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Reason
+from anytraverse.regions import Box
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 from tests.companion.calls.scenes import (
     ACROSS,
@@ -153,6 +154,22 @@ def test_one_newest_frame_judged_again_does_not_open_a_call_alone(held: Scene) -
     held.answer(words=DRIVABLE)
     held.run(2.0, DRUM)
     assert held.opened() == [1]
+
+
+def test_nor_does_it_after_a_go(held: Scene) -> None:
+    held.show(View((Thing(AHEAD), Thing(BESIDE, "tent"))))
+    held.go()
+    held.run(2.0, DRUM)
+    assert held.opened() == [1]
+    assert held.autopilot.mode == AUTO
+
+
+def test_a_bad_frame_and_the_same_frame_judged_again_open_no_call(blocked: Scene) -> None:
+    blocked.show(View((Thing(ACROSS, "log"), Thing(Box(0.44, 0.87, 0.56, 0.95), "tent"))))
+    blocked.answer(words=BESIDE_THE_POINT)
+    assert blocked.opened() == []
+    blocked.show(View((Thing(ACROSS, "log"), Thing(Box(0.44, 0.87, 0.56, 0.95), "tent"))))
+    assert blocked.opened() == [2]
 
 
 def test_an_answer_to_frames_that_are_no_longer_fresh_is_no_sight(report: Scene) -> None:

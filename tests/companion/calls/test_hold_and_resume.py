@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Reason
+from anytraverse.regions import Box
 from companion.calls.decisions import GoLapsed, HoldMoved, HoldStarted, SetMode
 from companion.calls.hold import HoldEvent, HoldStage
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
@@ -20,6 +21,7 @@ from tests.companion.calls.scenes import (
     MANUAL,
     RTL,
     Scene,
+    Thing,
     View,
 )
 
@@ -236,7 +238,7 @@ def test_a_go_lapses_after_sixty_seconds_without_a_frame(held: Scene) -> None:
 
 def test_a_go_given_less_than_sixty_seconds_before_the_last_bad_frame_counts(blocked: Scene) -> None:
     blocked.go()
-    blocked.run(55.0)
+    blocked.run(59.8)
     blocked.run(1.5, CLEAR)
     assert blocked.autopilot.mode == AUTO
 
@@ -246,6 +248,18 @@ def test_a_go_on_a_blocked_way_does_not_drive_over_it(blocked: Scene) -> None:
     blocked.run(30.0)
     assert blocked.modes() == [HOLD]
     assert blocked.calls.sight.acceptance is None
+
+
+def test_a_way_that_is_open_by_less_than_the_margin_is_not_driven_yet(blocked: Scene) -> None:
+    narrow = View((Thing(Box(0.33, 0.85, 0.385, 0.95), "log"),))
+    blocked.run(2.0, narrow)
+    assert blocked.calls.stage() is Stage.OPEN
+    blocked.go()
+    blocked.run(10.0, narrow)
+    assert blocked.calls.sight.ok_run > 50
+    assert blocked.modes() == [HOLD]
+    blocked.run(1.5, CLEAR)
+    assert blocked.autopilot.mode == AUTO
 
 
 def test_a_go_that_was_fulfilled_is_not_for_the_next_hold(blocked: Scene) -> None:
@@ -346,6 +360,15 @@ def test_a_way_back_that_shows_late_is_ours_and_is_held_again(held: Scene) -> No
     held.hear()
     assert held.calls.hold is not None
     assert held.modes() == [HOLD, AUTO, HOLD, HOLD]
+
+
+def test_a_position_alone_confirms_no_hold(held: Scene) -> None:
+    held.autopilot.deaf = True
+    held.go()
+    held.show(DRUM, DRUM, DRUM, DRUM, DRUM, LOG)
+    heard = held.calls.autopilot.heard_at
+    held.keep(held.calls.vehicle(HOLD, True, held.now + 0.01, heard_at=heard))  # noqa: FBT003
+    assert stage(held) is HoldStage.REQUESTED
 
 
 def test_a_resume_that_was_called_back_needs_no_second_go(held: Scene) -> None:

@@ -132,6 +132,12 @@ def test_after_a_black_out_five_new_ok_frames_are_needed_not_one() -> None:
     assert scene.autopilot.mode == AUTO
 
 
+def test_a_gap_that_nobody_was_awake_to_notice_counts_too(hold: Scene) -> None:
+    hold.now += 5.0
+    hold.show(CLEAR)
+    assert hold.calls.sight.ok_run == 1
+
+
 @pytest.mark.parametrize("also", [DRUM, LOG])
 def test_a_hold_that_was_ever_for_more_than_a_fault_does_not_end_by_itself(also: View) -> None:
     scene = Scene(Policy.HOLD, fault_ends_hold=True)

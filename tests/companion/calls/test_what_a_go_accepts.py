@@ -78,6 +78,11 @@ def test_the_accepted_box_does_not_move_up(accepted: Scene) -> None:
     assert accepted.opened() == [1, 2]
 
 
+def test_what_rises_above_the_accepted_box_must_call(accepted: Scene) -> None:
+    accepted.run(0.5, View((Thing(AHEAD), Thing(Box(0.41, 0.60, 0.51, 0.68)))))
+    assert accepted.opened() == [1, 2]
+
+
 def test_a_second_thing_outside_the_box_must_call(accepted: Scene) -> None:
     accepted.run(0.5, View((Thing(AHEAD), Thing(BESIDE))))
     assert accepted.opened() == [1, 2]
@@ -103,12 +108,23 @@ def test_a_mean_above_the_accepted_one_and_delta_must_call() -> None:
     assert scene.opened() == [1, 2]
 
 
-def test_what_came_nearer_while_the_call_was_open_is_the_uncertainty_seen(report: Scene) -> None:
-    for box in NEARER[:3]:
-        report.run(0.5, View((Thing(box),)))
+def test_what_came_nearer_while_the_call_was_open_is_the_thing_asked_about(report: Scene) -> None:
+    for box in NEARER:
+        report.run(0.3, View((Thing(box),)))
     report.go()
     report.run(1.0)
     assert report.opened() == [1]
+
+
+def test_what_grew_while_the_call_was_open_is_the_uncertainty_seen() -> None:
+    scene = Scene(tile=None)
+    scene.run(0.5, View(haze=0.35))
+    scene.run(0.5, View(haze=0.44))
+    scene.go()
+    scene.run(1.0, View(haze=0.52))
+    assert scene.opened() == [1]
+    scene.run(0.5, View(haze=0.56))
+    assert scene.opened() == [1, 2]
 
 
 def test_without_a_tile_threshold_what_turned_up_beside_does_not_raise_what_was_seen() -> None:
@@ -211,10 +227,10 @@ def test_after_a_restart_the_frame_of_the_call_says_what_a_go_accepts(held: Scen
     held.restarted()
     held.run(0.5, DRUM)
     held.call.seen = held.judged(held.call.frame_id)
-    both = View((Thing(AHEAD), Thing(BESIDE)))
-    held.run(0.5, both)
+    other = View((Thing(BESIDE),))
+    held.run(0.5, other)
     held.go()
-    held.run(0.5, both)
+    held.run(0.5, other)
     assert held.opened() == [1, 2]
 
 

@@ -84,7 +84,7 @@ def test_a_blocked_hold_says_blocked(blocked: Scene) -> None:
 def test_a_fault_outranks_what_the_call_asks(held: Scene) -> None:
     held.run(1.0, BROKEN)
     assert text(held) == "C1 FAULT attention maps are not finite"
-    assert text(held, "camera") == "C1 FAULT camera silent"
+    assert text(held, "camera silent") == "C1 FAULT camera silent"
 
 
 def test_a_hold_for_want_of_frames_says_so(hold: Scene) -> None:

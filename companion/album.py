@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import re
@@ -31,7 +32,10 @@ class Album:
         self._folder = folder
         self._keep = keep
         self._region = region
-        self._count = max((int(path.name[:5]) for path in self._pictures()), default=0)
+        self._count = max(map(_number, self._pictures()), default=0)
+        for torn in folder.glob(".[0-9]*.part"):
+            with contextlib.suppress(OSError):
+                torn.unlink()
 
     def keep(self, seen: Assessment, state: State, title: str) -> str:
         """Draw and store a judged frame; the file's name, or "" when it could not be written."""
@@ -39,8 +43,8 @@ class Album:
             return ""
         try:
             return self._write(seen, state, title)
-        except (OSError, ImportError, ValueError) as error:
-            log.warning("no picture of %s: %s", title, error)
+        except Exception as error:  # whatever the drawing raises, a picture is worth no fault
+            log.warning("no picture of %s: %r", title, error)
             return ""
 
     def path(self, name: str) -> Path:
@@ -68,4 +72,10 @@ class Album:
         return name
 
     def _pictures(self) -> list[Path]:
-        return sorted(self._folder.glob("[0-9][0-9][0-9][0-9][0-9]-*.jpg"))
+        """The oldest first, also beyond 99,999."""
+        return sorted((path for path in self._folder.glob("[0-9]*-*.jpg") if _number(path)), key=_number)
+
+
+def _number(path: Path) -> int:
+    number = path.name.partition("-")[0]
+    return int(number) if number.isdecimal() else 0

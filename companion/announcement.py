@@ -37,8 +37,8 @@ class Announcement:
         self._key: object = None
         self._said: Said | None = None
         self._composed_at = 0.0
-        self.last_call = 0
-        """Id of the last call announced."""
+        self.last_call = calls.call.id if calls.call is not None else 0
+        """Id of the last call opened: what tells a call's hold from a hold without one."""
 
     def now(
         self, words: Preferences, place: Place, picture: str, silent: list[str], now: float
@@ -48,8 +48,6 @@ class Announcement:
         if calls.current_id == 0:
             self._said = None
             return None
-        if calls.call is not None:
-            self.last_call = calls.call.id
         failed = calls.hold is not None and calls.hold.failed
         key = (
             calls.current_id,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from anytraverse.answers import Changes, Tap
 from anytraverse.assessment import Assessment, Reason
@@ -14,6 +14,7 @@ from anytraverse.regions import Box
 from companion.calls.decisions import CallClosed, Decision, GoLapsed
 from companion.calls.machine import OperatorCalls
 from companion.eyes import Applied, Eyes
+from companion.kept import Kept
 from companion.link.heard import AnswerRequest, ParameterRequest
 from companion.telling import flags
 from companion.wire import texts
@@ -29,16 +30,18 @@ from companion.wire.answers import (
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 from companion.wire.parameters import NOT_IN_USE
 
+_EYES_BUSY = "the eyes are busy: send it again"
 _FRAME_PATIENCE = 10.0
 """Seconds to wait after a restart for the call's frame to be judged; then answers do without it."""
 
 
 @dataclass(frozen=True)
 class Reply:
-    """An acknowledgement to send once everything that it says is on disk."""
+    """An acknowledgement to send once everything that it says is on disk. again: it was kept before."""
 
     request: AnswerRequest
     acknowledgement: Acknowledgement
+    again: bool = False
 
 
 @dataclass
@@ -59,6 +62,15 @@ class _Asked:
     target: int
     changed: bool
     number: int
+    at: float
+
+
+def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
+    """The same when the journal could not be written: it may have been applied, but a restart forgets it."""
+    if acknowledgement.result not in (Result.APPLIED, Result.NOT_COVERED):
+        return acknowledgement
+    text = texts.unremembered(acknowledgement.text)
+    return replace(acknowledgement, result=Result.APPLIED_NOT_REMEMBERED, text=text)
 
 
 def changes_of(operations: Iterable[Operation]) -> Changes:
@@ -89,15 +101,25 @@ class Conversation:
     Only "stay" overtakes: it counts at once, and takes the motion from what still waits for the eyes.
     """
 
-    def __init__(self, calls: OperatorCalls, eyes: Eyes, words: Preferences) -> None:
+    def __init__(
+        self, calls: OperatorCalls, eyes: Eyes, words: Preferences, replies: Iterable[Kept] = ()
+    ) -> None:
+        """replies: those kept before a restart."""
         self._calls = calls
         self._eyes = eyes
         self.words = words
         """The words in force, as far as the eyes have told."""
         self._asked = self._applied = self._overruled = 0
+        self._waiting: set[AnswerRequest] = set()
+        self._replies = {(kept.sender, kept.transaction): kept for kept in replies}
 
     def hear(self, request: AnswerRequest, now: float) -> Heard:
         """An operator's answer."""
+        kept = self._replies.get((request.sender, request.transaction or 0))
+        if kept is not None:
+            return self._reply(request, kept.target, kept.result, kept.text, again=True)
+        if request in self._waiting:
+            return self._reply(request, request.target, Result.BUSY, _EYES_BUSY)
         target = self._calls.resolve(request.target, now)
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
@@ -106,6 +128,10 @@ class Conversation:
         except AnyTraverseError as error:
             return self._reply(request, target or 0, Result.REFUSED, str(error))
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
+        if changes.taps and call is None:
+            return self._reply(
+                request, target or 0, Result.REFUSED, "no open call to tap in: say the word alone"
+            )
         if request.motion is Motion.STAY:
             self._overruled = self._asked
         in_order = call is None and self._asked == self._applied
@@ -116,15 +142,16 @@ class Conversation:
             return self._reply(
                 request, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
-        asked = _Asked(request, target or 0, bool(changes), self._asked + 1)
+        asked = _Asked(request, target or 0, bool(changes), self._asked + 1, now)
         go = request.motion is Motion.GO
         if not self._eyes.answer(asked, changes, call=observation, call_id=call.id if call else 0, go=go):
-            return self._reply(request, target or 0, Result.BUSY, "too many answers wait: send it again")
+            return self._reply(request, target or 0, Result.BUSY, _EYES_BUSY)
         self._asked = asked.number
+        self._waiting.add(request)
         return Heard()
 
     def set_weight(self, request: ParameterRequest, word: str) -> bool:
-        """A weight by parameter. False when too many wait."""
+        """A weight by parameter. False when too many wait, or the eyes hang."""
         if request.value == NOT_IN_USE:
             changes = Changes(forget_words=(word,))
         else:
@@ -140,18 +167,23 @@ class Conversation:
             return Heard()
         asked = applied.token
         self._applied = asked.number
+        self._waiting.discard(asked.request)
         if applied.error is not None:
             return self._reply(asked.request, asked.target, Result.REFUSED, str(applied.error))
         outcome = applied.outcome
         result, decisions = Result.APPLIED, list[Decision]()
+        # The eyes may have hung in between, and a go is for now.
+        late = asked.request.motion is Motion.GO and now - asked.at > self._calls.numbers.go_lasts
         if asked.target:
-            motion = Motion.NONE if asked.number <= self._overruled else asked.request.motion
+            motion = Motion.NONE if late or asked.number <= self._overruled else asked.request.motion
             result, decisions = self._calls.answered(asked.target, motion, asked.changed, outcome, now)
-        if result is Result.APPLIED and not remembered:
+        if result in (Result.APPLIED, Result.NOT_COVERED) and not remembered:
             result = Result.APPLIED_NOT_REMEMBERED
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
         text = self._outcome_text(asked.target, result, decisions, call_frame, newest, applied.memory)
+        if late and self._calls.current_id == asked.target:
+            text = texts.go_lapsed(self._calls.kind, asked.target)
         if outcome is not None and outcome.dropped:
             text = f"{text}; {texts.word_dropped(', '.join(outcome.dropped))}"
         heard = self._reply(
@@ -193,6 +225,7 @@ class Conversation:
         decisions: Sequence[Decision] = (),
         call_frame: Assessment | None = None,
         newest: Assessment | None = None,
+        again: bool = False,
     ) -> Heard:
         closed = _closed(decisions, target)
         roi = call_frame.roi if call_frame is not None else None
@@ -209,7 +242,7 @@ class Conversation:
             words=words_hash(self.words),
             text=text,
         )
-        return Heard(replies=[Reply(request, acknowledgement)])
+        return Heard(replies=[Reply(request, acknowledgement, again)])
 
     def _outcome_text(
         self,
@@ -222,17 +255,18 @@ class Conversation:
     ) -> str:
         """What a person is told of an answer that was applied."""
         if not target:
-            return f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
+            text = f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
+            return text if result is not Result.APPLIED_NOT_REMEMBERED else texts.unremembered(text)
         if result is Result.STALE:
             return self._too_late(target, memory)
         call = self._calls.call if self._calls.current_id == target else None
+        closed = _closed(decisions, target)
         if result is Result.NOT_COVERED and call_frame is not None:
             if Reason.UNKNOWN_OBJECT in call_frame.reasons or call_frame.roi is None:
                 return texts.still_unknown(target, call_frame.roi.uncertainty if call_frame.roi else None)
             return texts.still_new(target, call_frame.similarity)
         if result is Result.APPLIED_NOT_REMEMBERED:
-            return texts.not_remembered(Kind.CALL if call else self._calls.kind, target)
-        closed = _closed(decisions, target)
+            return texts.not_remembered(Kind.CALL if call or closed else self._calls.kind, target)
         if closed is not None:
             return texts.closed(Kind.CALL, target, closed.call.outcome)
         kind = self._calls.kind

@@ -2,55 +2,45 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import select
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
-from anytraverse.assessment import Reason
 from anytraverse.history import Place
+from companion.acting import Acting
 from companion.announcement import Announcement
-from companion.calls.decisions import (
-    CallClosed,
-    CallOpened,
-    Decision,
-    GoLapsed,
-    HoldMoved,
-    HoldRenamed,
-    HoldStarted,
-    SetMode,
-    WouldHold,
-)
-from companion.calls.hold import HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.cameras.newest import CameraThread
-from companion.conversation import Conversation, Heard
+from companion.conversation import Conversation, Heard, unremembered
 from companion.eyes import Applied, Eyes, Judged
 from companion.keeper import Keeper
-from companion.link.autopilot import GUIDED, mode_name
 from companion.link.heard import AnswerRequest, ParameterRequest, Vehicle, VehicleHeard
+from companion.link.heard import Heard as LinkHeard
 from companion.link.link import Link
+from companion.mishaps import Mishaps
 from companion.odometer import Odometer
 from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness
-from companion.telling import fault_name, summary
+from companion.telling import summary
+from companion.watch import Watch
 from companion.wire import texts
-from companion.wire.ids import Kind, Outcome, Policy
+from companion.wire.ids import Policy, State
 
 log = logging.getLogger(__name__)
 
 TICK = 0.02
 ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
-OFF_PERIOD = 60.0
+_FAREWELL = 0.3
 
 
 class Daemon:
     """Ties the parts together; each of them knows nothing of the others.
 
-    `turn` is one round of the main loop and blocks for at most `TICK` seconds.
+    `turn` is one round of the main loop and waits for at most `TICK` seconds. An error in hearing, judging or
+    carrying out is survived and said; one in deciding ends the daemon, which must not look alive then.
     """
 
     def __init__(
@@ -65,6 +55,7 @@ class Daemon:
         liveness: Liveness,
         view: int = 0,
     ) -> None:
+        """view: the camera's horizontal field of view, degrees, 0 where not known."""
         self._link = link
         self._camera = camera
         self._eyes = eyes
@@ -72,37 +63,44 @@ class Daemon:
         self._keeper = keeper
         self._conversation = conversation
         self._desk = desk
-        self._liveness = liveness
         self._view = view
         self._announcement = Announcement(calls)
         self._odometer = Odometer()
+        self._mishaps = Mishaps(lambda now: link.say(texts.mishap(), ERROR, now))
+        self._watch = Watch(liveness, link, camera, eyes, calls, keeper)
+        self._acting = Acting(
+            link, calls, keeper, self._announcement, self._mishaps, lambda: conversation.words, self.place
+        )
         self._replies: list[Heard] = []
-        self._faulty = False
-        self._off_said_at = float("-inf")
 
     def turn(self) -> None:
         """Hear everything, decide, carry out, keep, then say: nothing is said that is not kept."""
         self._wait()
         now = time.monotonic()
         for heard in self._link.poll(now):
-            match heard:
-                case VehicleHeard(vehicle):
-                    self._hear_vehicle(vehicle, now)
-                case AnswerRequest():
-                    self._take(self._conversation.hear(heard, now), now)
-                case ParameterRequest():
-                    self._take(self._desk.set(heard, now), now)
+            with self._mishaps.survived(type(heard).__name__, now):
+                self._hear(heard, now)
         for result in self._eyes.results():
-            match result:
-                case Judged():
+            with self._mishaps.survived(type(result).__name__, now):
+                if isinstance(result, Judged):
                     self._judged(result, now)
-                case Applied():
+                else:
                     self._applied(result, now)
-        self._watch(now)
-        self._carry_out(self._calls.tick(now), now)
-        self._keeper.save_calls(self._calls)
+        self._watch.look(now)
+        self._acting.carry_out(self._calls.tick(now), now)
         self._speak(now)
         self._link.tick(now)
+
+    def farewell(self) -> None:
+        """The daemon cannot go on: let the autopilot's script and the operator know at once."""
+        now = time.monotonic()
+        until = now + _FAREWELL
+        self._link.set_state(State.FAULT, self._calls.current_id)
+        self._link.say(texts.dying(), ALERT, now)
+        while now < until:
+            self._link.tick(now)
+            time.sleep(TICK)
+            now = time.monotonic()
 
     def status(self) -> dict[str, Any]:
         """Figures for the status file."""
@@ -127,23 +125,40 @@ class Daemon:
 
     def _wait(self) -> None:
         readable = [number for number in (self._link.fileno(), self._eyes.fileno()) if number is not None]
-        with contextlib.suppress(OSError, ValueError):
-            select.select(readable, [], [], min(TICK, self._link.wait(time.monotonic())))
+        patience = min(TICK, self._link.wait(time.monotonic()))
+        try:
+            select.select(readable, [], [], patience)
+        except (OSError, ValueError):  # a device that has just gone
+            time.sleep(patience)
+
+    def _hear(self, heard: LinkHeard, now: float) -> None:
+        match heard:
+            case VehicleHeard(vehicle):
+                self._hear_vehicle(vehicle, now)
+            case AnswerRequest():
+                self._take(self._conversation.hear(heard, now), now)
+            case ParameterRequest():
+                self._take(self._desk.set(heard, now), now)
 
     def _hear_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
-        self._carry_out(self._calls.vehicle(vehicle.custom_mode, vehicle.armed, now, travelled), now)
+        decisions = self._calls.vehicle(
+            vehicle.custom_mode, vehicle.armed, now, travelled, heard_at=vehicle.heard_at
+        )
+        self._acting.carry_out(decisions, now)
 
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._keeper.save_memory(judged.memory)
         self._conversation.words = judged.memory.preferences
-        self._carry_out(self._calls.assessed(seen, now), now)
+        self._acting.carry_out(self._calls.assessed(seen, now), now)
         if seen.adopted is not None:
             text = texts.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
             self._link.say(text, INFO, now)
             self._keeper.picture(seen, self._calls.state(now), text)
+        if self._keeper.replace_lost_frame(self._calls, seen, now):
+            self._link.say(texts.frame_lost(self._calls.current_id), WARNING, now)
         if seen.dropped:
             self._link.say(texts.out_of_use(", ".join(seen.dropped)), NOTICE, now)
         state = self._calls.state(now)
@@ -176,45 +191,27 @@ class Daemon:
 
     def _take(self, heard: Heard, now: float) -> None:
         """Carry out what an answer led to; its acknowledgement waits until all of it is kept."""
-        self._carry_out(heard.decisions, now)
+        self._acting.carry_out(heard.decisions, now)
         if heard.replies:
             self._replies.append(heard)
 
-    def _watch(self, now: float) -> None:
-        self._liveness.beat("eyes", self._eyes.alive_at)
-        if self._camera.delivered_at is not None:
-            self._liveness.beat("camera", self._camera.delivered_at)
-        reasons = self._calls.sight.reasons(now)
-        faulty = Reason.FAULT in reasons
-        if faulty != self._faulty:
-            self._faulty = faulty
-            if faulty:
-                why = fault_name(self._calls.sight.newest, self._liveness.silent(now))
-                log.error("fault: %s", why)
-                if self._calls.current_id == 0:
-                    self._link.say(texts.fit(f"Companion FAULT: {why}"), ERROR, now)
-            else:
-                log.info("sees again")
-                self._link.say(texts.recovered(), NOTICE, now)
-
     def _speak(self, now: float) -> None:
-        if self._replies:
-            kept = self._keeper.save_calls(self._calls)
-            for reply in (reply for heard in self._replies for reply in heard.replies):
-                self._link.acknowledge(reply.request, reply.acknowledgement, now)
-                self._keeper.answered(reply)
-                log.info(
-                    "answer to %d: %s %s%s",
-                    reply.acknowledgement.target,
-                    reply.acknowledgement.result.name,
-                    reply.acknowledgement.text,
-                    "" if kept else " (not kept)",
-                )
-            self._replies.clear()
+        replies = [reply for heard in self._replies for reply in heard.replies]
+        self._replies.clear()
+        kept = self._keeper.save_calls(self._calls, replies)
+        for reply in replies:
+            acknowledgement = reply.acknowledgement if kept else unremembered(reply.acknowledgement)
+            self._link.acknowledge(reply.request, acknowledgement, now)
+            log.info(
+                "answer to %d: %s %s",
+                acknowledgement.target,
+                acknowledgement.result.name,
+                acknowledgement.text,
+            )
         self._link.set_state(self._calls.state(now), self._calls.current_id)
         place = self.place()
         said = self._announcement.now(
-            self._conversation.words, place, self._keeper.call_picture, self._liveness.silent(now), now
+            self._conversation.words, place, self._keeper.call_picture, self._watch.silent(now), now
         )
         if said is not None:
             self._link.announce(said.data, said.text, now, quiet=said.quiet, severity=said.severity)
@@ -229,70 +226,6 @@ class Daemon:
         position = self._link.vehicle.position if self._link.vehicle is not None else None
         latitude, longitude, heading = position or (None, None, None)
         return Place(latitude, longitude, heading, time.time())
-
-    def _carry_out(self, decisions: Iterable[Decision], now: float) -> None:
-        for decision in decisions:
-            match decision:
-                case SetMode(mode):
-                    self._link.set_mode(mode, now)
-                case CallOpened(call):
-                    state = self._calls.state(now)
-                    self._keeper.call_opened(call, state)
-                    log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))
-                case CallClosed(call):
-                    log.info("call %d closed: %s", call.id, call.outcome.name.lower())
-                    self._keeper.call_closed(call)
-                    data = self._announcement.closed_call(call, self._conversation.words, self.place(), now)
-                    self._link.announce(data, texts.closed(Kind.CALL, call.id, call.outcome), now)
-                case HoldStarted(hold, reasons):
-                    log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
-                case HoldRenamed(old, hold):
-                    log.info("hold %d goes on as call %d", old, hold.id)
-                    self._close_hold(old, Outcome.NONE, now)
-                case HoldMoved():
-                    self._hold_moved(decision, now)
-                case GoLapsed(number):
-                    self._link.say(texts.go_lapsed(self._calls.kind, number), WARNING, now)
-                case WouldHold(reasons):
-                    names = ", ".join(sorted(reason.value for reason in reasons))
-                    log.warning("shadow: would have held for %s", names)
-                    self._link.say(texts.shadow(self._calls.kind, self._calls.current_id), WARNING, now)
-
-    def _hold_moved(self, moved: HoldMoved, now: float) -> None:
-        hold = moved.hold
-        of_call = hold.id in {self._announcement.last_call, self._calls.call and self._calls.call.id}
-        kind = Kind.CALL if of_call else Kind.HOLD
-        log.info("hold %d: %s", hold.id, moved.event.value)
-        newest = self._calls.sight.newest
-        match moved.event:
-            case HoldEvent.CONFIRMED:
-                self._link.say(texts.holding(kind, hold.id), WARNING, now)
-            case HoldEvent.FAILED if moved.resuming:
-                self._link.say(texts.resume_failed(kind, hold.id), ALERT, now)
-            case HoldEvent.FAILED:
-                self._link.say(texts.hold_failed(kind, hold.id), ALERT, now)
-            case HoldEvent.RESUMED:
-                self._link.say(texts.resumed(kind, hold.id, mode_name(hold.mode_before)), NOTICE, now)
-                if hold.mode_before == GUIDED:
-                    self._link.say(texts.send_target_again(), ERROR, now)
-                if newest is not None:
-                    self._keeper.picture(
-                        newest, self._calls.state(now), f"{texts.name(kind, hold.id)} drives on"
-                    )
-            case HoldEvent.TAKEN_OVER:
-                mode = mode_name(self._calls.autopilot.mode or 0)
-                self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
-        ended = {
-            HoldEvent.RESUMED: Outcome.ANSWERED,
-            HoldEvent.TAKEN_OVER: Outcome.TAKEN_OVER,
-            HoldEvent.DROPPED: Outcome.SWITCHED_OFF,
-        }.get(moved.event)
-        if ended is not None and kind is Kind.HOLD:
-            self._close_hold(hold.id, ended, now)
-
-    def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:
-        data = self._announcement.closed_hold(number, outcome, self._conversation.words, self.place(), now)
-        self._link.announce(data, texts.closed(Kind.HOLD, number, outcome), now)
 
 
 def stop_on_signals() -> Callable[[], bool]:

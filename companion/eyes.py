@@ -12,16 +12,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from anytraverse.answers import AnswerOutcome, Changes
-from anytraverse.assessment import Assessment, Observation
+from anytraverse.assessment import Assessment, Observation, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.history import Place
-from anytraverse.judging import Settings
+from anytraverse.judging import Settings, check_age
 from anytraverse.memory import Memory
 
 log = logging.getLogger(__name__)
@@ -29,6 +29,9 @@ log = logging.getLogger(__name__)
 MAX_JOBS = 8
 MAX_RESULTS = 64
 _PATIENCE = 0.05
+_LOGGED_AGAIN = 10.0
+HUNG_AFTER = 2.0
+"""Seconds without a sign of life after which no job is taken: whoever asks must not wait in vain."""
 
 
 class FrameSource(Protocol):
@@ -78,12 +81,13 @@ class Eyes:
         self.place: Callable[[], Place] = Place
         """Asked for what goes with a remembered scene."""
         self._jobs: queue.Queue[Callable[[], Result | None]] = queue.Queue(MAX_JOBS)
-        self._results: deque[Result] = deque(maxlen=MAX_RESULTS)
+        self._results: deque[Result] = deque()
         self._wake_reader, self._wake_writer = os.pipe()
         os.set_blocking(self._wake_reader, False)
         os.set_blocking(self._wake_writer, False)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="eyes", daemon=True)
+        self._logged_at = float("-inf")
         self.alive_at = time.monotonic()
 
     def start(self) -> None:
@@ -106,7 +110,10 @@ class Eyes:
     def answer(
         self, token: object, changes: Changes, *, call: Observation | None, call_id: int, go: bool
     ) -> bool:
-        """Have an answer applied; an `Applied` with `token` follows. False when too many wait."""
+        """Have an answer applied; an `Applied` with `token` follows.
+
+        False when too many wait, or the thread hangs.
+        """
 
         def job() -> Result:
             try:
@@ -124,17 +131,24 @@ class Eyes:
         return self._submit(job)
 
     def look_at(self, token: object, frame: Frame) -> bool:
-        """Judge a stored frame: the one of a call that was open at a restart. False when too many wait."""
+        """Judge a stored frame, the one of a call that was open at a restart; an `Applied` follows.
+
+        False as for `answer`.
+        """
 
         def job() -> Result:
-            observation = self._engine.observe(frame)
-            outcome = self._engine.answer(Changes(), time.monotonic(), call=observation)
+            try:
+                observation = self._engine.observe(frame)
+                outcome = self._engine.answer(Changes(), time.monotonic(), call=observation)
+            except Exception as error:
+                log.exception("a stored frame could not be judged")
+                return Applied(token, None, AnyTraverseError(str(error)), self._engine.memory)
             return Applied(token, outcome, None, self._engine.memory)
 
         return self._submit(job)
 
     def retune(self, settings: Settings) -> bool:
-        """Judge by other settings from the next frame on. False when too many wait."""
+        """Judge by other settings from the next frame on. False as for `answer`."""
 
         def job() -> None:
             self._engine.settings = settings
@@ -144,9 +158,18 @@ class Eyes:
     def stop(self, timeout: float = 2.0) -> None:
         """End the thread; a hung perceiver is left behind."""
         self._stop.set()
-        self._thread.join(timeout)
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        if self._thread.is_alive():
+            log.warning("the eyes hang and are left behind")
+        elif self._wake_reader >= 0:
+            os.close(self._wake_reader)
+            os.close(self._wake_writer)
+            self._wake_reader = self._wake_writer = -1
 
     def _submit(self, job: Callable[[], Result | None]) -> bool:
+        if time.monotonic() - self.alive_at > HUNG_AFTER:
+            return False
         try:
             self._jobs.put_nowait(job)
         except queue.Full:
@@ -155,20 +178,29 @@ class Eyes:
 
     def _publish(self, result: Result) -> None:
         self._results.append(result)
+        if len(self._results) > MAX_RESULTS:
+            self._forget_oldest_frame()
         with contextlib.suppress(BlockingIOError):
             os.write(self._wake_writer, b".")
+
+    def _forget_oldest_frame(self) -> None:
+        """Nobody reads: frames are worth nothing when old, but whoever answered waits for what came of it."""
+        for result in list(self._results):
+            if isinstance(result, Judged):
+                with contextlib.suppress(ValueError):  # read at this moment
+                    self._results.remove(result)
+                return
 
     def _run(self) -> None:
         due = time.monotonic()
         while not self._stop.is_set():
             self.alive_at = time.monotonic()
             self._do_jobs()
-            if self.alive_at < due:
-                self._stop.wait(min(_PATIENCE, due - self.alive_at))
-                continue
             frame = self._camera.take(timeout=_PATIENCE)
-            if frame is not None:
-                due = max(due + self._period, time.monotonic() - self._period)
+            now = time.monotonic()
+            # Judged as it comes or not at all: a frame that waited for its turn would be older than need be.
+            if frame is not None and now >= due - self._period / 2:
+                due = max(due + self._period, now - self._period)
                 self._publish(self._judge(frame))
 
     def _do_jobs(self) -> None:
@@ -179,15 +211,31 @@ class Eyes:
                 return
             try:
                 result = job()
-                if result is not None:
-                    self._publish(result)
             except Exception:
-                log.exception("a stored frame could not be judged")
+                log.exception("a job of the eyes failed")
+                continue
+            if result is not None:
+                self._publish(result)
 
     def _judge(self, frame: Frame) -> Judged:
         try:
             assessment = self._engine.step(frame, time.monotonic(), self.place())
         except Exception:
-            log.exception("frame %d could not be judged", frame.id)
+            self._log_failure(frame)
             assessment = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
-        return Judged(assessment, self._engine.memory, time.monotonic())
+        now = time.monotonic()
+        return Judged(_dated(assessment, now, self._engine.settings.freshness), self._engine.memory, now)
+
+    def _log_failure(self, frame: Frame) -> None:
+        """Once in a while: it may happen with every frame."""
+        now = time.monotonic()
+        if now - self._logged_at >= _LOGGED_AGAIN:
+            self._logged_at = now
+            log.exception("frame %d could not be judged", frame.id)
+
+
+def _dated(seen: Assessment, now: float, freshness: float) -> Assessment:
+    """With its age after judging: what took too long to judge is no fresh view, however young it was."""
+    age = now - seen.frame.captured_at
+    late = () if Reason.FAULT in seen.reasons else check_age(age, freshness)
+    return replace(seen, age=age, findings=(*seen.findings, *late))

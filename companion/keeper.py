@@ -7,7 +7,7 @@ import logging
 import os
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from companion.calls.snapshot import snapshot
 from companion.conversation import Reply
 from companion.eyes import Applied, Eyes
 from companion.journal import Journal, JournalError
+from companion.kept import Kept, kept_reply
 from companion.wire.ids import State
 
 log = logging.getLogger(__name__)
@@ -30,24 +31,36 @@ log = logging.getLogger(__name__)
 _CALL_FRAME = object()
 _LONGEST_NAME = 60
 _RECENT = 1200
+_REPLIES = 16
+_PATIENCE = 0.5
+"""Seconds before what could not be written is tried again."""
 
 
 class Keeper:
-    """Writes what changed, and says once when it cannot; the daemon goes on unremembered."""
+    """Writes what changed; `failing` when it cannot. The daemon goes on unremembered."""
 
-    def __init__(self, journal: Journal, album: Album, status: Path, frame_id: int = 0) -> None:
-        """frame_id: of the last call, over all restarts."""
+    def __init__(
+        self, journal: Journal, album: Album, status: Path, frame_id: int = 0, replies: Sequence[Kept] = ()
+    ) -> None:
+        """frame_id: of the last call, over all restarts. replies: those kept before the restart."""
         self._journal = journal
         self._album = album
         self._status = status
         self._memory: Memory | None = None
         self._calls: dict[str, Any] | None = None
-        self._failing = False
+        self._failed_at: dict[str, float] = {}
         self._frames = 0
         self._frame_id = frame_id
+        self._replies: deque[Kept] = deque(replies, _REPLIES)
+        self._frame_lost = False
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
         self.call_picture = ""
         """Name of the open call's picture, or its path where that is short enough for the wire."""
+
+    @property
+    def failing(self) -> bool:
+        """Whether something that must survive could not be written at the last try."""
+        return bool(self._failed_at)
 
     def save_memory(self, memory: Memory) -> bool:
         """Whether the journal holds `memory`."""
@@ -55,11 +68,18 @@ class Keeper:
             self._memory = memory
         return memory is self._memory
 
-    def save_calls(self, calls: OperatorCalls) -> bool:
-        """Whether the journal holds the open call, the hold and the counter as they are."""
+    def save_calls(self, calls: OperatorCalls, replies: Sequence[Reply] = ()) -> bool:
+        """Whether the journal holds the open call, the hold, the counter and `replies`, all or nothing.
+
+        With its reply in the journal an answer that comes again after a restart is known.
+        """
+        for reply in replies:
+            if not reply.again:
+                self._answered(reply)
         state = snapshot(calls)
         self._frame_id = max(self._frame_id, calls.call.frame_id if calls.call else 0)
         state["frame_id"] = self._frame_id
+        state["replies"] = [kept.saved() for kept in self._replies]
         if state != self._calls and self._write("calls", self._journal.save_supervision, state):
             self._calls = state
         return state == self._calls
@@ -77,20 +97,6 @@ class Keeper:
         self._write("call", self._journal.record_call, call)
         self.call_picture = ""
 
-    def answered(self, reply: Reply) -> None:
-        """Keep what was answered to a call, and what came of it."""
-        request, acknowledgement = reply.request, reply.acknowledgement
-        if acknowledgement.target == 0:
-            return
-        record = {
-            "motion": request.motion.name.lower(),
-            "operations": [str(operation) for operation in request.operations],
-            "sender": list(request.sender),
-            "result": acknowledgement.result.name.lower(),
-            "text": acknowledgement.text,
-        }
-        self._write("answer", partial(self._journal.record_answer, acknowledgement.target), record)
-
     def picture(self, seen: Assessment, state: State, title: str) -> None:
         """A moment for the album."""
         self._album.keep(seen, state, title)
@@ -102,9 +108,12 @@ class Keeper:
 
     def restore_call_frame(self, calls: OperatorCalls, eyes: Eyes) -> None:
         """Have the frame of a call that a restart found open judged again."""
-        image = self._journal.load_frame() if calls.call is not None else None
-        if calls.call is not None and image is not None:
-            eyes.look_at(_CALL_FRAME, Frame(calls.call.frame_id, time.monotonic(), image))
+        if calls.call is None:
+            return
+        image = self._journal.load_frame()
+        self._frame_lost = image is None or not eyes.look_at(
+            _CALL_FRAME, Frame(calls.call.frame_id, time.monotonic(), image)
+        )
 
     @staticmethod
     def is_call_frame(token: object) -> bool:
@@ -112,20 +121,43 @@ class Keeper:
         return token is _CALL_FRAME
 
     def reseen(self, calls: OperatorCalls, applied: Applied, now: float) -> None:
-        """The frame of the restored call has been judged."""
-        call, outcome = calls.call, applied.outcome
-        if call is None or call.seen is not None or outcome is None or outcome.call is None:
-            return
-        call.seen = outcome.call
-        call.scope = Acceptance.of(
-            outcome.call, frozenset(call.reasons), calls.numbers, now, calls.autopilot.travelled
-        )
-        picture = self._album.keep(outcome.call, State.CALLING, f"C{call.id} after a restart")
-        self.call_picture = self._wire_name(picture)
+        """The frame of the restored call has been judged, or could not be."""
+        if applied.outcome is None or applied.outcome.call is None:
+            self._frame_lost = True
+        else:
+            self._show(calls, applied.outcome.call, now)
 
-    def write_status(self, figures: Mapping[str, Any]) -> None:
-        """The status file: figures, frames judged, and when the newest frames were taken and judged."""
-        status = {**figures, "frames": self._frames, "recent": list(self._recent)}
+    def replace_lost_frame(self, calls: OperatorCalls, seen: Assessment, now: float) -> bool:
+        """Whether `seen` took the place of the restored call's frame, because that one is lost."""
+        lost = self._frame_lost and calls.call is not None and calls.call.seen is None
+        if not lost or calls.call is None or seen.observation is None:
+            return False
+        self._frame_lost = False
+        calls.call.frame_id = seen.frame.id
+        self._show(calls, seen, now)
+        self._write("frame", self._journal.save_frame, seen.frame.image)
+        return True
+
+    def _show(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
+        call = calls.call
+        if call is None or call.seen is not None:
+            return
+        call.seen = seen
+        call.scope = Acceptance.of(
+            seen, frozenset(call.reasons), calls.numbers, now, calls.autopilot.travelled
+        )
+        self.call_picture = self._wire_name(
+            self._album.keep(seen, State.CALLING, f"C{call.id} after a restart")
+        )
+
+    def write_status(self, figures: Mapping[str, Any], *, last: bool = False) -> None:
+        """The status file: figures and frames judged.
+
+        last: with when the newest frames were taken and judged; that list is long, and memory cards wear out.
+        """
+        status = {**figures, "frames": self._frames}
+        if last:
+            status["recent"] = list(self._recent)
         torn = self._status.with_suffix(".part")
         try:
             torn.write_text(json.dumps(status), encoding="utf-8")
@@ -137,13 +169,33 @@ class Keeper:
         path = str(self._album.path(name))
         return path if name and len(path.encode()) <= _LONGEST_NAME else name
 
-    def _write(self, what: str, write: Any, value: Any) -> bool:
+    def _answered(self, reply: Reply) -> None:
+        request, acknowledgement = reply.request, reply.acknowledgement
+        kept = kept_reply(request, acknowledgement)
+        if kept is not None:
+            self._replies.append(kept)
+        if acknowledgement.target == 0:
+            return
+        record = {
+            "motion": request.motion.name.lower(),
+            "operations": [str(operation) for operation in request.operations],
+            "sender": list(request.sender),
+            "result": acknowledgement.result.name.lower(),
+            "text": acknowledgement.text,
+        }
+        self._write("answer", partial(self._journal.record_answer, acknowledgement.target), record)
+
+    def _write(self, what: str, write: Callable[[Any], None], value: Any) -> bool:
+        now = time.monotonic()
+        failed_at = self._failed_at.get(what)
+        if failed_at is not None and now - failed_at < _PATIENCE:
+            return False
         try:
             write(value)
         except JournalError as error:
-            if not self._failing:
+            if failed_at is None:
                 log.error("%s not kept: %s", what, error)
-            self._failing = True
+            self._failed_at[what] = now
             return False
-        self._failing = False
+        self._failed_at.pop(what, None)
         return True

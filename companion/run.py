@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from anytraverse.engine import AnyTraverse
-from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Memory, first_memory, resumed_memory
 from anytraverse.perception import Perceiver, make_perceiver
@@ -30,17 +27,18 @@ from companion.daemon import Daemon, stop_on_signals
 from companion.eyes import Eyes
 from companion.journal import Journal
 from companion.keeper import Keeper
+from companion.kept import saved_replies
 from companion.link.link import Link
+from companion.loading import load_perceiver
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.tasks import Liveness, tasks
-from companion.wire import parameters
+from companion.wire import parameters, texts
 from companion.wire.ids import Policy, State
 
 log = logging.getLogger(__name__)
 
-_WARM_UP = np.zeros((240, 320, 3), dtype=np.uint8)
-_LOAD_TICK = 0.05
 _STATUS_PERIOD = 1.0
+_U32 = 0xFFFFFFFF
 
 
 def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
@@ -91,50 +89,52 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
     Raises AnyTraverseError, LinkError, ParameterError, JournalError for what a person must mend first.
     """
     stop = stop or stop_on_signals()
+    with ExitStack() as closing:
+        return _main(config, stop, closing)
+
+
+def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     words = config.preferences
     vocabulary = tuple(dict.fromkeys((*words, *config.vocabulary)))
     listed = parameters.build(vocabulary, words, {}, aliases=config.aliases)
     journal = Journal(config.journal.path)
+    closing.callback(journal.close)
     supervision = journal.load_supervision() or {}
     link = Link(config.link.settings(), listed, time.monotonic())
-    link.set_state(State.STARTING, _open_id(supervision))
-    perceiver = _load(config.perceiver.name, link, stop)
+    closing.callback(link.close)
+    link.set_state(State.STARTING, open_id(supervision))
+    perceiver = load_perceiver(partial(make_perceiver, config.perceiver.name), link, stop)
     if perceiver is None:
         return 0
     judging = judging_settings(config, perceiver)
     memory, notices = _remembered(journal, config, perceiver)
-    last_frame = int(supervision.get("frame_id", 0))
-    folder = config.journal.path
-    album = Album(folder / "pictures", config.pictures.keep, judging.region)
-    keeper = Keeper(journal, album, folder / "status.json", last_frame)
     engine = AnyTraverse(perceiver, judging, memory)
-    source, playback = config.camera.source, Playback(config.camera.playback, config.camera.loop)
-    camera = CameraThread(partial(open_camera, source, playback), first_id=last_frame + 1)
     now = time.monotonic()
     numbers = call_numbers(config, judging)
     calls = OperatorCalls(numbers, now)
     if supervision:
         _restore(calls, supervision, now, notices)
+    last_frame = _whole(supervision.get("frame_id"))
+    replies = saved_replies(supervision.get("replies"))
+    folder = config.journal.path
+    album = Album(folder / "pictures", config.pictures.keep, judging.region)
+    keeper = Keeper(journal, album, folder / "status.json", last_frame, replies)
+    source, playback = config.camera.source, Playback(config.camera.playback, config.camera.loop)
+    camera = CameraThread(partial(open_camera, source, playback), first_id=last_frame + 1)
+    closing.callback(camera.close)
     eyes = Eyes(engine, camera, 1.0 / config.camera.rate)
-    conversation = Conversation(calls, eyes, memory.preferences)
+    closing.callback(eyes.stop)
+    conversation = Conversation(calls, eyes, memory.preferences, replies)
     desk = SettingsDesk(listed, link, eyes, calls, conversation)
     for name, value in setting_values(judging.thresholds, numbers.policy).items():
         link.set_parameter(name, value, now)
-    daemon = Daemon(
-        link,
-        camera,
-        eyes,
-        calls,
-        keeper,
-        conversation,
-        desk,
-        Liveness(tasks(numbers), now),
-        round(config.camera.view),
-    )
+    liveness = Liveness(tasks(numbers), now)
+    view = round(config.camera.view)
+    daemon = Daemon(link, camera, eyes, calls, keeper, conversation, desk, liveness, view)
     eyes.place = daemon.place
     for notice in notices:
         log.warning("%s", notice)
-        link.say(notice[:50], 4, now)
+        link.say(texts.fit(notice), 4, now)
     log.info(
         "ready: %s, camera %s, link %s, policy %s",
         perceiver.model_id,
@@ -144,13 +144,7 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
     )
     eyes.start()
     keeper.restore_call_frame(calls, eyes)
-    try:
-        _run(daemon, keeper, stop)
-    finally:
-        eyes.stop()
-        camera.close()
-        journal.close()
-        link.close()
+    _run(daemon, keeper, stop)
     return 0
 
 
@@ -174,52 +168,34 @@ def _remembered(journal: Journal, config: Config, perceiver: Perceiver) -> tuple
 
 def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
     status_at = float("-inf")
-    while not stop():
-        daemon.turn()
-        if time.monotonic() - status_at >= _STATUS_PERIOD:
-            status_at = time.monotonic()
-            keeper.write_status(daemon.status())
-    keeper.write_status(daemon.status())
+    try:
+        while not stop():
+            daemon.turn()
+            if time.monotonic() - status_at >= _STATUS_PERIOD:
+                status_at = time.monotonic()
+                keeper.write_status(daemon.status())
+    except Exception:
+        log.critical("the supervision failed: the companion stops")
+        daemon.farewell()
+        raise
+    keeper.write_status(daemon.status(), last=True)
 
 
-def _open_id(saved: dict[str, Any]) -> int:
+def open_id(saved: Mapping[str, Any]) -> int:
     """The call or hold that was open: told from the first heartbeat on, so that nobody thinks it closed."""
-    open_one = saved.get("call") or saved.get("hold") or {}
-    return int(open_one.get("id", 0))
+    open_one = saved.get("call") or saved.get("hold")
+    return _whole(open_one.get("id")) if isinstance(open_one, dict) else 0
 
 
-def _restore(calls: OperatorCalls, saved: dict[str, Any], now: float, notices: list[str]) -> None:
-    calls.last_id = int(saved.get("last_id", 0))
+def _whole(value: Any) -> int:
+    return value if isinstance(value, int) and 0 <= value <= _U32 else 0
+
+
+def _restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float, notices: list[str]) -> None:
+    calls.last_id = _whole(saved.get("last_id")) & 0xFFFF
     try:
         restore(calls, saved, now)
     except (KeyError, TypeError, ValueError) as error:
         notices.append(f"open call not restored: {error!r}")
     if calls.current_id:
         log.warning("restarted with %s %d open", calls.kind.name.lower(), calls.current_id)
-
-
-def _load(name: str, link: Link, stop: Callable[[], bool]) -> Perceiver | None:
-    """The perceiver, made and warmed up in a thread while the link tells that we are starting."""
-    loaded: list[Perceiver] = []
-    failed: list[BaseException] = []
-
-    def load() -> None:
-        try:
-            perceiver = make_perceiver(name)
-            perceiver.embed(perceiver.encode(_WARM_UP))
-            loaded.append(perceiver)
-        except Exception as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=load, name="loading", daemon=True)
-    thread.start()
-    while thread.is_alive() and not stop():
-        now = time.monotonic()
-        link.poll(now)
-        link.tick(now)
-        thread.join(_LOAD_TICK)
-    if failed:
-        if isinstance(failed[0], AnyTraverseError):
-            raise failed[0]
-        raise AnyTraverseError(f'perceiver "{name}" failed to load: {failed[0]!r}') from failed[0]
-    return loaded[0] if loaded else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from anytraverse.errors import SettingsError
 from anytraverse.judging import Thresholds
 from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
@@ -66,7 +67,7 @@ class SettingsDesk:
         if word is not None:
             if not self._conversation.set_weight(request, word):
                 self._echo(request.name, self._told[request.name], now)
-                self._link.say(texts.refused("too many answers wait"), _WARNING, now)
+                self._link.say(texts.refused("the eyes are busy, set it again"), _WARNING, now)
             return Heard()
         if request.name == POLICY:
             policy = Policy(int(request.value))
@@ -74,14 +75,25 @@ class SettingsDesk:
             self._link.say(texts.policy(policy), _WARNING, now)
             self._echo(request.name, request.value, now)
             return Heard(decisions=decisions)
-        judging = self._calls.numbers.judging
-        judging = replace(judging, thresholds=_changed(judging.thresholds, request))
-        if self._eyes.retune(judging):
-            self._calls.retune(judging)
-            self._echo(request.name, request.value, now)
-        else:
-            self._echo(request.name, self._told[request.name], now)
+        self._set_threshold(request, now)
         return Heard()
+
+    def _set_threshold(self, request: ParameterRequest, now: float) -> None:
+        judging = self._calls.numbers.judging
+        value, refusal = self._told[request.name], ""
+        try:
+            judging = replace(judging, thresholds=_changed(judging.thresholds, request))
+        except SettingsError as error:
+            refusal = str(error)
+        else:
+            if self._eyes.retune(judging):
+                self._calls.retune(judging)
+                value = request.value
+            else:
+                refusal = "the eyes are busy, set it again"
+        self._echo(request.name, value, now)
+        if refusal:
+            self._link.say(texts.refused(refusal), _WARNING, now)
 
     def answered(self, request: ParameterRequest, words: Preferences, now: float) -> None:
         """The eyes have applied a weight, or refused it: the echo says which."""

@@ -137,7 +137,7 @@ def call_data(
 
 
 def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
-    """What a person reads of the open call or hold, "" without one. silent: tasks without a sign of life."""
+    """What a person reads of the open call or hold, "" without one. silent: as of `fault_name`."""
     number, kind, stage = calls.current_id, calls.kind, calls.stage()
     reasons = calls.sight.reasons(now)
     newest = calls.sight.newest
@@ -161,9 +161,9 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
 
 
 def fault_name(newest: Assessment | None, silent: list[str]) -> str:
-    """The fault in a few words: a silent task, or what the newest frame suffers from."""
+    """The fault in a few words: the first of `silent`, or what the newest frame suffers from."""
     if silent:
-        return f"{silent[0]} silent"
+        return silent[0]
     finding = newest.finding(Reason.FAULT) if newest is not None else None
     return finding.figure if finding is not None else "no fresh frame"
 

@@ -163,6 +163,41 @@ def known_place(call: int) -> str:
     return fit(f"Known place again: words of C{call}" if call else "Known place again: first words")
 
 
+def dropped(kind: Kind, number: int) -> str:
+    """The companion may not command any more: the vehicle stays as it is."""
+    return fit(f"{name(kind, number)} let go: drive on by hand")
+
+
+def mishap() -> str:
+    """An error that nobody foresaw; the companion goes on."""
+    return "Companion error: see its log"
+
+
+def dying() -> str:
+    """An error that the companion cannot survive: severity ALERT."""
+    return "Companion STOPS, internal error: WATCH THE TRAIL"
+
+
+def journal_fails() -> str:
+    """Answers are taken, but a restart forgets them."""
+    return "Journal cannot be written, disk? Not remembered"
+
+
+def journal_works() -> str:
+    """The journal could be written again."""
+    return "Journal is written again"
+
+
+def unremembered(what: str) -> str:
+    """What an acknowledgement says, when a restart would forget it."""
+    return f"not remembered (disk?): {what}"
+
+
+def frame_lost(call: int) -> str:
+    """After a restart the call's picture is not there: the newest one takes its place."""
+    return fit(f"C{call} picture lost: it shows the newest now")
+
+
 def go_lapsed(kind: Kind, number: int) -> str:
     """A go waited too long for a clear view."""
     return fit(f"{name(kind, number)} go is too old: send it again")

@@ -1,0 +1,124 @@
+"""Carries out what the state machine decided: modes, announcements, texts, journal and pictures."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+
+from anytraverse.history import Place
+from anytraverse.preferences import Preferences
+from companion.announcement import Announcement
+from companion.calls.decisions import (
+    CallClosed,
+    CallOpened,
+    Decision,
+    GoLapsed,
+    HoldMoved,
+    HoldRenamed,
+    HoldStarted,
+    SetMode,
+    WouldHold,
+)
+from companion.calls.hold import HoldEvent
+from companion.calls.machine import OperatorCalls
+from companion.keeper import Keeper
+from companion.link.autopilot import GUIDED, mode_name
+from companion.link.link import Link
+from companion.mishaps import Mishaps
+from companion.wire import texts
+from companion.wire.ids import Kind, Outcome
+
+log = logging.getLogger(__name__)
+
+ALERT, ERROR, WARNING, NOTICE = 1, 3, 4, 5
+_ENDS = {
+    HoldEvent.RESUMED: Outcome.ANSWERED,
+    HoldEvent.TAKEN_OVER: Outcome.TAKEN_OVER,
+    HoldEvent.DROPPED: Outcome.SWITCHED_OFF,
+}
+
+
+class Acting:
+    """Each decision for itself: a picture that fails keeps no hold from being commanded."""
+
+    def __init__(
+        self,
+        link: Link,
+        calls: OperatorCalls,
+        keeper: Keeper,
+        announcement: Announcement,
+        mishaps: Mishaps,
+        words: Callable[[], Preferences],
+        place: Callable[[], Place],
+    ) -> None:
+        self._link = link
+        self._calls = calls
+        self._keeper = keeper
+        self._announcement = announcement
+        self._mishaps = mishaps
+        self._words = words
+        self._place = place
+
+    def carry_out(self, decisions: Iterable[Decision], now: float) -> None:
+        """Do all of them, in order."""
+        for decision in decisions:
+            with self._mishaps.survived(type(decision).__name__, now):
+                self._do(decision, now)
+
+    def _do(self, decision: Decision, now: float) -> None:
+        match decision:
+            case SetMode(mode):
+                self._link.set_mode(mode, now)
+            case CallOpened(call):
+                log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))
+                self._announcement.last_call = call.id
+                self._keeper.call_opened(call, self._calls.state(now))
+            case CallClosed(call):
+                log.info("call %d closed: %s", call.id, call.outcome.name.lower())
+                data = self._announcement.closed_call(call, self._words(), self._place(), now)
+                self._link.announce(data, texts.closed(Kind.CALL, call.id, call.outcome), now)
+                self._keeper.call_closed(call)
+            case HoldStarted(hold, reasons):
+                log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
+            case HoldRenamed(old, hold):
+                log.info("hold %d goes on as call %d", old, hold.id)
+                self._close_hold(old, Outcome.NONE, now)
+            case HoldMoved():
+                self._hold_moved(decision, now)
+            case GoLapsed(number):
+                self._link.say(texts.go_lapsed(self._calls.kind, number), WARNING, now)
+            case WouldHold(reasons):
+                log.warning("shadow: would have held for %s", ", ".join(sorted(r.value for r in reasons)))
+                self._link.say(texts.shadow(self._calls.kind, self._calls.current_id), WARNING, now)
+
+    def _hold_moved(self, moved: HoldMoved, now: float) -> None:
+        hold = moved.hold
+        kind = Kind.CALL if hold.id == self._announcement.last_call else Kind.HOLD
+        log.info("hold %d: %s", hold.id, moved.event.value)
+        ended = _ENDS.get(moved.event)
+        if ended is not None and kind is Kind.HOLD:
+            self._close_hold(hold.id, ended, now)
+        match moved.event:
+            case HoldEvent.CONFIRMED:
+                self._link.say(texts.holding(kind, hold.id), WARNING, now)
+            case HoldEvent.FAILED if moved.resuming:
+                self._link.say(texts.resume_failed(kind, hold.id), ALERT, now)
+            case HoldEvent.FAILED:
+                self._link.say(texts.hold_failed(kind, hold.id), ALERT, now)
+            case HoldEvent.RESUMED:
+                self._link.say(texts.resumed(kind, hold.id, mode_name(hold.mode_before)), NOTICE, now)
+                if hold.mode_before == GUIDED:
+                    self._link.say(texts.send_target_again(), ERROR, now)
+                newest = self._calls.sight.newest
+                if newest is not None:
+                    title = f"{texts.name(kind, hold.id)} drives on"
+                    self._keeper.picture(newest, self._calls.state(now), title)
+            case HoldEvent.TAKEN_OVER:
+                mode = mode_name(self._calls.autopilot.mode or 0)
+                self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
+            case HoldEvent.DROPPED:
+                self._link.say(texts.dropped(kind, hold.id), WARNING, now)
+
+    def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:
+        data = self._announcement.closed_hold(number, outcome, self._words(), self._place(), now)
+        self._link.announce(data, texts.closed(Kind.HOLD, number, outcome), now)

@@ -1,0 +1,80 @@
+"""Tells when the companion cannot see, cannot remember or cannot speak, and when it can again."""
+
+from __future__ import annotations
+
+import logging
+
+from anytraverse.assessment import Reason
+from companion.calls.machine import OperatorCalls
+from companion.cameras.newest import CameraState, CameraThread
+from companion.eyes import Eyes
+from companion.keeper import Keeper
+from companion.link.link import Link
+from companion.tasks import Liveness
+from companion.telling import fault_name
+from companion.wire import texts
+
+log = logging.getLogger(__name__)
+
+ERROR, WARNING, NOTICE = 3, 4, 5
+RECOVERED_AFTER = 2.0
+"""Seconds without a fault until it counts as over: one that comes and goes is said once."""
+
+
+class Watch:
+    """Says what changed, once."""
+
+    def __init__(
+        self,
+        liveness: Liveness,
+        link: Link,
+        camera: CameraThread,
+        eyes: Eyes,
+        calls: OperatorCalls,
+        keeper: Keeper,
+    ) -> None:
+        self._liveness = liveness
+        self._link = link
+        self._camera = camera
+        self._eyes = eyes
+        self._calls = calls
+        self._keeper = keeper
+        self._faulty_at: float | None = None
+        self._link_trouble: str | None = None
+        self._unremembered = False
+
+    def silent(self, now: float) -> list[str]:
+        """What gives no sign of life, in two or three words each, the most basic first."""
+        state = self._camera.state
+        names = {CameraState.ENDED: "camera ended", CameraState.FAILED: "camera failed"}
+        return [
+            names.get(state, "camera silent") if task == "camera" else f"{task} silent"
+            for task in self._liveness.silent(now)
+        ]
+
+    def look(self, now: float) -> None:
+        """Take in the signs of life and tell what changed."""
+        self._liveness.beat("eyes", self._eyes.alive_at)
+        if self._camera.delivered_at is not None:
+            self._liveness.beat("camera", self._camera.delivered_at)
+        self._look_at_faults(now)
+        if self._link.trouble != self._link_trouble:
+            self._link_trouble = self._link.trouble
+            log.warning("%s", self._link_trouble or "link is back")
+        if self._keeper.failing != self._unremembered:
+            self._unremembered = self._keeper.failing
+            text = texts.journal_fails() if self._unremembered else texts.journal_works()
+            self._link.say(text, WARNING, now)
+
+    def _look_at_faults(self, now: float) -> None:
+        if Reason.FAULT in self._calls.sight.reasons(now):
+            if self._faulty_at is None:
+                why = fault_name(self._calls.sight.newest, self.silent(now))
+                log.error("fault: %s %s", why, self._camera.status.reason)
+                if self._calls.current_id == 0:
+                    self._link.say(texts.fit(f"Companion FAULT: {why}"), ERROR, now)
+            self._faulty_at = now
+        elif self._faulty_at is not None and now - self._faulty_at >= RECOVERED_AFTER:
+            self._faulty_at = None
+            log.info("sees again")
+            self._link.say(texts.recovered(), NOTICE, now)

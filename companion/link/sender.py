@@ -17,6 +17,8 @@ from companion.wire.messages import MESSAGES, Bucket
 MAX_WAITING = 64
 LIFETIME = 5.0
 _REMEMBERED = 64
+_REFUSED = 0.02
+"""s until a device that took nothing is tried again: without it whoever asks `wait` would spin."""
 
 
 @dataclass(order=True)
@@ -104,6 +106,7 @@ class Sender:
         while now >= self._next_at and (frame := self._first(now)) is not None:
             packed = frame.message.pack(self._mav)
             if not self._connection.write(packed, now):
+                self._next_at = now + max(self._pace, _REFUSED)
                 return
             self._queue.remove(frame)
             if frame.bucket is not None:

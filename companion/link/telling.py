@@ -17,6 +17,8 @@ from companion.wire.payloads import Summary
 
 _STATE_GAP = 0.25
 _NUMBER_LIFETIME = 5.0
+_PATIENCE = 0.3
+"""s to wait for a newer summary when one is due."""
 _TOLERANCE = 1e-6
 _CALL_RESERVE = MESSAGES["call text"].bytes + MESSAGES["call data"].bytes
 _SUMMARY_RESERVE = _CALL_RESERVE + MESSAGES["summary"].bytes
@@ -71,14 +73,22 @@ class Telling:
         if silent >= (_STATE_GAP if self._heartbeat_now else _period("heartbeat")):
             self._heartbeat_at, self._heartbeat_now = now, False
             self._outbox.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
-        period = SUMMARY_PERIOD_WHILE_CALLING if calling else _period("summary")
-        if self._summary is not None and now - self._summary_at + _TOLERANCE >= period:
-            self._tell_summary(*self._summary, now)
+        self._summary_tick(now, SUMMARY_PERIOD_WHILE_CALLING if calling else _period("summary"))
         if not calling and now - self._numbers_at < _NUMBER_LIFETIME:
             self._tell_numbers(now)
 
+    def _summary_tick(self, now: float, period: float) -> None:
+        """The first that comes once one is due; an older one only where no new one comes soon."""
+        due = self._summary_at + period - _TOLERANCE
+        if self._summary is None or now < due:
+            return
+        _, given_at = self._summary
+        if given_at >= due or now >= due + _PATIENCE:
+            self._tell_summary(*self._summary, now)
+            self._summary_at = due if now - due <= _PATIENCE else now
+
     def _tell_summary(self, summary: Summary, given_at: float, now: float) -> None:
-        self._summary, self._summary_at = None, now
+        self._summary = None
         if not self._outbox.has_room("summary", now, reserve=_CALL_RESERVE):
             self.dropped += 1
             return

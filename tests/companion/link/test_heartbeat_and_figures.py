@@ -109,7 +109,30 @@ def test_a_summary_that_waited_tells_its_true_age() -> None:
     stage.run(1)
     ages = [Summary.unpack(payload).frame_age_ms for payload in stage.tunnels(TUNNEL_SUMMARY)]
     assert ages[0] == 50
-    assert 500 < ages[1] < 600
+    assert 800 < ages[1] < 900, "a newer one was waited for"
+
+
+def test_a_due_summary_is_the_one_that_comes_then_not_one_that_waited() -> None:
+    stage = Rehearsal()
+    for _ in range(110):
+        stage.link.summary(SUMMARY, stage.now)
+        stage.run(0.09)
+    told = [Summary.unpack(payload) for payload in stage.tunnels(TUNNEL_SUMMARY)]
+    assert {summary.frame_age_ms for summary in told} == {50}
+    assert len(told) == 10, "and the rate stays: one a second"
+
+
+def test_a_device_that_takes_nothing_is_not_asked_without_a_pause() -> None:
+    stage = Rehearsal()
+    stage.run(1)
+    stage.near.full = True
+    stage.run(1.5)
+    stage.link.tick(stage.now)
+    assert stage.link.wait(stage.now) > 0.0
+    stage.near.full = False
+    before = len(stage.frames)
+    stage.run(2)
+    assert len(stage.frames) > before
 
 
 def test_each_number_leaves_every_two_seconds_and_they_take_turns() -> None:

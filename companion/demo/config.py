@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 _TEXT = """\
 # Written by `companion demo`. config/companion.toml explains every setting.
 [camera]
-source = "{camera}"
+source = {camera}
 rate = 10
 
 [vehicle]
 file = ""
 
 [link]
-url = "{link}"
+url = {link}
 
 [journal]
-folder = "{state}"
+folder = {state}
 
 [pictures]
 keep = 200
 
 [call]
-policy = "{policy}"
+policy = {policy}
 
 # At 2.5 m/s the rover needs 3 m to stop: its ROI reaches 8 m ahead.
 [roi]
@@ -48,6 +49,8 @@ top = 0.12
 def write_config(out: Path, *, camera: str, link: str, policy: str) -> Path:
     """companion.toml in `out`, with the state beside it."""
     path = out / "companion.toml"
-    text = _TEXT.format(camera=camera, link=link, policy=policy, state=out / "state")
+    values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
+    # What JSON makes of a string is a TOML string too, whatever is in a path.
+    text = _TEXT.format(**{name: json.dumps(value) for name, value in values.items()})
     path.write_text(text, encoding="utf-8")
     return path

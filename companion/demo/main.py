@@ -19,7 +19,7 @@ from companion.field.control import FieldControl, FieldError
 
 def main(options: argparse.Namespace) -> int:
     """Run the demo; the exit code is 0 only if all that it should show was shown."""
-    out = Path(options.out) if options.out else Path(tempfile.mkdtemp(prefix="atd-"))
+    out = Path(options.out).absolute() if options.out else Path(tempfile.mkdtemp(prefix="atd-"))
     for old in ("state", "contact-sheet.png"):
         path = out / old
         shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
@@ -56,22 +56,26 @@ def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
     """Start field, daemon and operator. Raises ChildError."""
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
-    field = Child("field", ["companion.field", "--seed", str(seed), "--speed", "2.5"], logs / "field.log")
+    started: list[Child] = []
+
+    def start(name: str, arguments: list[str], *, interactive: bool = False) -> Child:
+        child = Child(name, arguments, logs / f"{name}.log", interactive=interactive)
+        started.append(child)
+        return child
+
     try:
+        field = start("field", ["companion.field", "--seed", str(seed), "--speed", "2.5"])
         ports = json.loads(field.first_line(20.0))
         config = write_config(out, camera=f"field:{ports['frames']}", link=ports["companion"], policy="hold")
-        daemon = Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
+        daemon = start("daemon", ["companion", "run", "--config", str(config)])
         events = ["--events"] if auto else []
-        operator = Child(
-            "operator",
-            ["gcs_plugin.terminal", "--connect", ports["gcs"], *events],
-            logs / "operator.log",
-            interactive=not auto,
-        )
+        arguments = ["gcs_plugin.terminal", "--connect", ports["gcs"], *events]
+        operator = start("operator", arguments, interactive=not auto)
         host, _, port = ports["control"].rpartition(":")
         return Stage(out, field, daemon, operator, FieldControl(host, int(port)))
     except BaseException:
-        field.stop()
+        for child in reversed(started):
+            child.stop()
         raise
 
 

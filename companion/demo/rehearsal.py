@@ -24,22 +24,22 @@ def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
     port = _free_port()
-    operator = Child(
-        "operator",
-        ["gcs_plugin.terminal", "--connect", f"udpin:127.0.0.1:{port}", *(["--events"] if auto else [])],
-        logs / "operator.log",
-        interactive=not auto,
-    )
-    config = write_config(out, camera=camera, link=f"udpout:127.0.0.1:{port}", policy="shadow")
-    daemon = Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
     story.plain(
         f"No rover: {camera} is judged as if one drove by it. `shadow` says where it would have held."
     )
+    arguments = ["gcs_plugin.terminal", "--connect", f"udpin:127.0.0.1:{port}"]
+    if auto:
+        arguments.append("--events")
+    operator = Child("operator", arguments, logs / "operator.log", interactive=not auto)
     try:
-        figures = _follow(daemon, operator, out, story, auto=auto)
+        config = write_config(out, camera=camera, link=f"udpout:127.0.0.1:{port}", policy="shadow")
+        daemon = Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
+        try:
+            figures = _Rehearsal(daemon, operator, out, story).follow(auto=auto)
+        finally:
+            daemon.stop()
     finally:
         operator.stop()
-        daemon.stop()
     sheet = write_sheet(out)
     if sheet is not None:
         story.plain(f"Contact sheet of the key frames: {sheet}")
@@ -47,40 +47,74 @@ def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     return 0 if figures["frames"] else 1
 
 
-def _follow(daemon: Child, operator: Child, out: Path, story: Story, *, auto: bool) -> dict[str, Any]:
-    started = time.monotonic()
-    calls: dict[int, float] = {}
-    counts = {"calls": 0, "would_hold": 0}
-    status: dict[str, Any] = {}
-    while time.monotonic() - started < LIMIT and (auto or operator.running):
-        time.sleep(STEP)
+class _Rehearsal:
+    """Follows daemon and operator, and says go to every call."""
+
+    def __init__(self, daemon: Child, operator: Child, out: Path, story: Story) -> None:
+        self._daemon = daemon
+        self._operator = operator
+        self._status_file = out / "state" / "status.json"
+        self._story = story
+        self._status: dict[str, Any] = {}
+        self._asked_at: dict[int, float] = {}
+        self._calls = self._would_hold = 0
+        self._started = time.monotonic()
+
+    def follow(self, *, auto: bool) -> dict[str, Any]:
+        """Until the camera has ended or the operator quits; the figures. Raises ChildError."""
+        while self._seconds < LIMIT and (auto or self._operator.running):
+            time.sleep(STEP)
+            for child in (self._daemon, *([self._operator] if auto else [])):
+                if not child.running:
+                    raise ChildError(f"the {child.name} ended: see {child.log}")
+            self._read_status()
+            for _, line in self._operator.lines():
+                with contextlib.suppress(ValueError):
+                    self._hear(json.loads(line))
+            self._answer()
+            if self._over():
+                break
+        return {
+            "frames": self._status.get("frames", 0),
+            "calls": self._calls,
+            "would_hold": self._would_hold,
+            "seconds": round(self._seconds, 1),
+        }
+
+    @property
+    def _seconds(self) -> float:
+        return time.monotonic() - self._started
+
+    def _read_status(self) -> None:
         with contextlib.suppress(OSError, ValueError):
-            status = json.loads((out / "state" / "status.json").read_text(encoding="utf-8"))
-        if not daemon.running:
-            raise ChildError(f"the daemon ended: see {daemon.log}")
-        camera = status.get("camera", {})
-        story.where = f"frame {status.get('frames', 0)}"
-        for at, line in operator.lines():
-            event = json.loads(line)
-            story.event(event, at - started)
-            if event["event"] == "call":
-                calls[event["id"]] = at
-                counts["calls"] += 1
-            elif event["event"] == "closed":
-                calls.pop(event["id"], None)
-            elif event["event"] == "text" and "would have held" in event["text"]:
-                counts["would_hold"] += 1
-                story.tell(at - started, f"the rover would have been held: {event['text']}")
-        for call, since in list(calls.items()):
-            if time.monotonic() - since > THINK:
-                calls[call] = time.monotonic()
-                story.tell(time.monotonic() - started, f"operator types: {call} go")
-                operator.type(f"{call} go")
-        if camera.get("state") == "ended":
-            break
+            self._status = json.loads(self._status_file.read_text(encoding="utf-8"))
+        self._story.where = f"frame {self._status.get('frames', 0)}"
+
+    def _hear(self, event: dict[str, Any]) -> None:
+        self._story.event(event, self._seconds)
+        name = event.get("event")
+        if name == "call":
+            self._asked_at[event["id"]] = time.monotonic()
+            self._calls += 1
+        elif name == "closed":
+            self._asked_at.pop(event["id"], None)
+        elif name == "text" and "would have held" in event["text"]:
+            self._would_hold += 1
+            self._story.tell(self._seconds, f"the rover would have been held: {event['text']}")
+
+    def _answer(self) -> None:
+        now = time.monotonic()
+        for call, since in self._asked_at.items():
+            if now - since > THINK:
+                self._asked_at[call] = now
+                self._story.tell(self._seconds, f"operator types: {call} go")
+                self._operator.type(f"{call} go")
+
+    def _over(self) -> bool:
+        camera = self._status.get("camera", {})
         if camera.get("state") == "failed" and not camera.get("read"):
-            raise ChildError(f"no frame came: {camera.get('reason')}; see {daemon.log}")
-    return {"frames": status.get("frames", 0), **counts, "seconds": round(time.monotonic() - started, 1)}
+            raise ChildError(f"no frame came: {camera.get('reason')}; see {self._daemon.log}")
+        return bool(camera.get("state") == "ended")
 
 
 def _free_port() -> int:

@@ -52,9 +52,9 @@ VIEWS = [
     View(turned=60.0, pending=True),
 ]
 WORDS: list[dict[str, float] | None] = [None, None, {"drum": 1.0}, {"drum": -1.0}, {"puddle": 1.0}]
-MODES = st.sampled_from([AUTO, AUTO, GUIDED, HOLD, MANUAL, RTL, LOITER])
+MODES = st.sampled_from([*[AUTO] * 5, GUIDED, HOLD, MANUAL, RTL, LOITER])
 DRIVING = (AUTO, GUIDED)
-PAUSES = st.sampled_from([0.02, 0.3, 1.1, 4.0, 6.0, 21.0, 61.0])
+PAUSES = st.sampled_from([0.02, 0.02, 0.3, 0.3, 0.6, 1.1, 4.0, 6.0, 21.0, 61.0])
 SILENCE, T, N = 5.0, 1.0, 5
 
 
@@ -74,10 +74,11 @@ class Calls(RuleBasedStateMachine):
         self.highest = 0
         self.closed: list[int] = []
 
-    @initialize(policy=st.sampled_from([*Policy, Policy.HOLD, Policy.HOLD]), ends=st.booleans())
+    @initialize(policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]), ends=st.booleans())
     def begin(self, policy: Policy, ends: bool) -> None:
         self.scene = Scene(policy, fault_ends_hold=ends)
         self.bad_at = self.good_at = self.excused_at = self.scene.now
+        self._hear(AUTO, True)  # noqa: FBT003
 
     @property
     def now(self) -> float:
@@ -103,10 +104,27 @@ class Calls(RuleBasedStateMachine):
             self._books(good=None)
             self._check(self.scene.calls.tick(self.now))
 
-    @rule(mode=MODES, armed=st.sampled_from([True, True, True, False]))
+    @rule(mode=MODES, armed=st.sampled_from([*[True] * 9, False]))
     def heartbeat(self, mode: int, armed: bool) -> None:
         """Any mode at any moment: a human's, or the autopilot's own."""
         self._hear(mode, armed)
+
+    @rule()
+    def another_second(self) -> None:
+        """The heartbeat tells the same mode once more."""
+        self._hear(self.mode, self.armed)
+
+    @precondition(lambda self: self.scene.calls.hold is not None)
+    @rule(view=st.sampled_from([CLEAR, CLEAR, DRUM]), words=st.sampled_from(WORDS), count=st.integers(3, 7))
+    def all_goes_well(self, view: View, words: Mapping[str, float] | None, count: int) -> None:
+        """The autopilot holds, the operator says go, frames come, and the autopilot follows."""
+        self.obedience()
+        self._frame(view)
+        self.answer(Motion.GO, words, 1)
+        for _ in range(count):
+            self._frame(view)
+        if self.scene.calls.hold is not None:
+            self.obedience()
 
     @precondition(lambda self: self.scene.calls.hold is not None)
     @rule()
@@ -136,12 +154,14 @@ class Calls(RuleBasedStateMachine):
                 self.go_at = self.now
         self._check([decision for _, decision in scene.log[before:]])
 
-    @rule(policy=st.sampled_from([*Policy, Policy.HOLD, Policy.HOLD, Policy.HOLD]))
+    @precondition(lambda self: self.scene.frame % 3 == 0)
+    @rule(policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]))
     def switch(self, policy: Policy) -> None:
         """Another policy."""
         decisions = self.scene.calls.set_policy(policy, self.now)
         self._check(decisions)
 
+    @precondition(lambda self: self.scene.frame % 5 == 0)
     @rule()
     def restart(self) -> None:
         """The daemon is killed and comes back."""

@@ -261,7 +261,7 @@ def test_too_many_waiting_answers_are_refused_for_now(held: Scene) -> None:
     talk = Talk(held)
     talk.eyes.full = True
     talk.say(1, GO)
-    assert talk.last[0] is Result.BUSY
+    assert talk.said[-1].result is Result.BUSY
     talk.eyes.full = False
     talk.say(1, GO)
     talk.seen()

@@ -1,0 +1,46 @@
+"""Daemons in virtual time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from companion.wire.ids import Policy
+from tests.companion.daemon.rig import Clock, MakeRig, Rig
+
+
+@pytest.fixture
+def make_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeRig]:
+    """Rigs that drive over grass in AUTO."""
+    clock = Clock()
+    monkeypatch.setattr(time, "monotonic", clock)
+    monkeypatch.setattr("companion.daemon.TICK", 0.0)
+    made: list[Rig] = []
+
+    def make(policy: Policy = Policy.HOLD, pictures: int = 0) -> Rig:
+        rig = Rig(tmp_path, clock, policy, pictures)
+        made.append(rig)
+        rig.see(1.0)
+        return rig
+
+    yield make
+    for rig in made:
+        rig.kill()
+
+
+@pytest.fixture
+def rig(make_rig: MakeRig) -> Rig:
+    """Allowed to hold."""
+    return make_rig()
+
+
+@pytest.fixture
+def held(rig: Rig) -> Rig:
+    """Standing before a drum that no word explains: call 1."""
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 1)
+    assert rig.stage.mode == 4
+    return rig

@@ -1,0 +1,229 @@
+"""A whole daemon in virtual time: real link, journal, state machine and engine; camera and radio are played."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import development as mavlink
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from anytraverse.judging import Settings
+from anytraverse.memory import first_memory
+from anytraverse.preferences import Preferences
+from companion import run
+from companion.album import Album
+from companion.calls.machine import OperatorCalls
+from companion.calls.numbers import Numbers
+from companion.cameras.newest import CameraState, CameraStatus, CameraThread
+from companion.conversation import Conversation
+from companion.daemon import Daemon
+from companion.eyes import Eyes
+from companion.journal import Journal
+from companion.keeper import Keeper
+from companion.kept import saved_replies
+from companion.link.rehearsal import Rehearsal
+from companion.settings_desk import SettingsDesk, setting_values
+from companion.tasks import Liveness, tasks
+from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
+from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
+from companion.wire.parameters import build
+from tests.anytraverse.conftest import AHEAD, CODES, GNOME, HEIGHT, WIDTH, Painted
+
+AUTO, HOLD, MANUAL = 10, 4, 0
+PERIOD = 0.1
+WORDS = Preferences.parse("grass: 1; rock: -1")
+
+
+class Clock:
+    """Seconds that pass when told to."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        """As `time.sleep`."""
+        self.now += seconds
+
+
+class PlayedCamera:
+    """As far as the daemon looks at a `CameraThread`."""
+
+    def __init__(self) -> None:
+        self.status = CameraStatus(CameraState.DELIVERING)
+        self.delivered_at: float | None = None
+
+    @property
+    def state(self) -> CameraState:
+        """What the reader is doing."""
+        return self.status.state
+
+
+def picture(thing: str = "", ground: str = "grass", scene: int = 0) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """A picture of `ground` with a `thing` ahead, in a scene at an angle in degrees."""
+    image = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    image[..., 0], image[..., 1], image[..., 2] = CODES[ground], 200, scene
+    if thing:
+        image[..., 0][AHEAD.slices(HEIGHT, WIDTH)] = CODES.get(thing, GNOME)
+    return image
+
+
+class Rig:
+    """`see` shows frames and lets time pass; `texts`, `acks` and `state` are what the ground heard."""
+
+    def __init__(self, folder: Path, clock: Clock, policy: Policy = Policy.HOLD, pictures: int = 0) -> None:
+        self.folder, self.clock, self.policy, self.pictures = folder, clock, policy, pictures
+        self.frame_id = 0
+        self.hung = False
+        self.start()
+
+    def start(self, forget_frame: bool = False) -> None:
+        """A new process on the same folder; what the last one had in its hands is lost."""
+        if forget_frame:
+            (self.folder / "call.png").unlink()
+        now = self.clock.now
+        self.listed = build(["grass", "rock", "drum"], WORDS, {})
+        self.stage = Rehearsal(parameters=self.listed)
+        self.stage.now = now
+        self.journal = Journal(self.folder)
+        supervision = self.journal.load_supervision() or {}
+        self.perceiver = Painted()
+        memory = self.journal.load_memory() or first_memory(self.perceiver.model_id, WORDS)
+        judging = Settings()
+        self.calls = OperatorCalls(Numbers(policy=self.policy, judging=judging), now)
+        notices: list[str] = []
+        if supervision:
+            run._restore(self.calls, supervision, now, notices)
+        assert notices == []
+        replies = saved_replies(supervision.get("replies"))
+        album = Album(self.folder / "pictures", self.pictures, judging.region)
+        last_frame = int(supervision.get("frame_id", 0))
+        self.keeper = Keeper(self.journal, album, self.folder / "status.json", last_frame, replies)
+        self.camera = PlayedCamera()
+        self.engine = AnyTraverse(self.perceiver, judging, memory)
+        self.eyes = Eyes(self.engine, cast(Any, self.camera), PERIOD)
+        self.conversation = Conversation(self.calls, self.eyes, memory.preferences, replies)
+        desk = SettingsDesk(self.listed, self.stage.link, self.eyes, self.calls, self.conversation)
+        for name, value in setting_values(judging.thresholds, self.policy).items():
+            self.stage.link.set_parameter(name, value, now)
+        liveness = Liveness(tasks(self.calls.numbers), now)
+        self.daemon = Daemon(
+            self.stage.link,
+            cast(CameraThread, self.camera),
+            self.eyes,
+            self.calls,
+            self.keeper,
+            self.conversation,
+            desk,
+            liveness,
+        )
+        self.keeper.restore_call_frame(self.calls, self.eyes)
+
+    def kill(self) -> None:
+        """As kill -9 leaves it."""
+        self.eyes.stop()
+        self.journal.close()
+
+    def restart(self, *, forget_frame: bool = False) -> None:
+        """kill -9 and a new process."""
+        self.kill()
+        self.start(forget_frame)
+
+    def see(self, seconds: float = 1.0, thing: str = "", ground: str = "grass", scene: int = 0) -> None:
+        """Ten frames a second of this."""
+        for _ in range(round(seconds / PERIOD)):
+            self.frame_id += 1
+            image = picture(thing, ground, scene)
+            self.step(Frame(self.frame_id, self.clock.now + PERIOD - 0.02, image))
+
+    def wait(self, seconds: float) -> None:
+        """No frames come."""
+        for _ in range(round(seconds / PERIOD)):
+            self.step(None)
+
+    def step(self, frame: Frame | None) -> None:
+        """A tenth of a second."""
+        for _ in range(4):
+            self.clock.now += PERIOD / 4
+            self._turn()
+        if frame is not None:
+            self.camera.delivered_at = self.clock.now
+        if not self.hung:
+            self.eyes.alive_at = self.clock.now
+            self.eyes._do_jobs()
+            if frame is not None:
+                self.eyes._publish(self.eyes._judge(frame))
+        self._turn()
+
+    def answer(
+        self, target: int, motion: Motion = Motion.NONE, *operations: Operation, transaction: int = 7
+    ) -> None:
+        """An answer arrives from the ground."""
+        payload = AnswerMessage(transaction, target, motion, operations).pack()
+        padded = list(payload.ljust(128, b"\0"))
+        message = mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded)
+        self.stage.send(message)
+
+    def word(self, target: int, word: str, weight: float, motion: Motion = Motion.NONE) -> None:
+        """An answer of one word."""
+        self.answer(target, motion, SetWord(word, weight))
+
+    def set(self, name: str, value: float) -> None:
+        """A PARAM_SET arrives."""
+        self.stage.send(mavlink.MAVLink_param_set_message(1, 191, name.encode(), value, 9))
+
+    @property
+    def texts(self) -> list[str]:
+        """All STATUSTEXTs since the start of this process."""
+        return [message.text for message in self.stage.sent("STATUSTEXT")]
+
+    @property
+    def acks(self) -> list[Acknowledgement]:
+        """All acknowledgements since the start of this process."""
+        return [Acknowledgement.unpack(payload) for payload in self.stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
+
+    @property
+    def state(self) -> tuple[str, int]:
+        """State and open id of the newest heartbeat."""
+        state, number = read_heartbeat_mode(self.stage.sent("HEARTBEAT")[-1].custom_mode)
+        return state.name, number
+
+    def echoes(self, name: str) -> list[float]:
+        """The values of a parameter that were told."""
+        found = [message for message in self.stage.sent("PARAM_VALUE") if message.param_id == name]
+        return [round(message.param_value, 4) for message in found]
+
+    def _turn(self) -> None:
+        stage = self.stage
+        stage.now = self.clock.now
+        if stage.vehicle is not None and stage.now >= stage._heartbeat_at:
+            stage.heartbeat(stage.vehicle)
+            stage._heartbeat_at = stage.now + 1.0
+        before = len(stage.frames)
+        self.daemon.turn()
+        stage._collect()
+        for frame in stage.frames[before:]:
+            if frame.message.get_type() == "COMMAND_LONG" and frame.message.command == 176:
+                stage.mode = int(frame.message.param2)
+                stage._heartbeat_at = stage.now
+
+
+MakeRig = Callable[..., Rig]
+
+
+def spoil(rig: Rig, monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """The journal's methods of these names fail as on a full disk."""
+    from companion.journal import JournalError
+
+    def full(*_: object) -> None:
+        raise JournalError("disk full")
+
+    for name in names:
+        monkeypatch.setattr(rig.journal, name, full)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from anytraverse.assessment import Assessment, Maps
+from anytraverse.assessment import Assessment, Maps, Reason
 from anytraverse.drawing import (
     AMBER,
     ATTENTION_STOPS,
@@ -97,7 +97,7 @@ def draw_state(
     """The image under its judgement, with a bar in the state's colour above and the figures below.
 
     Green is drivable, vermilion is not; violet stripes are unknown. White: the ROI. Yellow: the worst tile,
-    where it is over `_UNSURE`.
+    where something is unknown or nearly so.
     """
     picture = fitted(image, width)
     height = picture.shape[0]
@@ -207,13 +207,19 @@ def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> 
 
 def _draw_boxes(picture: Image, assessment: Assessment, roi: Box) -> None:
     outline(picture, roi, PAPER, 2)
-    if assessment.roi is not None and assessment.roi.worst_tile.uncertainty > _UNSURE:
+    if assessment.roi is not None and _looks_unsure(assessment):
         outline(picture, assessment.roi.worst_tile.box, YELLOW, 2)
 
 
 def _roi_note(assessment: Assessment) -> str:
-    unsure = assessment.roi is not None and assessment.roi.worst_tile.uncertainty > _UNSURE
-    return "white: ROI, yellow: look here" if unsure else "white: ROI"
+    return "white: ROI, yellow: look here" if _looks_unsure(assessment) else "white: ROI"
+
+
+def _looks_unsure(assessment: Assessment) -> bool:
+    """Whether the worst tile deserves a look: something is unknown, or nearly so."""
+    if assessment.roi is None:
+        return False
+    return Reason.UNKNOWN_OBJECT in assessment.reasons or assessment.roi.worst_tile.uncertainty > _UNSURE
 
 
 def _figures(assessment: Assessment) -> str:

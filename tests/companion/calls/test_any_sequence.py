@@ -59,7 +59,7 @@ SILENCE, T, N = 5.0, 1.0, 5
 
 
 class Calls(RuleBasedStateMachine):
-    """Feeds the state machine, and keeps books of its own about modes, frames, answers and ids."""
+    """Feeds the state machine and keeps books of its own about modes, frames, answers and ids."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -80,10 +80,6 @@ class Calls(RuleBasedStateMachine):
         self.bad_at = self.good_at = self.excused_at = self.scene.now
         self._hear(AUTO, True)  # noqa: FBT003
 
-    @property
-    def now(self) -> float:
-        return self.scene.now
-
     @rule(views=st.lists(st.sampled_from(VIEWS), min_size=1, max_size=3), times=st.integers(1, 4))
     def frames(self, views: list[View], times: int) -> None:
         """Frames at ten a second."""
@@ -102,17 +98,12 @@ class Calls(RuleBasedStateMachine):
         for _ in range(4):
             self.scene.now += pause / 4
             self._books(good=None)
-            self._check(self.scene.calls.tick(self.now))
+            self._check(self.scene.calls.tick(self.scene.now))
 
     @rule(mode=MODES, armed=st.sampled_from([*[True] * 9, False]))
     def heartbeat(self, mode: int, armed: bool) -> None:
         """Any mode at any moment: a human's, or the autopilot's own."""
         self._hear(mode, armed)
-
-    @rule()
-    def another_second(self) -> None:
-        """The heartbeat tells the same mode once more."""
-        self._hear(self.mode, self.armed)
 
     @precondition(lambda self: self.scene.calls.hold is not None)
     @rule(view=st.sampled_from([CLEAR, CLEAR, DRUM]), words=st.sampled_from(WORDS), count=st.integers(3, 7))
@@ -145,20 +136,20 @@ class Calls(RuleBasedStateMachine):
         result = scene.answer(motion, words, target)
         assert (result is Result.STALE) is (target == 0 or target != was)
         if result is not Result.STALE:
-            self.excused_at = self.now
+            self.excused_at = self.scene.now
             if motion is not Motion.GO or result is Result.NOT_COVERED:
                 self.go_at = None
             else:
                 if self.go_at is None:
                     self.run = self.run if self._resuming() else 0
-                self.go_at = self.now
+                self.go_at = self.scene.now
         self._check([decision for _, decision in scene.log[before:]])
 
     @precondition(lambda self: self.scene.frame % 3 == 0)
     @rule(policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]))
     def switch(self, policy: Policy) -> None:
         """Another policy."""
-        decisions = self.scene.calls.set_policy(policy, self.now)
+        decisions = self.scene.calls.set_policy(policy, self.scene.now)
         self._check(decisions)
 
     @precondition(lambda self: self.scene.frame % 5 == 0)
@@ -169,7 +160,7 @@ class Calls(RuleBasedStateMachine):
         self.scene.restarted()
         self.go_at, self.run = None, 0
         self.heard_at = float("-inf")
-        self.bad_at = self.good_at = self.excused_at = self.now
+        self.bad_at = self.good_at = self.excused_at = self.scene.now
         assert self.scene.calls.current_id == (kept["call"] or kept["hold"] or {"id": 0})["id"]
 
     @invariant()
@@ -201,22 +192,22 @@ class Calls(RuleBasedStateMachine):
     @invariant()
     def nothing_ok_within_t_holds_a_rover_that_drives_itself(self) -> None:
         calls = self.scene.calls
-        drives = self.armed and self.mode in DRIVING and self.now - self.heard_at < SILENCE
-        late = self.now - max(self.good_at, self.excused_at) > T + 1e-6
+        drives = self.armed and self.mode in DRIVING and self.scene.now - self.heard_at < SILENCE
+        late = self.scene.now - max(self.good_at, self.excused_at) > T + 1e-6
         if calls.policy is Policy.HOLD and drives and late:
             assert calls.hold is not None
 
     @invariant()
     def it_can_always_be_told_and_kept(self) -> None:
         calls = self.scene.calls
-        said = current_text(calls, [], self.now)
+        said = current_text(calls, [], self.scene.now)
         assert len(said.encode()) <= 50
         assert bool(said) is (calls.current_id != 0)
         assert (calls.stage() is Stage.CLOSED) is (calls.current_id == 0)
         assert calls.kind in Kind
-        calls.state(self.now)
+        calls.state(self.scene.now)
         again = Scene(calls.policy).calls
-        restore(again, json.loads(json.dumps(snapshot(calls))), self.now)
+        restore(again, json.loads(json.dumps(snapshot(calls))), self.scene.now)
         assert again.current_id == calls.current_id
 
     def _frame(self, view: View) -> None:
@@ -228,21 +219,21 @@ class Calls(RuleBasedStateMachine):
         acceptance = scene.calls.sight.acceptance
         accepted = acceptance.reasons if acceptance is not None else frozenset()
         self._books(good=seen.reasons <= accepted)
-        self._check(scene.calls.assessed(seen, self.now))
+        self._check(scene.calls.assessed(seen, self.scene.now))
 
     def _books(self, *, good: bool | None) -> None:
         """good: whether a frame could be OK; None: no frame."""
         if good:
-            self.run = self.run + 1 if self.now - max(self.good_at, self.bad_at) <= T else 1
-            self.good_at = self.now
-        elif good is False or self.now - max(self.good_at, self.bad_at) > T:
-            self.run, self.bad_at = 0, self.now
+            self.run = self.run + 1 if self.scene.now - max(self.good_at, self.bad_at) <= T else 1
+            self.good_at = self.scene.now
+        elif good is False or self.scene.now - max(self.good_at, self.bad_at) > T:
+            self.run, self.bad_at = 0, self.scene.now
 
     def _hear(self, mode: int, armed: bool) -> None:
-        self.mode, self.armed, self.heard_at = mode, armed, self.now
-        decisions = self.scene.calls.vehicle(mode, armed, self.now)
+        self.mode, self.armed, self.heard_at = mode, armed, self.scene.now
+        decisions = self.scene.calls.vehicle(mode, armed, self.scene.now)
         if any(isinstance(one, HoldMoved) and one.event.value == "taken over" for one in decisions):
-            self.excused_at = self.now
+            self.excused_at = self.scene.now
         self._check(decisions)
 
     def _resuming(self) -> bool:
@@ -259,7 +250,7 @@ class Calls(RuleBasedStateMachine):
                 assert self.scene.calls.policy is Policy.HOLD
                 assert self.hold is not None
                 assert self.armed
-                assert self.now - self.heard_at <= SILENCE
+                assert self.scene.now - self.heard_at <= SILENCE
                 if mode == HOLD:
                     assert self.mode in (*DRIVING, HOLD)
                 else:

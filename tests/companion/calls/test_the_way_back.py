@@ -1,25 +1,18 @@
-"""Rule 12: when the rover is held, how hard that is tried, and what it takes to drive on."""
+"""Rule 12: what it takes to drive on, and what calls it back."""
 
 from __future__ import annotations
 
-import pytest
-
-from anytraverse.assessment import Reason
 from anytraverse.regions import Box
-from companion.calls.decisions import GoLapsed, HoldMoved, HoldStarted, SetMode
+from companion.calls.decisions import GoLapsed, HoldMoved, SetMode
 from companion.calls.hold import HoldEvent, HoldStage
-from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
+from companion.wire.ids import Motion, Outcome, Policy, Result, Stage
 from tests.companion.calls.scenes import (
     AUTO,
-    BROKEN,
     CLEAR,
     DRUM,
     GUIDED,
     HOLD,
     LOG,
-    LOITER,
-    MANUAL,
-    RTL,
     Scene,
     Thing,
     View,
@@ -35,111 +28,6 @@ def when(scene: Scene, mode: int) -> list[float]:
 def stage(scene: Scene) -> HoldStage:
     """Where the hold stands."""
     return scene.hold.stage
-
-
-@pytest.mark.parametrize("mode", [AUTO, GUIDED])
-def test_a_call_holds_the_rover_in_the_autopilots_own_driving_modes(mode: int) -> None:
-    scene = Scene(Policy.HOLD, mode=mode)
-    scene.run(1.0)
-    scene.run(1.0, DRUM)
-    assert scene.modes() == [HOLD]
-    assert scene.autopilot.mode == HOLD
-    assert scene.hold.mode_before == mode
-    assert scene.hold.id == scene.call.id == 1
-
-
-@pytest.mark.parametrize("mode", [MANUAL, RTL, LOITER, HOLD])
-@pytest.mark.parametrize("view", [DRUM, LOG, BROKEN])
-def test_the_rover_is_never_held_in_another_mode(mode: int, view: View) -> None:
-    scene = Scene(Policy.HOLD, mode=mode)
-    scene.run(1.0)
-    scene.run(3.0, view)
-    assert scene.modes() == []
-    assert scene.calls.hold is None
-
-
-def test_a_disarmed_rover_is_not_held() -> None:
-    scene = Scene(Policy.HOLD, armed=False)
-    scene.run(3.0, DRUM)
-    assert scene.modes() == []
-    scene.human(AUTO, armed=True)
-    assert scene.modes() == [HOLD]
-
-
-def test_nothing_is_commanded_before_the_autopilot_was_heard() -> None:
-    scene = Scene(Policy.HOLD)
-    scene.autopilot.silent = True
-    scene.run(3.0, DRUM)
-    assert scene.opened() == [1]
-    assert scene.modes() == []
-    scene.autopilot.silent = False
-    scene.run(0.2)
-    assert scene.modes() == [HOLD]
-
-
-def test_a_mode_that_was_heard_too_long_ago_is_not_commanded_over(hold: Scene) -> None:
-    hold.autopilot.silent = True
-    hold.run(6.0, CLEAR)
-    hold.run(2.0, DRUM)
-    assert hold.modes() == []
-    hold.autopilot.silent = False
-    hold.run(0.2)
-    assert hold.modes() == [HOLD]
-
-
-def test_a_position_alone_is_no_news_of_the_mode(hold: Scene) -> None:
-    heard = hold.calls.autopilot.heard_at
-    hold.autopilot.silent = True
-    for _ in range(8):
-        hold.run(1.0, CLEAR)
-        hold.calls.vehicle(AUTO, True, hold.now, travelled=3.0, heard_at=heard)  # noqa: FBT003
-    assert hold.calls.autopilot.travelled == 3.0
-    hold.run(2.0, DRUM)
-    assert hold.modes() == []
-
-
-def test_a_blocked_way_is_held_under_an_id_of_the_one_counter(hold: Scene) -> None:
-    hold.run(1.0, DRUM)
-    hold.go()
-    hold.run(2.0, CLEAR)
-    hold.run(1.0, LOG)
-    assert (hold.calls.current_id, hold.calls.kind) == (2, Kind.HOLD)
-    assert hold.held()[-1] == {Reason.BLOCKED}
-    assert hold.calls.state(hold.now) is State.BLOCKED
-
-
-def test_the_hold_is_confirmed_by_the_mode_read_back(hold: Scene) -> None:
-    hold.autopilot.delay = 0.6
-    hold.run(0.5, DRUM)
-    assert stage(hold) is HoldStage.REQUESTED
-    assert hold.events() == []
-    hold.run(0.6, DRUM)
-    assert stage(hold) is HoldStage.STANDING
-    assert hold.events() == [HoldEvent.CONFIRMED]
-
-
-def test_three_tries_then_failed_once_then_a_try_every_five_seconds(hold: Scene) -> None:
-    hold.autopilot.deaf = True
-    hold.run(20.0, DRUM)
-    assert when(hold, HOLD) == [0.0, 1.0, 2.0, 3.0, 8.0, 13.0, 18.0]
-    assert hold.events() == [HoldEvent.FAILED]
-    assert hold.hold.failed
-    hold.autopilot.deaf = False
-    hold.run(6.0)
-    assert hold.events() == [HoldEvent.FAILED, HoldEvent.CONFIRMED]
-    assert not hold.hold.failed
-
-
-def test_a_hold_that_fails_on_a_silent_autopilot_is_told_and_nothing_more_is_commanded(hold: Scene) -> None:
-    hold.run(0.5, DRUM)
-    assert hold.calls.hold is not None
-    hold.autopilot.silent = hold.autopilot.deaf = True
-    hold.calls.hold.turn(HoldStage.REQUESTED)
-    hold.run(4.0)
-    assert hold.events()[-1] is HoldEvent.FAILED
-    before = len(hold.modes())
-    hold.run(20.0)
-    assert len(hold.modes()) <= before + 1
 
 
 def test_nothing_resumes_without_a_go(held: Scene) -> None:
@@ -387,14 +275,6 @@ def test_a_hold_that_never_took_is_given_up_when_the_view_is_clear_and_go_was_sa
     assert hold.calls.hold is None
     assert AUTO not in hold.modes()
     assert hold.events() == [HoldEvent.FAILED, HoldEvent.RESUMED]
-
-
-def test_a_call_that_opens_while_a_blocked_hold_stands_names_it(blocked: Scene) -> None:
-    blocked.run(1.0, DRUM)
-    assert blocked.opened() == [2]
-    assert blocked.hold.id == 2
-    assert len(blocked.all(HoldStarted)) == 1
-    assert blocked.modes() == [HOLD]
 
 
 def test_the_old_go_does_not_count_for_a_new_call(blocked: Scene) -> None:

@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 TICK = 0.02
 ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
-_FAREWELL = 0.3
+_FAREWELL, _FAREWELL_STEP = 15, 0.02
 
 
 class Daemon:
@@ -93,14 +93,11 @@ class Daemon:
 
     def farewell(self) -> None:
         """The daemon cannot go on: let the autopilot's script and the operator know at once."""
-        now = time.monotonic()
-        until = now + _FAREWELL
         self._link.set_state(State.FAULT, self._calls.current_id)
-        self._link.say(texts.dying(), ALERT, now)
-        while now < until:
-            self._link.tick(now)
-            time.sleep(TICK)
-            now = time.monotonic()
+        self._link.say(texts.dying(), ALERT, time.monotonic())
+        for _ in range(_FAREWELL):
+            self._link.tick(time.monotonic())
+            time.sleep(_FAREWELL_STEP)
 
     def status(self) -> dict[str, Any]:
         """Figures for the status file."""

@@ -1,4 +1,4 @@
-"""A whole daemon in virtual time: real link, journal, state machine and engine; camera and radio are played."""
+"""A whole daemon in virtual time; only camera and radio are played."""
 
 from __future__ import annotations
 
@@ -84,13 +84,14 @@ class Rig:
         self.hung = False
         self.start()
 
-    def start(self, forget_frame: bool = False) -> None:
+    def start(self, *, mode: int = AUTO, forget_frame: bool = False) -> None:
         """A new process on the same folder; what the last one had in its hands is lost."""
         if forget_frame:
             (self.folder / "call.png").unlink()
         now = self.clock.now
         self.listed = build(["grass", "rock", "drum"], WORDS, {})
         self.stage = Rehearsal(parameters=self.listed)
+        self.stage.mode = mode
         self.stage.now = now
         self.journal = Journal(self.folder)
         supervision = self.journal.load_supervision() or {}
@@ -134,7 +135,7 @@ class Rig:
     def restart(self, *, forget_frame: bool = False) -> None:
         """kill -9 and a new process."""
         self.kill()
-        self.start(forget_frame)
+        self.start(mode=self.stage.mode, forget_frame=forget_frame)
 
     def see(self, seconds: float = 1.0, thing: str = "", ground: str = "grass", scene: int = 0) -> None:
         """Ten frames a second of this."""

@@ -1,0 +1,181 @@
+"""Hung eyes, broken perceivers, lost cameras: a fault and a hold within T, said once, and the way back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from companion.cameras.newest import CameraState
+from companion.wire.ids import Motion, Policy, Result
+from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
+
+T = 1.0
+
+
+def test_without_frames_the_rover_is_held_within_t(rig: Rig) -> None:
+    rig.wait(T + 0.3)
+    assert rig.stage.mode == HOLD
+    assert rig.state == ("FAULT", 1)
+    assert "H1 FAULT camera silent" in rig.texts
+
+
+@pytest.mark.parametrize(
+    ("state", "text"), [(CameraState.ENDED, "camera ended"), (CameraState.FAILED, "camera failed")]
+)
+def test_the_camera_that_is_gone_is_named(make_rig: MakeRig, state: CameraState, text: str) -> None:
+    rig = make_rig(Policy.REPORT)
+    rig.camera.status = replace(rig.camera.status, state=state)
+    rig.wait(2.0)
+    assert rig.state == ("FAULT", 0)
+    assert rig.texts == [f"Companion FAULT: {text}"]
+
+
+def test_hung_eyes_are_told_from_a_lost_camera(rig: Rig) -> None:
+    rig.hung = True
+    rig.see(T + 0.5)
+    assert rig.stage.mode == HOLD
+    assert "H1 FAULT eyes silent" in rig.texts
+
+
+def test_a_perceiver_that_fails_on_every_frame_is_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rig.perceiver, "encode", lambda _: 1 / 0)
+    rig.see(T + 0.5)
+    assert rig.state == ("FAULT", 1)
+    assert "H1 FAULT the perceiver failed" in rig.texts
+
+
+def test_a_frame_whose_judging_took_longer_than_t_is_no_fresh_view(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encode = rig.perceiver.encode
+
+    def slow(image: object) -> object:
+        rig.clock.now += T + 0.2
+        return encode(image)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(rig.perceiver, "encode", slow)
+    rig.see(1.0)
+    assert rig.state[0] == "FAULT"
+    assert rig.stage.mode == HOLD
+    assert rig.calls.sight.newest is not None
+    assert not rig.calls.sight.newest.ok
+
+
+def test_a_fault_that_comes_and_goes_is_said_once(make_rig: MakeRig) -> None:
+    rig = make_rig(Policy.REPORT)
+    for _ in range(8):
+        rig.wait(1.3)
+        rig.see(0.6)
+    assert rig.texts == ["Companion FAULT: camera silent"]
+    rig.see(4.0)
+    assert rig.texts == ["Companion FAULT: camera silent", "Companion sees again"]
+    assert rig.state == ("OK", 0)
+
+
+def test_a_camera_that_comes_back_does_not_resume_by_itself(rig: Rig) -> None:
+    rig.wait(2.0)
+    rig.see(8.0)
+    assert rig.stage.mode == HOLD
+    assert "H1 clear now, go?" in rig.texts
+    rig.answer(1, Motion.GO)
+    rig.see(2.0)
+    assert rig.stage.mode == AUTO
+    assert rig.state == ("OK", 0)
+
+
+def test_answers_while_the_eyes_hang_are_busy_and_stay_counts_at_once(held: Rig) -> None:
+    held.hung = True
+    held.see(3.0, "drum")
+    held.answer(1, Motion.GO, transaction=21)
+    held.word(1, "drum", 0.5)
+    held.see(0.5, "drum")
+    assert [ack.result for ack in held.acks] == [Result.BUSY, Result.BUSY]
+    held.answer(1, Motion.STAY, transaction=22)
+    held.see(0.5, "drum")
+    assert held.acks[-1].result is Result.APPLIED
+    held.hung = False
+    held.see(1.0, "drum")
+    held.word(1, "drum", 0.5)
+    held.see(0.5, "drum")
+    assert held.acks[-1].result is Result.APPLIED
+
+
+def test_an_answer_caught_by_the_hang_is_applied_once_and_its_go_is_too_old(held: Rig) -> None:
+    held.hung = True
+    held.word(1, "drum", 0.5, Motion.GO)
+    held.see(31.0, "drum")
+    held.word(1, "drum", 0.5, Motion.GO)
+    held.see(0.5, "drum")
+    assert [ack.result for ack in held.acks] == [Result.BUSY]
+    held.see(35.0, "drum")
+    held.hung = False
+    held.see(6.0, "drum")
+    assert held.acks[-1].text == "C1 go is too old: send it again"
+    assert held.stage.mode == HOLD
+    held.answer(1, Motion.GO, transaction=8)
+    held.see(2.0, "drum")
+    assert held.stage.mode == AUTO
+
+
+def test_a_go_for_a_hold_without_a_call_counts_while_the_eyes_hang(rig: Rig) -> None:
+    rig.hung = True
+    rig.see(4.0)
+    rig.answer(1, Motion.GO)
+    rig.see(0.3)
+    assert rig.acks[-1].result is Result.APPLIED
+    assert rig.stage.mode == HOLD, "but it waits for a clear view"
+    rig.hung = False
+    rig.see(2.0)
+    assert rig.stage.mode == AUTO
+
+
+def test_a_parameter_while_the_eyes_hang_keeps_its_value_and_is_told(rig: Rig) -> None:
+    rig.hung = True
+    rig.see(3.0)
+    rig.set("AT_W_GRASS", -1.0)
+    rig.set("AT_THR_ROI", 0.9)
+    rig.see(0.5)
+    assert rig.echoes("AT_W_GRASS")[-1] == 1.0
+    assert rig.echoes("AT_THR_ROI")[-1] == 0.3
+    assert "Refused: the eyes are busy, set it again" in rig.texts
+
+
+def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(rig.conversation, "hear", lambda *_: 1 / 0)
+        for number in range(5):
+            rig.answer(0, Motion.GO, transaction=number + 1)
+            rig.see(0.2)
+    assert rig.texts == ["Companion error: see its log"]
+    rig.see(1.0, "drum")
+    assert rig.state == ("CALLING", 1), "it still watches"
+
+
+def test_an_error_in_taking_frames_ends_in_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rig.calls.sight, "take", lambda *_: 1 / 0)
+    rig.see(T + 0.5)
+    assert rig.state == ("FAULT", 1)
+    assert rig.stage.mode == HOLD
+
+
+def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rig.keeper, "call_opened", lambda *_: 1 / 0)
+    rig.see(1.0, "drum")
+    assert rig.stage.mode == HOLD
+    assert rig.state == ("CALLING", 1)
+
+
+def test_an_error_in_the_supervision_ends_the_daemon_with_a_fault_in_its_last_heartbeat(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rig.calls, "tick", lambda _: 1 / 0)
+    monkeypatch.setattr("time.sleep", rig.clock.sleep)
+    with pytest.raises(ZeroDivisionError):
+        rig.see(0.1)
+    rig.daemon.farewell()
+    rig.stage._collect()
+    assert rig.state[0] == "FAULT"
+    assert rig.texts == ["Companion STOPS, internal error: WATCH THE TRAIL"]

@@ -1,0 +1,182 @@
+"""What the ground sends: answers to calls and holds, words alone, parameters, carried out or refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.wire.answers import SetWord, TapBox
+from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
+from companion.wire.payloads import CallData
+from tests.anytraverse.conftest import AHEAD
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
+
+BOX = (AHEAD.left, AHEAD.top, AHEAD.right, AHEAD.bottom)
+
+
+def closed(rig: Rig) -> list[tuple[Kind, int, Outcome]]:
+    """What was told to be over, each once."""
+    told = [CallData.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
+    return list(dict.fromkeys((one.kind, one.id, one.outcome) for one in told if one.stage is Stage.CLOSED))
+
+
+def test_a_call_answered_by_a_tap_and_go_is_over_and_the_rover_drives_on(held: Rig) -> None:
+    call = held.calls.call
+    assert call is not None
+    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", 0.5))
+    held.see(3.0, "drum")
+    assert held.acks[-1].result is Result.APPLIED
+    assert held.stage.mode == AUTO
+    assert closed(held) == [(Kind.CALL, 1, Outcome.ANSWERED)]
+    assert held.state == ("OK", 0)
+
+
+def test_a_thing_named_not_drivable_keeps_the_rover_standing(held: Rig) -> None:
+    held.word(1, "drum", -1.0, Motion.GO)
+    held.see(10.0, "drum")
+    assert held.stage.mode == HOLD
+    assert held.state == ("BLOCKED", 1)
+
+
+def test_words_without_anything_open_apply_at_once(rig: Rig) -> None:
+    rig.word(0, "drum", -1.0)
+    rig.see(0.3)
+    assert rig.acks[-1].result is Result.APPLIED
+    assert rig.acks[-1].text == "in use: grass: 1; rock: -1; drum: -1"
+    assert rig.echoes("AT_W_DRUM")[-1] == -1.0
+
+
+def test_a_tap_without_a_call_is_refused_with_what_to_do(rig: Rig) -> None:
+    rig.answer(0, Motion.NONE, TapBox(3, BOX, "gnome", -1.0))
+    rig.see(0.3)
+    assert (rig.acks[-1].result, rig.acks[-1].text) == (
+        Result.REFUSED,
+        "no open call to tap in: say the word alone",
+    )
+
+
+def test_words_and_go_for_a_hold_that_is_no_call(rig: Rig) -> None:
+    rig.see(2.0, "rock")
+    assert rig.state == ("BLOCKED", 1)
+    rig.word(1, "rock", 0.5, Motion.GO)
+    rig.see(2.0, "rock")
+    assert rig.acks[-1].result is Result.APPLIED
+    assert rig.stage.mode == AUTO
+    assert closed(rig) == [(Kind.HOLD, 1, Outcome.ANSWERED)]
+
+
+@pytest.mark.parametrize("motion", list(Motion))
+def test_an_answer_to_what_is_not_open_is_refused_with_the_reason(rig: Rig, motion: Motion) -> None:
+    rig.answer(9, motion, SetWord("drum", -1.0))
+    rig.see(0.3)
+    assert (rig.acks[-1].result, rig.acks[-1].text) == (
+        Result.STALE,
+        "No open call or hold 9: nothing changed",
+    )
+    assert "drum" not in rig.conversation.words
+
+
+def test_an_answer_whose_call_closes_meanwhile_is_told_so_and_moves_nothing(held: Rig) -> None:
+    held.hung = True
+    held.word(1, "drum", 0.5, Motion.GO)
+    held.see(0.3, "drum")
+    held.stage.mode = MANUAL
+    held.stage._heartbeat_at = 0.0
+    held.see(0.3, "drum")
+    held.hung = False
+    held.see(0.5, "drum")
+    assert (held.acks[-1].result, held.acks[-1].outcome) == (Result.STALE, Outcome.NONE)
+    assert held.acks[-1].text.startswith("1 is closed; in use: ")
+    assert held.stage.mode == MANUAL
+
+
+def test_a_word_that_the_perceiver_does_not_know_is_refused_by_name(rig: Rig) -> None:
+    rig.word(0, "unicorn", 1.0)
+    rig.see(0.3)
+    assert rig.acks[-1].result is Result.REFUSED
+    assert "unicorn" in rig.acks[-1].text
+    assert rig.conversation.words.format() == "grass: 1; rock: -1"
+
+
+def test_a_parameter_that_the_perceiver_refuses_echoes_the_old_value_with_a_text(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rig.perceiver, "meaning", lambda _: "the same for all")
+    rig.set("AT_W_DRUM", 1.0)
+    rig.see(0.3)
+    assert rig.echoes("AT_W_DRUM") == [-2.0]
+    assert any(text.startswith("Refused: ") for text in rig.texts)
+
+
+def test_a_threshold_reaches_eyes_and_state_machine(held: Rig) -> None:
+    held.set("AT_THR_ROI", 1.0)
+    held.see(0.3, "drum")
+    assert held.echoes("AT_THR_ROI") == [1.0]
+    assert held.engine.settings.thresholds.roi == held.calls.numbers.judging.thresholds.roi == 1.0
+    held.see(3.0, "drum")
+    assert held.texts[-1] == "C1 clear now, go?"
+
+
+@pytest.mark.parametrize("name", ["AT_THR_ROI", "AT_THR_TILE"])
+def test_a_threshold_that_cannot_be_is_refused_and_the_old_one_stays(rig: Rig, name: str) -> None:
+    before = rig.calls.numbers.judging.thresholds
+    rig.set(name, 0.0)
+    rig.see(0.5)
+    assert rig.calls.numbers.judging.thresholds == before
+    assert rig.echoes(name) == [{"AT_THR_ROI": 0.3, "AT_THR_TILE": -2.0}[name]]
+    assert any(text.startswith("Refused: ") for text in rig.texts)
+    assert rig.state == ("OK", 0)
+
+
+def test_a_policy_without_holds_lets_go_of_the_hold_and_says_so(held: Rig) -> None:
+    held.set("AT_POLICY", float(Policy.REPORT))
+    held.see(2.0, "drum")
+    assert "Companion policy: report" in held.texts
+    assert "C1 let go: drive on by hand" in held.texts
+    assert held.state == ("CALLING", 1), "the question stays"
+    held.answer(1, Motion.GO)
+    held.see(2.0)
+    assert held.stage.mode == HOLD, "who may not hold may not resume"
+
+
+def test_switched_off_everything_is_over_and_said_again_and_again(held: Rig) -> None:
+    held.set("AT_POLICY", float(Policy.OFF))
+    held.see(20.0, "drum")
+    assert closed(held) == [(Kind.CALL, 1, Outcome.SWITCHED_OFF)]
+    assert held.state == ("OFF", 0)
+    assert held.texts.count("Companion OFF: nobody watches the trail") == 2
+
+
+def test_a_hold_that_goes_on_as_a_call_is_told_to_be_over(rig: Rig) -> None:
+    rig.wait(2.0)
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 2)
+    assert closed(rig) == [(Kind.HOLD, 1, Outcome.NONE)]
+
+
+def test_a_human_who_takes_over_right_after_a_restart_closes_the_call_not_a_hold(held: Rig) -> None:
+    held.restart()
+    held.stage.mode = MANUAL
+    held.see(1.0, "drum")
+    assert "C1 taken over by hand: MANUAL" in held.texts
+    assert closed(held) == [(Kind.CALL, 1, Outcome.TAKEN_OVER)]
+
+
+def test_an_old_mode_told_with_positions_is_no_news_of_the_mode(rig: Rig) -> None:
+    from pymavlink.dialects.v20 import development as mavlink
+
+    rig.stage.vehicle = None
+    for _ in range(80):
+        message = mavlink.MAVLink_global_position_int_message(0, 515000000, 0, 0, 0, 100, 0, 0, 0)
+        rig.stage.send(message, (1, 1))
+        rig.see(0.1)
+    rig.see(2.0, "drum")
+    assert rig.calls.call is not None
+    assert rig.calls.hold is None, "nobody knows what drives it"
+
+
+def test_in_report_policy_a_thing_that_is_gone_passes(make_rig: MakeRig) -> None:
+    rig = make_rig(Policy.REPORT)
+    rig.see(1.0, "drum")
+    rig.see(7.0)
+    assert closed(rig) == [(Kind.CALL, 1, Outcome.PASSED)]
+    assert rig.stage.mode == AUTO

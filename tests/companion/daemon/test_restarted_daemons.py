@@ -1,0 +1,138 @@
+"""kill -9 and again: the same call, its picture, the hold, and an answer that still counts."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from companion.wire.answers import TapBox
+from companion.wire.ids import TUNNEL_CALL, Motion, Policy, Result
+from companion.wire.payloads import CallData
+from tests.anytraverse.conftest import AHEAD
+from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
+
+BOX = (AHEAD.left, AHEAD.top, AHEAD.right, AHEAD.bottom)
+
+
+def test_two_restarts_in_a_row_keep_id_frame_hold_and_figures(held: Rig) -> None:
+    call = held.calls.call
+    assert call is not None
+    assert call.seen is not None
+    assert call.seen.roi is not None
+    uncertainty = call.seen.roi.uncertainty
+    for _ in range(2):
+        held.restart()
+        held.see(2.0, "drum")
+        again = held.calls.call
+        assert again is not None
+        assert (again.id, again.frame_id) == (1, call.frame_id)
+        assert again.seen is not None
+        assert again.seen.roi is not None
+        assert again.seen.roi.uncertainty == uncertainty
+        assert held.state == ("CALLING", 1)
+        assert held.stage.mode == HOLD
+    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", 0.5))
+    held.see(3.0, "drum")
+    assert held.stage.mode == AUTO
+
+
+def test_a_call_is_told_with_a_picture_before_and_after_a_restart(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=3)
+    for _ in range(2):
+        rig.see(3.0, "drum")
+        told = [CallData.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
+        name = told[-1].picture.rpartition("/")[2]
+        assert (rig.folder / "pictures" / name).is_file()
+        rig.restart()
+
+
+def test_a_call_whose_picture_is_lost_asks_about_the_newest_and_says_so(held: Rig) -> None:
+    held.restart(forget_frame=True)
+    held.see(1.0, "gnome")
+    call = held.calls.call
+    assert call is not None
+    assert call.id == 1
+    assert call.seen is not None
+    assert call.frame_id == call.seen.frame.id
+    assert "C1 picture lost: it shows the newest now" in held.texts
+    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", 0.5))
+    held.see(3.0, "gnome")
+    assert held.acks[-1].result is Result.APPLIED
+    assert held.stage.mode == AUTO
+
+
+def test_a_picture_that_the_perceiver_fails_on_after_a_restart_counts_as_lost(held: Rig) -> None:
+    held.restart()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(held.perceiver, "encode", lambda _: 1 / 0)
+        held.wait(0.2)
+    held.see(1.0, "drum")
+    assert held.calls.call is not None
+    assert held.calls.call.seen is not None
+    assert "C1 picture lost: it shows the newest now" in held.texts
+
+
+def test_an_answer_before_the_picture_is_judged_again_is_busy(held: Rig) -> None:
+    held.restart()
+    held.hung = True
+    held.answer(1, Motion.GO)
+    held.wait(0.3)
+    held.hung = False
+    held.see(0.5, "drum")
+    held.answer(1, Motion.GO)
+    held.see(2.0, "drum")
+    assert [ack.result for ack in held.acks] == [Result.BUSY, Result.APPLIED]
+
+
+def test_words_answered_before_a_restart_are_in_force_after_it(held: Rig) -> None:
+    held.word(1, "drum", -1.0)
+    held.see(1.0, "drum")
+    held.restart()
+    held.see(2.0, "drum")
+    assert held.conversation.words.format() == "grass: 1; rock: -1; drum: -1"
+    assert held.state == ("BLOCKED", 1)
+
+
+def test_ids_rise_over_restarts(rig: Rig) -> None:
+    rig.wait(2.0)
+    assert rig.state[1] == 1
+    rig.restart()
+    rig.see(5.0, "drum")
+    assert rig.state == ("CALLING", 2)
+
+
+def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_the_end(rig: Rig) -> None:
+    path = rig.folder / "status.json"
+    rig.keeper.write_status(rig.daemon.status())
+    status = json.loads(path.read_text())
+    assert set(status) == {
+        "state",
+        "reasons",
+        "current_id",
+        "policy",
+        "words",
+        "roi_uncertainty",
+        "similarity",
+        "camera",
+        "link",
+        "frames",
+    }
+    assert (status["state"], status["policy"], status["frames"]) == ("ok", "hold", 10)
+    rig.keeper.write_status(rig.daemon.status(), last=True)
+    assert len(json.loads(path.read_text())["recent"]) == 10
+
+
+def test_a_status_file_that_cannot_be_written_is_no_fault(rig: Rig) -> None:
+    (rig.folder / "status.part").mkdir()
+    rig.keeper.write_status(rig.daemon.status())
+    rig.see(1.0)
+    assert rig.state == ("OK", 0)
+
+
+def test_a_restart_in_another_policy_keeps_the_question_and_drops_the_hold(held: Rig) -> None:
+    held.policy = Policy.REPORT
+    held.restart()
+    held.see(3.0, "drum")
+    assert held.state == ("CALLING", 1)
+    assert held.calls.hold is None

@@ -23,8 +23,10 @@ it is high at every edge."""
 _LEAST = np.array([0.05, 0.06, 0.3, 0.5], dtype=np.float32)
 """Spreads that a look keeps at least: another distance, another light."""
 _MOST = np.array([0.1, 0.12, 0.5, 0.8], dtype=np.float32)
-_VIVID = np.array([0.08, 0.08, 0.0, 0.0], dtype=np.float32)
+_VIVID = np.array([0.12, 0.12, 0.0, 0.0], dtype=np.float32)
 """How much the spreads of vivid colours widen: they fade as a channel saturates."""
+_NEARER = np.array([1.1, 1.1, 1.0, 1.0], dtype=np.float32)
+"""Nearer, a thing's colours are purer: from afar its cells are mixed with what is around it."""
 _LEAST_CELLS = 6
 _REACH = 3.0  # how far the thing may continue beyond the box, in sizes of the box
 _ENOUGH = 0.15  # share of the image that makes a background
@@ -40,9 +42,9 @@ def learn_look(grid: Grid, box: Box) -> Look:
     inside = box.mask(*grid.shape[:2])
     if inside.sum() < _LEAST_CELLS:
         raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
-    thing = grid[_find_thing(grid[..., LOOK] / _SCALE, inside, box)][:, LOOK]
-    centre = np.median(thing, axis=0)
-    spread = np.clip(thing.std(axis=0), _LEAST, _MOST) + _VIVID * np.abs(centre)
+    thing, pure = _find_thing(grid[..., LOOK] / _SCALE, inside, box)
+    centre = np.median(grid[pure][:, LOOK], axis=0) * _NEARER
+    spread = np.clip(grid[thing][:, LOOK].std(axis=0), _LEAST, _MOST) + _VIVID * np.abs(centre)
     return look_of(np.concatenate([centre, spread]))
 
 
@@ -57,23 +59,26 @@ def vector_of(look: Look) -> NDArray[np.float32]:
     return np.array(look[LOOK], dtype=np.float32).T.reshape(-1)
 
 
-def _find_thing(cells: NDArray[np.float32], inside: Mask, box: Box) -> Mask:
-    """The thing's cells: the box's most unusual ones and their like around them, or else the whole box."""
+def _find_thing(cells: NDArray[np.float32], inside: Mask, box: Box) -> tuple[Mask, Mask]:
+    """The thing's cells, and the purer half of them.
+
+    They are the box's most unusual cells and their like around them, or else the whole box.
+    """
     reach = box.grown(_REACH).mask(*inside.shape)
     background = cells[_background(inside, reach)]
     if len(background) < _LEAST_CELLS:
-        return inside
+        return inside, inside
     novelty = np.zeros(inside.shape, dtype=np.float32)
     novelty[reach] = _distance_to(background, cells[reach])
     highest = float(np.quantile(novelty[inside], 0.95))
     if highest < _NOVEL:
-        return inside
+        return inside, inside
     core = inside & (novelty >= _CORE * highest)
     alike = np.linalg.norm(cells - np.median(cells[core], axis=0), axis=2) < _SAME
-    alike &= reach & (novelty >= 0.5 * highest)
+    alike &= reach & (novelty >= 0.75 * highest)
     parts = cv2.connectedComponents((alike | core).astype(np.uint8))[1]
     thing: Mask = np.isin(parts, np.unique(parts[core]))
-    return thing if thing.sum() >= _LEAST_CELLS else core
+    return thing, thing & (novelty >= np.median(novelty[thing]))
 
 
 def _background(inside: Mask, reach: Mask) -> Mask:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterable
 from typing import Any, Protocol, TextIO
@@ -14,6 +15,7 @@ from gcs_plugin.pending import Status
 from gcs_plugin.records import record, to_line
 
 REPEATED_S = 60.0
+_FIGURE = re.compile(r"\d+%")
 _ALARM, _GOOD, _FAINT, _PLAIN = "1;31", "32", "2", ""
 _ON_THE_WAY = {
     Status.WAITING: "waits: the companion is not heard",
@@ -82,6 +84,38 @@ class JsonOutput:
         print(to_line(fields), file=self._stream, flush=True)
 
 
+class Both:
+    """Tells two outputs the same."""
+
+    def __init__(self, first: Output, second: Output) -> None:
+        self._outputs = (first, second)
+
+    def started(self, link: str) -> None:
+        for output in self._outputs:
+            output.started(link)
+
+    def event(self, event: ev.Event, now: float, *, several: bool) -> None:
+        for output in self._outputs:
+            output.event(event, now, several=several)
+
+    def say(self, lines: Iterable[str]) -> None:
+        told = list(lines)
+        for output in self._outputs:
+            output.say(told)
+
+    def problem(self, text: str) -> None:
+        for output in self._outputs:
+            output.problem(text)
+
+    def typed(self, line: str) -> None:
+        for output in self._outputs:
+            output.typed(line)
+
+    def end(self, totals: dict[str, Any]) -> None:
+        for output in self._outputs:
+            output.end(totals)
+
+
 class TextOutput:
     """Lines with the time of day; colours only if asked for."""
 
@@ -130,7 +164,7 @@ class TextOutput:
                 self._standing[event.system] = _standing(event.call)
                 return wording.call_lines(event.call, event.call.age_s), _ALARM
             case ev.CallChanged():
-                return [wording.changed(event.call, event.call.age_s)] * self._news(event), _PLAIN
+                return self._news(event), _PLAIN
             case ev.CallClosed():
                 return [wording.closed(event.call, event.after_s)], _GOOD
             case ev.TextHeard():
@@ -147,21 +181,24 @@ class TextOutput:
             case _:
                 return [], _PLAIN
 
-    def _news(self, event: ev.CallChanged) -> bool:
+    def _news(self, event: ev.CallChanged) -> list[str]:
         """Reasons come and go from frame to frame: one that was told for this stage is no news."""
-        told, now = self._standing.get(event.system), _standing(event.call)
-        if told is not None and told[:3] == now[:3]:
-            self._standing[event.system] = (*now[:3], told[3] | now[3])
-            return now[3] & ~told[3] != 0
-        self._standing[event.system] = now
-        return True
+        call, told, now = event.call, self._standing.get(event.system), _standing(event.call)
+        if told is None or told[:2] != now[:2]:
+            self._standing[event.system] = now
+            return [wording.changed(call, call.age_s)]
+        self._standing[event.system] = (*now[:3], told[3] | now[3])
+        if call.stage is Stage.OPEN and now[3] & ~told[3]:
+            return [wording.changed(call, call.age_s)]
+        return [wording.stands(call)] * (told[2] != now[2])
 
     def _fresh(self, event: ev.TextHeard, now: float) -> bool:
         """A call's text repeats every 15 s until it is answered: to read it once a minute is enough."""
         self._texts = {key: at for key, at in self._texts.items() if now - at < REPEATED_S}
-        fresh = (event.system, event.text) not in self._texts
+        key = event.system, _FIGURE.sub("%", event.text)
+        fresh = key not in self._texts
         if fresh:
-            self._texts[event.system, event.text] = now
+            self._texts[key] = now
         return fresh
 
     def _write(self, line: str, colour: str = _PLAIN, *, stamped: bool = False) -> None:

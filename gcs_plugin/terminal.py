@@ -14,7 +14,7 @@ from typing import TextIO
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.connection import EXAMPLES, LinkError, open_connection
 from gcs_plugin.keyboard import Keyboard
-from gcs_plugin.output import JsonOutput, Output, TextOutput
+from gcs_plugin.output import Both, JsonOutput, Output, TextOutput
 from gcs_plugin.runner import Runner
 from gcs_plugin.script import Script, ScriptError
 from gcs_plugin.session import Session
@@ -29,8 +29,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     stopped = _Stopped()
     try:
         script = None if options.script is None else _read_script(options.script)
+        log = None if options.log is None else _open_log(options.log)
         connection = open_connection(options.connect)
-    except (LinkError, ScriptError) as error:
+    except (LinkError, ScriptError, _LogError) as error:
         print(f"anytraverse-operator: {error}", file=sys.stderr)
         return 2
     client = OperatorClient()
@@ -41,6 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.events
         else TextOutput(sys.stdout, colours=_colours(sys.stdout))
     )
+    if log is not None:
+        output = Both(output, JsonOutput(log, started))
     session = Session(client, output, script)
     try:
         output.started(connection.name)
@@ -51,6 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     finally:
         runner.close()
+        if log is not None:
+            log.close()
     return 0
 
 
@@ -82,6 +87,17 @@ class _Stopped:
 
     def __bool__(self) -> bool:
         return self._came
+
+
+class _LogError(OSError):
+    """A log that cannot be written; the text says why."""
+
+
+def _open_log(path: Path) -> TextIO:
+    try:
+        return path.open("w", encoding="utf-8")
+    except OSError as error:
+        raise _LogError(f"cannot write the log {path}: {error.strerror}") from error
 
 
 def _read_script(path: Path) -> Script:
@@ -116,6 +132,7 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--component", type=_identity, default=190, help="our component id (default 190)")
     parser.add_argument("--script", type=Path, metavar="FILE.json", help="answer by this table")
     parser.add_argument("--events", action="store_true", help="one JSON object per event, for programs")
+    parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="also write those objects to a file")
     parser.add_argument("--quit-after", type=float, metavar="SECONDS", help="end by itself")
     return parser.parse_args(argv)
 

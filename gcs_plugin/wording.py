@@ -22,6 +22,8 @@ _STATES = {
     State.FAULT: "FAULT: it cannot judge",
     State.OFF: "OFF: nobody watches the trail",
 }
+_HELD = {True: "vehicle held", False: "vehicle not held"}
+_STAGES = {Stage.ANSWERED: "answered, waits until the way is clear", Stage.CLEAR: "clear now, go?"}
 _OUTCOMES = {
     Outcome.NONE: "over (how was lost on the way)",
     Outcome.ANSWERED: "answered",
@@ -91,8 +93,8 @@ def fitting_answers(call: CallData) -> list[str]:
 
 def headline(call: CallData, age: float) -> str:
     """One line: the id, whether the vehicle stands, why, and the age."""
-    stands = "vehicle held" if call.holding else "vehicle not held"
-    asks = {Stage.ANSWERED: "answered, waits", Stage.CLEAR: "clear now, go?"}.get(call.stage, why(call))
+    stands = _HELD[call.holding]
+    asks = _STAGES.get(call.stage, why(call))
     return f"{name(call.kind, call.id)} {asks} [{stands}, {duration(age)}]"
 
 
@@ -121,6 +123,11 @@ def changed(call: CallData, age: float) -> str:
     """An open call at another stage, or with more reasons."""
     answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call))}"
     return headline(call, age) + answers
+
+
+def stands(call: CallData) -> str:
+    """Only whether the vehicle is held because of it has changed."""
+    return f"{name(call.kind, call.id)} {_HELD[call.holding]}"
 
 
 def closed(call: CallData, after_s: float) -> str:

@@ -195,6 +195,18 @@ def test_a_person_reads_why_it_calls_and_what_fits(
     assert "\033" not in "".join(operator.lines)
 
 
+def test_a_person_reads_text_and_a_file_gets_the_events(
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.jsonl"
+    operator = start("--connect", fly(thing_call).link, "--log", str(log))
+    operator.until(lambda line: "C7 unknown thing" in line)
+    operator.type("quit")
+    assert operator.process.wait(DEADLINE_S) == 0
+    events = [json.loads(line)["event"] for line in log.read_text(encoding="utf-8").splitlines()]
+    assert (events[0], events[-1], "call" in events) == ("started", "end", True)
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_the_figures(start: Callable[..., Operator], number: signal.Signals) -> None:
     operator = start("--connect", "udpin:127.0.0.1:0", "--events")
@@ -221,6 +233,7 @@ def test_a_rover_that_speaks_first_is_heard_on_a_port_that_listens(
         (["--connect", "carrier-pigeon:9"], "udpin:0.0.0.0:14550"),
         (["--connect", "udpin:127.0.0.1:99999"], "is not a link"),
         (["--connect", "udpin:127.0.0.1:0", "--script", "/nowhere.json"], "cannot read the script"),
+        (["--connect", "udpin:127.0.0.1:0", "--log", "/nowhere/it.jsonl"], "cannot write the log"),
     ],
 )
 def test_what_cannot_start_says_why_on_one_line(

@@ -93,6 +93,24 @@ def test_a_text_that_repeats_is_read_once_a_minute() -> None:
     assert page.getvalue().count("C7 still here") == 2
 
 
+def test_a_text_whose_figure_alone_changes_is_a_repeat() -> None:
+    page = io.StringIO()
+    output = TextOutput(page, colours=False)
+    for figure in (80, 81, 80, 79):
+        output.event(ev.TextHeard(1, 4, f"C1 blocked {figure}% drivable: waiting"), 1.0, several=False)
+    assert page.getvalue().count("waiting") == 1
+
+
+def test_that_the_vehicle_is_held_now_is_told_without_the_rest(thing_call: CallData) -> None:
+    page = io.StringIO()
+    output = TextOutput(page, colours=False)
+    output.event(ev.CallOpened(1, replace(thing_call, holding=False)), 1.0, several=False)
+    before = len(page.getvalue().splitlines())
+    output.event(ev.CallChanged(1, thing_call), 2.0, several=False)
+    told = page.getvalue().splitlines()[before:]
+    assert [line.split("  ")[1] for line in told] == ["C7 vehicle held"]
+
+
 def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallData) -> None:
     page = io.StringIO()
     output = TextOutput(page, colours=False)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -13,6 +15,8 @@ from pathlib import Path
 from typing import IO
 
 MAX_LINES = 10_000
+_SET_DEATH_SIGNAL = 1
+_LIBC = ctypes.CDLL(None)
 
 
 class ChildError(RuntimeError):
@@ -22,13 +26,27 @@ class ChildError(RuntimeError):
 class Child:
     """`python -m ...` with its stdout as lines; stderr goes to a log file.
 
-    interactive: the process talks to the terminal itself and has no lines.
+    interactive: the process talks to the terminal itself; its lines are those of `events`, a file it writes.
+    It ends with the thread that started it, however that ends.
     """
 
-    def __init__(self, name: str, arguments: Sequence[str], log: Path, *, interactive: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        log: Path,
+        *,
+        interactive: bool = False,
+        events: Path | None = None,
+    ) -> None:
         self.name = name
         self.log = log
         self._lines: queue.Queue[tuple[float, str]] = queue.Queue(MAX_LINES)
+        self._file: IO[str] | None = None
+        self._unfinished = ""
+        if events is not None:
+            events.touch()
+            self._file = events.open(encoding="utf-8")
         pipe = None if interactive else subprocess.PIPE
         with log.open("ab") as errors:
             self.process = subprocess.Popen(
@@ -38,6 +56,7 @@ class Child:
                 stderr=errors,
                 text=True,
                 bufsize=1,
+                preexec_fn=_end_with_parent,  # noqa: PLW1509 - it takes no lock
             )
         if self.process.stdout is not None:
             threading.Thread(target=self._read, args=(self.process.stdout,), daemon=True).start()
@@ -49,7 +68,7 @@ class Child:
 
     def lines(self) -> list[tuple[float, str]]:
         """What it printed since the last call, with the monotonic seconds when it was read."""
-        taken: list[tuple[float, str]] = []
+        taken = self._read_file()
         with contextlib.suppress(queue.Empty):
             while True:
                 taken.append(self._lines.get_nowait())
@@ -82,8 +101,18 @@ class Child:
             self.process.kill()
             self.process.wait(timeout)
 
+    def _read_file(self) -> list[tuple[float, str]]:
+        if self._file is None:
+            return []
+        *complete, self._unfinished = (self._unfinished + self._file.read()).split("\n")
+        return [(time.monotonic(), line) for line in complete]
+
     def _read(self, stream: IO[str]) -> None:
         with contextlib.suppress(ValueError, OSError):
             for line in stream:
                 with contextlib.suppress(queue.Full):
                     self._lines.put_nowait((time.monotonic(), line.rstrip("\n")))
+
+
+def _end_with_parent() -> None:
+    _LIBC.prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)

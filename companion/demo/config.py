@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+_MARK = "# Written by `companion demo`."
 _TEXT = """\
-# Written by `companion demo`. config/companion.toml explains every setting.
+{mark} config/companion.toml explains every setting.
 [camera]
 source = {camera}
 rate = 10
@@ -46,11 +47,16 @@ top = 0.12
 """
 
 
+def written_by_demo(path: Path) -> bool:
+    """Whether this configuration is an earlier demo's, and nobody's work."""
+    return path.is_file() and path.read_bytes().startswith(_MARK.encode())
+
+
 def write_config(out: Path, *, camera: str, link: str, policy: str) -> Path:
     """companion.toml in `out`, with the state beside it."""
     path = out / "companion.toml"
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
     # What JSON makes of a string is a TOML string too, whatever is in a path.
-    text = _TEXT.format(**{name: json.dumps(value) for name, value in values.items()})
+    text = _TEXT.format(mark=_MARK, **{name: json.dumps(value) for name, value in values.items()})
     path.write_text(text, encoding="utf-8")
     return path

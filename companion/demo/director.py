@@ -120,7 +120,10 @@ class Director:
 
     def _hear(self, event: dict[str, Any], now: float) -> None:
         self._tally.event(event, now)
-        self._story.event(event, self._clock(now))
+        if self._auto is not None:
+            self._story.event(event, self._clock(now))
+        else:  # the operator's own terminal tells the rest
+            self._story.picture(event, self._stage.out, self._clock(now))
         if event.get("event") in {"call", "call_changed"}:
             self._open[event["id"]] = event
         elif event.get("event") == "closed":
@@ -148,7 +151,9 @@ class Director:
         """A person takes a named thing away, once it has kept the rover standing for a while."""
         thing = self._thing_ahead()
         standing = self.status["speed"] < 0.05 and self.status["mode"] == "HOLD"
-        unknown = any("unknown_object" in call["reasons"] for call in self._open.values())
+        unknown = any(
+            call["stage"] == "open" and "unknown_object" in call["reasons"] for call in self._open.values()
+        )
         blocked = self._tally.state == "blocked" and not unknown
         if not (thing and standing and blocked):
             self._blocked_since = None
@@ -176,6 +181,8 @@ class Director:
         if len(self._tally.calls) > self._calls_at_return:
             return
         if status["distance"] - self._returned_at >= BEYOND_RETURN and self._tally.history_matches:
+            if not self._tally.returned_without_call:
+                self._story.tell(self._clock(time.monotonic()), "back in the meadow, and nobody was called")
             self._tally.returned_without_call = True
 
     def _clock(self, now: float) -> float:
@@ -191,3 +198,11 @@ def verdict(figures: dict[str, Any], story: Story) -> int:
     if not left:
         story.plain("All of the job was shown.")
     return 1 if left else 0
+
+
+def summary(figures: dict[str, Any]) -> str:
+    """One line on what a person's own demo came to."""
+    return (
+        f"{figures['calls']} calls, {figures['holds']} holds, {figures['resumes']} resumes, "
+        f"{figures['history_matches']} places known again, {figures['collisions']} things driven into."
+    )

@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import shutil
+import signal
 import sys
 import tempfile
 from pathlib import Path
 
 from companion.demo.child import Child, ChildError
-from companion.demo.config import write_config
-from companion.demo.director import Director, Stage, verdict
+from companion.demo.config import write_config, written_by_demo
+from companion.demo.director import Director, Stage, summary, verdict
+from companion.demo.operator import start_operator
 from companion.demo.sheet import write_sheet
 from companion.demo.story import Story
 from companion.field.control import FieldControl, FieldError
+
+_OLD = ("state", "logs", "contact-sheet.png")
 
 
 def main(options: argparse.Namespace) -> int:
     """Run the demo; the exit code is 0 only if all that it should show was shown."""
     out = Path(options.out).absolute() if options.out else Path(tempfile.mkdtemp(prefix="atd-"))
-    for old in ("state", "contact-sheet.png"):
-        path = out / old
-        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
-    out.mkdir(parents=True, exist_ok=True)
-    story = Story()
+    try:
+        _make_room(out)
+    except OSError as error:
+        print(f"companion demo: {out}: {(error.strerror or str(error)).lower()}", file=sys.stderr)
+        return 2
+    story = Story(clock=not options.auto)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _end)
     try:
         if options.camera:
             from companion.demo.rehearsal import rehearse
@@ -36,19 +44,38 @@ def main(options: argparse.Namespace) -> int:
         return 1
 
 
+def _make_room(out: Path) -> None:
+    """An empty folder `out`, where an earlier demo's may have been; nothing else is overwritten."""
+    out.mkdir(parents=True, exist_ok=True)
+    config = out / "companion.toml"
+    foreign = {path.name for path in out.iterdir()} - {config.name, *_OLD}
+    if foreign or (config.exists() and not written_by_demo(config)):
+        raise OSError(errno.ENOTEMPTY, "holds files that no demo wrote: give another folder")
+    for name in _OLD:
+        path = out / name
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _end(number: int, _frame: object) -> None:
+    raise SystemExit(128 + number)
+
+
 def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
     stage = set_stage(out, options.seed, auto=options.auto)
     try:
-        story.plain(_OPENING)
+        story.plain(_OPENING if options.auto else _OPENING + _YOUR_PART)
         director = Director(stage, story, auto=options.auto)
         figures = director.play()
     finally:
         stage.close()
     sheet = write_sheet(out)
     code = verdict(figures, story) if options.auto else 0
+    if not options.auto:
+        story.plain(summary(figures))
     if sheet is not None:
         story.plain(f"Contact sheet of the key frames: {sheet}")
-    story.plain(json.dumps({**figures, "seed": options.seed, "contact_sheet": str(sheet or "")}))
+    if options.auto:
+        story.plain(json.dumps({**figures, "seed": options.seed, "contact_sheet": str(sheet or "")}))
     return code
 
 
@@ -58,19 +85,18 @@ def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
     logs.mkdir(exist_ok=True)
     started: list[Child] = []
 
-    def start(name: str, arguments: list[str], *, interactive: bool = False) -> Child:
-        child = Child(name, arguments, logs / f"{name}.log", interactive=interactive)
+    def keep(child: Child) -> Child:
         started.append(child)
         return child
 
     try:
-        field = start("field", ["companion.field", "--seed", str(seed), "--speed", "2.5"])
+        field = keep(
+            Child("field", ["companion.field", "--seed", str(seed), "--speed", "2.5"], logs / "field.log")
+        )
         ports = json.loads(field.first_line(20.0))
         config = write_config(out, camera=f"field:{ports['frames']}", link=ports["companion"], policy="hold")
-        daemon = start("daemon", ["companion", "run", "--config", str(config)])
-        events = ["--events"] if auto else []
-        arguments = ["gcs_plugin.terminal", "--connect", ports["gcs"], *events]
-        operator = start("operator", arguments, interactive=not auto)
+        daemon = keep(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
+        operator = keep(start_operator(ports["gcs"], logs, auto=auto))
         host, _, port = ports["control"].rpartition(":")
         return Stage(out, field, daemon, operator, FieldControl(host, int(port)))
     except BaseException:
@@ -83,4 +109,14 @@ _OPENING = """\
 A rover drives a trail by itself. The daemon on it looks ahead and judges the ground by words and weights:
 grass and dirt path are drivable, bush, tree and sky are not. It was told of this meadow and of nothing else.
 When a place or a thing has no word it holds the rover and calls the operator over MAVLink.
+"""
+
+_YOUR_PART = """\
+You are that operator. At a call look at the picture that it names, and type an answer, for example:
+
+    tap drum -1 go                        what it points at is a drum: wait until it is gone, then drive on
+    gravel: 1; dry grass: 0.3, go         words for a new place: drive on
+    go                                    drive on, over the thing, this once
+
+Lines with [brackets] are told by somebody beside the trail. `help` shows the rest, `quit` ends the demo.
 """

@@ -11,6 +11,7 @@ from typing import Any
 
 from companion.demo.child import Child, ChildError
 from companion.demo.config import write_config
+from companion.demo.operator import start_operator
 from companion.demo.sheet import write_sheet
 from companion.demo.story import Story
 
@@ -27,15 +28,12 @@ def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     story.plain(
         f"No rover: {camera} is judged as if one drove by it. `shadow` says where it would have held."
     )
-    arguments = ["gcs_plugin.terminal", "--connect", f"udpin:127.0.0.1:{port}"]
-    if auto:
-        arguments.append("--events")
-    operator = Child("operator", arguments, logs / "operator.log", interactive=not auto)
+    operator = start_operator(f"udpin:127.0.0.1:{port}", logs, auto=auto)
     try:
         config = write_config(out, camera=camera, link=f"udpout:127.0.0.1:{port}", policy="shadow")
         daemon = Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
         try:
-            figures = _Rehearsal(daemon, operator, out, story).follow(auto=auto)
+            figures = _Rehearsal(daemon, operator, out, story, auto=auto).follow()
         finally:
             daemon.stop()
     finally:
@@ -43,35 +41,41 @@ def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     sheet = write_sheet(out)
     if sheet is not None:
         story.plain(f"Contact sheet of the key frames: {sheet}")
-    story.plain(json.dumps({**figures, "contact_sheet": str(sheet or "")}))
+    if auto:
+        story.plain(json.dumps({**figures, "contact_sheet": str(sheet or "")}))
+    else:
+        story.plain(f"{figures['frames']} frames, {figures['calls']} calls, {figures['would_hold']} holds.")
     return 0 if figures["frames"] else 1
 
 
 class _Rehearsal:
-    """Follows daemon and operator, and says go to every call."""
+    """Follows daemon and operator; where nobody types, says go to every call."""
 
-    def __init__(self, daemon: Child, operator: Child, out: Path, story: Story) -> None:
+    def __init__(self, daemon: Child, operator: Child, out: Path, story: Story, *, auto: bool) -> None:
         self._daemon = daemon
         self._operator = operator
+        self._out = out
         self._status_file = out / "state" / "status.json"
         self._story = story
+        self._auto = auto
         self._status: dict[str, Any] = {}
         self._asked_at: dict[int, float] = {}
         self._calls = self._would_hold = 0
         self._started = time.monotonic()
 
-    def follow(self, *, auto: bool) -> dict[str, Any]:
+    def follow(self) -> dict[str, Any]:
         """Until the camera has ended or the operator quits; the figures. Raises ChildError."""
-        while self._seconds < LIMIT and (auto or self._operator.running):
+        while self._seconds < LIMIT and (self._auto or self._operator.running):
             time.sleep(STEP)
-            for child in (self._daemon, *([self._operator] if auto else [])):
+            for child in (self._daemon, *([self._operator] if self._auto else [])):
                 if not child.running:
                     raise ChildError(f"the {child.name} ended: see {child.log}")
             self._read_status()
             for _, line in self._operator.lines():
                 with contextlib.suppress(ValueError):
                     self._hear(json.loads(line))
-            self._answer()
+            if self._auto:
+                self._answer()
             if self._over():
                 break
         return {
@@ -91,7 +95,10 @@ class _Rehearsal:
         self._story.where = f"frame {self._status.get('frames', 0)}"
 
     def _hear(self, event: dict[str, Any]) -> None:
-        self._story.event(event, self._seconds)
+        if self._auto:
+            self._story.event(event, self._seconds)
+        else:  # the operator's own terminal tells the rest
+            self._story.picture(event, self._out, self._seconds)
         name = event.get("event")
         if name == "call":
             self._asked_at[event["id"]] = time.monotonic()
@@ -100,7 +107,8 @@ class _Rehearsal:
             self._asked_at.pop(event["id"], None)
         elif name == "text" and "would have held" in event["text"]:
             self._would_hold += 1
-            self._story.tell(self._seconds, f"the rover would have been held: {event['text']}")
+            if self._auto:
+                self._story.tell(self._seconds, f"the rover would have been held: {event['text']}")
 
     def _answer(self) -> None:
         now = time.monotonic()

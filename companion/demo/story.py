@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import time
+from pathlib import Path
 from typing import Any, TextIO
 
 _REASONS = {
@@ -14,47 +16,66 @@ _REASONS = {
 
 
 class Story:
-    """Prints lines with the time and the rover's place in front."""
+    """Prints lines with the time and the rover's place in front.
 
-    def __init__(self, stream: TextIO = sys.stdout) -> None:
+    clock: the time of day, as the operator's terminal beside it tells it, instead of seconds.
+    """
+
+    def __init__(self, stream: TextIO = sys.stdout, *, clock: bool = False) -> None:
         self._stream = stream
+        self._clock = clock
         self._mode = ""
+        self._contacts = 0
         self.where = ""
 
-    def tell(self, time: float, text: str) -> None:
-        """One line."""
-        print(f"{time:6.1f} s  {self.where:<14} {text}", file=self._stream, flush=True)
+    def tell(self, seconds: float, text: str) -> None:
+        """One line. seconds: since the start."""
+        line = f"{seconds:6.1f} s  {self.where:<14} {text}"
+        if self._clock:
+            line = f"{time.strftime('%H:%M:%S')}  [{self.where}] {text}"
+        print(line, file=self._stream, flush=True)
 
     def plain(self, text: str = "") -> None:
         """A line without a time."""
         print(text, file=self._stream, flush=True)
 
-    def event(self, event: dict[str, Any], time: float) -> None:
+    def event(self, event: dict[str, Any], seconds: float) -> None:
         """One event of the operator's, if a newcomer should know of it."""
         name = event.get("event")
         if name == "call" and event["kind"] == "call":
             why = " and ".join(_REASONS[reason] for reason in event["reasons"])
-            self.tell(time, f"CALL {event['id']}: {why} ({_figures(event)}, frame {event['frame_id']})")
+            self.tell(seconds, f"CALL {event['id']}: {why} ({_figures(event)}, frame {event['frame_id']})")
         elif name == "call":
-            self.tell(time, f"HOLD {event['id']}: {_REASONS.get(_first(event), 'not OK')}")
+            self.tell(seconds, f"HOLD {event['id']}: {_REASONS.get(_first(event), 'not OK')}")
         elif name == "call_changed" and event["stage"] == "clear":
-            self.tell(time, f"{event['id']}: the way is clear now; it asks for a go")
+            self.tell(seconds, f"{event['id']}: the way is clear now; it asks for a go")
         elif name == "closed" and event["kind"] == "call":
-            self.tell(time, f"call {event['id']} is closed: {event['outcome'].replace('_', ' ')}")
+            self.tell(seconds, f"call {event['id']} is closed: {event['outcome'].replace('_', ' ')}")
         elif name == "ack":
-            self.tell(time, f"answer {event['result'].replace('_', ' ')}: {event['text']}")
+            self.tell(seconds, f"answer {event['result'].replace('_', ' ')}: {event['text']}")
         elif name == "text" and event["text"].startswith("Known place again"):
-            self.tell(time, f"no call: {event['text']}")
+            self.tell(seconds, f"no call: {event['text']}")
         elif name == "state" and event["state"] in {"blocked", "fault"}:
-            self.tell(time, f"state {event['state'].upper()}: {_REASONS[event['state']]}")
+            self.tell(seconds, f"state {event['state'].upper()}: {_REASONS[event['state']]}")
 
-    def field(self, status: dict[str, Any], time: float) -> None:
-        """The field's status: place and mode."""
+    def picture(self, event: dict[str, Any], out: Path, seconds: float) -> None:
+        """Where a call's picture lies, when the message had room for its name alone."""
+        name = Path(str(event.get("picture") or "/"))
+        if event.get("event") == "call" and not name.is_absolute():
+            self.tell(seconds, f"picture: {out / 'state' / 'pictures' / name}")
+
+    def field(self, status: dict[str, Any], seconds: float) -> None:
+        """The field's status: place, mode, and what was touched."""
         self.where = f"{status['zone']} {status['distance']:.0f} m"
         if status["mode"] != self._mode:
             by = status["mode_log"][-1]["by"] if status["mode_log"] else "?"
-            self.tell(time, f"rover: {status['mode']} (by {by}), {status['speed']:.1f} m/s")
+            self.tell(seconds, f"rover: {status['mode']} (by {by}), {status['speed']:.1f} m/s")
             self._mode = status["mode"]
+        for contact in status["contacts"][self._contacts :]:
+            self.tell(
+                seconds, f"THE ROVER DROVE INTO THE {contact['kind'].upper()}, {contact['speed']:.1f} m/s"
+            )
+        self._contacts = len(status["contacts"])
 
 
 def _first(event: dict[str, Any]) -> str:

@@ -1,0 +1,140 @@
+"""Album, odometer, liveness, mishaps and kept replies, each alone."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from anytraverse.assessment import Assessment
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from anytraverse.judging import Settings
+from anytraverse.memory import first_memory
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
+from companion.album import Album
+from companion.calls.numbers import Numbers
+from companion.kept import Kept, saved_replies
+from companion.mishaps import Mishaps
+from companion.odometer import Odometer
+from companion.tasks import Liveness, tasks
+from companion.wire.ids import Result, State
+from tests.anytraverse.conftest import Painted
+from tests.companion.daemon.rig import picture
+
+REGION = Box(0.3, 0.6, 0.7, 0.95)
+
+
+@pytest.fixture(scope="module")
+def seen() -> Assessment:
+    """A judged frame."""
+    memory = first_memory("painted-1", Preferences.parse("grass: 1"))
+    engine = AnyTraverse(Painted(), Settings(), memory)
+    return engine.step(Frame(1, time.monotonic(), picture("drum")), time.monotonic())
+
+
+def names(folder: Path) -> list[str]:
+    """The pictures in it."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path, seen: Assessment) -> None:
+    for number in range(3):
+        Album(tmp_path, 2, REGION).keep(seen, State.CALLING, f"C{number} Unknown thing!")
+    assert names(tmp_path) == ["00002-c1-unknown-thing.jpg", "00003-c2-unknown-thing.jpg"]
+
+
+def test_an_album_of_many_years_stays_bounded(tmp_path: Path, seen: Assessment) -> None:
+    (tmp_path / "99999-old.jpg").touch()
+    for _ in range(2):
+        album = Album(tmp_path, 2, REGION)
+        album.keep(seen, State.OK, "new")
+        album.keep(seen, State.OK, "new")
+    assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
+
+
+def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path, seen: Assessment) -> None:
+    (tmp_path / "notes-of-mine.jpg").touch()
+    (tmp_path / ".00007-torn.jpg.part").touch()
+    Album(tmp_path, 1, REGION).keep(seen, State.OK, "new")
+    assert names(tmp_path) == ["00001-new.jpg", "notes-of-mine.jpg"]
+
+
+def test_a_picture_that_cannot_be_written_is_no_fault(tmp_path: Path, seen: Assessment) -> None:
+    (tmp_path / "file").touch()
+    assert Album(tmp_path / "file", 5, REGION).keep(seen, State.OK, "new") == ""
+
+
+def test_an_album_of_none_draws_nothing(tmp_path: Path, seen: Assessment) -> None:
+    assert Album(tmp_path / "none", 0, REGION).keep(seen, State.OK, "new") == ""
+    assert not (tmp_path / "none").exists()
+
+
+def test_an_odometer_adds_up_slow_driving_but_not_noise_or_jumps() -> None:
+    odometer = Odometer()
+    assert odometer.travelled(None) is None
+    degree = 111_320.0
+    for step in range(101):
+        travelled = odometer.travelled((50.0 + step * 0.1 / degree, 7.0, None))
+    assert travelled == pytest.approx(10.0, abs=0.4)
+    for noise in (0.05, -0.05, 0.05):
+        assert odometer.travelled((50.0 + (10.0 + noise) / degree, 7.0, None)) == travelled
+    assert odometer.travelled((51.0, 7.0, None)) == travelled, "a new fix is no way"
+    assert odometer.travelled(None) == travelled
+
+
+def test_an_odometer_counts_east_by_the_latitude() -> None:
+    odometer = Odometer()
+    odometer.travelled((60.0, 7.0, 0.0))
+    assert odometer.travelled((60.0, 7.0 + 10.0 / 111_320.0, 0.0)) == pytest.approx(5.0, rel=0.01)
+
+
+def test_the_most_basic_silent_task_is_named_first() -> None:
+    liveness = Liveness(tasks(Numbers()), 0.0)
+    assert liveness.silent(1.0) == []
+    assert liveness.silent(1.1) == ["camera", "eyes"]
+    liveness.beat("camera", 5.0)
+    liveness.beat("camera", 4.0)
+    assert liveness.silent(5.9) == ["eyes"]
+
+
+def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogCaptureFixture) -> None:
+    said: list[float] = []
+    mishaps = Mishaps(said.append)
+
+    def fail() -> None:
+        raise RuntimeError("no")
+
+    for now in (0.0, 1.0, 9.0, 11.0):
+        with mishaps.survived("Judged", now):
+            fail()
+    with mishaps.survived("Applied", 11.0):
+        fail()
+    assert said == [0.0, 11.0, 11.0]
+    assert mishaps.count == 5
+    assert [record.levelno for record in caplog.records] == [logging.ERROR] * 3
+
+
+@given(
+    st.builds(
+        Kept,
+        st.tuples(st.integers(1, 255), st.integers(1, 255)),
+        st.integers(1, 2**32 - 1),
+        st.integers(0, 65535),
+        st.sampled_from(Result),
+        st.text(max_size=20),
+    )
+)
+def test_a_kept_reply_comes_back_as_it_was(kept: Kept) -> None:
+    assert saved_replies([kept.saved()]) == [kept]
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists))
+def test_whatever_else_stands_in_the_journal_counts_for_nothing(saved: Any) -> None:
+    assert isinstance(saved_replies(saved), list)

@@ -110,7 +110,6 @@ class Conversation:
         self.words = words
         """The words in force, as far as the eyes have told."""
         self._asked = self._applied = self._overruled = 0
-        self._waiting: set[AnswerRequest] = set()
         self._replies = {(kept.sender, kept.transaction): kept for kept in replies}
 
     def hear(self, request: AnswerRequest, now: float) -> Heard:
@@ -118,8 +117,6 @@ class Conversation:
         kept = self._replies.get((request.sender, request.transaction or 0))
         if kept is not None:
             return self._reply(request, kept.target, kept.result, kept.text, again=True)
-        if request in self._waiting:
-            return self._reply(request, request.target, Result.BUSY, _EYES_BUSY)
         target = self._calls.resolve(request.target, now)
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
@@ -147,7 +144,6 @@ class Conversation:
         if not self._eyes.answer(asked, changes, call=observation, call_id=call.id if call else 0, go=go):
             return self._reply(request, target or 0, Result.BUSY, _EYES_BUSY)
         self._asked = asked.number
-        self._waiting.add(request)
         return Heard()
 
     def set_weight(self, request: ParameterRequest, word: str) -> bool:
@@ -167,7 +163,6 @@ class Conversation:
             return Heard()
         asked = applied.token
         self._applied = asked.number
-        self._waiting.discard(asked.request)
         if applied.error is not None:
             return self._reply(asked.request, asked.target, Result.REFUSED, str(applied.error))
         outcome = applied.outcome

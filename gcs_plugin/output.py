@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable
 from typing import Any, Protocol, TextIO
 
-from companion.wire.ids import Stage, State
+from companion.wire.ids import Reasons, Stage, State
 from companion.wire.payloads import CallData
 from gcs_plugin import events as ev
 from gcs_plugin import wording
@@ -188,8 +188,9 @@ class TextOutput:
             self._standing[event.system] = now
             return [wording.changed(call, call.age_s)]
         self._standing[event.system] = (*now[:3], told[3] | now[3])
-        if call.stage is Stage.OPEN and now[3] & ~told[3]:
-            return [wording.changed(call, call.age_s)]
+        added = call.reasons & ~Reasons(told[3])
+        if call.stage is Stage.OPEN and added:
+            return [wording.also(call, added)]
         return [wording.stands(call)] * (told[2] != now[2])
 
     def _fresh(self, event: ev.TextHeard, now: float) -> bool:

@@ -23,6 +23,12 @@ _STATES = {
     State.OFF: "OFF: nobody watches the trail",
 }
 _HELD = {True: "vehicle held", False: "vehicle not held"}
+_LATER = {
+    Reasons.UNKNOWN_OBJECT: "an unknown thing ahead",
+    Reasons.UNKNOWN_SCENE: "a new place",
+    Reasons.BLOCKED: "blocked by known ground",
+    Reasons.FAULT: "no picture that can be judged",
+}
 _STAGES = {Stage.ANSWERED: "answered, waits until the way is clear", Stage.CLEAR: "clear now, go?"}
 _OUTCOMES = {
     Outcome.NONE: "over (how was lost on the way)",
@@ -123,6 +129,12 @@ def changed(call: CallData, age: float) -> str:
     """An open call at another stage, or with more reasons."""
     answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call))}"
     return headline(call, age) + answers
+
+
+def also(call: CallData, added: Reasons) -> str:
+    """Reasons that came later; the call's figures are its own frame's, and say nothing of them."""
+    named = " and ".join(text for reason, text in _LATER.items() if added & reason)
+    return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call))}"
 
 
 def stands(call: CallData) -> str:

@@ -82,7 +82,13 @@ class Child:
                 return self._lines.get(timeout=0.1)[1]
             if not self.running:
                 break
-        raise ChildError(f"{self.name} did not start: see {self.log}")
+        raise self.error("did not start")
+
+    def error(self, what: str) -> ChildError:
+        """What went wrong with it, where its log is, and how that ends."""
+        told = self.log.read_text(encoding="utf-8", errors="replace").split("\n") if self.log.exists() else []
+        last = next((line.strip() for line in reversed(told) if line.strip()), "")
+        return ChildError(f"{self.name} {what}: see {self.log}" + (f", which ends: {last}" if last else ""))
 
     def type(self, line: str) -> None:
         """Write a line to its standard input."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.demo.answers import AutoOperator
-from companion.demo.child import Child, ChildError
+from companion.demo.child import Child
 from companion.demo.story import Story
 from companion.demo.tally import Tally, missing
 from companion.field.control import FieldControl
@@ -76,12 +76,13 @@ class Director:
         self._wait_until_ready()
         self._stage.control.start()
         started = time.monotonic()
-        while not self._over(time.monotonic() - started):
-            for child in (self._stage.trail, self._stage.daemon):
-                if not child.running:
-                    raise ChildError(f"{child.name} ended: see {child.log}")
-            self._follow(time.monotonic())
-            time.sleep(STEP)
+        try:
+            while not self._over(time.monotonic() - started):
+                self._follow(time.monotonic())
+                time.sleep(STEP)
+        except KeyboardInterrupt:
+            if self._auto is not None:
+                raise  # for a person it is another way to quit
         self._seconds = time.monotonic() - started
         self._stage.daemon.stop()
         self._hear_all()
@@ -93,7 +94,7 @@ class Director:
             if self._stage.daemon_status().get("state") == "ok":
                 return
             time.sleep(STEP)
-        raise ChildError(f"the daemon saw nothing that it knows: see {self._stage.daemon.log}")
+        raise self._stage.daemon.error("saw nothing that it knows")
 
     def _over(self, seconds: float) -> bool:
         if self._auto is None:
@@ -101,6 +102,9 @@ class Director:
         return self._tally.returned_without_call or seconds >= LIMIT
 
     def _follow(self, now: float) -> None:
+        for child in (self._stage.trail, self._stage.daemon):
+            if not child.running:
+                raise child.error("ended")
         self.status = self._stage.control.status()
         self._story.field(self.status, self._clock(now))
         self._hear_all()

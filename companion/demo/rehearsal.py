@@ -64,12 +64,22 @@ class _Rehearsal:
         self._started = time.monotonic()
 
     def follow(self) -> dict[str, Any]:
-        """Until the camera has ended or the operator quits; the figures. Raises ChildError."""
+        """Until the camera has ended, the operator quits or Ctrl-C; the figures. Raises ChildError."""
+        with contextlib.suppress(KeyboardInterrupt):
+            self._follow()
+        return {
+            "frames": self._status.get("frames", 0),
+            "calls": self._calls,
+            "would_hold": self._would_hold,
+            "seconds": round(self._seconds, 1),
+        }
+
+    def _follow(self) -> None:
         while self._seconds < LIMIT and (self._auto or self._operator.running):
             time.sleep(STEP)
             for child in (self._daemon, *([self._operator] if self._auto else [])):
                 if not child.running:
-                    raise ChildError(f"the {child.name} ended: see {child.log}")
+                    raise child.error("ended")
             self._read_status()
             for _, line in self._operator.lines():
                 with contextlib.suppress(ValueError):
@@ -77,13 +87,8 @@ class _Rehearsal:
             if self._auto:
                 self._answer()
             if self._over():
+                self._story.tell(self._seconds, "the drive is over")
                 break
-        return {
-            "frames": self._status.get("frames", 0),
-            "calls": self._calls,
-            "would_hold": self._would_hold,
-            "seconds": round(self._seconds, 1),
-        }
 
     @property
     def _seconds(self) -> float:

@@ -69,7 +69,7 @@ def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
     """The same when the journal could not be written: it may have been applied, but a restart forgets it."""
     if acknowledgement.result not in (Result.APPLIED, Result.NOT_COVERED):
         return acknowledgement
-    text = texts.unremembered(acknowledgement.text)
+    text = f"not remembered (disk?): {acknowledgement.text}"
     return replace(acknowledgement, result=Result.APPLIED_NOT_REMEMBERED, text=text)
 
 

@@ -188,11 +188,6 @@ def journal_works() -> str:
     return "Journal is written again"
 
 
-def unremembered(what: str) -> str:
-    """What an acknowledgement says, when a restart would forget it."""
-    return f"not remembered (disk?): {what}"
-
-
 def frame_lost(call: int) -> str:
     """After a restart the call's picture is not there: the newest one takes its place."""
     return fit(f"C{call} picture lost: it shows the newest now")

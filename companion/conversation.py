@@ -31,6 +31,7 @@ from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 from companion.wire.parameters import NOT_IN_USE
 
 _EYES_BUSY = "the eyes are busy: send it again"
+_UNREMEMBERED = "not remembered (disk?): "
 _FRAME_PATIENCE = 10.0
 """Seconds to wait after a restart for the call's frame to be judged; then answers do without it."""
 
@@ -69,7 +70,7 @@ def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
     """The same when the journal could not be written: it may have been applied, but a restart forgets it."""
     if acknowledgement.result not in (Result.APPLIED, Result.NOT_COVERED):
         return acknowledgement
-    text = f"not remembered (disk?): {acknowledgement.text}"
+    text = _UNREMEMBERED + acknowledgement.text
     return replace(acknowledgement, result=Result.APPLIED_NOT_REMEMBERED, text=text)
 
 
@@ -251,7 +252,7 @@ class Conversation:
         """What a person is told of an answer that was applied."""
         if not target:
             text = f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
-            return text if result is not Result.APPLIED_NOT_REMEMBERED else texts.unremembered(text)
+            return text if result is not Result.APPLIED_NOT_REMEMBERED else _UNREMEMBERED + text
         if result is Result.STALE:
             return self._too_late(target, memory)
         call = self._calls.call if self._calls.current_id == target else None

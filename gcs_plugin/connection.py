@@ -30,6 +30,10 @@ class Connection(Protocol):
     @property
     def name(self) -> str: ...
 
+    @property
+    def trouble(self) -> str:
+        """Why it is down, until something is heard again; empty when nothing is known to be wrong."""
+
     def fileno(self) -> int | None:
         """To wait on; None while it is down."""
 
@@ -45,6 +49,8 @@ class Connection(Protocol):
 
 class Udp:
     """A UDP socket. With a `peer` it speaks to that one; without, to whoever spoke within 30 s."""
+
+    trouble = ""
 
     def __init__(self, family: int, bind: Any = None, peer: Any = None) -> None:
         self._peer = peer

@@ -17,6 +17,7 @@ class Stream:
 
     def __init__(self, name: str, opener: Callable[[], Any]) -> None:
         self.name = name
+        self.trouble = ""
         self._opener = opener
         self._stream: Any = None
         self._reopen_at = 0.0
@@ -32,9 +33,11 @@ class Stream:
             waiting = self._stream.receive()
         except BlockingIOError:
             waiting = b""
-        except OSError:
-            self._break()
+        except OSError as error:
+            self._break(error)
             return b""
+        if waiting:
+            self.trouble = ""
         self._flush()
         return bytes(waiting)
 
@@ -54,7 +57,8 @@ class Stream:
         self._reopen_at = now + REOPEN_S
         try:
             self._stream = self._opener()
-        except OSError:
+        except OSError as error:
+            self.trouble = str(error)
             return False
         return True
 
@@ -65,10 +69,11 @@ class Stream:
             self._unsent = self._unsent[self._stream.send(self._unsent) :]
         except BlockingIOError:
             return
-        except OSError:
-            self._break()
+        except OSError as error:
+            self._break(error)
 
-    def _break(self) -> None:
+    def _break(self, error: OSError | None = None) -> None:
+        self.trouble = str(error or "")
         if self._stream is not None:
             self._stream.close()
         self._stream = None

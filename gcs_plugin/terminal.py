@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TextIO
 
 from gcs_plugin.client import OperatorClient
-from gcs_plugin.connection import EXAMPLES, LinkError, open_connection
+from gcs_plugin.connection import EXAMPLES, Connection, LinkError, open_connection
 from gcs_plugin.keyboard import Keyboard
 from gcs_plugin.output import Both, JsonOutput, Output, TextOutput
 from gcs_plugin.runner import Runner
@@ -20,6 +20,8 @@ from gcs_plugin.script import Script, ScriptError
 from gcs_plugin.session import Session
 
 CYCLE_S = 0.05
+SILENT_S = 10.0
+NOBODY = "no rover is heard yet: is the link right, and does the companion run?"
 MAX_SCRIPT_BYTES = 1 << 20
 
 
@@ -47,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     session = Session(client, output, script)
     try:
         output.started(connection.name)
-        _run(runner, session, stopped, options.quit_after)
+        _run(runner, session, _Doubts(connection, client, output), stopped, options.quit_after)
         output.end(session.totals.record(client.rovers, time.monotonic() - started))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -59,7 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(runner: Runner, session: Session, stopped: _Stopped, quit_after: float | None) -> None:
+def _run(
+    runner: Runner, session: Session, doubts: _Doubts, stopped: _Stopped, quit_after: float | None
+) -> None:
     keyboard = Keyboard.of(sys.stdin)
     started = time.monotonic()
     while not (stopped or session.quit):
@@ -67,11 +71,35 @@ def _run(runner: Runner, session: Session, stopped: _Stopped, quit_after: float 
         now = time.monotonic()
         runner.step(now)
         session.step(now)
+        doubts.step(now)
         for line in keyboard.lines():
             session.type(line, now)
         over = quit_after is not None and now - started >= quit_after
         if over or (keyboard.ended and not runner.client.unsettled):
             break
+
+
+class _Doubts:
+    """Says what is wrong with the link, and once that nobody is heard on it."""
+
+    def __init__(self, connection: Connection, client: OperatorClient, output: Output) -> None:
+        self._connection = connection
+        self._client = client
+        self._output = output
+        self._told = ""
+        self._quiet_until: float | None = time.monotonic() + SILENT_S
+
+    def step(self, now: float) -> None:
+        """Look at the link."""
+        trouble = self._connection.trouble
+        if trouble and trouble != self._told:
+            self._output.problem(f"{self._connection.name}: {trouble}; trying again")
+            self._quiet_until = None
+        self._told = trouble
+        if self._quiet_until is not None and now >= self._quiet_until:
+            self._quiet_until = None
+            if not self._client.rovers:
+                self._output.problem(NOBODY)
 
 
 class _Stopped:

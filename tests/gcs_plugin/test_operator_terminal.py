@@ -207,6 +207,18 @@ def test_a_person_reads_text_and_a_file_gets_the_events(
     assert (events[0], events[-1], "call" in events) == ("started", "end", True)
 
 
+def test_a_link_that_is_refused_is_told_once_and_tried_again(start: Callable[..., Operator]) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # bound and not listening: connections are refused
+        link = f"tcp:127.0.0.1:{taken.getsockname()[1]}"
+        operator = start("--connect", link, "--events", "--quit-after", "2.5")
+        assert operator.process.wait(DEADLINE_S) == 0
+    problems = [json.loads(line)["text"] for line in operator.lines if '"problem"' in line]
+    assert len(problems) == 1
+    assert problems[0].startswith(f"{link}: ")
+    assert problems[0].endswith("refused; trying again")
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_the_figures(start: Callable[..., Operator], number: signal.Signals) -> None:
     operator = start("--connect", "udpin:127.0.0.1:0", "--events")

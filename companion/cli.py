@@ -8,6 +8,10 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from companion.config import Config
 
 _SHIPPED = ("companion.toml", "vehicles/rover.toml")
 
@@ -103,13 +107,31 @@ def _init(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from anytraverse.errors import AnyTraverseError
     from companion.config import ConfigError, format_config, load_config
 
     try:
-        print(format_config(load_config(options.file)), end="")
+        config = load_config(options.file)
+        _try_words(config)
     except ConfigError as error:
         raise UserError(_told(error)) from error
+    except AnyTraverseError as error:
+        raise UserError(f"{options.file}: {error}") from error
+    print(format_config(config), end="")
     return 0
+
+
+def _try_words(config: Config) -> None:
+    """Whether there is such a perceiver, and it knows the words. Raises AnyTraverseError."""
+    from anytraverse.engine import AnyTraverse
+    from anytraverse.memory import first_memory
+    from anytraverse.perception import make_perceiver
+    from companion.run import judging_settings
+
+    perceiver = make_perceiver(config.perceiver.name)
+    AnyTraverse(
+        perceiver, judging_settings(config, perceiver), first_memory(perceiver.model_id, config.preferences)
+    )
 
 
 def _told(error: Exception) -> str:

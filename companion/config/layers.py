@@ -50,7 +50,8 @@ class Layer:
         except tomllib.TOMLDecodeError as error:
             located = _AT_LINE.match(str(error))
             reason, line = (located[1], int(located[2])) if located else (str(error), None)
-            raise ConfigError([Problem(path, line, "", None, f"{reason}: mend the TOML")]) from error
+            hint = " (text stands in quotes)" if reason == "Invalid value" else ""
+            raise ConfigError([Problem(path, line, "", None, f"{reason}{hint}: mend the TOML")]) from error
 
     def problem(self, keys: KeyPath, reason: str) -> Problem:
         """A problem with what stands under `keys`, on its line or that of the table around it."""

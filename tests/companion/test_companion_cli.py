@@ -80,3 +80,12 @@ def test_the_command_line_starts_without_anything_heavy() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
     )
     assert result.stdout.strip() == "set()"
+
+
+def test_check_refuses_a_word_that_the_perceiver_does_not_know(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text('[vehicle]\nfile = ""\n[words]\nunicorn = 1\n', encoding="utf-8")
+    assert main(["config", "check", str(path)]) == 2
+    assert '"unicorn" is not a word of this perceiver' in capsys.readouterr().err

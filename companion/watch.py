@@ -17,6 +17,8 @@ from companion.wire import texts
 log = logging.getLogger(__name__)
 
 ERROR, WARNING, NOTICE = 3, 4, 5
+ALONE_AFTER = 10.0
+"""Seconds without an autopilot after which the log says what to check."""
 RECOVERED_AFTER = 2.0
 """Seconds without a fault until it counts as over: one that comes and goes is said once."""
 
@@ -42,6 +44,8 @@ class Watch:
         self._faulty_at: float | None = None
         self._link_trouble: str | None = None
         self._unremembered = False
+        self._alone_since: float | None = None
+        self._alone_said = False
 
     def silent(self, now: float) -> list[str]:
         """What gives no sign of life, in two or three words each, the most basic first."""
@@ -58,6 +62,7 @@ class Watch:
         if self._camera.delivered_at is not None:
             self._liveness.beat("camera", self._camera.delivered_at)
         self._look_at_faults(now)
+        self._look_for_autopilot(now)
         if self._link.trouble != self._link_trouble:
             self._link_trouble = self._link.trouble
             log.warning("%s", self._link_trouble or "link is back")
@@ -65,6 +70,20 @@ class Watch:
             self._unremembered = self._keeper.failing
             text = texts.journal_fails() if self._unremembered else texts.journal_works()
             self._link.say(text, WARNING, now)
+
+    def _look_for_autopilot(self, now: float) -> None:
+        if self._link.vehicle is not None:
+            if self._alone_said:
+                log.info("an autopilot is heard")
+            self._alone_since, self._alone_said = None, False
+        elif self._alone_since is None:
+            self._alone_since = now
+        elif not self._alone_said and now - self._alone_since >= ALONE_AFTER:
+            self._alone_said = True
+            log.warning(
+                "no autopilot heard for %.0f s: check [link] url, and that the autopilot or router sends there",
+                ALONE_AFTER,
+            )
 
     def _look_at_faults(self, now: float) -> None:
         if Reason.FAULT in self._calls.sight.reasons(now):

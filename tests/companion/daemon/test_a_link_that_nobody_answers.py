@@ -1,0 +1,50 @@
+"""A wrong port is silence: the log says what to check."""
+
+from __future__ import annotations
+
+import logging
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from companion.calls.machine import OperatorCalls
+from companion.calls.numbers import Numbers
+from companion.tasks import Liveness, tasks
+from companion.watch import ALONE_AFTER, Watch
+
+
+def _watch(link: Any) -> Watch:
+    numbers = Numbers()
+    return Watch(
+        Liveness(tasks(numbers), 0.0),
+        link,
+        cast(Any, SimpleNamespace(delivered_at=None, state=None, status=SimpleNamespace(reason=""))),
+        cast(Any, SimpleNamespace(alive_at=0.0)),
+        OperatorCalls(numbers, 0.0),
+        cast(Any, SimpleNamespace(failing=False)),
+    )
+
+
+def _link(vehicle: object) -> Any:
+    return SimpleNamespace(vehicle=vehicle, trouble=None, say=lambda *_: None)
+
+
+def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.LogCaptureFixture) -> None:
+    watch = _watch(_link(None))
+    with caplog.at_level(logging.WARNING, "companion.watch"):
+        for now in (0.0, ALONE_AFTER - 0.1):
+            watch.look(now)
+        assert "no autopilot" not in caplog.text
+        for now in (ALONE_AFTER, ALONE_AFTER + 60):
+            watch.look(now)
+    assert caplog.text.count("no autopilot heard") == 1
+    assert "[link] url" in caplog.text
+
+
+def test_an_autopilot_that_is_heard_is_no_matter_for_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    watch = _watch(_link(object()))
+    with caplog.at_level(logging.INFO, "companion.watch"):
+        for now in (0.0, ALONE_AFTER + 1):
+            watch.look(now)
+    assert "autopilot" not in caplog.text

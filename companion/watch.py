@@ -81,7 +81,7 @@ class Watch:
         elif not self._alone_said and now - self._alone_since >= ALONE_AFTER:
             self._alone_said = True
             log.warning(
-                "no autopilot heard for %.0f s: check [link] url, and that the autopilot or router sends there",
+                "no autopilot heard for %.0f s: check [link] url, and that autopilot or router sends there",
                 ALONE_AFTER,
             )
 

@@ -1,8 +1,8 @@
 """The built-in perceiver: a lexicon of ground words over colour, light, roughness and height in the image.
 
 It needs no download and a few milliseconds a frame. Grass, paths, vegetation and sky are its strong words;
-water, rock and log are weak: tap such things rather than naming them. Places are told apart only by the colour
-and roughness of their ground.
+water, rock and log are weak: tap such things rather than naming them. Places are told apart only by
+the colour and roughness of their ground.
 """
 
 from __future__ import annotations

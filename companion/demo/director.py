@@ -23,6 +23,8 @@ BEYOND_RETURN = 12.0
 """Metres into the known meadow that the rover must come without a call."""
 NEAR = 9.0
 """Metres ahead at which a person would point at a thing."""
+TAKE_OVER_AFTER = 4.0
+"""Seconds that a blocked rover stands before nothing at all until a human takes over."""
 REMOVE_AFTER = 1.5
 """Seconds that a named thing must have kept the rover standing before somebody takes it away."""
 
@@ -152,18 +154,23 @@ class Director:
         return str(self.status.get("zone_ahead", self.status["zone"]))
 
     def _take_away(self, now: float) -> None:
-        """A person takes a named thing away, once it has kept the rover standing for a while."""
+        """A person takes a named thing away, once it has kept the rover standing for a while.
+
+        Where nothing stands, what is known there was mistaken: the person sees that, and takes over.
+        """
         thing = self._thing_ahead()
         standing = self.status["speed"] < 0.05 and self.status["mode"] == "HOLD"
         unknown = any(
             call["stage"] == "open" and "unknown_object" in call["reasons"] for call in self._open.values()
         )
         blocked = self._tally.state == "blocked" and not unknown
-        if not (thing and standing and blocked):
+        if not (standing and blocked):
             self._blocked_since = None
-            return
-        if self._blocked_since is None:
+        elif self._blocked_since is None:
             self._blocked_since = now
+        elif thing is None:
+            if now - self._blocked_since >= TAKE_OVER_AFTER:
+                self._take_over(now)
         elif now - self._blocked_since >= REMOVE_AFTER:
             self._stage.control.remove(thing["id"])
             self._tally.kept_off += 1
@@ -172,6 +179,12 @@ class Director:
                 self._clock(now),
                 f"somebody takes the {thing['kind']} away, {thing['distance']:.1f} m before the rover",
             )
+
+    def _take_over(self, now: float) -> None:
+        self._stage.control.mode("AUTO")
+        self._tally.taken_over += 1
+        self._blocked_since = None
+        self._story.tell(self._clock(now), "nothing is in the way: a human takes over and sets AUTO by hand")
 
     def _watch_return(self) -> None:
         status = self.status

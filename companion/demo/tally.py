@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from statistics import median
 from typing import Any
 
@@ -23,6 +24,8 @@ class Tally:
     history_matches: int = 0
     blocked: int = 0
     kept_off: int = 0
+    taken_over: int = 0
+    """Holds that a human ended, where nothing was in the way."""
     summaries: int = 0
     received: dict[int, float] = field(default_factory=dict)
     returned_without_call: bool = False
@@ -81,7 +84,10 @@ class Tally:
             "history_matches": self.history_matches,
             "returned_without_call": self.returned_without_call,
             "holds": modes.count(("HOLD", "companion")),
-            "resumes": modes.count(("AUTO", "companion")),
+            "resumes": sum(
+                before == ("HOLD", "companion") and after[0] == "AUTO" for before, after in pairwise(modes)
+            ),
+            "taken_over": self.taken_over,
             "blocked": self.blocked,
             "kept_off_named_things": self.kept_off,
             "collisions": len(field_status["contacts"]),

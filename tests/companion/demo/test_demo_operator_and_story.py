@@ -130,6 +130,7 @@ def test_the_tally_counts_what_was_heard() -> None:
         "returned_without_call": False,
         "holds": 1,
         "resumes": 1,
+        "taken_over": 0,
         "blocked": 1,
         "kept_off_named_things": 0,
         "collisions": 0,
@@ -139,6 +140,21 @@ def test_the_tally_counts_what_was_heard() -> None:
         "latency_ms_max": 200.0,
         "seconds": 10.0,
     }
+
+
+def test_a_hold_that_a_human_ended_by_driving_on_counts_as_resumed_and_is_named() -> None:
+    modes = [
+        ("AUTO", "hand"),
+        ("HOLD", "companion"),
+        ("AUTO", "companion"),
+        ("HOLD", "companion"),
+        ("AUTO", "hand"),
+    ]
+    field = {**FIELD, "mode_log": [{"t": 0.0, "mode": mode, "by": by} for mode, by in modes]}
+    tally = full_tally()
+    tally.taken_over = 1
+    figures = tally.figures(field, DAEMON, seconds=10.0)
+    assert (figures["holds"], figures["resumes"], figures["taken_over"]) == (2, 2, 1)
 
 
 def test_a_tally_of_nothing_has_figures_and_lacks_nearly_all() -> None:

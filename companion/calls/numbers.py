@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from anytraverse.judging import Settings
+from companion.link.autopilot import HOLD, HOLDABLE
 from companion.wire.ids import Policy
 
 
@@ -45,9 +46,9 @@ class Numbers:
     """A mode last heard this long ago is not known any more: nothing is commanded over it."""
     fault_ends_hold: bool = False
     """Whether the hold of a fault may end by itself."""
-    hold_mode: int = 4
+    hold_mode: int = HOLD
     """The autopilot's custom_mode that stands still."""
-    holdable: frozenset[int] = frozenset({10, 15})
+    holdable: frozenset[int] = HOLDABLE
     """The autopilot's own driving modes: the only ones that are held."""
 
     @property

@@ -138,7 +138,7 @@ class Director:
     def _answer(self, operator: AutoOperator, call: dict[str, Any], now: float) -> None:
         thing = self._thing_ahead()
         kind = str(thing["kind"]) if thing is not None else None
-        line = operator.answer(call, self._place_ahead(), kind, now)
+        line = operator.answer(call, str(self.status["zone"]), kind, now)
         if line is not None:
             self._story.tell(self._clock(now), f"operator types: {call['id']} {line}")
             self._tally.typed(line)
@@ -149,9 +149,6 @@ class Director:
             thing for thing in self.status["things_ahead"] if thing["surprise"] and thing["distance"] < NEAR
         ]
         return min(ahead, key=lambda thing: thing["distance"], default=None)
-
-    def _place_ahead(self) -> str:
-        return str(self.status.get("zone_ahead", self.status["zone"]))
 
     def _take_away(self, now: float) -> None:
         """A person takes a named thing away, once it has kept the rover standing for a while.

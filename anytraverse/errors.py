@@ -7,6 +7,7 @@ AnyTraverseError
 ├── SettingsError           a number of the judging that is out of its range
 ├── ExampleError            a tapped box that teaches nothing, or an example of another model
 └── PerceiverError          a perceiver that cannot be made or has failed
+    └── BundleError         a bundle of networks that is torn, foreign, newer or unsuitable
 """
 
 from __future__ import annotations
@@ -49,3 +50,7 @@ class ExampleError(AnyTraverseError, ValueError):
 
 class PerceiverError(AnyTraverseError, RuntimeError):
     """A perceiver that cannot be made, or that has failed on a frame."""
+
+
+class BundleError(PerceiverError):
+    """A bundle of networks that is torn, foreign, newer than this program, or unsuitable."""

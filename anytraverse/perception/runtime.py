@@ -1,0 +1,102 @@
+"""Running networks with ONNX Runtime: which providers, how many cores, which precision."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from anytraverse.errors import PerceiverError
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+PROVIDERS = {
+    "CPU": "CPUExecutionProvider",
+    "CUDA": "CUDAExecutionProvider",
+    "TensorRT": "TensorrtExecutionProvider",
+    "OpenVINO": "OpenVINOExecutionProvider",
+    "ROCm": "ROCMExecutionProvider",
+    "MIGraphX": "MIGraphXExecutionProvider",
+    "CoreML": "CoreMLExecutionProvider",
+    "XNNPACK": "XnnpackExecutionProvider",
+    "ACL": "ACLExecutionProvider",
+    "QNN": "QNNExecutionProvider",
+}
+"""Our names -> ONNX Runtime's."""
+
+PRECISIONS = ("auto", "fp32", "int8")
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """How networks are run.
+
+    providers: names of `PROVIDERS`, the preferred one first; the CPU stands in for what they cannot run.
+    threads: cores that one network may use; 0: all that this process may use.
+    precision: the bundle's variant; "auto": int8 where a check on this machine has passed it, else fp32.
+    Raises PerceiverError for a name or number that it does not know.
+    """
+
+    providers: tuple[str, ...] = ("CPU",)
+    threads: int = 0
+    precision: str = "auto"
+
+    def __post_init__(self) -> None:
+        for name in self.providers:
+            if name not in PROVIDERS:
+                raise PerceiverError(f'no provider is called "{name}": choose from {", ".join(PROVIDERS)}')
+        if not 0 <= self.threads <= 256:
+            raise PerceiverError(f"threads is {self.threads}: give 0 (all cores) to 256")
+        if self.precision not in PRECISIONS:
+            raise PerceiverError(f'no precision is called "{self.precision}": choose {", ".join(PRECISIONS)}')
+
+    @property
+    def cores(self) -> int:
+        """The threads that one network gets."""
+        return self.threads or len(os.sched_getaffinity(0))
+
+
+def available_providers() -> tuple[str, ...]:
+    """The names of `PROVIDERS` that the installed ONNX Runtime brings. Raises PerceiverError without one."""
+    installed = _onnxruntime().get_available_providers()
+    return tuple(name for name, theirs in PROVIDERS.items() if theirs in installed)
+
+
+def open_session(model: Path | bytes, runtime: Runtime) -> onnxruntime.InferenceSession:
+    """A session for a network file, or the bytes of one.
+
+    Sessions take turns in one thread, so each may use all cores, but its workers must not go on spinning
+    when its turn is over. Raises PerceiverError when a provider is missing or the network cannot be read.
+    """
+    ort = _onnxruntime()
+    missing = [name for name in runtime.providers if name not in available_providers()]
+    if missing:
+        raise PerceiverError(
+            f"ONNX Runtime has no provider {', '.join(missing)} here, only {', '.join(available_providers())}: "
+            "change `providers`, or install the build that has it in place of onnxruntime "
+            "(onnxruntime-gpu: CUDA, TensorRT; onnxruntime-openvino: OpenVINO)"
+        )
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = runtime.cores
+    options.inter_op_num_threads = 1
+    options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+    options.log_severity_level = 3
+    options.add_session_config_entry("session.force_spinning_stop", "1")
+    names = [PROVIDERS[name] for name in dict.fromkeys((*runtime.providers, "CPU"))]
+    try:
+        return ort.InferenceSession(model if isinstance(model, bytes) else str(model), options, names)
+    except Exception as error:  # ONNX Runtime has a dozen kinds of its own
+        what = "the network" if isinstance(model, bytes) else model.name
+        raise PerceiverError(f"ONNX Runtime cannot load {what}: {' '.join(str(error).split())}") from error
+
+
+def _onnxruntime() -> onnxruntime:
+    try:
+        import onnxruntime
+    except ImportError:
+        raise PerceiverError(
+            'networks need ONNX Runtime: pip install "anytraverse-companion[rover]"'
+        ) from None
+    return onnxruntime

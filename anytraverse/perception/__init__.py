@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.frame import Image
+from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
 
 Features = Any
@@ -97,13 +98,15 @@ class Perceiver(Protocol):
 
 KINDS: dict[str, tuple[str, str]] = {
     "builtin": ("anytraverse.perception.builtin", "Builtin"),
+    "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),
 }
-"""Kind -> (module, class). The module is imported only when the kind is chosen."""
+"""Kind -> (module, class of (argument, runtime)). The module is imported only when the kind is chosen."""
 
 
-def make_perceiver(name: str) -> Perceiver:
-    """The perceiver called `name`: "kind" or "kind:argument", e.g. "builtin".
+def make_perceiver(name: str, runtime: Runtime | None = None) -> Perceiver:
+    """The perceiver called `name`: "kind" or "kind:argument", e.g. "builtin" or "clipseg:/opt/bundle".
 
+    runtime: how its networks are run, by default on all cores of the CPU.
     Raises PerceiverError for an unknown kind or one that fails to load.
     """
     kind, _, argument = name.partition(":")
@@ -116,5 +119,5 @@ def make_perceiver(name: str) -> Perceiver:
         raise PerceiverError(
             f'perceiver "{kind}" needs {error.name}: pip install "anytraverse-companion[rover]"'
         ) from error
-    perceiver: Perceiver = factory(argument) if argument else factory()
+    perceiver: Perceiver = factory(argument, runtime or Runtime())
     return perceiver

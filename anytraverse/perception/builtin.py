@@ -18,6 +18,7 @@ from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.ground_features import Grid, ground_features
 from anytraverse.perception.lexicon import LOOKS, VOCABULARY, meaning
 from anytraverse.perception.looks import Look, attention
+from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.scene import SAME_PLACE, scene_vector
 from anytraverse.perception.tapped import learn_look, look_of, vector_of
 from anytraverse.preferences import clean_word
@@ -33,8 +34,8 @@ class Builtin:
     vocabulary = VOCABULARY
     defaults = DefaultThresholds(roi=0.3, scene=SAME_PLACE, tile=0.25)
 
-    def __init__(self, argument: str = "") -> None:
-        """Raises PerceiverError for an argument: it takes none."""
+    def __init__(self, argument: str = "", runtime: Runtime | None = None) -> None:  # noqa: ARG002
+        """It runs no network. Raises PerceiverError for an argument: it takes none."""
         if argument:
             raise PerceiverError(
                 f'the built-in perceiver takes no argument: write "builtin", not "builtin:{argument}"'

@@ -1,9 +1,9 @@
 #!/bin/sh
-# Makes .venv ready for one extra of the distribution: sh .ci/setup.sh rover|dev
+# Makes .venv ready for one extra of the distribution: sh .ci/setup.sh rover|dev|export
 # Says nothing and calls no pip when it is ready already. PYTHON=... chooses the interpreter.
 set -eu
 
-extra=${1:?give the extra to install: rover or dev}
+extra=${1:?give the extra to install: rover, dev or export}
 cd -- "$(dirname -- "$0")/.."
 venv=$(pwd -P)/.venv
 log=$venv/setup.log
@@ -119,8 +119,8 @@ PIP_RETRIES=${PIP_RETRIES:-3} "$venv/bin/python" -m pip install --no-user --no-i
     explain_pip
 }
 
-# dev contains rover.
-[ "$extra" != dev ] || printf '%s\n' "$stamp" >"$venv/.ready-rover"
+# dev and export contain rover.
+[ "$extra" = rover ] || printf '%s\n' "$stamp" >"$venv/.ready-rover"
 printf '%s\n' "$stamp" >"$venv/.ready-$extra"
 rm -f "$unfinished"
 echo 'set-up: ready'

@@ -45,6 +45,24 @@ def test_make_test_hands_its_arguments_to_pytest(checkout: Checkout) -> None:
     assert checkout.calls[-1] == "-m pytest -k wheel"
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], "-m bench.clipseg"),
+        (["ARGS=--quick", "OUT=a folder; false"], "-m bench.clipseg --quick --out a folder; false"),
+    ],
+)
+def test_the_bench_of_networks_gets_its_own_set_up_and_options(
+    checkout: Checkout, words: list[str], expected: str
+) -> None:
+    checkout.python()
+    done = checkout.run("make", "bench-clipseg", *words)
+    assert done.returncode == 0, done.stderr
+    (install,) = (call for call in checkout.calls if call.startswith("-m pip"))
+    assert install.endswith("-e .[export]")
+    assert checkout.calls[-1] == expected
+
+
 def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> None:
     checkout.python()
     checkout.run("make", "ready-rover")
@@ -55,7 +73,7 @@ def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> Non
 
 def test_make_alone_lists_every_target_with_what_it_does(checkout: Checkout) -> None:
     listed = checkout.run("make").stdout
-    for target in ("demo", "test", "lint", "types", "check", "clean", "help"):
+    for target in ("demo", "test", "lint", "types", "check", "bench-clipseg", "clean", "help"):
         assert f"make {target} " in listed
 
 

@@ -85,9 +85,10 @@ def test_a_second_set_up_says_nothing_and_calls_neither_venv_nor_pip(checkout: C
     assert checkout.calls == before
 
 
-def test_the_developers_set_up_is_enough_for_the_demo(checkout: Checkout) -> None:
+@pytest.mark.parametrize("extra", ["dev", "export"])
+def test_a_larger_set_up_is_enough_for_the_demo(checkout: Checkout, extra: str) -> None:
     checkout.python()
-    checkout.set_up("dev")
+    checkout.set_up(extra)
     before = checkout.calls
     assert checkout.set_up("rover").returncode == 0
     assert checkout.calls == before
@@ -99,6 +100,14 @@ def test_the_demos_set_up_is_kept_and_added_to_for_the_tests(checkout: Checkout)
     checkout.set_up("dev")
     assert [call.split()[1] for call in checkout.calls] == ["venv", "pip", "pip"]
     assert checkout.calls[-1].endswith(".[dev]")
+
+
+def test_the_benchs_set_up_adds_to_the_tests_and_neither_stands_for_the_other(checkout: Checkout) -> None:
+    checkout.python()
+    checkout.set_up("dev")
+    checkout.set_up("export")
+    assert [call.rpartition(" ")[2] for call in checkout.calls[1:]] == [".[dev]", ".[export]"]
+    assert checkout.stamps == {".ready-rover", ".ready-dev", ".ready-export"}
 
 
 def test_a_changed_project_file_is_installed_again(checkout: Checkout) -> None:

@@ -1,0 +1,108 @@
+"""Objects of JSON read field by field: what is missing or unfit is refused, with what was expected."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from anytraverse.errors import BundleError
+
+
+def parse_object(data: bytes, where: str) -> Fields:
+    """The JSON object in `data`; `where` names it in messages. Raises BundleError."""
+    try:
+        value = json.loads(data.decode("utf-8"), parse_constant=_refuse, parse_float=_finite)
+        json.dumps(value, ensure_ascii=False).encode("utf-8")  # half a surrogate pair is no text
+    except (ValueError, RecursionError) as error:
+        raise BundleError(f"{where} is torn, it is not JSON ({error}): copy the bundle again") from None
+    return Fields(value, where)
+
+
+class Fields:
+    """An object of JSON. Every method takes a field's name and raises BundleError when it is unfit."""
+
+    def __init__(self, value: object, where: str) -> None:
+        if not isinstance(value, dict):
+            raise BundleError(f"{where} is {_short(value)}, expected an object: export the bundle again")
+        self._values: dict[str, Any] = value
+        self.where = where
+
+    def __iter__(self) -> Any:
+        return iter(self._values)
+
+    def only(self, names: Collection[str]) -> None:
+        """Refuse an object with a field beyond `names`: it would mean something that nobody reads."""
+        unknown = [name for name in self._values if name not in names]
+        if unknown:
+            raise self.unfit(_short(unknown[0]), "only " + ", ".join(names), "an unknown field")
+
+    def any(self, name: str) -> Any:
+        """The value, whatever it is."""
+        if name not in self._values:
+            raise self.unfit(name, "a value", "missing")
+        return self._values[name]
+
+    def object(self, name: str) -> Fields:
+        """An object."""
+        return Fields(self.any(name), f"{self.where}: {name}")
+
+    def mapping(self, name: str) -> Mapping[str, Any]:
+        """An object, its values unchecked."""
+        return dict(self.object(name)._values)
+
+    def text(self, name: str, *, empty: bool = False) -> str:
+        """One printable line of at most 500 characters."""
+        value = self.any(name)
+        if not isinstance(value, str) or not value.isprintable() or len(value) > 500 or not (value or empty):
+            raise self.unfit(name, "one line of text", _short(value))
+        return value
+
+    def choice(self, name: str, choices: Collection[str]) -> str:
+        """One of `choices`."""
+        value = self.any(name)
+        if not isinstance(value, str) or value not in choices:
+            raise self.unfit(name, "one of " + ", ".join(choices), _short(value))
+        return value
+
+    def whole(self, name: str, low: int, high: int) -> int:
+        """A whole number from `low` to `high`."""
+        value = self.any(name)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.unfit(name, f"a whole number from {low} to {high}", _short(value))
+        return value
+
+    def number(self, name: str, low: float, high: float) -> float:
+        """A finite number from `low` to `high`."""
+        value = self.any(name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+            raise self.unfit(name, f"a number from {low:g} to {high:g}", _short(value))
+        return float(value)
+
+    def flag(self, name: str) -> bool:
+        """True or false."""
+        value = self.any(name)
+        if not isinstance(value, bool):
+            raise self.unfit(name, "true or false", _short(value))
+        return value
+
+    def unfit(self, name: str, expected: str, came: str) -> BundleError:
+        """The refusal of a field."""
+        return BundleError(f"{self.where}: {name} is {came}, expected {expected}: export the bundle again")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:20]} is too large")
+    return value
+
+
+def _refuse(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _short(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."

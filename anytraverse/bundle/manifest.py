@@ -1,0 +1,244 @@
+"""What a bundle is: its manifest, read and checked, and its files, verified.
+
+A bundle is a folder that can be copied: networks, what goes with them (a tokenizer, class names), and a
+`manifest.json` that says what they are and how each file is known. What else lies in the folder, such as the
+records of checks, belongs to the machine that it lies on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from anytraverse.bundle.fields import Fields, parse_object
+from anytraverse.errors import BundleError
+from anytraverse.perception import DefaultThresholds
+from anytraverse.perception.resizing import FILTERS, Fit
+
+MANIFEST = "manifest.json"
+FORMAT = 1
+SCENES = ("shared", "clip-b32", "own")
+"""Where the scene embedding comes from: the model's own tower, CLIP ViT-B/32 as in the paper, or other."""
+
+LARGEST_MANIFEST = 16 << 20
+LARGEST_FILE = 1 << 40
+LARGEST_SIDE = 8192
+_FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*(/[A-Za-z0-9_][A-Za-z0-9._+-]*)*", re.ASCII)
+_SHA256 = re.compile(r"[0-9a-f]{64}", re.ASCII)
+_FIELDS = (
+    "format",
+    "kind",
+    "name",
+    "model_id",
+    "image",
+    "scene",
+    "scene_image",
+    "thresholds",
+    "variants",
+    "details",
+    "source",
+    "files",
+)
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """How a file is known: its size in bytes and its SHA-256 in hexadecimal."""
+
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a bundle holds.
+
+    kind: the perceiver that runs it. name: for people. model_id: see `Perceiver.model_id`.
+    image: how a frame becomes the input. scene: one of `SCENES`; scene_image: the input of its own encoder.
+    thresholds: suit these weights. variants: precision -> part -> file name; "fp32" is always there.
+    details: what only the kind knows. source: where the weights come from, their licence, who exported them.
+    """
+
+    kind: str
+    name: str
+    model_id: str
+    image: Fit
+    scene: str
+    scene_image: Fit | None
+    thresholds: DefaultThresholds
+    variants: Mapping[str, Mapping[str, str]]
+    details: Mapping[str, Any]
+    source: Mapping[str, str]
+    files: Mapping[str, FileEntry]
+
+    def file(self, precision: str, part: str) -> str:
+        """The name of a part's file; a part that the variant lacks is taken from fp32. Raises BundleError."""
+        if precision not in self.variants:
+            raise BundleError(
+                f'the bundle "{self.name}" carries no {precision} variant, only {", ".join(self.variants)}: '
+                f"export it with --precision fp32,{precision}"
+            )
+        name = self.variants[precision].get(part) or self.variants["fp32"].get(part)
+        if name is None:
+            raise BundleError(f'the bundle "{self.name}" has no part "{part}": export it again')
+        return name
+
+
+def read_manifest(folder: Path, kind: str | None = None) -> Manifest:
+    """The manifest of the bundle in `folder`; every file it names is there and has its size.
+
+    Contents are not read: `verify` does that. Raises BundleError, also when the bundle is not of `kind`.
+    """
+    fields = parse_object(_manifest_bytes(folder), str(folder / MANIFEST))
+    came = fields.any("format")
+    if isinstance(came, int) and not isinstance(came, bool) and came > FORMAT:
+        raise BundleError(
+            f"{folder} is a bundle of format {came}, this program reads up to {FORMAT}: update this program"
+        )
+    fields.whole("format", 1, FORMAT)
+    manifest = _manifest(fields)
+    if kind is not None and manifest.kind != kind:
+        raise BundleError(
+            f'{folder} is a bundle of kind "{manifest.kind}", not "{kind}": '
+            f"give it as {manifest.kind}:{folder}, or export one of kind {kind}"
+        )
+    for name, entry in manifest.files.items():
+        _check_size(folder, name, entry)
+    return manifest
+
+
+def manifest_digest(folder: Path) -> str:
+    """The SHA-256 of the manifest itself, and so, through it, of all that the bundle holds."""
+    return hashlib.sha256(_manifest_bytes(folder)).hexdigest()
+
+
+def verify(folder: Path, manifest: Manifest, say: Callable[[str], None] | None = None) -> None:
+    """Compare every file's SHA-256; `say` is told of each. Raises BundleError for the first torn one."""
+    for name, entry in manifest.files.items():
+        _check_size(folder, name, entry)
+        try:
+            digest = sha256_of(folder / name)
+        except OSError as error:
+            raise BundleError(
+                f"{folder / name} cannot be read ({error.strerror}): copy the bundle again"
+            ) from error
+        if digest != entry.sha256:
+            raise BundleError(
+                f"{folder / name} is torn: its SHA-256 begins with {digest[:12]}, "
+                f"expected {entry.sha256[:12]}: copy the bundle again"
+            )
+        if say is not None:
+            say(f"{name}  {entry.size / 1e6:.1f} MB  ok")
+
+
+def sha256_of(path: Path) -> str:
+    """A file's SHA-256 in hexadecimal, read in pieces."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(1 << 20):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def _manifest_bytes(folder: Path) -> bytes:
+    path = folder / MANIFEST
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_MANIFEST + 1)
+    except FileNotFoundError:
+        raise BundleError(
+            f"{folder} is not a bundle, it has no {MANIFEST}: "
+            "give the folder that `anytraverse export` wrote, copied whole"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise BundleError(f"{path} cannot be read ({error}): copy the bundle again") from None
+    if len(data) > LARGEST_MANIFEST:
+        raise BundleError(
+            f"{path} has more than {LARGEST_MANIFEST >> 20} MiB: this is not a bundle's manifest"
+        )
+    return data
+
+
+def _manifest(fields: Fields) -> Manifest:
+    fields.only(_FIELDS)
+    entries = fields.object("files")
+    files = {_file_name(entries, name): _entry(entries.object(name)) for name in entries}
+    scene = fields.choice("scene", SCENES)
+    scene_image = None if fields.any("scene_image") is None else _fit(fields.object("scene_image"))
+    if scene == "clip-b32" and scene_image is None:
+        raise fields.unfit("scene_image", "the input of the scene's encoder", "null")
+    source = fields.object("source")
+    return Manifest(
+        kind=fields.text("kind"),
+        name=fields.text("name"),
+        model_id=fields.text("model_id"),
+        image=_fit(fields.object("image")),
+        scene=scene,
+        scene_image=scene_image,
+        thresholds=_thresholds(fields.object("thresholds")),
+        variants=_variants(fields.object("variants"), files),
+        details=fields.mapping("details"),
+        source={name: source.text(name, empty=True) for name in source},
+        files=files,
+    )
+
+
+def _file_name(entries: Fields, name: str) -> str:
+    if not _FILE_NAME.fullmatch(name) or len(name) > 200 or name == MANIFEST:
+        raise entries.unfit(f"the name {name[:60]!r}", "letters, digits, . _ + - inside the folder", "unfit")
+    return name
+
+
+def _entry(fields: Fields) -> FileEntry:
+    fields.only(("size", "sha256"))
+    digest = fields.text("sha256")
+    if not _SHA256.fullmatch(digest):
+        raise fields.unfit("sha256", "64 hexadecimal digits", repr(digest[:70]))
+    return FileEntry(fields.whole("size", 0, LARGEST_FILE), digest)
+
+
+def _fit(fields: Fields) -> Fit:
+    fields.only(("width", "height", "filter", "crop"))
+    return Fit(
+        width=fields.whole("width", 1, LARGEST_SIDE),
+        height=fields.whole("height", 1, LARGEST_SIDE),
+        filter=fields.choice("filter", FILTERS),
+        crop=fields.flag("crop"),
+    )
+
+
+def _thresholds(fields: Fields) -> DefaultThresholds:
+    fields.only(("roi", "scene", "tile"))
+    return DefaultThresholds(
+        roi=fields.number("roi", 1e-6, 1.0),
+        scene=fields.number("scene", -1.0, 1.0),
+        tile=None if fields.any("tile") is None else fields.number("tile", 1e-6, 1.0),
+    )
+
+
+def _variants(fields: Fields, files: Mapping[str, FileEntry]) -> dict[str, dict[str, str]]:
+    variants: dict[str, dict[str, str]] = {}
+    for precision in fields:
+        parts = fields.object(precision)
+        variants[precision] = {part: parts.choice(part, files) for part in parts}
+    if "fp32" not in variants:
+        raise fields.unfit("fp32", "a variant that is always there", "missing")
+    return variants
+
+
+def _check_size(folder: Path, name: str, entry: FileEntry) -> None:
+    path = folder / name
+    try:
+        inside = path.resolve(strict=True).is_relative_to(folder.resolve())
+        size = path.stat().st_size if path.is_file() else -1
+    except (OSError, RuntimeError):  # RuntimeError: a ring of links, before Python 3.13
+        raise BundleError(f"{path} is missing: copy the bundle again, the whole folder") from None
+    if not inside:
+        raise BundleError(f"{path} leads out of the bundle: copy the bundle again, with its links resolved")
+    if size != entry.size:
+        came = "no file" if size < 0 else f"{size} bytes"
+        raise BundleError(f"{path} is torn: {came}, expected {entry.size} bytes: copy the bundle again")

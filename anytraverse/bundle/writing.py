@@ -1,0 +1,181 @@
+"""Writing a bundle: all of it appears at once, or nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from anytraverse.bundle.fields import parse_object
+from anytraverse.bundle.manifest import FORMAT, MANIFEST, Manifest, read_manifest, sha256_of
+from anytraverse.errors import BundleError
+from anytraverse.perception import DefaultThresholds
+from anytraverse.perception.resizing import Fit
+
+CHECKS = "checks"
+"""The folder in a bundle where machines leave the records of their checks."""
+
+
+class BundleWriter:
+    """Collects a bundle's files in a temporary folder beside `out`, and puts it in place when finished.
+
+        with BundleWriter(out) as writer:
+            (writer.folder / "image.onnx").write_bytes(...)
+            writer.finish(kind=...)
+
+    A bundle that is already at `out` is replaced; anything else there is refused at once with BundleError.
+    Left without `finish`, or by an error or Ctrl-C, it leaves nothing behind. A missing parent is made.
+    """
+
+    def __init__(self, out: Path, say: Callable[[str], None] | None = None) -> None:
+        self.out = out.resolve()
+        self._say = say or (lambda _: None)
+        self._folder: Path | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Where the files go; subfolders are allowed."""
+        if self._folder is None:
+            raise RuntimeError("a BundleWriter is used in a with statement, until it is finished")
+        return self._folder
+
+    def __enter__(self) -> BundleWriter:
+        _check_place(self.out)
+        self.out.parent.mkdir(parents=True, exist_ok=True)
+        self._folder = _beside(self.out, "part")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
+
+    def finish(
+        self,
+        *,
+        kind: str,
+        name: str,
+        model_id: str,
+        image: Fit,
+        scene: str,
+        thresholds: DefaultThresholds,
+        variants: Mapping[str, Mapping[str, str]],
+        source: Mapping[str, str],
+        details: Mapping[str, Any] | None = None,
+        scene_image: Fit | None = None,
+    ) -> Manifest:
+        """Hash the files, write the manifest, put the bundle in place. Raises BundleError, OSError."""
+        values = {
+            "format": FORMAT,
+            "kind": kind,
+            "name": name,
+            "model_id": model_id,
+            "image": asdict(image),
+            "scene": scene,
+            "scene_image": None if scene_image is None else asdict(scene_image),
+            "thresholds": asdict(thresholds),
+            "variants": {precision: dict(parts) for precision, parts in variants.items()},
+            "details": dict(details or {}),
+            "source": dict(source),
+            "files": {name: self._entry(path) for name, path in _files_of(self.folder)},
+        }
+        try:
+            text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+            (self.folder / MANIFEST).write_bytes(text.encode("utf-8"))
+        except (TypeError, ValueError) as error:
+            raise BundleError(f"what the manifest should say is not JSON: {error}") from error
+        manifest = read_manifest(self.folder)
+        _flush(self.folder)
+        _check_place(self.out)
+        _put_in_place(self.folder, self.out)
+        self._folder = None
+        return manifest
+
+    def _entry(self, path: Path) -> dict[str, Any]:
+        size = path.stat().st_size
+        self._say(f"{path.relative_to(self.folder)}  {size / 1e6:.1f} MB")
+        return {"size": size, "sha256": sha256_of(path)}
+
+
+def _files_of(folder: Path) -> list[tuple[str, Path]]:
+    """Name and path of every file below `folder` but the manifest. Raises BundleError for a link."""
+    found = []
+    for path in sorted(folder.rglob("*")):
+        if path.is_symlink() or not (path.is_file() or path.is_dir()):
+            raise BundleError(f"{path} is neither a file nor a folder: a bundle holds nothing else")
+        if path.is_file() and path != folder / MANIFEST:
+            found.append((path.relative_to(folder).as_posix(), path))
+    return found
+
+
+def _check_place(out: Path) -> None:
+    """Refuse a place where something lies that is not a bundle, or that a bundle's removal would lose."""
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise BundleError(f"{out} is a file: give the name of a folder")
+    lying = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()}
+    if not lying and not any(out.iterdir()):
+        return
+    try:
+        fields = parse_object((out / MANIFEST).read_bytes(), str(out / MANIFEST))
+        known = {MANIFEST, *fields.object("files")} if fields.any("format") else set()
+    except (BundleError, OSError):
+        raise BundleError(
+            f"{out} exists and is not a bundle: give another name, or move it away yourself"
+        ) from None
+    foreign = sorted(name for name in lying - known if not name.startswith(f"{CHECKS}/"))
+    if foreign:
+        raise BundleError(
+            f"{out} is a bundle with files that are not its own ({', '.join(foreign[:3])}): "
+            "move them away, or give another name"
+        )
+
+
+def _beside(out: Path, suffix: str) -> Path:
+    folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=f".{suffix}", dir=out.parent))
+    umask = os.umask(0)
+    os.umask(umask)
+    folder.chmod(0o777 & ~umask)  # mkdtemp's are private, and the daemon is another user
+    return folder
+
+
+def _put_in_place(folder: Path, out: Path) -> None:
+    if not out.exists() or not any(out.iterdir()):
+        folder.rename(out)
+    else:
+        old = _beside(out, "old")
+        try:
+            out.rename(old)
+            folder.rename(out)
+        finally:
+            if not out.exists():
+                old.rename(out)
+            shutil.rmtree(old, ignore_errors=True)
+    _flush_folder(out.parent)
+
+
+def _flush(folder: Path) -> None:
+    """To the disk, not only to the page cache: a stick may be pulled right after."""
+    for path in (*folder.rglob("*"), folder):
+        if path.is_dir():
+            _flush_folder(path)
+        else:
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from anytraverse.errors import BundleError
@@ -29,7 +29,7 @@ class Fields:
         self._values: dict[str, Any] = value
         self.where = where
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[str]:
         return iter(self._values)
 
     def only(self, names: Collection[str]) -> None:
@@ -58,6 +58,14 @@ class Fields:
         if not isinstance(value, str) or not value.isprintable() or len(value) > 500 or not (value or empty):
             raise self.unfit(name, "one line of text", _short(value))
         return value
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """A list of texts as `text` takes them."""
+        values = self.any(name)
+        if not isinstance(values, list):
+            raise self.unfit(name, "a list", _short(values))
+        items = Fields({str(index): value for index, value in enumerate(values)}, f"{self.where}: {name}")
+        return tuple(items.text(index) for index in items)
 
     def choice(self, name: str, choices: Collection[str]) -> str:
         """One of `choices`."""

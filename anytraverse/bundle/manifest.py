@@ -75,6 +75,13 @@ class Manifest:
     source: Mapping[str, str]
     files: Mapping[str, FileEntry]
 
+    def needed(self, precision: str) -> list[str]:
+        """The names of the files that a variant runs on; what fp32 lends it is among them."""
+        parts = {**self.variants["fp32"], **self.variants.get(precision, {})}
+        networks = {Path(name).with_suffix("").as_posix() for name in parts.values()}
+        weights = {f"{name}.weights" for name in networks}
+        return [name for name in self.files if name in parts.values() or name in weights]
+
     def file(self, precision: str, part: str) -> str:
         """The name of a part's file; a part that the variant lacks is taken from fp32. Raises BundleError."""
         if precision not in self.variants:
@@ -116,9 +123,20 @@ def manifest_digest(folder: Path) -> str:
     return hashlib.sha256(_manifest_bytes(folder)).hexdigest()
 
 
-def verify(folder: Path, manifest: Manifest, say: Callable[[str], None] | None = None) -> None:
-    """Compare every file's SHA-256; `say` is told of each. Raises BundleError for the first torn one."""
-    for name, entry in manifest.files.items():
+def verify(
+    folder: Path,
+    manifest: Manifest,
+    say: Callable[[str], None] | None = None,
+    *,
+    precision: str | None = None,
+) -> None:
+    """Compare files' SHA-256, all or those that one variant runs on; `say` is told of each.
+
+    Raises BundleError for the first torn one.
+    """
+    names = manifest.files if precision is None else manifest.needed(precision)
+    for name in names:
+        entry = manifest.files[name]
         _check_size(folder, name, entry)
         try:
             digest = sha256_of(folder / name)

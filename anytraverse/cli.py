@@ -3,41 +3,74 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Union
 
 from anytraverse.errors import AnyTraverseError
 
+Commands = Mapping[str, tuple[str, Union[str, "Commands"]]]
+
+COMMANDS: Commands = {
+    "look": ("judge one picture, and draw what was found", "anytraverse.look"),
+    "export": ("make a bundle of a CLIPSeg checkpoint, for a rover to run", "anytraverse.export.command"),
+    "bundle": (
+        "check a bundle, or make one of your own network",
+        {
+            "check": ("verify a bundle and time it on this machine", "anytraverse.bundle.check_command"),
+            "classes": ("make a bundle of a segmentation network", "anytraverse.bundle.from_network"),
+        },
+    ),
+}
+"""Command -> what it does, and its module (with `add_arguments` and `run`) or the commands below it.
+
+A module is imported only when its command is chosen.
+"""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; 0 when it did its work, 2 with one line on stderr when the input cannot be used."""
+    """Run a command: its exit code, or 2 with one line on stderr when the input cannot be used."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="anytraverse", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    _add_look(commands.add_parser("look", help="judge one picture, and draw what was found"))
-    options = parser.parse_args(arguments)
     try:
+        _add(parser, COMMANDS, words)
+        options = parser.parse_args(words)
         code: int = options.run(options)
     except (AnyTraverseError, OSError) as error:
-        print(f"anytraverse {options.command}: {_one_line(error)}", file=sys.stderr)
+        print(f"{_command(words)}: {_one_line(error)}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 130
     return code
 
 
-def _add_look(parser: argparse.ArgumentParser) -> None:
-    from anytraverse.look import DEFAULT_PROMPTS, run
+def _add(parser: argparse.ArgumentParser, commands: Commands, words: Sequence[str]) -> None:
+    """Add `commands` to the parser, and the arguments of the one that `words` begin with."""
+    actions = parser.add_subparsers(required=True, metavar="command")
+    for name, (text, below) in commands.items():
+        action = actions.add_parser(name, help=text)
+        if words[:1] != [name]:
+            continue
+        if isinstance(below, str):
+            module = importlib.import_module(below)
+            module.add_arguments(action)
+            action.set_defaults(run=module.run)
+        else:
+            _add(action, below, words[1:])
 
-    parser.description = "Judge one picture: what is drivable, what is unknown."
-    parser.add_argument("image", metavar="IMAGE", help="a picture file, e.g. JPEG or PNG")
-    parser.add_argument(
-        "--prompts",
-        default=DEFAULT_PROMPTS,
-        metavar="WORDS",
-        help='words and weights from -1 (never drive) to 1 (drive), by default "%(default)s"',
-    )
-    parser.add_argument("--perceiver", default="builtin", help="which eyes, by default %(default)s")
-    parser.add_argument("--out", metavar="PNG", help="write the panel of all maps to this file")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON on the last line")
-    parser.set_defaults(run=run)
+
+def _command(words: Sequence[str]) -> str:
+    """What was chosen, e.g. "anytraverse bundle check"."""
+    name, below = "anytraverse", COMMANDS
+    for word in words:
+        if word not in below:
+            break
+        name, following = f"{name} {word}", below[word][1]
+        if isinstance(following, str):
+            break
+        below = following
+    return name
 
 
 def _one_line(error: Exception) -> str:

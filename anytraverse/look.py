@@ -26,6 +26,21 @@ class PictureError(AnyTraverseError, ValueError):
     """A file that is not a picture."""
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the command."""
+    parser.description = "Judge one picture: what is drivable, what is unknown."
+    parser.add_argument("image", metavar="IMAGE", help="a picture file, e.g. JPEG or PNG")
+    parser.add_argument(
+        "--prompts",
+        default=DEFAULT_PROMPTS,
+        metavar="WORDS",
+        help='words and weights from -1 (never drive) to 1 (drive), by default "%(default)s"',
+    )
+    parser.add_argument("--perceiver", default="builtin", help="which eyes, by default %(default)s")
+    parser.add_argument("--out", metavar="PNG", help="write the panel of all maps to this file")
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON on the last line")
+
+
 def run(options: argparse.Namespace) -> int:
     """Judge `options.image`, print the figures, write the panel to `options.out`. Returns 0."""
     words = Preferences.parse(options.prompts)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.bundle.fields import Fields, parse_object
+from anytraverse.bundle.files import FileEntry, check_contents, check_size
 from anytraverse.errors import BundleError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.resizing import FILTERS, Fit
@@ -46,14 +47,6 @@ _FIELDS = (
 
 
 @dataclass(frozen=True)
-class FileEntry:
-    """How a file is known: its size in bytes and its SHA-256 in hexadecimal."""
-
-    size: int
-    sha256: str
-
-
-@dataclass(frozen=True)
 class Manifest:
     """What a bundle holds.
 
@@ -77,22 +70,26 @@ class Manifest:
 
     def needed(self, precision: str) -> list[str]:
         """The names of the files that a variant runs on; what fp32 lends it is among them."""
-        parts = {**self.variants["fp32"], **self.variants.get(precision, {})}
+        parts = self.parts(precision)
         networks = {Path(name).with_suffix("").as_posix() for name in parts.values()}
         weights = {f"{name}.weights" for name in networks}
         return [name for name in self.files if name in parts.values() or name in weights]
 
-    def file(self, precision: str, part: str) -> str:
-        """The name of a part's file; a part that the variant lacks is taken from fp32. Raises BundleError."""
+    def parts(self, precision: str) -> dict[str, str]:
+        """Part -> file name; a part that the variant lacks is taken from fp32. Raises BundleError."""
         if precision not in self.variants:
             raise BundleError(
                 f'the bundle "{self.name}" carries no {precision} variant, only {", ".join(self.variants)}: '
                 f"export it with --precision fp32,{precision}"
             )
-        name = self.variants[precision].get(part) or self.variants["fp32"].get(part)
-        if name is None:
+        return {**self.variants["fp32"], **self.variants[precision]}
+
+    def file(self, precision: str, part: str) -> str:
+        """The name of a part's file. Raises BundleError."""
+        parts = self.parts(precision)
+        if part not in parts:
             raise BundleError(f'the bundle "{self.name}" has no part "{part}": export it again')
-        return name
+        return parts[part]
 
 
 def read_manifest(folder: Path, kind: str | None = None) -> Manifest:
@@ -114,7 +111,7 @@ def read_manifest(folder: Path, kind: str | None = None) -> Manifest:
             f"give it as {manifest.kind}:{folder}, or export one of kind {kind}"
         )
     for name, entry in manifest.files.items():
-        _check_size(folder, name, entry)
+        check_size(folder, name, entry)
     return manifest
 
 
@@ -137,29 +134,9 @@ def verify(
     names = manifest.files if precision is None else manifest.needed(precision)
     for name in names:
         entry = manifest.files[name]
-        _check_size(folder, name, entry)
-        try:
-            digest = sha256_of(folder / name)
-        except OSError as error:
-            raise BundleError(
-                f"{folder / name} cannot be read ({error.strerror}): copy the bundle again"
-            ) from error
-        if digest != entry.sha256:
-            raise BundleError(
-                f"{folder / name} is torn: its SHA-256 begins with {digest[:12]}, "
-                f"expected {entry.sha256[:12]}: copy the bundle again"
-            )
+        check_contents(folder, name, entry)
         if say is not None:
             say(f"{name}  {entry.size / 1e6:.1f} MB  ok")
-
-
-def sha256_of(path: Path) -> str:
-    """A file's SHA-256 in hexadecimal, read in pieces."""
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while piece := file.read(1 << 20):
-            digest.update(piece)
-    return digest.hexdigest()
 
 
 def _manifest_bytes(folder: Path) -> bytes:
@@ -246,17 +223,3 @@ def _variants(fields: Fields, files: Mapping[str, FileEntry]) -> dict[str, dict[
     if "fp32" not in variants:
         raise fields.unfit("fp32", "a variant that is always there", "missing")
     return variants
-
-
-def _check_size(folder: Path, name: str, entry: FileEntry) -> None:
-    path = folder / name
-    try:
-        inside = path.resolve(strict=True).is_relative_to(folder.resolve())
-        size = path.stat().st_size if path.is_file() else -1
-    except (OSError, RuntimeError):  # RuntimeError: a ring of links, before Python 3.13
-        raise BundleError(f"{path} is missing: copy the bundle again, the whole folder") from None
-    if not inside:
-        raise BundleError(f"{path} leads out of the bundle: copy the bundle again, with its links resolved")
-    if size != entry.size:
-        came = "no file" if size < 0 else f"{size} bytes"
-        raise BundleError(f"{path} is torn: {came}, expected {entry.size} bytes: copy the bundle again")

@@ -1,7 +1,7 @@
 """What a check of a bundle found on a machine, and which variant may run because of it.
 
-A record lies in the bundle's folder, as `checks/<machine>.json`, and holds for that machine, that manifest and
-that version of ONNX Runtime alone.
+A record lies in the bundle's folder, as `checks/<machine>.json`, and holds for that machine, that manifest
+and that version of ONNX Runtime alone.
 """
 
 from __future__ import annotations

@@ -13,7 +13,8 @@ from types import TracebackType
 from typing import Any
 
 from anytraverse.bundle.fields import parse_object
-from anytraverse.bundle.manifest import FORMAT, MANIFEST, Manifest, read_manifest, sha256_of
+from anytraverse.bundle.files import sha256_of
+from anytraverse.bundle.manifest import FORMAT, MANIFEST, Manifest, read_manifest
 from anytraverse.errors import BundleError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.resizing import Fit

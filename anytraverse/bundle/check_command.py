@@ -1,0 +1,157 @@
+"""`anytraverse bundle check`: is the bundle whole, how fast is it here, and may int8 run?"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from anytraverse.bundle.checking import MOST_WORDS, Plan, Report, check
+from anytraverse.bundle.timing import LONGEST_FRESHNESS, Timing
+from anytraverse.errors import PreferencesError
+from anytraverse.preferences import clean_word
+
+_PARTS = {
+    "encode": "a frame",
+    "attend_1": "1 word",
+    "attend_4": "4 words",
+    "embed": "the scene",
+    "new_word": "a new word",
+    "weights": "other weights",
+    "step": "all for a frame",
+    "slowest": "the slowest",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the command."""
+    parser.description = (
+        "Verify a bundle, time it on this machine, and compare its int8 variant with fp32 on your frames. "
+        "Exit code 0: good; 1: int8 failed its check, fp32 runs; 2: the bundle is refused."
+    )
+    parser.add_argument("folder", metavar="DIR", type=Path, help="the bundle")
+    parser.add_argument("--frames", metavar="PATH", type=Path, help="a folder of pictures, or a video")
+    parser.add_argument("--words", type=_words, default=(), help="words to look for, separated by commas")
+    parser.add_argument("--threads", type=int, default=0, metavar="N", help="cores to use, by default all")
+    parser.add_argument(
+        "--precision",
+        choices=("fp32", "int8"),
+        default="fp32",
+        help="the variant to time, and whose memory to tell, by default %(default)s",
+    )
+    parser.add_argument(
+        "--repeat",
+        type=_count,
+        default=5,
+        metavar="N",
+        help="times that parts are timed, by default %(default)s",
+    )
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON on the last line")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check the bundle, tell what was found; 1 when int8 failed, else 0."""
+    plan = Plan(
+        options.folder, options.frames, options.words, options.threads, options.precision, options.repeat
+    )
+    report = check(plan, lambda line: print(line, file=sys.stderr, flush=True))
+    print(json.dumps(figures(report), allow_nan=False) if options.json else text(report))
+    return 1 if report.record is not None and not report.record.passed else 0
+
+
+def figures(report: Report) -> dict[str, Any]:
+    """All that was found, for JSON."""
+    manifest, timing = report.manifest, report.timing
+    return {
+        "bundle": manifest.name,
+        "kind": manifest.kind,
+        "model_id": manifest.model_id,
+        "machine": {"id": report.machine.id, **asdict(report.machine)},
+        "threads": report.threads,
+        "load_s": {name: round(seconds, 3) for name, seconds in report.loads.items()},
+        "milliseconds": {name: _rounded(asdict(parts)) for name, parts in report.timings.items()},
+        "peak_rss_mb": round(report.memory, 1),
+        "variant": report.variant,
+        "why": report.why,
+        "frames_per_second": _floor(timing.rate),
+        "freshness_s": round(timing.freshness, 2),
+        "keeps_freshness": timing.freshness <= LONGEST_FRESHNESS,
+        "record": None if report.record is None else asdict(report.record),
+    }
+
+
+def text(report: Report) -> str:
+    """All that was found, for a person."""
+    manifest, machine = report.manifest, report.machine
+    size, names = manifest.image, list(report.timings)
+    lines = [
+        f"bundle      {manifest.name}: {manifest.kind}, {size.width}x{size.height}, scene {manifest.scene}",
+        f"machine     {machine.cpu}, {report.threads} threads, onnxruntime {machine.onnxruntime}",
+        f"files       {len(manifest.files)} verified",
+        f"{'':22}" + "".join(f"{name:>12}" for name in names),
+        _row("load", [f"{report.loads[name]:.1f} s" for name in names]),
+    ]
+    for part, label in _PARTS.items():
+        taken = [getattr(report.timings[name], part) for name in names]
+        lines.append(_row(label, ["-" if ms is None else f"{ms:.1f} ms" for ms in taken]))
+    lines += [f"memory      {report.memory:.0f} MB at most, with {names[0]} alone", *_compared(report)]
+    lines += [f"rate        {_pace(report.timing)}", f"runs here   {report.variant}: {report.why}"]
+    return "\n".join(lines)
+
+
+def _compared(report: Report) -> list[str]:
+    record = report.record
+    if record is None:
+        return []
+    iou = (
+        ""
+        if record.iou is None
+        else f", worst word's IoU {record.iou:.3f}, worst mask's {record.iou_worst:.3f}"
+    )
+    return [
+        f"compared    {record.masks} masks of {record.frames} frames{iou}, "
+        f"cosine {record.cosine:.4f}, {record.fp32_ms:.0f} and {record.int8_ms:.0f} ms"
+    ]
+
+
+def _pace(timing: Timing) -> str:
+    if timing.freshness > LONGEST_FRESHNESS:
+        return (
+            f"too slow for the hold policy: a frame takes up to {timing.slowest:.0f} ms, so that an OK would "
+            f"be {timing.freshness:.1f} s old, and the freshness limit T is at most {LONGEST_FRESHNESS:g} s: "
+            "report only, or export a smaller size or int8"
+        )
+    return f"up to {_floor(timing.rate):g} frames/s, and a freshness limit T of {timing.freshness:.1f} s"
+
+
+def _row(label: str, cells: list[str]) -> str:
+    return f"  {label:20}" + "".join(f"{cell:>12}" for cell in cells)
+
+
+def _rounded(parts: dict[str, float | None]) -> dict[str, float | None]:
+    return {name: None if ms is None else round(ms, 2) for name, ms in parts.items()}
+
+
+def _floor(rate: float) -> float:
+    """A tenth below: a promise is not rounded up."""
+    return math.floor(rate * 10) / 10 if rate >= 0.1 else round(rate, 3)
+
+
+def _count(value: str) -> int:
+    if not value.isdecimal() or not 1 <= int(value) <= 1000:
+        raise argparse.ArgumentTypeError(f"{value} is not a number from 1 to 1000")
+    return int(value)
+
+
+def _words(value: str) -> tuple[str, ...]:
+    try:
+        words = tuple(dict.fromkeys(clean_word(word) for word in value.split(",") if word.strip()))
+    except PreferencesError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    if not 1 <= len(words) <= MOST_WORDS:
+        raise argparse.ArgumentTypeError(f"give 1 to {MOST_WORDS} words, separated by commas")
+    return words

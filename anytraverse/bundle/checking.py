@@ -1,0 +1,191 @@
+"""A bundle tried on this machine: verified, timed, and its int8 variant compared with fp32."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from itertools import islice
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from anytraverse.bundle.comparing import Comparison, Seen
+from anytraverse.bundle.machine import Machine, this_machine
+from anytraverse.bundle.manifest import Manifest, manifest_digest, read_manifest, verify
+from anytraverse.bundle.pictures import frames_of
+from anytraverse.bundle.records import CheckRecord, CheckRuntime, choose_precision, save_record
+from anytraverse.bundle.timing import Timing, peak_memory, time_parts
+from anytraverse.errors import PerceiverError
+from anytraverse.frame import Image
+from anytraverse.perception import Perceiver, Prompt, make_perceiver
+from anytraverse.perception.runtime import Runtime
+
+WORDS = ("grass", "dirt path", "rock", "bush", "tree", "sky", "gravel", "water")
+"""What is looked for unless the caller says otherwise."""
+MOST_WORDS = 16
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to check: `frames` is a folder of pictures or a video, `words` empty for `WORDS`.
+
+    precision: the variant that is loaded first, and whose memory is told. repeat: times that parts are timed.
+    """
+
+    folder: Path
+    frames: Path | None = None
+    words: tuple[str, ...] = ()
+    threads: int = 0
+    precision: str = "fp32"
+    repeat: int = 5
+
+
+@dataclass
+class Report:
+    """What a check found.
+
+    memory: the most held with the first variant alone, MB. loads: seconds, by precision, like timings.
+    record: of this check, if it made one. variant, why: what will run here from now on, and the reason.
+    """
+
+    manifest: Manifest
+    machine: Machine
+    threads: int
+    memory: float = 0.0
+    loads: dict[str, float] = field(default_factory=dict)
+    timings: dict[str, Timing] = field(default_factory=dict)
+    record: CheckRecord | None = None
+    variant: str = ""
+    why: str = ""
+
+    @property
+    def timing(self) -> Timing:
+        """Of the variant that will run, or else of one that was tried."""
+        return self.timings.get(self.variant) or next(iter(self.timings.values()))
+
+
+def check(plan: Plan, say: Say) -> Report:
+    """Verify, load and time the bundle, compare its variants where frames are given, and keep the record.
+
+    `say` is told of the progress. Raises BundleError and PerceiverError when the bundle is refused or its
+    fp32 variant fails; what int8 does wrong is in the record.
+    """
+    manifest = read_manifest(plan.folder)
+    manifest.parts(plan.precision)
+    runtime = Runtime(threads=plan.threads)
+    report = Report(manifest, this_machine(), runtime.cores)
+    verify(plan.folder, manifest, say)
+    perceivers = {plan.precision: _try(plan, plan.precision, report, say)}
+    report.memory = peak_memory()
+    if plan.frames is not None and "int8" in manifest.variants:
+        report.record = _check_int8(plan, perceivers, report, say)
+        say(f"record: {save_record(plan.folder, report.record)}")
+    report.variant, report.why = choose_precision(plan.folder, manifest, runtime)
+    return report
+
+
+def _try(plan: Plan, precision: str, report: Report, say: Say) -> Perceiver:
+    """Load a variant and time it."""
+    say(f"loading {precision}")
+    begin = time.perf_counter()
+    runtime = CheckRuntime(threads=plan.threads, precision=precision)
+    perceiver = make_perceiver(f"{report.manifest.kind}:{plan.folder}", runtime)
+    report.loads[precision] = time.perf_counter() - begin
+    say(f"timing {precision}, {plan.repeat} times")
+    images = [_noise()] if plan.frames is None else list(islice(frames_of(plan.frames, _silent), plan.repeat))
+    report.timings[precision] = time_parts(perceiver, images, _words(plan, perceiver), plan.repeat)
+    return perceiver
+
+
+def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> CheckRecord:
+    if "fp32" not in perceivers:
+        perceivers["fp32"] = _try(plan, "fp32", report, say)
+    fp32 = perceivers["fp32"]
+    words = _words(plan, fp32)
+    comparison, slow, fast = Comparison(words), report.timings["fp32"].step, 0.0
+    try:
+        int8 = perceivers.get("int8") or _try(plan, "int8", report, say)
+    except PerceiverError as error:
+        comparison.failure = str(error)
+    else:
+        assert plan.frames is not None
+        slow, fast = _compare(comparison, fp32, int8, frames_of(plan.frames, say), say)
+    gain = slow / fast if fast else 0.0
+    passed, why = comparison.verdict(gain)
+    return CheckRecord(
+        machine=report.machine,
+        manifest=manifest_digest(plan.folder),
+        when=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        provider="CPU",
+        threads=report.threads,
+        frames=comparison.frames,
+        words=tuple(words),
+        masks=comparison.masks,
+        iou=comparison.worst_word[1] if comparison.worst_word else None,
+        iou_worst=comparison.iou_worst,
+        iou_mean=comparison.iou_mean,
+        stray=comparison.stray,
+        cosine=comparison.cosine,
+        fp32_ms=slow,
+        int8_ms=fast,
+        gain=gain,
+        passed=passed,
+        why=" ".join(why.split())[:400],
+    )
+
+
+def _compare(
+    comparison: Comparison, fp32: Perceiver, int8: Perceiver, frames: Iterable[Image], say: Say
+) -> tuple[float, float]:
+    """Let both see every frame, in turns, so that a warm chip or a busy moment is fair to both; median ms."""
+    prompts = [Prompt(word) for word in comparison.words]
+    slow, fast = [], []
+    for number, image in enumerate(frames):
+        first = _see(fp32, image, prompts) if number % 2 == 0 else None
+        try:
+            other = _see(int8, image, prompts)
+        except PerceiverError as error:
+            comparison.failure = str(error)
+            break
+        reference = first or _see(fp32, image, prompts)
+        comparison.add(reference, other)
+        slow.append(reference.milliseconds)
+        fast.append(other.milliseconds)
+        if comparison.failure:
+            break
+        if number % 10 == 9:
+            say(f"{number + 1} frames compared, {comparison.masks} masks")
+    return (median(slow), median(fast)) if slow else (0.0, 0.0)
+
+
+def _see(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> Seen:
+    begin = time.perf_counter()
+    features = perceiver.encode(image)
+    maps = perceiver.attend(features, prompts)
+    embedding = perceiver.embed(features)
+    return Seen(maps, embedding, (time.perf_counter() - begin) * 1e3)
+
+
+def _words(plan: Plan, perceiver: Perceiver) -> list[str]:
+    """The words to look for, those of a closed vocabulary where the caller names none."""
+    if plan.words:
+        for word in plan.words:
+            perceiver.meaning(word)
+        return list(plan.words[:MOST_WORDS])
+    known = perceiver.vocabulary
+    if known is None:
+        return list(WORDS)
+    return [word for word in WORDS if word in known] or list(known[: len(WORDS)])
+
+
+def _noise() -> Image:
+    return np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
+
+
+def _silent(_: str) -> None:
+    """Said already, or to be said when all frames are read."""

@@ -1,0 +1,124 @@
+"""How int8's masks and embeddings differ from fp32's on the same frames, and whether that may be driven by.
+
+What counts is each word's IoU with all its masks pooled: a mean over masks would be ruled by specks of a
+few pixels, and a pool over all words by the ground, which hides what happened to the rock on it. A floor for
+single masks keeps one frame that broke from drowning in many good ones. Where fp32 marks nothing or all, an
+IoU means nothing: there only a sliver of the picture may differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float32]
+
+LEVEL = 0.5
+"""Attention from here on is the mask."""
+SPECK = 0.001
+"""Masks that cover less of the picture are empty, and those that leave less are full."""
+LARGE = 0.01
+"""Masks that cover more of the picture are held to the floor."""
+FEWEST_MASKS = 10
+LEAST_IOU = 0.97
+LEAST_SINGLE_IOU = 0.90
+MOST_STRAY = 0.01
+LEAST_COSINE = 0.99
+LEAST_GAIN = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """maps: (words, h, w) in [0, 1]. embedding: (d,), of length 1. milliseconds: that both took."""
+
+    maps: Array
+    embedding: Array
+    milliseconds: float
+
+
+@dataclass
+class Comparison:
+    """Collects the differences, frame by frame. `failure`: what makes all figures idle, if anything does."""
+
+    words: Sequence[str]
+    frames: int = 0
+    failure: str = ""
+    stray: float = 0.0
+    cosine: float = 1.0
+    _single: list[float] = field(default_factory=list)
+    _large: list[float] = field(default_factory=list)
+    _both: dict[str, int] = field(default_factory=dict)
+    _either: dict[str, int] = field(default_factory=dict)
+
+    def add(self, fp32: Seen, int8: Seen) -> None:
+        """What both saw in one frame."""
+        self.frames += 1
+        if not (np.isfinite(int8.maps).all() and np.isfinite(int8.embedding).all()):
+            self.failure = "it gave numbers that are not finite"
+        elif fp32.maps.shape != int8.maps.shape or fp32.embedding.shape != int8.embedding.shape:
+            self.failure = "its outputs are of another size"
+        else:
+            self._add_maps(fp32.maps, int8.maps)
+            self.cosine = min(self.cosine, max(-1.0, float(fp32.embedding @ int8.embedding)))
+
+    def _add_maps(self, fp32: Array, int8: Array) -> None:
+        for word, reference, other in zip(self.words, fp32 >= LEVEL, int8 >= LEVEL, strict=True):
+            share = float(reference.mean())
+            if SPECK <= share <= 1 - SPECK:
+                self._add_masks(word, share, int((reference & other).sum()), int((reference | other).sum()))
+            else:
+                self.stray = max(self.stray, float((reference != other).mean()))
+
+    def _add_masks(self, word: str, share: float, both: int, either: int) -> None:
+        self._single.append(both / either)
+        if share >= LARGE:
+            self._large.append(both / either)
+        self._both[word] = self._both.get(word, 0) + both
+        self._either[word] = self._either.get(word, 0) + either
+
+    @property
+    def masks(self) -> int:
+        """How many were compared."""
+        return len(self._single)
+
+    @property
+    def worst_word(self) -> tuple[str, float] | None:
+        """The word with the smallest pooled IoU, and that."""
+        pooled = {word: self._both[word] / self._either[word] for word in self._both}
+        return min(pooled.items(), key=lambda item: item[1]) if pooled else None
+
+    @property
+    def iou_worst(self) -> float | None:
+        """The smallest IoU of a single mask."""
+        return min(self._single) if self._single else None
+
+    @property
+    def iou_mean(self) -> float | None:
+        """The mean IoU of single masks."""
+        return sum(self._single) / len(self._single) if self._single else None
+
+    def verdict(self, gain: float) -> tuple[bool, str]:
+        """Whether int8 may run, given how much faster it is, and why (not)."""
+        worst, floor = self.worst_word, min(self._large, default=1.0)
+        if self.failure:
+            return False, self.failure
+        if worst is None or self.masks < FEWEST_MASKS:
+            return False, (
+                f"only {self.masks} masks to compare, at least {FEWEST_MASKS} are needed: "
+                "give more frames, or --words for what they show"
+            )
+        word, iou = worst
+        if iou < LEAST_IOU:
+            return False, f'IoU of "{word}" with fp32 is {iou:.3f}, at least {LEAST_IOU} is needed'
+        if floor < LEAST_SINGLE_IOU:
+            return False, f"IoU of one mask is {floor:.3f}, at least {LEAST_SINGLE_IOU} is needed"
+        if self.stray > MOST_STRAY:
+            return False, f"{self.stray:.1%} of a picture is marked otherwise where fp32 marks nothing or all"
+        if self.cosine < LEAST_COSINE:
+            return False, f"cosine of embeddings is {self.cosine:.4f}, at least {LEAST_COSINE} is needed"
+        if gain < LEAST_GAIN:
+            return False, f"it is {gain:.2f} times as fast as fp32, at least {LEAST_GAIN} is needed to pay"
+        return True, f'worst IoU {iou:.3f} ("{word}"), {gain:.1f} times as fast as fp32'

@@ -1,0 +1,128 @@
+"""How long the parts of a perceiver take on this machine, and what rate that allows."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import TypeVar
+
+from anytraverse.assessment import Observation
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame, Image
+from anytraverse.judging import Settings
+from anytraverse.memory import first_memory
+from anytraverse.perception import Perceiver, Prompt
+from anytraverse.preferences import Preferences
+
+T = TypeVar("T")
+
+LONGEST_FRESHNESS = 2.0
+"""Seconds. The freshness limit T is three frame periods, at least 1 s and at most this."""
+FASTEST = 30.0
+"""Frames a second that no camera here exceeds."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Milliseconds, medians but for `slowest`.
+
+    encode, embed: of a frame. attend_1, attend_4: of so many words known before. new_word: of one more word
+    on a frame already encoded; None for a closed vocabulary. weights: of judging again with other weights.
+    step, slowest: a whole frame with four words, judged; the slowest one.
+    """
+
+    encode: float
+    attend_1: float
+    attend_4: float
+    embed: float
+    new_word: float | None
+    weights: float
+    step: float
+    slowest: float
+
+    @property
+    def rate(self) -> float:
+        """Frames a second that the slowest step allows."""
+        return min(FASTEST, 1e3 / self.slowest)
+
+    @property
+    def freshness(self) -> float:
+        """The freshness limit T, in seconds, at that rate; above `LONGEST_FRESHNESS` it cannot be kept.
+
+        The frame of an OK waits for the step before it and goes through its own, and holds until the next
+        step is through: three steps.
+        """
+        return max(1.0, 3.0 / self.rate)
+
+
+def time_parts(perceiver: Perceiver, images: Sequence[Image], words: Sequence[str], repeat: int) -> Timing:
+    """Time every part `repeat` times, over the images in turn, and a first time that is not counted.
+
+    Perceivers remember what they were asked of a frame, so each part gets a frame encoded anew.
+    """
+    timer = _Timer(perceiver, words[:4])
+    for turn in range(repeat + 1):
+        timer.turn(turn, images[turn % len(images)])
+        if turn == 0:
+            timer.taken.clear()
+    medians: dict[str, float] = {name: median(values) for name, values in timer.taken.items()}
+    return Timing(
+        encode=medians["encode"],
+        attend_1=medians["attend_1"],
+        attend_4=medians["attend_4"],
+        embed=medians["embed"],
+        new_word=medians.get("new_word"),
+        weights=medians["weights"],
+        step=medians["step"],
+        slowest=max(timer.taken["step"]),
+    )
+
+
+def peak_memory() -> float:
+    """The most memory that this process has held, in MB."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1e3
+    except (OSError, StopIteration, ValueError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+class _Timer:
+    def __init__(self, perceiver: Perceiver, words: Sequence[str]) -> None:
+        self.taken: dict[str, list[float]] = {}
+        self._perceiver = perceiver
+        self._prompts = [Prompt(word) for word in words]
+        self._memories = [
+            first_memory(perceiver.model_id, Preferences.of(dict.fromkeys(words, weight)))
+            for weight in (1.0, 0.5)
+        ]
+        self._engine = AnyTraverse(perceiver, Settings(), self._memories[0])
+
+    def turn(self, number: int, image: Image) -> None:
+        perceiver, engine = self._perceiver, self._engine
+        first = self._time("encode", lambda: perceiver.encode(image))
+        self._time("attend_1", lambda: perceiver.attend(first, self._prompts[:1]))
+        if perceiver.vocabulary is None:
+            self._time("new_word", lambda: perceiver.attend(first, [Prompt(f"thing number {number}")]))
+        second = self._time("encode", lambda: perceiver.encode(image))
+        self._time("attend_4", lambda: perceiver.attend(second, self._prompts))
+        self._time("embed", lambda: perceiver.embed(second))
+        engine.memory = self._memories[0]
+        seen = self._time("step", lambda: self._step(Frame(number, 0.0, image)))
+        engine.memory = self._memories[1]
+        self._time("weights", lambda: engine.judge(seen, 0.0))
+
+    def _step(self, frame: Frame) -> Observation:
+        seen = self._engine.observe(frame)
+        self._engine.judge(seen, 0.0)
+        return seen
+
+    def _time(self, part: str, work: Callable[[], T]) -> T:
+        begin = time.perf_counter()
+        result = work()
+        self.taken.setdefault(part, []).append((time.perf_counter() - begin) * 1e3)
+        return result

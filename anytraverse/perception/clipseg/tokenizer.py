@@ -1,0 +1,189 @@
+"""CLIP's tokenizer: byte-level byte-pair encoding with an end-of-word mark, in the standard library alone.
+
+Same ids as transformers' CLIPTokenizer (the fast one) made from the same vocabulary and merges. One thing
+depends on a checkpoint's configuration: with some, the start token typed in capitals is still the start
+token; here it is plain text, which is CLIPTokenizer's default.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from heapq import heapify, heappop, heappush
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+from anytraverse.errors import PerceiverError
+from anytraverse.perception.clipseg.pretokenizer import words
+
+FORMAT = 1
+MAX_FILE_BYTES = 32 << 20
+_FIELDS = {"format", "context", "start", "end", "vocabulary", "merges"}
+_END_OF_WORD = "</w>"
+_REMEDY = "Copy the bundle here again, or make it with `anytraverse export` of this version."
+
+
+class Tokenizer:
+    """Text -> token ids.
+
+    `vocabulary` is token -> id >= 0, each id once; `merges` are pairs of tokens in order of rank, and what a
+    pair makes is a token too. `context` (3 to 65536) is the most ids that a text gets. `start` and `end` are
+    the ids round it; their tokens typed in a text are these ids, and a byte without a token is `end`.
+    Raises ValueError with the reason when these do not fit together.
+    """
+
+    def __init__(
+        self,
+        vocabulary: Mapping[str, int],
+        merges: Iterable[tuple[str, str]],
+        context: int,
+        start: int,
+        end: int,
+    ) -> None:
+        names = {token_id: token for token, token_id in vocabulary.items()}
+        if len(names) != len(vocabulary) or min(names, default=0) < 0:
+            raise ValueError("two tokens share an id, or an id is negative")
+        if not 3 <= context <= 65536:
+            raise ValueError(f"context is {context}, expected 3 (start, one token, end) to 65536")
+        if start == end or not names.get(start) or not names.get(end):
+            raise ValueError(f"start {start} and end {end} are not two tokens of the vocabulary")
+        self.context, self.start, self.end = context, start, end
+        self._literals = re.compile(f"({re.escape(names[start])}|{re.escape(names[end])})")
+        self._literal_ids = {names[start]: start, names[end]: end}
+        alphabet = byte_alphabet()
+        self._inner = [vocabulary.get(symbol, end) for symbol in alphabet]
+        self._last = [vocabulary.get(symbol + _END_OF_WORD, end) for symbol in alphabet]
+        self._stride = max(names) + 1
+        self._ranks: dict[int, int] = {}
+        self._products = array("q")
+        for rank, (left, right) in enumerate(merges):
+            for token in (left, right, left + right):
+                if token not in vocabulary:
+                    raise ValueError(
+                        f"merge {rank} needs {token[:40]!r}, which is no token of the vocabulary"
+                    )
+            self._ranks[vocabulary[left] * self._stride + vocabulary[right]] = rank
+            self._products.append(vocabulary[left + right])
+
+    @classmethod
+    def load(cls, path: Path) -> Tokenizer:
+        """What `save_tokenizer` wrote to `path`. Raises PerceiverError with the reason and a remedy."""
+        try:
+            return cls(**_read(path))
+        except (OSError, ValueError, RecursionError) as error:
+            raise PerceiverError(f"{path} is not a tokenizer that can be used: {error}. {_REMEDY}") from error
+
+    def encode(self, text: str) -> list[int]:
+        """The start id, the tokens of `text`, the end id: `context` ids at most, later tokens are left out.
+
+        Raises UnicodeEncodeError for half a surrogate pair, which is no character.
+        """
+        return [self.start, *islice(self._tokens(text), self.context - 2), self.end]
+
+    def _tokens(self, text: str) -> Iterator[int]:
+        for part in self._literals.split(text):
+            if part in self._literal_ids:
+                yield self._literal_ids[part]
+                continue
+            for word in words(part):
+                octets = word.encode()
+                yield from self._merged(
+                    [*(self._inner[octet] for octet in octets[:-1]), self._last[octets[-1]]]
+                )
+
+    def _merged(self, ids: list[int]) -> list[int]:
+        """`ids` after all merges, always the pair of the lowest rank, the leftmost of equals: O(n log n)."""
+        size = len(ids)
+        before, after = list(range(-1, size - 1)), list(range(1, size + 1))
+
+        def rank_at(place: int) -> int | None:
+            following = after[place]
+            return self._ranks.get(ids[place] * self._stride + ids[following]) if following < size else None
+
+        queue = [(rank, place) for place in range(size) if (rank := rank_at(place)) is not None]
+        heapify(queue)
+        while queue:
+            rank, place = heappop(queue)
+            current = rank_at(place)
+            if current is None or self._products[current] != self._products[rank]:
+                continue  # one of the pair went into another merge
+            merged_away = after[place]
+            ids[place], ids[merged_away] = self._products[rank], -1
+            after[place] = after[merged_away]
+            if after[place] < size:
+                before[after[place]] = place
+            for neighbour in (before[place], place):
+                if neighbour >= 0 and (rank_now := rank_at(neighbour)) is not None:
+                    heappush(queue, (rank_now, neighbour))
+        return [token_id for token_id in ids if token_id >= 0]
+
+
+def save_tokenizer(
+    path: Path,
+    vocabulary: Mapping[str, int],
+    merges: Sequence[tuple[str, str]],
+    context: int,
+    start: int,
+    end: int,
+) -> None:
+    """Write one compact JSON object: format, context, start, end, vocabulary (a list by id), merges (pairs of
+    ids, one after the other).
+
+    Raises ValueError when the parts make no tokenizer or the ids are not 0 to n - 1; OSError from the file.
+    """
+    Tokenizer(vocabulary, merges, context, start, end)
+    tokens = sorted(vocabulary, key=vocabulary.__getitem__)
+    if vocabulary[tokens[-1]] != len(tokens) - 1:
+        raise ValueError(
+            f"{len(tokens)} tokens have ids up to {vocabulary[tokens[-1]]}: leave no gaps between ids"
+        )
+    content = {
+        "format": FORMAT,
+        "context": context,
+        "start": start,
+        "end": end,
+        "vocabulary": tokens,
+        "merges": [vocabulary[token] for pair in merges for token in pair],
+    }
+    path.write_text(json.dumps(content, ensure_ascii=False, separators=(",", ":")), encoding="utf-8")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The arguments of Tokenizer from the file at `path`. Raises OSError or ValueError."""
+    if (size := path.stat().st_size) > MAX_FILE_BYTES:
+        raise ValueError(f"it has {size} bytes, {MAX_FILE_BYTES} at most")
+    content = json.loads(path.read_bytes())
+    if not isinstance(content, dict) or type(content.get("format")) is not int:
+        raise ValueError("it has no format number, so it is another program's file")
+    if content["format"] != FORMAT:
+        raise ValueError(f"it has format {content['format']}, this version of anytraverse reads {FORMAT}")
+    if content.keys() != _FIELDS:
+        raise ValueError(
+            f"its fields are {', '.join(sorted(content))}, expected {', '.join(sorted(_FIELDS))}"
+        )
+    numbers = {name: content[name] for name in ("context", "start", "end")}
+    for name, number in numbers.items():
+        if type(number) is not int:
+            raise ValueError(f"{name} is {str(number)[:40]!r}, expected a whole number")
+    tokens, ids = content["vocabulary"], content["merges"]
+    if not isinstance(tokens, list) or not all(isinstance(token, str) for token in tokens):
+        raise ValueError("vocabulary is not a list of texts")
+    vocabulary = {token: token_id for token_id, token in enumerate(tokens)}
+    if len(vocabulary) != len(tokens):
+        raise ValueError("a token stands twice in vocabulary")
+    if not isinstance(ids, list) or len(ids) % 2:
+        raise ValueError("merges is not a list of ids, two for each merge")
+    if not all(type(token_id) is int and 0 <= token_id < len(tokens) for token_id in ids):
+        raise ValueError(f"merges holds something that is no id of the {len(tokens)} tokens")
+    merges = ((tokens[left], tokens[right]) for left, right in zip(ids[::2], ids[1::2], strict=True))
+    return {"vocabulary": vocabulary, "merges": merges, **numbers}
+
+
+def byte_alphabet() -> list[str]:
+    """The character that stands for each byte in tokens: itself if visible in Latin-1, else U+0100 and on."""
+    visible = {*range(0x21, 0x7F), *range(0xA1, 0xAD), *range(0xAE, 0x100)}
+    substitutes = count(0x100)
+    return [chr(octet if octet in visible else next(substitutes)) for octet in range(256)]

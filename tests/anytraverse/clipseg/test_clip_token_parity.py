@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.perception.clipseg.tokenizer import Tokenizer, _byte_alphabet, save_tokenizer
+from anytraverse.perception.clipseg.tokenizer import Tokenizer, byte_alphabet, save_tokenizer
 
 CONTEXT = 77
 START, END = "<|startoftext|>", "<|endoftext|>"
@@ -69,7 +69,7 @@ Vocabulary = tuple[dict[str, int], list[tuple[str, str]]]
 
 def vocabulary_of(merges: list[tuple[str, str]]) -> dict[str, int]:
     """Ids as CLIP numbers them: 256 bytes, 256 bytes that end a word, the products of merges, start, end."""
-    symbols = _byte_alphabet()
+    symbols = byte_alphabet()
     products = [left + right for left, right in merges]
     tokens = [*symbols, *(f"{symbol}</w>" for symbol in symbols), *products, START, END]
     return {token: token_id for token_id, token in enumerate(dict.fromkeys(tokens))}
@@ -79,7 +79,7 @@ def vocabulary_of(merges: list[tuple[str, str]]) -> dict[str, int]:
 def trained(count: int = 600) -> Vocabulary:
     """Byte-pair encoding trained on made words of many scripts: always the most frequent pair."""
     rng = random.Random(7)
-    symbols = _byte_alphabet()
+    symbols = byte_alphabet()
     made = ["".join(rng.choices("aeiourstlndgm", k=rng.randint(2, 9))) for _ in range(250)]
     dense = ["".join(rng.choices("abcde", k=40)) for _ in range(60)]
     weighted = Counter(rng.choices([*made, *dense, *ORDINARY, *ODD], k=3000))

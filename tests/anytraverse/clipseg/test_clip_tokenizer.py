@@ -29,7 +29,7 @@ MERGES = [
 
 def vocabulary_of(merges: list[tuple[str, str]]) -> dict[str, int]:
     """Ids as CLIP numbers them: 256 bytes, 256 bytes that end a word, the products of merges, start, end."""
-    symbols = tokenizer_module._byte_alphabet()
+    symbols = tokenizer_module.byte_alphabet()
     products = [left + right for left, right in merges]
     tokens = [*symbols, *(f"{symbol}</w>" for symbol in symbols), *products, START, END]
     return {token: token_id for token_id, token in enumerate(dict.fromkeys(tokens))}

@@ -1,0 +1,34 @@
+"""On what the figures were measured."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from anytraverse.bundle.machine import this_machine
+
+PACKAGES = ("torch", "transformers", "onnxruntime", "numpy")
+
+
+def describe_machine() -> dict[str, Any]:
+    """CPU, its flags that matter to networks, cores that may be used, versions."""
+    machine = this_machine()
+    described: dict[str, Any] = {
+        "cpu": machine.cpu,
+        "cpu_flags": list(machine.flags),
+        "architecture": machine.architecture,
+        "cores": len(os.sched_getaffinity(0)),
+        "python": platform.python_version(),
+    }
+    for package in PACKAGES:
+        described[package] = _version(package)
+    return described
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,142 @@
+"""The measured figures as tables in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.clipseg.frames import COUNTS, SIZES
+from bench.clipseg.ratios import spread
+from bench.clipseg.results import OURS, REFERENCE, Results, labels
+from bench.clipseg.work import ClipSegWork, Transformer, read_clip, read_clipseg
+
+SHOWN = (SIZES[0], 4)
+"""The case whose parts are shown."""
+_SHOWN_FROM = 5e-5
+"""Seconds. What takes less is cached, as the prompts' embeddings are."""
+
+EXPLANATION = (
+    "CPU: process CPU time of one step at one thread, median [quartiles]; faster: the authors' CPU time over "
+    "this one's, by pairs of the same round. Both embed the scene on every frame. Random weights cost what "
+    "trained ones do, and say nothing of accuracy. The authors' step makes maps at the frame's size; this "
+    "project's pools at the network's own size and enlarges a map only where somebody looks at it."
+)
+LIKENESS = (
+    'Like meets like: a row of a "CLIP B/32 scene" runs the same second encoder as the authors\' step. '
+    '"Maps alone" leaves out, on both sides, what makes the scene\'s embedding: the second encoder, or the '
+    "tail of the tower."
+)
+
+
+def write_report(
+    results: Results, machine: Mapping[str, Any], work: Mapping[str, Mapping[str, float]]
+) -> str:
+    """The whole report. work: contestant -> part -> floating-point operations in the case shown."""
+    return "\n\n".join(
+        [
+            "# CLIPSeg: this project against the authors' AnyTraverse 2.0.0",
+            ", ".join(f"{key} {_plain(value)}" for key, value in machine.items()),
+            EXPLANATION,
+            _table(["frame", "prompts", "who", "CPU ms", "wall ms", "faster", "maps alone"], _steps(results)),
+            LIKENESS,
+            f"## Parts at {SHOWN[0][0]}x{SHOWN[0][1]}, {SHOWN[1]} prompts",
+            _table(["who", "part", "CPU ms", "share", "GFLOP", "GFLOP/s"], _parts(results, work)),
+            "## Peak resident memory, MB",
+            _table(["who", *(f"{w}x{h}" for w, h in results.sizes), "share"], _memory(results)),
+            "## Agreement with the authors' step",
+            _table(
+                ["who", "largest difference of a ROI mean", "cosine of the embeddings"], _agreement(results)
+            ),
+            *[f"Not measured: {name}: {why}" for name, why in results.missing.items()],
+        ]
+    )
+
+
+def count_work(clipseg: Path, clip: Path, count: int) -> dict[str, dict[str, float]]:
+    """Floating-point operations of each contestant's parts with `count` prompts, from the architectures."""
+    net, scene = read_clipseg(clipseg), read_clip(clip)
+    shared = {**_ours(net, count), "tail": net.tail()}
+    own = {**_ours(net, count), "scene": _once(scene)}
+    return {
+        REFERENCE: {
+            "scene": scene.tower(scene.layers) + scene.tail(scene.layers),
+            "tower": net.tower_whole(),
+            "decoder": count * (net.reduce() + net.decoder()),
+        },
+        **{name: own if name.endswith("clip_b32") else shared for name in OURS},
+    }
+
+
+def _ours(net: ClipSegWork, count: int) -> dict[str, float]:
+    return {"tower": net.tower_needed() + net.reduce(), "decoder": count * net.decoder()}
+
+
+def _once(scene: Transformer) -> float:
+    """An embedding whose last layer is computed for the class token alone."""
+    return scene.tower(scene.layers - 1) + scene.tail(scene.layers - 1)
+
+
+def _steps(results: Results) -> Iterable[Sequence[str]]:
+    for size in results.sizes:
+        for count in COUNTS:
+            for name, label in zip(results.names, labels(results.names), strict=True):
+                samples = results.of(name, size, count)
+                if not samples:
+                    continue
+                faster = results.times_faster(name, size, count)
+                alone = results.times_faster_without_embedding(name, size, count)
+                yield [
+                    f"{size[0]}x{size[1]}",
+                    str(count),
+                    label,
+                    f"{spread([sample.cpu for sample in samples]).times(1e3):.0f}",
+                    f"{spread([sample.wall for sample in samples]).median * 1e3:.0f}",
+                    f"{faster:.2f}" if name != REFERENCE else "",
+                    f"{alone.median:.2f}" if alone and name != REFERENCE else "",
+                ]
+
+
+def _parts(results: Results, work: Mapping[str, Mapping[str, float]]) -> Iterable[Sequence[str]]:
+    for name, label in zip(results.names, labels(results.names), strict=True):
+        samples = results.of(name, *SHOWN)
+        whole = spread([sample.cpu for sample in samples]).median
+        for part in dict.fromkeys(part for sample in samples for part in sample.parts):
+            seconds = results.part(name, part, *SHOWN).median
+            if seconds < _SHOWN_FROM:
+                continue
+            operations = work[name].get(part)
+            yield [
+                label,
+                part,
+                f"{seconds * 1e3:.1f}",
+                f"{seconds / whole:.1%}",
+                f"{operations / 1e9:.2f}" if operations else "",
+                f"{operations / 1e9 / seconds:.0f}" if operations and seconds > 0 else "",
+            ]
+
+
+def _memory(results: Results) -> Iterable[Sequence[str]]:
+    reference = results.peak_mb(REFERENCE, results.sizes[0])
+    for name, label in zip(results.names, labels(results.names), strict=True):
+        peaks = [results.peak_mb(name, size) for size in results.sizes]
+        share = f"{peaks[0] / reference:.0%}" if peaks[0] and reference else ""
+        yield [label, *(f"{peak:.0f}" if peak else "" for peak in peaks), share]
+
+
+def _agreement(results: Results) -> Iterable[Sequence[str]]:
+    for name, label in zip(results.names, labels(results.names), strict=True):
+        if name != REFERENCE:
+            cosine = (
+                f"{results.embedding_cosine(name):.6f}" if name.endswith("clip_b32") else "another embedding"
+            )
+            yield [label, f"{results.roi_difference(name):.5f}", cosine]
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _plain(value: object) -> str:
+    return " ".join(map(str, value)) if isinstance(value, list) else str(value)

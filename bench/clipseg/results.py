@@ -1,0 +1,143 @@
+"""What was measured, and the figures that are quoted from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bench.clipseg.contestants import Sample
+from bench.clipseg.frames import COUNTS, SIZES
+from bench.clipseg.measuring import Samples
+from bench.clipseg.ratios import Spread, ratio, spread
+
+REFERENCE = "reference"
+OURS = ("fp32", "int8", "fp32_clip_b32", "int8_clip_b32")
+"""Precision, and the scene embedding where it is not the shared one."""
+EMBEDDING_PARTS = ("scene", "tail")
+
+
+@dataclass(frozen=True)
+class Results:
+    """samples: of each contestant and case. missing: why a contestant has none."""
+
+    samples: Samples
+    missing: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """Who was measured, the reference first."""
+        return [name for name in (REFERENCE, *OURS) if any(key[0] == name for key in self.samples)]
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        return [size for size in SIZES if any(key[1] == size for key in self.samples)]
+
+    def of(self, name: str, size: tuple[int, int], count: int) -> list[Sample]:
+        """Empty when this was not measured."""
+        return self.samples.get((name, size, count), [])
+
+    def cpu(self, name: str, size: tuple[int, int], count: int) -> list[float]:
+        """Process CPU seconds of each round."""
+        return [sample.cpu for sample in self.of(name, size, count)]
+
+    def times_faster(self, name: str, size: tuple[int, int], count: int) -> Spread | None:
+        """The reference's CPU time over this contestant's, pair by pair; None without samples."""
+        ours = self.cpu(name, size, count)
+        return ratio(self.cpu(REFERENCE, size, count), ours) if ours else None
+
+    def times_faster_without_embedding(self, name: str, size: tuple[int, int], count: int) -> Spread | None:
+        """The same, without what makes the scene's embedding in either."""
+        ours = self.of(name, size, count)
+        if not ours:
+            return None
+        return ratio(
+            [_maps_alone(sample) for sample in self.of(REFERENCE, size, count)],
+            [_maps_alone(sample) for sample in ours],
+        )
+
+    def part(self, name: str, part: str, size: tuple[int, int], count: int) -> Spread:
+        """CPU seconds of one part."""
+        return spread([sample.parts.get(part, 0.0) for sample in self.of(name, size, count)])
+
+    def peak_mb(self, name: str, size: tuple[int, int]) -> float | None:
+        """Highest resident memory after the cases of this size, which follow those of smaller ones."""
+        peaks = [sample.peak_mb for count in COUNTS for sample in self.of(name, size, count)]
+        return max(peaks) if peaks else None
+
+    def roi_difference(self, name: str) -> float:
+        """The largest difference of a ROI mean from the reference's on the same frame and words."""
+        pairs = self._pairs(name)
+        return max(
+            max(
+                abs(one.figures.roi_uncertainty - other.figures.roi_uncertainty),
+                abs(one.figures.roi_traversability - other.figures.roi_traversability),
+            )
+            for one, other in pairs
+        )
+
+    def embedding_cosine(self, name: str) -> float:
+        """The smallest cosine between an embedding and the reference's. For the CLIP B/32 scene alone."""
+        return min(
+            float(np.dot(one.figures.embedding, other.figures.embedding)) for one, other in self._pairs(name)
+        )
+
+    def _pairs(self, name: str) -> list[tuple[Sample, Sample]]:
+        return [
+            pair
+            for (who, size, count), samples in self.samples.items()
+            if who == name
+            for pair in zip(self.of(REFERENCE, size, count), samples, strict=True)
+        ]
+
+
+def _maps_alone(sample: Sample) -> float:
+    return sample.cpu - sum(sample.parts.get(part, 0.0) for part in EMBEDDING_PARTS)
+
+
+def figures(results: Results) -> dict[str, Any]:
+    """The figures of the last line; null, with a reason beside it, where there is none."""
+    line: dict[str, Any] = {}
+    for size in results.sizes:
+        suffix = "" if size == SIZES[0] else f"_{size[0]}x{size[1]}"
+        for name in OURS:
+            for count in COUNTS:
+                line |= _ratio(f"ratio_{name}_k{count}", suffix, results, (name, size, count))
+        for name in (REFERENCE, *OURS):
+            peak = results.peak_mb(name, size)
+            line[f"rss_mb_{name}{suffix}"] = None if peak is None else round(peak)
+    for name in OURS:
+        if name not in results.names:
+            line[f"{name}_reason"] = results.missing.get(name, "not measured")
+            continue
+        line[f"roi_difference_{name}"] = round(results.roi_difference(name), 5)
+        if name.endswith("clip_b32"):
+            line[f"embedding_cosine_{name}"] = round(results.embedding_cosine(name), 6)
+    return line
+
+
+def _ratio(
+    key: str, suffix: str, results: Results, case: tuple[str, tuple[int, int], int]
+) -> dict[str, float | list[float] | None]:
+    faster, alone = results.times_faster(*case), results.times_faster_without_embedding(*case)
+    if faster is None or alone is None:
+        return {key + suffix: None}
+    return {
+        key + suffix: round(faster.median, 3),
+        f"{key}_quartiles{suffix}": [round(faster.low, 3), round(faster.high, 3)],
+        f"{key}_maps_alone{suffix}": round(alone.median, 3),
+    }
+
+
+def labels(names: Sequence[str]) -> list[str]:
+    """As people read them."""
+    readable = {
+        REFERENCE: "authors' step, PyTorch",
+        "fp32": "fp32, shared scene",
+        "int8": "int8, shared scene",
+        "fp32_clip_b32": "fp32, CLIP B/32 scene",
+        "int8_clip_b32": "int8, CLIP B/32 scene",
+    }
+    return [readable[name] for name in names]

@@ -1,0 +1,132 @@
+"""Floating-point work of the networks, from their architecture: multiplications and additions of matrices."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_VISION = {
+    "hidden_size": 768,
+    "intermediate_size": 3072,
+    "num_hidden_layers": 12,
+    "patch_size": 32,
+    "image_size": 224,
+}
+_CLIPSEG = {
+    "projection_dim": 512,
+    "extract_layers": [3, 6, 9],
+    "reduce_dim": 64,
+    "decoder_intermediate_size": 2048,
+    "use_complex_transposed_convolution": False,
+}
+"""What a config.json leaves out because it is transformers' default."""
+
+
+@dataclass(frozen=True)
+class Transformer:
+    """A vision transformer on square images: sizes in pixels, widths in numbers."""
+
+    width: int
+    hidden: int
+    layers: int
+    patch: int
+    image: int
+    projection: int
+
+    @property
+    def tokens(self) -> int:
+        return (self.image // self.patch) ** 2 + 1
+
+    def layer(self) -> float:
+        return _layer(self.tokens, self.width, self.hidden)
+
+    def tower(self, layers: int) -> float:
+        """Patches and the first `layers` layers."""
+        return 2.0 * (self.tokens - 1) * 3 * self.patch**2 * self.width + layers * self.layer()
+
+    def tail(self, layers: int) -> float:
+        """The embedding from the output of the first `layers`, the last layer for the class token alone."""
+        if layers >= self.layers:
+            return 2.0 * self.width * self.projection
+        keys = 2.0 * self.tokens * 2 * self.width**2
+        one = 2.0 * (2 * self.width**2 + 2 * self.tokens * self.width + 2 * self.width * self.hidden)
+        return (self.layers - layers - 1) * self.layer() + keys + one + 2.0 * self.width * self.projection
+
+
+@dataclass(frozen=True)
+class ClipSegWork:
+    """Work of CLIPSeg's parts, in floating-point operations."""
+
+    vision: Transformer
+    needed: int
+    """Layers of the tower that the decoder reads."""
+    reduced: int
+    hidden: int
+    taps: int
+    complex_convolution: bool
+
+    def tower_needed(self) -> float:
+        return self.vision.tower(self.needed)
+
+    def tower_whole(self) -> float:
+        return self.vision.tower(self.vision.layers)
+
+    def tail(self) -> float:
+        return self.vision.tail(self.needed)
+
+    def reduce(self) -> float:
+        """Bringing the tower's activations to the decoder's width: once a frame, or once a prompt."""
+        return self.taps * 2.0 * self.vision.tokens * self.vision.width * self.reduced
+
+    def decoder(self) -> float:
+        """What each prompt costs after that."""
+        tokens = self.vision.tokens
+        return self.taps * _layer(tokens, self.reduced, self.hidden) + self._convolutions(tokens - 1)
+
+    def _convolutions(self, cells: int) -> float:
+        if not self.complex_convolution:
+            return 2.0 * cells * self.reduced * self.vision.patch**2
+        kernel = (self.vision.patch // 4) ** 2
+        first = cells * 9 * self.reduced**2
+        second = cells * kernel * self.reduced * (self.reduced // 2)
+        third = cells * kernel * kernel * (self.reduced // 2)
+        return 2.0 * (first + second + third)
+
+
+def _layer(tokens: int, width: int, hidden: int) -> float:
+    """One transformer layer: four projections, attention, two linear maps of the MLP."""
+    return 2.0 * tokens * (4 * width**2 + 2 * tokens * width + 2 * width * hidden)
+
+
+def read_clipseg(checkpoint: Path) -> ClipSegWork:
+    """The work at the image size that the checkpoint's preprocessor makes."""
+    config = _CLIPSEG | json.loads((checkpoint / "config.json").read_text())
+    images = json.loads((checkpoint / "preprocessor_config.json").read_text())
+    return ClipSegWork(
+        vision=_vision(config, images["size"]["height"]),
+        needed=max(config["extract_layers"]) + 1,
+        reduced=config["reduce_dim"],
+        hidden=config["decoder_intermediate_size"],
+        taps=len(config["extract_layers"]),
+        complex_convolution=config["use_complex_transposed_convolution"],
+    )
+
+
+def read_clip(checkpoint: Path) -> Transformer:
+    """CLIP's vision tower at its own image size."""
+    config = {"projection_dim": 512} | json.loads((checkpoint / "config.json").read_text())
+    return _vision(config, None)
+
+
+def _vision(config: dict[str, Any], image: int | None) -> Transformer:
+    vision = _VISION | (config.get("vision_config") or {})
+    return Transformer(
+        width=vision["hidden_size"],
+        hidden=vision["intermediate_size"],
+        layers=vision["num_hidden_layers"],
+        patch=vision["patch_size"],
+        image=image or vision["image_size"],
+        projection=config["projection_dim"],
+    )

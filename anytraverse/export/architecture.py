@@ -1,0 +1,128 @@
+"""The sizes of a CLIPSeg network, as its checkpoint states them, and the names of its weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Weights = Mapping[str, NDArray[np.float32]]
+"""Name -> array, named as transformers names the parameters of CLIPSegForImageSegmentation."""
+
+
+@dataclass(frozen=True)
+class Tower:
+    """A transformer encoder. width: hidden size; inner: size between the two layers of its MLP.
+
+    act: activation of the MLP, "quick_gelu", "gelu" or "relu". eps: of its layer norms.
+    """
+
+    layers: int
+    width: int
+    heads: int
+    inner: int
+    act: str = "quick_gelu"
+    eps: float = 1e-5
+
+
+@dataclass(frozen=True)
+class Vision:
+    """An image encoder: a tower over patches of patch x patch pixels; mean and std are of RGB in [0, 1]."""
+
+    tower: Tower
+    patch: int
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text encoder over at most `context` tokens; `end` is the id whose position is read out."""
+
+    tower: Tower
+    context: int
+    start: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Decoder:
+    """CLIPSeg's decoder (Lüddecke and Ecker, CVPR 2022, "Image Segmentation Using Text and Image Prompts").
+
+    extract: the layers of the image tower that it reads, counted from 0. conditional: the step at which the
+    prompt comes in. transposed: whether three convolutions make the mask, or one.
+    """
+
+    tower: Tower
+    extract: tuple[int, ...]
+    conditional: int
+    transposed: bool
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """A whole CLIPSeg. joint: size of the space that words and pictures share."""
+
+    vision: Vision
+    text: Text
+    decoder: Decoder
+    joint: int
+
+    @property
+    def used_layers(self) -> int:
+        """Layers of the image tower that the decoder needs; the rest only make the embedding."""
+        return max(self.decoder.extract) + 1
+
+
+def architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> Architecture:
+    """From a checkpoint's config and preprocessor_config, all keys given. Raises KeyError."""
+    vision, text = config["vision_config"], config["text_config"]
+    reduced = Tower(
+        layers=len(config["extract_layers"]),
+        width=config["reduce_dim"],
+        heads=config["decoder_num_attention_heads"],
+        inner=config["decoder_intermediate_size"],
+        act="relu",
+        eps=vision["layer_norm_eps"],
+    )
+    return Architecture(
+        Vision(
+            _tower(vision),
+            vision["patch_size"],
+            _three(preprocessor["image_mean"]),
+            _three(preprocessor["image_std"]),
+        ),
+        Text(_tower(text), text["max_position_embeddings"], text["bos_token_id"], text["eos_token_id"]),
+        Decoder(
+            reduced,
+            tuple(config["extract_layers"]),
+            config["conditional_layer"],
+            config["use_complex_transposed_convolution"],
+        ),
+        config["projection_dim"],
+    )
+
+
+def vision_architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> Vision:
+    """Of a CLIP image encoder: config is the `vision_config` of its checkpoint."""
+    mean, std = _three(preprocessor["image_mean"]), _three(preprocessor["image_std"])
+    return Vision(_tower(config), config["patch_size"], mean, std)
+
+
+def _tower(config: Mapping[str, Any]) -> Tower:
+    return Tower(
+        config["num_hidden_layers"],
+        config["hidden_size"],
+        config["num_attention_heads"],
+        config["intermediate_size"],
+        config["hidden_act"],
+        config["layer_norm_eps"],
+    )
+
+
+def _three(values: Any) -> tuple[float, float, float]:
+    red, green, blue = values
+    return float(red), float(green), float(blue)

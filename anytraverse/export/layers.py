@@ -1,0 +1,115 @@
+"""The layers of CLIP's transformers, in the form that ONNX Runtime runs fastest.
+
+Activations are (batch * tokens, width) in all but attention itself. Queries, keys and values come from one
+product; attention and quick GELU are ONNX Runtime's fused operators.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anytraverse.export.architecture import Tower, Weights
+from anytraverse.export.graph import FAST, Graph
+from anytraverse.export.linear import Linear
+
+_FIRST = np.array([0], dtype=np.int64)
+
+
+class Layers:
+    """Writes layers into a graph from the weights of a checkpoint.
+
+    linear: writes the products x W + b, in the precision that is wanted.
+    tokens: how many make one picture; None for one text of any length.
+    """
+
+    def __init__(self, graph: Graph, weights: Weights, linear: Linear, tokens: int | None) -> None:
+        self.graph = graph
+        self.weights = weights
+        self.tokens = tokens
+        self._linear = linear
+
+    def linear(self, x: str, name: str) -> str:
+        """The product with the weights called `name`; a bias where there is one."""
+        weight = self.weights[f"{name}.weight"]
+        return self._linear(self.graph, x, weight.T, self.weights.get(f"{name}.bias"))
+
+    def norm(self, x: str, name: str, eps: float) -> str:
+        """Layer normalisation."""
+        scale, shift = self.weights[f"{name}.weight"], self.weights[f"{name}.bias"]
+        return self.graph.op("LayerNormalization", x, scale, shift, axis=-1, epsilon=eps)
+
+    def act(self, x: str, kind: str) -> str:
+        """An activation by its name in the checkpoint."""
+        if kind == "quick_gelu":
+            return self.graph.op("QuickGelu", x, domain=FAST, alpha=1.702)
+        if kind == "gelu":
+            return self.graph.op("Gelu", x, domain=FAST)
+        return self.graph.op("Relu", x)
+
+    def mlp(self, x: str, name: str, act: str) -> str:
+        """Two products with an activation between."""
+        return self.linear(self.act(self.linear(x, f"{name}.fc1"), act), f"{name}.fc2")
+
+    def attention(self, x: str, name: str, heads: int, *, causal: bool = False) -> str:
+        """Self-attention of all tokens."""
+        graph = self.graph
+        weight, bias = self._stacked(name, ("q_proj", "k_proj", "v_proj"))
+        joined = self._linear(graph, x, weight, bias)
+        width = weight.shape[0]
+        parts = graph.split_op("Split", joined, np.array([width] * 3, dtype=np.int64), outputs=3, axis=1)
+        return self.linear(self._attend(parts, width, heads, causal=causal), f"{name}.out_proj")
+
+    def first_attention(self, first: str, x: str, name: str, heads: int) -> str:
+        """Attention of the first token alone to all tokens: `first` is (1, width), `x` (tokens, width)."""
+        graph = self.graph
+        weight, bias = self._stacked(name, ("k_proj", "v_proj"))
+        joined = self._linear(graph, x, weight, bias)
+        width = weight.shape[0]
+        keys, values = graph.split_op(
+            "Split", joined, np.array([width] * 2, dtype=np.int64), outputs=2, axis=1
+        )
+        query = graph.reshape(self.linear(first, f"{name}.q_proj"), 1, 1, width)
+        batched = [graph.reshape(part, 1, -1, width) for part in (keys, values)]
+        attended = graph.op("MultiHeadAttention", query, *batched, domain=FAST, num_heads=heads)
+        return self.linear(graph.reshape(attended, 1, width), f"{name}.out_proj")
+
+    def pre_norm(self, x: str, name: str, tower: Tower, *, causal: bool = False) -> str:
+        """A layer of CLIP's encoders: norm, attention, add; norm, MLP, add."""
+        normed = self.norm(x, f"{name}.layer_norm1", tower.eps)
+        x = self.graph.op("Add", x, self.attention(normed, f"{name}.self_attn", tower.heads, causal=causal))
+        return self._pre_norm_mlp(x, name, tower)
+
+    def first_pre_norm(self, x: str, name: str, tower: Tower) -> str:
+        """The same for the first token alone, (1, width): all that a last layer must give."""
+        graph = self.graph
+        normed = self.norm(x, f"{name}.layer_norm1", tower.eps)
+        first = graph.op("Gather", x, _FIRST, axis=0)
+        normed_first = graph.op("Gather", normed, _FIRST, axis=0)
+        first = graph.op(
+            "Add", first, self.first_attention(normed_first, normed, f"{name}.self_attn", tower.heads)
+        )
+        return self._pre_norm_mlp(first, name, tower)
+
+    def post_norm(self, x: str, name: str, tower: Tower) -> str:
+        """A layer of CLIPSeg's decoder: attention, add, norm; MLP, add, norm."""
+        x = self.graph.op("Add", x, self.attention(x, f"{name}.self_attn", tower.heads))
+        x = self.norm(x, f"{name}.layer_norm1", tower.eps)
+        x = self.graph.op("Add", x, self.mlp(x, f"{name}.mlp", tower.act))
+        return self.norm(x, f"{name}.layer_norm2", tower.eps)
+
+    def _pre_norm_mlp(self, x: str, name: str, tower: Tower) -> str:
+        normed = self.norm(x, f"{name}.layer_norm2", tower.eps)
+        return self.graph.op("Add", x, self.mlp(normed, f"{name}.mlp", tower.act))
+
+    def _stacked(self, name: str, parts: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        weight = np.concatenate([self.weights[f"{name}.{part}.weight"] for part in parts]).T
+        return weight, np.concatenate([self.weights[f"{name}.{part}.bias"] for part in parts])
+
+    def _attend(self, parts: list[str], width: int, heads: int, *, causal: bool = False) -> str:
+        """Queries, keys and values to what was attended to; the operator wants the batch apart."""
+        batch = (1, -1) if self.tokens is None else (-1, self.tokens)
+        batched = [self.graph.reshape(part, *batch, width) for part in parts]
+        attended = self.graph.op(
+            "MultiHeadAttention", *batched, domain=FAST, num_heads=heads, unidirectional=int(causal)
+        )
+        return self.graph.reshape(attended, -1, width)

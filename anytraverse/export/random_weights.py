@@ -1,0 +1,142 @@
+"""A CLIPSeg of random weights: to see how fast a board is before anything is downloaded, and for tests.
+
+Its maps mean nothing. They are spread round one half, so that masks are neither empty nor full.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anytraverse.export.architecture import Architecture, Decoder, Text, Tower, Vision
+from anytraverse.export.making import ClipSegCheckpoint, SceneCheckpoint, Vocabulary
+from anytraverse.perception.clipseg.tokenizer import byte_alphabet
+from anytraverse.perception.resizing import Fit
+
+_MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+RD64 = Architecture(
+    Vision(Tower(12, 768, 12, 3072), 16, _MEAN, _STD),
+    Text(Tower(12, 512, 8, 2048), 77, 49406, 49407),
+    Decoder(Tower(3, 64, 4, 2048, act="relu"), (3, 6, 9), 0, transposed=True),
+    joint=512,
+)
+"""CLIPSeg rd64-refined, as it was published."""
+
+TINY = Architecture(
+    Vision(Tower(4, 48, 3, 96), 16, _MEAN, _STD),
+    Text(Tower(3, 32, 2, 64), 77, 512, 513),
+    Decoder(Tower(2, 16, 2, 32, act="relu"), (0, 2), 0, transposed=True),
+    joint=24,
+)
+"""Small enough for a test."""
+
+B32 = Vision(Tower(12, 768, 12, 3072), 32, _MEAN, _STD)
+"""CLIP ViT-B/32's image encoder."""
+
+_GRID = 14  # of the published position tables: 224 pixels in patches of 16
+_SHARPNESS = 3.0  # standard deviation of the logits, about
+
+
+def random_clipseg(arch: Architecture = RD64, seed: int = 0) -> ClipSegCheckpoint:
+    """A checkpoint of random weights, the same for the same seed."""
+    draw = _Draw(seed)
+    vision, text, decoder, joint = arch.vision, arch.text, arch.decoder, arch.joint
+    weights = _image_encoder(draw, vision, "clip.vision_model", _GRID)
+    weights["clip.visual_projection.weight"] = draw.matrix(joint, vision.tower.width)
+    weights |= draw.tower(text.tower, "clip.text_model.encoder.layers")
+    weights |= draw.norm("clip.text_model.final_layer_norm", text.tower.width)
+    table = "clip.text_model.embeddings"
+    weights[f"{table}.token_embedding.weight"] = draw.normal(text.end + 1, text.tower.width)
+    weights[f"{table}.position_embedding.weight"] = draw.normal(text.context, text.tower.width)
+    weights["clip.text_projection.weight"] = draw.matrix(joint, text.tower.width)
+    weights |= draw.tower(decoder.tower, "decoder.layers")
+    for name, inputs in (("film_mul", joint), ("film_add", joint)):
+        weights |= draw.linear(f"decoder.{name}", decoder.tower.width, inputs)
+    for step in range(len(decoder.extract)):
+        weights |= draw.linear(f"decoder.reduces.{step}", decoder.tower.width, vision.tower.width)
+    weights |= _mask(draw, arch)
+    return ClipSegCheckpoint(
+        arch, weights, "bilinear", _bytes(text), {"weights": f"random, seed {seed}", "licence": "none needed"}
+    )
+
+
+def random_scene(vision: Vision = B32, joint: int = 512, seed: int = 0) -> SceneCheckpoint:
+    """An image encoder of random weights for the scene."""
+    draw = _Draw(seed)
+    side = 224 // 32
+    weights = _image_encoder(draw, vision, "vision_model", side)
+    weights["visual_projection.weight"] = draw.matrix(joint, vision.tower.width)
+    pixels = side * vision.patch
+    source = {"weights": f"random, seed {seed}", "licence": "none needed"}
+    return SceneCheckpoint(vision, weights, Fit(pixels, pixels, "bicubic", crop=True), source)
+
+
+class _Draw:
+    """Weights that keep the size of what goes through them."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+
+    def normal(self, *shape: int, spread: float = 1.0) -> np.ndarray:
+        return np.float32(spread) * self._random.standard_normal(shape, dtype=np.float32)
+
+    def matrix(self, outputs: int, inputs: int) -> np.ndarray:
+        return self.normal(outputs, inputs, spread=inputs**-0.5)
+
+    def linear(self, name: str, outputs: int, inputs: int) -> dict[str, np.ndarray]:
+        return {
+            f"{name}.weight": self.matrix(outputs, inputs),
+            f"{name}.bias": self.normal(outputs, spread=0.1),
+        }
+
+    def norm(self, name: str, width: int) -> dict[str, np.ndarray]:
+        scale, shift = self.normal(width, spread=0.1), self.normal(width, spread=0.1)
+        return {f"{name}.weight": 1 + scale, f"{name}.bias": shift}
+
+    def tower(self, tower: Tower, name: str) -> dict[str, np.ndarray]:
+        weights: dict[str, np.ndarray] = {}
+        for index in range(tower.layers):
+            layer = f"{name}.{index}"
+            for part in ("q_proj", "k_proj", "v_proj", "out_proj"):
+                weights |= self.linear(f"{layer}.self_attn.{part}", tower.width, tower.width)
+            weights |= self.linear(f"{layer}.mlp.fc1", tower.inner, tower.width)
+            weights |= self.linear(f"{layer}.mlp.fc2", tower.width, tower.inner)
+            weights |= self.norm(f"{layer}.layer_norm1", tower.width)
+            weights |= self.norm(f"{layer}.layer_norm2", tower.width)
+        return weights
+
+
+def _image_encoder(draw: _Draw, vision: Vision, name: str, side: int) -> dict[str, np.ndarray]:
+    width, patch = vision.tower.width, vision.patch
+    weights = draw.tower(vision.tower, f"{name}.encoder.layers")
+    kernel = draw.matrix(width, 3 * patch * patch).reshape(width, 3, patch, patch)
+    weights[f"{name}.embeddings.patch_embedding.weight"] = kernel
+    weights[f"{name}.embeddings.class_embedding"] = draw.normal(width)
+    weights[f"{name}.embeddings.position_embedding.weight"] = draw.normal(side * side + 1, width)
+    return weights | draw.norm(f"{name}.pre_layrnorm", width) | draw.norm(f"{name}.post_layernorm", width)
+
+
+def _mask(draw: _Draw, arch: Architecture) -> dict[str, np.ndarray]:
+    name, width = "decoder.transposed_convolution", arch.decoder.tower.width
+    if not arch.decoder.transposed:
+        patch = arch.vision.patch
+        kernel = draw.normal(width, 1, patch, patch, spread=_SHARPNESS * width**-0.5)
+        return {f"{name}.weight": kernel, f"{name}.bias": np.zeros(1, dtype=np.float32)}
+    side, half = arch.vision.patch // 4, width // 2
+    return {
+        f"{name}.0.weight": draw.matrix(width, 9 * width).reshape(width, width, 3, 3),
+        f"{name}.0.bias": draw.normal(width, spread=0.1),
+        f"{name}.2.weight": draw.normal(width, half, side, side, spread=(2 / width) ** 0.5),
+        f"{name}.2.bias": draw.normal(half, spread=0.1),
+        f"{name}.4.weight": draw.normal(half, 1, side, side, spread=_SHARPNESS * (2 / half) ** 0.5),
+        f"{name}.4.bias": np.zeros(1, dtype=np.float32),
+    }
+
+
+def _bytes(text: Text) -> Vocabulary:
+    """A vocabulary without merges: every byte is a token, in the middle or at the end of a word."""
+    symbols = byte_alphabet()
+    ids = {symbol: index for index, symbol in enumerate((*symbols, *(f"{one}</w>" for one in symbols)))}
+    ids |= {f"unused {index}": index for index in range(len(ids), text.start)}
+    ids |= {"<|startoftext|>": text.start, "<|endoftext|>": text.end}
+    return Vocabulary(ids, (), text.start, text.end)

@@ -1,0 +1,196 @@
+"""CLIPSeg, the paper's model, from a bundle: any word is a prompt, and so is any tapped thing.
+
+CLIPSeg: Lüddecke and Ecker, "Image Segmentation Using Text and Image Prompts", CVPR 2022.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from anytraverse.bundle.manifest import Manifest, read_manifest, verify
+from anytraverse.bundle.records import choose_precision
+from anytraverse.errors import ExampleError, PerceiverError
+from anytraverse.frame import Image, is_image
+from anytraverse.perception import DefaultThresholds, Example, Prompt
+from anytraverse.perception.clipseg.prompts import Prompts
+from anytraverse.perception.resizing import Resizer
+from anytraverse.perception.runtime import Runtime, open_session
+from anytraverse.preferences import clean_word
+from anytraverse.regions import Box
+
+Array = NDArray[np.float32]
+
+_LEAST_SIDE = 16
+"""Pixels of a tapped box below which it shows nothing but a blur."""
+_CONTEXT = 1.2
+"""A tapped box is grown this much: a thing is told apart with some of what is around it."""
+
+_AT_ONCE = 2
+"""Prompts that the decoder takes at once: more are no faster, and need more memory."""
+
+
+@dataclass(eq=False)
+class Activations:
+    """What the image tower made of a frame, and what was made of that so far.
+
+    reduced: (steps, tokens, reduced), for the decoder. deep: (tokens, width), for the embedding.
+    maps: attention maps by what they answer, kept while they are asked for.
+    """
+
+    image: Image
+    reduced: Array
+    deep: Array
+    maps: dict[object, Array] = field(default_factory=dict)
+    embedding: Array | None = None
+
+
+class ClipSeg:
+    """The `Perceiver` of kind "clipseg". Open vocabulary; a new word costs one run of the decoder.
+
+    `precision` is the bundle's variant in use, and `why` says why that one.
+    """
+
+    vocabulary = None
+
+    def __init__(self, argument: str, runtime: Runtime) -> None:
+        """Argument: the bundle's folder. Raises BundleError, PerceiverError with what to do."""
+        if not argument:
+            raise PerceiverError('clipseg needs its bundle: write "clipseg:FOLDER"')
+        folder = Path(argument).expanduser()
+        manifest = read_manifest(folder, "clipseg")
+        self.precision, self.why = choose_precision(folder, manifest, runtime)
+        verify(folder, manifest, precision=self.precision)
+        self._folder = folder
+        self._manifest = manifest
+        self._runtime = runtime
+        pieces = [self._file(part) for part in sorted(manifest.variants["fp32"]) if part.startswith("text-")]
+        self._prompts = Prompts(pieces, self._file("tokenizer"), self._file("tokens"), runtime)
+        self._image = self._session("image")
+        self._tail = self._session("tail")
+        self._decoder = self._session("decoder")
+        self._resize = Resizer(manifest.image, runtime)
+        self._scene = self._session("scene") if manifest.scene_image is not None else None
+        self._resize_scene = (
+            Resizer(manifest.scene_image, runtime) if manifest.scene_image is not None else None
+        )
+
+    @property
+    def model_id(self) -> str:
+        """Names the weights, the size and the embedding; the precision is not part of it."""
+        return self._manifest.model_id
+
+    @property
+    def defaults(self) -> DefaultThresholds:
+        """The bundle's own."""
+        return self._manifest.thresholds
+
+    @property
+    def manifest(self) -> Manifest:
+        """What the bundle says of itself."""
+        return self._manifest
+
+    def meaning(self, word: str) -> str:
+        """The word itself: every word is known, and no two are taken for synonyms."""
+        return clean_word(word)
+
+    def encode(self, image: Image) -> Activations:
+        """One run of the image tower, nearly all of a frame's cost. Raises PerceiverError."""
+        if not is_image(image):
+            raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
+        reduced, deep = self._run(self._image, ["activations", "deep"], {"frame": self._resize(image)})
+        if not np.isfinite(reduced).all():
+            raise PerceiverError("the image network's output is not finite")
+        return Activations(image, reduced, deep)
+
+    def attend(self, features: Activations, prompts: Sequence[Prompt]) -> Array:
+        """Attention maps, (len(prompts), h, w) in [0, 1]: the decoder's probabilities, each on its own.
+
+        Several taps of one thing make one condition, their mean. Only what was not asked of this frame
+        before is computed.
+        """
+        wanted = {key: condition for prompt in prompts for key, condition in self._conditions(prompt)}
+        missing = [key for key in wanted if key not in features.maps]
+        if missing:
+            features.maps = {key: features.maps[key] for key in wanted if key in features.maps}
+            for start in range(0, len(missing), _AT_ONCE):
+                keys = missing[start : start + _AT_ONCE]
+                maps = self._decode(features.reduced, np.stack([wanted[key] for key in keys]))
+                features.maps |= dict(zip(keys, maps, strict=True))
+        edge = self._decoder.get_outputs()[0].shape[1:]
+        joined = np.empty((len(prompts), *edge), dtype=np.float32)
+        for row, prompt in zip(joined, prompts, strict=True):
+            np.maximum.reduce([features.maps[key] for key, _ in self._conditions(prompt)], out=row)
+        return joined
+
+    def embed(self, features: Activations) -> Array:
+        """The scene, a unit vector: of the image tower's own end, or of the bundle's scene encoder."""
+        if features.embedding is None:
+            if self._scene is not None and self._resize_scene is not None:
+                frame = self._resize_scene(features.image)
+                (vector,) = self._run(self._scene, ["embedding"], {"frame": frame})
+            else:
+                vector = self._finish(features.deep)
+            length = float(np.linalg.norm(vector))
+            if not np.isfinite(length) or length == 0.0:
+                raise PerceiverError("the scene's embedding is not finite")
+            features.embedding = vector / length
+        return features.embedding
+
+    def example(self, features: Activations, box: Box) -> Example:
+        """The CLIP embedding of what the box shows. Costs a pass over a frame. Raises ExampleError."""
+        image, size = features.image, features.image.shape[:2]
+        if min(image[box.slices(*size)].shape[:2]) < _LEAST_SIDE:
+            raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
+        crop = image[box.grown(_CONTEXT).slices(*size)]
+        vector = self._finish(self.encode(crop).deep)
+        return Example(self.model_id, np.asarray(vector, dtype=np.float32))
+
+    def _decode(self, reduced: Array, conditions: Array) -> Array:
+        given = {"activations": reduced, "conditions": conditions}
+        maps, peaks = self._run(self._decoder, ["attention", "peak"], given)
+        if not np.isfinite(peaks).all():
+            raise PerceiverError("the decoder's output is not finite")
+        return maps
+
+    def _conditions(self, prompt: Prompt) -> list[tuple[object, Array]]:
+        """What the decoder is asked for a prompt: its word, and the mean of its examples."""
+        asked: list[tuple[object, Array]] = [(prompt.word, self._prompts.conditions([prompt.word])[0])]
+        if prompt.examples:
+            for example in prompt.examples:
+                self._check(example)
+            vectors = np.stack([example.vector for example in prompt.examples])
+            asked.append((prompt.examples, vectors.mean(axis=0)))
+        return asked
+
+    def _check(self, example: Example) -> None:
+        if example.model_id != self.model_id:
+            raise ExampleError(
+                f"this example was tapped with {example.model_id}, not {self.model_id}: tap the thing again"
+            )
+        if len(example.vector) != self._decoder.get_inputs()[1].shape[1]:
+            raise ExampleError("this example is not whole: tap the thing again")
+
+    def _finish(self, deep: Array) -> Array:
+        (vector,) = self._run(self._tail, ["embedding"], {"deep": deep})
+        return vector
+
+    def _file(self, part: str) -> Path:
+        return self._folder / self._manifest.file(self.precision, part)
+
+    def _session(self, part: str) -> onnxruntime.InferenceSession:
+        return open_session(self._file(part), self._runtime)
+
+    def _run(
+        self, session: onnxruntime.InferenceSession, outputs: list[str], given: Mapping[str, NDArray[Any]]
+    ) -> list[Array]:
+        try:
+            return list(session.run(outputs, given))
+        except Exception as error:  # ONNX Runtime has a dozen kinds of its own
+            raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error

@@ -1,0 +1,79 @@
+"""Words to conditions: the text tower, loaded while new words come and released after."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+from collections import OrderedDict
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.errors import BundleError, PerceiverError
+from anytraverse.perception.clipseg.tokenizer import Tokenizer
+from anytraverse.perception.runtime import Runtime, open_session
+
+Array = NDArray[np.float32]
+
+_KEPT = 256
+
+
+class Prompts:
+    """The conditions of words, (joint,) each, computed once and kept while among the last 256 used."""
+
+    def __init__(self, text: Sequence[Path], tokenizer: Path, table: Path, runtime: Runtime) -> None:
+        """text: the pieces of the tower, in order; tokenizer, table: the bundle's other files.
+
+        Raises BundleError when they do not fit together."""
+        self._text = tuple(text)
+        self._tokenizer = Tokenizer.load(tokenizer)
+        self._runtime = runtime
+        try:
+            self._table: Array = np.load(table, mmap_mode="r")
+        except (OSError, ValueError) as error:
+            raise BundleError(f"{table} cannot be read ({error}): copy the bundle again") from error
+        if self._table.ndim != 2 or self._table.dtype != np.float32:
+            raise BundleError(f"{table} is no table of tokens: export the bundle again")
+        self._kept: OrderedDict[str, Array] = OrderedDict()
+
+    def conditions(self, words: Sequence[str]) -> list[Array]:
+        """One for each word, in order."""
+        missing = [word for word in dict.fromkeys(words) if word not in self._kept]
+        if missing:
+            self._embed(missing)
+        for word in words:
+            self._kept.move_to_end(word)
+        found = [self._kept[word] for word in words]
+        while len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return found
+
+    def _embed(self, words: Sequence[str]) -> None:
+        states = [np.asarray(self._table[self._ids(word)]) for word in words]
+        for piece in self._text:
+            session = open_session(piece, self._runtime)
+            states = [session.run(None, {"tokens": state})[0] for state in states]
+            del session
+            _give_back_memory()
+        for word, condition in zip(words, states, strict=True):
+            if not np.isfinite(condition).all():
+                raise PerceiverError(f'the text network gave no finite answer for "{word}": check the bundle')
+            self._kept[word] = condition
+
+    def _ids(self, word: str) -> list[int]:
+        """Up to the first end of text: that is where it is read."""
+        ids = self._tokenizer.encode(word)
+        ids = ids[: ids.index(self._tokenizer.end) + 1]
+        if max(ids) >= len(self._table):
+            raise BundleError("the tokenizer knows more tokens than the network: export the bundle again")
+        return ids
+
+
+def _give_back_memory() -> None:
+    """A piece of the text tower is some 50 MB that the C library would otherwise keep for later."""
+    gc.collect()
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -37,6 +37,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _add(parser, COMMANDS, words)
         options = parser.parse_args(words)
         code: int = options.run(options)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing == __package__:
+            raise
+        extra = "export" if words[:1] == ["export"] else "rover"
+        print(
+            f'{_command(words)}: needs {missing}: pip install "anytraverse-companion[{extra}]"',
+            file=sys.stderr,
+        )
+        return 2
     except (AnyTraverseError, OSError) as error:
         print(f"{_command(words)}: {_one_line(error)}", file=sys.stderr)
         return 2

@@ -138,7 +138,7 @@ def _rounded(parts: dict[str, float | None]) -> dict[str, float | None]:
 
 def _floor(rate: float) -> float:
     """A tenth below: a promise is not rounded up."""
-    return math.floor(rate * 10) / 10 if rate >= 0.1 else round(rate, 3)
+    return math.floor(round(rate * 10, 6)) / 10 if rate >= 0.1 else round(rate, 3)
 
 
 def _count(value: str) -> int:

@@ -16,9 +16,10 @@ from typing import Any
 
 from anytraverse.bundle.fields import Fields, parse_object
 from anytraverse.bundle.files import FileEntry, check_contents, check_size
-from anytraverse.errors import BundleError
+from anytraverse.bundle.files import sha256_of as sha256_of
+from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.perception import DefaultThresholds
-from anytraverse.perception.resizing import FILTERS, Fit
+from anytraverse.perception.resizing import FILTERS, LARGEST, Fit
 
 MANIFEST = "manifest.json"
 FORMAT = 1
@@ -27,7 +28,6 @@ SCENES = ("shared", "clip-b32", "own")
 
 LARGEST_MANIFEST = 16 << 20
 LARGEST_FILE = 1 << 40
-LARGEST_SIDE = 8192
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*(/[A-Za-z0-9_][A-Za-z0-9._+-]*)*", re.ASCII)
 _SHA256 = re.compile(r"[0-9a-f]{64}", re.ASCII)
 _FIELDS = (
@@ -198,12 +198,12 @@ def _entry(fields: Fields) -> FileEntry:
 
 def _fit(fields: Fields) -> Fit:
     fields.only(("width", "height", "filter", "crop"))
-    return Fit(
-        width=fields.whole("width", 1, LARGEST_SIDE),
-        height=fields.whole("height", 1, LARGEST_SIDE),
-        filter=fields.choice("filter", FILTERS),
-        crop=fields.flag("crop"),
-    )
+    width = fields.whole("width", 1, LARGEST)
+    height = fields.whole("height", 1, LARGEST)
+    try:
+        return Fit(width, height, fields.choice("filter", FILTERS), fields.flag("crop"))
+    except PerceiverError as error:
+        raise BundleError(f"{fields.where}: {error}") from None
 
 
 def _thresholds(fields: Fields) -> DefaultThresholds:

@@ -21,6 +21,7 @@ _Answer = TypeVar("_Answer")
 
 LOADING = 300.0
 STEPPING = 120.0
+LEAVING = 5.0
 """Deadlines in seconds."""
 
 
@@ -48,10 +49,14 @@ class Running:
         with suppress(OSError):  # it may have gone already
             self._connection.send(None)
         self._connection.close()
-        self._process.join(5.0)
+        self._process.join(LEAVING)
         if self._process.is_alive():
             self._process.kill()
-            self._process.join(5.0)
+            self._process.join(LEAVING)
+
+    @property
+    def alive(self) -> bool:
+        return self._process.is_alive()
 
     def wait_ready(self, deadline: float = LOADING) -> None:
         """Raises ContestantError when it cannot be made within `deadline` seconds."""
@@ -71,7 +76,7 @@ class Running:
     def _receive(self, deadline: float) -> object:
         try:
             if not self._connection.poll(deadline):
-                raise ContestantError(f"{self.name} has not answered for {deadline:.0f} s")
+                raise ContestantError(f"{self.name} has not answered for {deadline:g} s")
             answer = self._connection.recv()
         except (EOFError, OSError):
             raise ContestantError(f"{self.name} died: is there enough memory?") from None

@@ -52,9 +52,9 @@ class Reference:
         self.parts = Parts()
         self._tokenizer = AutoTokenizer.from_pretrained(checkpoint)
         self._pixels = Pixels.read(checkpoint)
-        self._model = CLIPSegForImageSegmentation.from_pretrained(checkpoint, dtype=torch.float32).eval()
+        self._model = CLIPSegForImageSegmentation.from_pretrained(checkpoint).float().eval()
         self._scene_pixels = Pixels.read(clip)
-        self._scene = CLIPVisionModelWithProjection.from_pretrained(clip, dtype=torch.float32).eval()
+        self._scene = CLIPVisionModelWithProjection.from_pretrained(clip).float().eval()
         self._cache: dict[tuple[str, ...], torch.Tensor] = {}
         self._weights: dict[str, float] = {}
 

@@ -1,0 +1,93 @@
+"""The benchmark's last line, its tables and its picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bench.clipseg.frames import SIZES
+from bench.clipseg.report import write_report
+from bench.clipseg.results import OURS, REFERENCE, Results, figures, labels
+
+if TYPE_CHECKING:
+    from tests.bench.conftest import MakeSample, MakeSamples
+
+ALL = {REFERENCE: [3.0, 6.0, 3.0], **{name: [1.0, 2.0, 1.5] for name in OURS}}
+WORK = {name: {"tower": 1e9, "scene": 1e8} for name in ALL}
+
+
+def test_the_last_line_quotes_every_ratio_and_memory(samples_of: MakeSamples) -> None:
+    line = figures(Results(samples_of(ALL)))
+    for size in ("", "_1280x720"):
+        for name in OURS:
+            assert [line[f"ratio_{name}_k{count}{size}"] for count in (1, 4, 8)] == [3.0, 3.0, 3.0]
+        for name in ALL:
+            assert line[f"rss_mb_{name}{size}"] == 100
+    assert not [key for key in line if key.endswith("_reason")]
+    assert json.loads(json.dumps(line)) == line
+
+
+def test_a_precision_that_did_not_run_is_null_with_its_reason(samples_of: MakeSamples) -> None:
+    ran = {name: seconds for name, seconds in ALL.items() if name != "int8"}
+    results = Results(samples_of(ran), {"int8": "int8: no such kernel"})
+    line = figures(results)
+    assert line["ratio_int8_k4"] is None
+    assert line["rss_mb_int8"] is None
+    assert line["int8_reason"] == "int8: no such kernel"
+    assert line["ratio_fp32_k4"] == 3.0
+    assert "Not measured: int8: int8: no such kernel" in write_report(results, {"cpu": "some"}, WORK)
+
+
+def test_maps_alone_leave_out_the_second_encoder_there_and_the_tail_here(sample: MakeSample) -> None:
+    size = SIZES[0]
+    results = Results(
+        {
+            (REFERENCE, size, 4): [sample(10.0, scene=4.0, tower=5.0)],
+            ("fp32", size, 4): [sample(5.0, tail=3.0, tower=2.0)],
+        }
+    )
+    found = results.times_faster_without_embedding("fp32", size, 4)
+    assert found is not None
+    assert found.median == 3.0
+
+
+def test_peak_memory_is_quoted_by_frame_size_and_is_the_highest(sample: MakeSample) -> None:
+    results = Results(
+        {
+            (REFERENCE, SIZES[0], 1): [sample(peak=10.0)],
+            (REFERENCE, SIZES[0], 8): [sample(peak=20.0)],
+            (REFERENCE, SIZES[1], 1): [sample(peak=30.0)],
+        }
+    )
+    assert results.peak_mb(REFERENCE, SIZES[0]) == 20.0
+    assert results.peak_mb(REFERENCE, SIZES[1]) == 30.0
+
+
+def test_agreement_is_judged_by_the_worst_frame(sample: MakeSample) -> None:
+    size = SIZES[0]
+    results = Results(
+        {
+            (REFERENCE, size, 1): [sample(), sample()],
+            ("fp32", size, 1): [sample(), sample(uncertainty=0.53)],
+        }
+    )
+    assert results.roi_difference("fp32") == pytest.approx(0.03)
+
+
+def test_the_report_shows_every_contestant_and_its_rate(samples_of: MakeSamples) -> None:
+    text = write_report(Results(samples_of(ALL)), {"cpu": "some", "cpu_flags": ["avx2", "fma"]}, WORK)
+    assert "cpu some, cpu_flags avx2 fma" in text
+    for label in labels(list(ALL)):
+        assert text.count(f"| {label} |") >= 6 + 2 + 1
+    assert "| fp32, shared scene | tower | 750.0 | 50.0% | 1.00 | 1 |" in text
+
+
+def test_the_picture_is_drawn_where_matplotlib_is_installed(samples_of: MakeSamples, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="the extra `export` is not installed")
+    from bench.clipseg.plot import draw
+
+    draw(Results(samples_of({name: ALL[name] for name in (REFERENCE, "fp32")})), tmp_path / "made/it.png")
+    assert (tmp_path / "made/it.png").read_bytes().startswith(b"\x89PNG")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.bundle.checking import MOST_WORDS, Plan, Report, check
-from anytraverse.bundle.timing import LONGEST_FRESHNESS, Timing
+from anytraverse.bundle.timing import Timing
 from anytraverse.errors import PreferencesError
 from anytraverse.preferences import clean_word
 
@@ -79,7 +79,7 @@ def figures(report: Report) -> dict[str, Any]:
         "why": report.why,
         "frames_per_second": _floor(timing.rate),
         "freshness_s": round(timing.freshness, 2),
-        "keeps_freshness": timing.freshness <= LONGEST_FRESHNESS,
+        "keeps_freshness": timing.keeps_freshness,
         "record": None if report.record is None else asdict(report.record),
     }
 
@@ -90,7 +90,7 @@ def text(report: Report) -> str:
     size, names = manifest.image, list(report.timings)
     lines = [
         f"bundle      {manifest.name}: {manifest.kind}, {size.width}x{size.height}, scene {manifest.scene}",
-        f"machine     {machine.cpu}, {report.threads} threads, onnxruntime {machine.onnxruntime}",
+        f"machine     {machine.cpu}, threads {report.threads}, onnxruntime {machine.onnxruntime}",
         f"files       {len(manifest.files)} verified",
         f"{'':22}" + "".join(f"{name:>12}" for name in names),
         _row("load", [f"{report.loads[name]:.1f} s" for name in names]),
@@ -119,13 +119,13 @@ def _compared(report: Report) -> list[str]:
 
 
 def _pace(timing: Timing) -> str:
-    if timing.freshness > LONGEST_FRESHNESS:
-        return (
-            f"too slow for the hold policy: a frame takes up to {timing.slowest:.0f} ms, so that an OK would "
-            f"be {timing.freshness:.1f} s old, and the freshness limit T is at most {LONGEST_FRESHNESS:g} s: "
-            "report only, or export a smaller size or int8"
-        )
-    return f"up to {_floor(timing.rate):g} frames/s, and a freshness limit T of {timing.freshness:.1f} s"
+    pace = f"up to {_floor(timing.rate):g} frames/s, and a freshness limit T of {timing.freshness:.1f} s"
+    if timing.keeps_freshness:
+        return pace
+    return (
+        f"{pace}; too slow for the hold policy: a frame may be {timing.oldest:.1f} s old when it is judged, "
+        "too near to T or beyond (a smaller size or int8 is faster)"
+    )
 
 
 def _row(label: str, cells: list[str]) -> str:

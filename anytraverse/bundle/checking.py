@@ -97,7 +97,8 @@ def _try(plan: Plan, precision: str, report: Report, say: Say) -> Perceiver:
     perceiver = make_perceiver(f"{report.manifest.kind}:{plan.folder}", runtime)
     report.loads[precision] = time.perf_counter() - begin
     say(f"timing {precision}, {plan.repeat} times")
-    images = [_noise()] if plan.frames is None else list(islice(frames_of(plan.frames, _silent), plan.repeat))
+    told = _silent if "int8" in report.manifest.variants else say
+    images = [_noise()] if plan.frames is None else list(islice(frames_of(plan.frames, told), plan.repeat))
     report.timings[precision] = time_parts(perceiver, images, _words(plan, perceiver), plan.repeat)
     return perceiver
 
@@ -188,4 +189,4 @@ def _noise() -> Image:
 
 
 def _silent(_: str) -> None:
-    """Said already, or to be said when all frames are read."""
+    """What a comparison of all frames will say."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from anytraverse.bundle.fields import Fields, parse_object
 from anytraverse.bundle.files import FileEntry, check_contents, check_size
-from anytraverse.bundle.files import sha256_of as sha256_of
+from anytraverse.bundle.files import sha256_of as sha256_of  # noqa: PLC0414
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.resizing import FILTERS, LARGEST, Fit

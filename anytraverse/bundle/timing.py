@@ -20,8 +20,9 @@ from anytraverse.preferences import Preferences
 
 T = TypeVar("T")
 
-LONGEST_FRESHNESS = 2.0
-"""Seconds. The freshness limit T is three frame periods, at least 1 s and at most this."""
+SHORTEST_FRESHNESS, LONGEST_FRESHNESS = 1.0, 2.0
+"""Seconds, where the configuration says nothing else."""
+MARGIN = 1.25
 FASTEST = 30.0
 """Frames a second that no camera here exceeds."""
 
@@ -51,12 +52,18 @@ class Timing:
 
     @property
     def freshness(self) -> float:
-        """The freshness limit T, in seconds, at that rate; above `LONGEST_FRESHNESS` it cannot be kept.
+        """The freshness limit T at that rate, in seconds: three frame periods, at least 1 s, at most 2 s."""
+        return min(LONGEST_FRESHNESS, max(SHORTEST_FRESHNESS, 3.0 / self.rate))
 
-        The frame of an OK waits for the step before it and goes through its own, and holds until the next
-        step is through: three steps.
-        """
-        return max(1.0, 3.0 / self.rate)
+    @property
+    def oldest(self) -> float:
+        """How old a frame may be when it is judged, in seconds: it waits for the step before its own."""
+        return 2.0 * self.slowest / 1e3
+
+    @property
+    def keeps_freshness(self) -> bool:
+        """Whether frames stay fresh, with a margin for what else the machine has to do."""
+        return MARGIN * self.oldest <= self.freshness
 
 
 def time_parts(perceiver: Perceiver, images: Sequence[Image], words: Sequence[str], repeat: int) -> Timing:

@@ -99,6 +99,7 @@ class Perceiver(Protocol):
 KINDS: dict[str, tuple[str, str]] = {
     "builtin": ("anytraverse.perception.builtin", "Builtin"),
     "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),
+    "classes": ("anytraverse.perception.classes.perceiver", "Classes"),
 }
 """Kind -> (module, class of (argument, runtime)). The module is imported only when the kind is chosen."""
 

@@ -1,0 +1,169 @@
+"""What can be read from a segmentation network itself, and tried on it: its input, its scores."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.errors import BundleError, PerceiverError
+from anytraverse.perception.classes.details import LAYOUTS, Details, InputForm
+from anytraverse.perception.classes.network import FEATURES, Network
+from anytraverse.perception.classes.words import Words
+from anytraverse.perception.runtime import Runtime, open_session
+
+_DTYPES = ("tensor(float)", "tensor(uint8)")
+_TOLERANCE = 1e-3
+
+Dimensions = Sequence[int | str | None]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user said of a network, None where it is to be found out.
+
+    size: width and height of its input. form: all of the input but layout and dtype.
+    """
+
+    form: InputForm = field(default_factory=InputForm)
+    size: tuple[int, int] | None = None
+    layout: str | None = None
+    activation: str | None = None
+    output: str | None = None
+
+
+@dataclass(frozen=True)
+class NetworkForm:
+    """A network that has been tried. size: width and height of its input; maps: of its scores."""
+
+    details: Details
+    size: tuple[int, int]
+    maps: tuple[int, int]
+    features: int | None
+    """Channels of its features, None without."""
+
+
+def network_form(model: Path, words: Words, wishes: Wishes) -> NetworkForm:
+    """Open the network, and run it on pictures of noise. Raises BundleError for one that does not fit."""
+    runtime = Runtime()
+    session = open_session(model, runtime)
+    if len(session.get_inputs()) != 1:
+        names = ", ".join(each.name for each in session.get_inputs())
+        raise BundleError(f"the network has the inputs {names}: one is expected, the picture")
+    given = session.get_inputs()[0]
+    if given.type not in _DTYPES:
+        raise BundleError(f"the network's input is {given.type}: export it with {' or '.join(_DTYPES)}")
+    layout = _layout(given.shape, wishes.layout)
+    size = _size(given.shape, layout, wishes.size)
+    if given.type == "tensor(uint8)":
+        form = InputForm(layout, "uint8", wishes.form.order, scale=1.0)
+    else:
+        form = replace(wishes.form, layout=layout)
+    output = _output([each.name for each in session.get_outputs()], wishes.output)
+    del session
+    single = len(words.classes) == 1
+    details = Details(words, "sigmoid" if single else "softmax", form, output)
+    network = Network(model, details, runtime)
+    tried = [network.raw(picture) for picture in _pictures(*size)]
+    if not all(np.isfinite(maps).all() for maps in tried[0] + tried[1]):
+        raise BundleError(
+            "the network's output is not finite on a picture of noise: it is broken, or --mean and --std are"
+        )
+    scores = np.stack([maps[0] for maps in tried])
+    details = replace(details, activation=_activation(scores, wishes.activation))
+    height, width = scores.shape[2:]
+    return NetworkForm(details, size, (width, height), len(tried[0][1]) if network.has_features else None)
+
+
+def _layout(shape: Dimensions, wish: str | None) -> str:
+    """Where the three colours stand."""
+    if len(shape) != 4 or (isinstance(shape[0], int) and shape[0] != 1):
+        raise BundleError(
+            f"the network's input has the shape {_said(shape)}, expected is one picture: "
+            "(1, 3, height, width) or (1, height, width, 3)"
+        )
+    axes = dict(zip(LAYOUTS, (shape[1], shape[3]), strict=True))
+    possible = [layout for layout, size in axes.items() if size == 3 or not isinstance(size, int)]
+    sure = [layout for layout, size in axes.items() if size == 3]
+    if wish is not None:
+        if wish not in possible:
+            raise BundleError(f"the network's input has the shape {_said(shape)}, which is not {wish}")
+        return wish
+    found = sure or possible
+    if len(found) != 1:
+        problem = "may be either layout: say --layout nchw or nhwc" if found else "has no three colours"
+        raise BundleError(f"the network's input has the shape {_said(shape)}, which {problem}")
+    return found[0]
+
+
+def _size(shape: Dimensions, layout: str, wish: tuple[int, int] | None) -> tuple[int, int]:
+    """Width and height."""
+    height, width = (shape[2], shape[3]) if layout == "nchw" else (shape[1], shape[2])
+    own = (width, height)
+    if wish is None:
+        if not (isinstance(width, int) and isinstance(height, int)):
+            raise BundleError(
+                "the network leaves the size of its input free: say --size WxH, the one it was trained with"
+            )
+        return width, height
+    if any(isinstance(fixed, int) and fixed != wished for fixed, wished in zip(own, wish, strict=True)):
+        raise BundleError(f"the network's input is {_said(shape)}, not {wish[0]}x{wish[1]}: leave --size out")
+    return wish
+
+
+def _output(names: Sequence[str], wish: str | None) -> str:
+    """The name of the scores."""
+    candidates = [name for name in names if name != FEATURES]
+    if wish is not None and wish not in names:
+        raise BundleError(f'the network has no output "{wish}": choose {" or ".join(candidates)}')
+    if wish is None and not candidates:
+        raise BundleError(f'the network has no output but "{FEATURES}": its scores are missing')
+    return wish or candidates[0]
+
+
+def _activation(scores: NDArray[np.float32], wish: str | None) -> str:
+    """What is left to be done to the scores, (pictures, classes, h, w), by the values they take."""
+    bounded = float(scores.min()) >= -_TOLERANCE and float(scores.max()) <= 1.0 + _TOLERANCE
+    several = scores.shape[1] > 1
+    shared = bounded and several and bool((np.abs(scores.sum(axis=1) - 1.0) < _TOLERANCE).all())
+    if wish is None:
+        if shared:
+            return "probabilities"
+        return "none" if bounded else "softmax" if several else "sigmoid"
+    if shared and wish in ("softmax", "sigmoid"):
+        raise BundleError(
+            f"the network's values sum to 1 already, {wish} would blur them: leave --activation out"
+        )
+    if (wish == "probabilities" and not shared) or (wish == "none" and not bounded):
+        what = "do not sum to 1" if bounded else f"go from {scores.min():.3g} to {scores.max():.3g}"
+        raise BundleError(f"the network's values {what}, which is not {wish}: leave --activation out")
+    if wish == "softmax" and not several:
+        raise BundleError("a single class has no softmax: leave --activation out")
+    return wish
+
+
+def _pictures(width: int, height: int) -> list[NDArray[np.uint8]]:
+    noise = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    return [noise, np.full_like(noise, 128)]
+
+
+def _said(shape: Dimensions) -> str:
+    return "x".join(str(size) if isinstance(size, int) else "?" for size in shape)
+
+
+def check_one_file(copied: Path, original: Path) -> None:
+    """Refuse a network that keeps weights in files beside it: a bundle's network is one file."""
+    try:
+        open_session(copied, Runtime())
+    except PerceiverError as error:
+        try:
+            open_session(original, Runtime())
+        except PerceiverError:
+            raise error from None
+        raise BundleError(
+            f"{original} keeps its weights in other files: make it one file, with the package onnx: "
+            "onnx.save_model(onnx.load(MODEL), ONE_FILE, save_as_external_data=False)"
+        ) from None

@@ -1,0 +1,150 @@
+"""A segmentation network in ONNX, and what it makes of a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.errors import BundleError, PerceiverError
+from anytraverse.frame import Image
+from anytraverse.perception.classes.details import Details
+from anytraverse.perception.runtime import Runtime, open_session
+
+Array = NDArray[np.float32]
+
+FEATURES = "features"
+"""The name of the output that a network may have beside its scores: what it measures at each place."""
+
+_LONGEST = 360
+_MOST_VALUES = 1 << 22
+_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Segmented:
+    """A picture as the network sees it.
+
+    values: of the classes, (classes, h, w) in [0, 1]. features: (d, h', w'), if the network gives them.
+    """
+
+    values: Array
+    features: Array | None
+
+
+class Network:
+    """Runs one network. Its maps are thinned to at most 360 places on the longer side."""
+
+    def __init__(self, model: Path, details: Details, runtime: Runtime) -> None:
+        """Raises PerceiverError when the network cannot be loaded, BundleError when it is another one."""
+        self._details = details
+        self._session = open_session(model, runtime)
+        inputs, outputs = self._session.get_inputs(), [each.name for each in self._session.get_outputs()]
+        if len(inputs) != 1 or details.output not in outputs:
+            raise BundleError(
+                f"{model.name} has {len(inputs)} inputs and the outputs {', '.join(outputs)}; "
+                f'expected is one input and the output "{details.output}": make the bundle again'
+            )
+        self._input = inputs[0].name
+        self._outputs = [details.output, *(name for name in outputs if name == FEATURES)]
+
+    @property
+    def has_features(self) -> bool:
+        """Whether the network gives features beside its scores."""
+        return len(self._outputs) == 2
+
+    def __call__(self, picture: Image) -> Segmented:
+        """What a picture of the network's size shows. Raises PerceiverError, also for what is not finite."""
+        maps = self.raw(picture)
+        if not all(_is_finite(each) for each in maps):
+            raise PerceiverError("the network's output is not finite")
+        scores, *features = maps
+        values = _ACTIVATIONS[self._details.activation](_thinned(scores))
+        return Segmented(values, _thinned(features[0]) if features else None)
+
+    def warm_up(self, height: int, width: int) -> None:
+        """Run once on a picture of this size, so that the first frame waits for nothing. Raises as `raw`."""
+        self.raw(np.full((height, width, 3), 128, dtype=np.uint8))
+
+    def raw(self, picture: Image) -> list[Array]:
+        """The network's own scores, (classes, h, w), and its features, (d, h', w'), if it has them.
+
+        Raises PerceiverError, and BundleError where they have another form.
+        """
+        given = {self._input: self._details.form.tensor(picture)}
+        try:
+            scores, *features = self._session.run(self._outputs, given)
+        except Exception as error:  # ONNX Runtime has a dozen kinds of its own
+            raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error
+        maps = [self._planes(scores, self._details.output, len(self._details.words.classes))]
+        return maps + [self._planes(each, FEATURES, None) for each in features]
+
+    def _planes(self, output: NDArray[Any], name: str, count: int | None) -> Array:
+        """One picture's maps with the channels first."""
+        if output.ndim != 4 or len(output) != 1 or output.size == 0:
+            raise BundleError(
+                f'the network\'s output "{name}" has the shape {output.shape}, expected are maps: '
+                "(1, channels, height, width) or (1, height, width, channels)"
+            )
+        if output.dtype.kind != "f":
+            raise BundleError(
+                f'the network\'s output "{name}" holds {output.dtype}, the numbers of classes and not their '
+                "scores, so that nothing can be uncertain: export the network without its final argmax"
+            )
+        last = self._details.form.layout == "nhwc"
+        if count is not None and output.shape[3 if last else 1] != count:
+            last = not last
+            if output.shape[3 if last else 1] != count:
+                raise BundleError(
+                    f"there are {count} class names, but the network gives {output.shape[1 if last else 3]} "
+                    f'maps (its output "{name}" is {output.shape}): name each class, in their order'
+                )
+        maps = output[0].transpose(2, 0, 1) if last else output[0]
+        return np.asarray(maps, dtype=np.float32)
+
+
+def _is_finite(maps: Array) -> bool:
+    return math.isfinite(float(maps.min())) and math.isfinite(float(maps.max()))
+
+
+def _thinned(maps: Array) -> Array:
+    """Every n-th place of the maps, so that pooling stays a matter of milliseconds."""
+    count, height, width = maps.shape
+    step = math.ceil(max(height, width) / _LONGEST)
+    while count * height * width / step**2 > _MOST_VALUES:
+        step += 1
+    start = step // 2
+    return np.ascontiguousarray(maps[:, start::step, start::step])
+
+
+def _softmax(scores: Array) -> Array:
+    shares = np.exp(scores - scores.max(axis=0))
+    shares /= shares.sum(axis=0)
+    return np.asarray(shares, dtype=np.float32)
+
+
+def _sigmoid(scores: Array) -> Array:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(scores, -80.0, 80.0))), dtype=np.float32)
+
+
+def _as_it_is(values: Array) -> Array:
+    lowest, highest = float(values.min()), float(values.max())
+    if lowest < -_TOLERANCE or highest > 1.0 + _TOLERANCE:
+        raise PerceiverError(
+            f"the network gives values from {lowest:.3g} to {highest:.3g}, where the bundle promises 0 to 1: "
+            "make the bundle again with --activation softmax or sigmoid"
+        )
+    return np.clip(values, 0.0, 1.0)
+
+
+_ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
+    "softmax": _softmax,
+    "probabilities": _as_it_is,
+    "sigmoid": _sigmoid,
+    "none": _as_it_is,
+}

@@ -35,17 +35,16 @@ def attention_of(values: Array, asked: Sequence[int], shares: bool) -> Array:
     return attention
 
 
-def learn(features: Array, box: Box) -> Array:
-    """What a tapped box shows, (d + 2,): the mean direction of its features, (d, h, w), and two levels.
+def learn(directions: Array, box: Box) -> Array:
+    """What a tapped box shows, (d + 2,): its mean direction, of `Segmented.directions`, and two levels.
 
     The levels are the mean cosines to that direction of the box itself and of the rest of the frame.
     Raises ExampleError for a box that is too small, covers all, or shows what is everywhere.
     """
-    inside = box.mask(*features.shape[1:])
+    inside = box.mask(*directions.shape[1:])
     if inside.sum() < _LEAST_PLACES or inside.all():
         problem = "covers the whole picture" if inside.all() else "is too small to learn from"
         raise ExampleError(f"the box {problem}: draw one around the thing")
-    directions = _directions(features)
     vector = directions[:, inside].mean(axis=1)
     length = float(np.linalg.norm(vector))
     if length == 0.0:
@@ -60,12 +59,12 @@ def learn(features: Array, box: Box) -> Array:
     return np.array([*vector, own, around], dtype=np.float32)
 
 
-def likeness(features: Array, example: Array) -> Array:
+def likeness(directions: Array, example: Array) -> Array:
     """Attention of an example, (h, w) in [0, 1]: 1 at its own level, 0 at that of what was around it."""
-    if len(example) != len(features) + 2:
+    if len(example) != len(directions) + 2:
         raise ExampleError("this example is not whole: tap the thing again")
     own, around = float(example[-2]), float(example[-1])
-    cosines = np.tensordot(example[:-2], _directions(features), axes=1)
+    cosines = np.tensordot(example[:-2], directions, axes=1)
     rising = (cosines - around) / max(own - around, _LEAST_GAP)
     return np.asarray(np.clip(rising, 0.0, 1.0), dtype=np.float32)
 
@@ -78,8 +77,3 @@ def resized_to(plane: Array, shape: tuple[int, int]) -> Array:
     )
     resized: Array = plane[rows[:, None], columns]
     return resized
-
-
-def _directions(features: Array) -> Array:
-    lengths = np.linalg.norm(features, axis=0)
-    return np.asarray(features / np.maximum(lengths, 1e-12), dtype=np.float32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,14 @@ class Segmented:
 
     values: Array
     features: Array | None
+
+    @cached_property
+    def directions(self) -> Array | None:
+        """The features of each place as a unit vector, (d, h', w'); of features that are 0: 0."""
+        if self.features is None:
+            return None
+        lengths = np.sqrt(np.einsum("dhw,dhw->hw", self.features, self.features))
+        return np.asarray(self.features / np.maximum(lengths, 1e-12), dtype=np.float32)
 
 
 class Network:
@@ -86,15 +95,15 @@ class Network:
 
     def _planes(self, output: NDArray[Any], name: str, count: int | None) -> Array:
         """One picture's maps with the channels first."""
-        if output.ndim != 4 or len(output) != 1 or output.size == 0:
-            raise BundleError(
-                f'the network\'s output "{name}" has the shape {output.shape}, expected are maps: '
-                "(1, channels, height, width) or (1, height, width, channels)"
-            )
         if output.dtype.kind != "f":
             raise BundleError(
                 f'the network\'s output "{name}" holds {output.dtype}, the numbers of classes and not their '
                 "scores, so that nothing can be uncertain: export the network without its final argmax"
+            )
+        if output.ndim != 4 or len(output) != 1 or output.size == 0:
+            raise BundleError(
+                f'the network\'s output "{name}" has the shape {output.shape}, expected are maps: '
+                "(1, channels, height, width) or (1, height, width, channels)"
             )
         last = self._details.form.layout == "nhwc"
         if count is not None and output.shape[3 if last else 1] != count:

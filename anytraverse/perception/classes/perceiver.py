@@ -91,7 +91,7 @@ class Classes:
             if index is not None:
                 each[...] = next(of_words)
             for example in prompt.examples:
-                found = likeness(self._features(features), self._vector(example))
+                found = likeness(self._directions(features), self._vector(example))
                 np.maximum(each, resized_to(found, each.shape), out=each)
         return maps
 
@@ -103,7 +103,7 @@ class Classes:
 
     def example(self, features: Segmented, box: Box) -> Example:
         """The features of what the box shows. Raises ExampleError, also for a network without features."""
-        return Example(self.model_id, learn(self._features(features), box))
+        return Example(self.model_id, learn(self._directions(features), box))
 
     def _class_of(self, prompt: Prompt) -> int | None:
         try:
@@ -113,14 +113,14 @@ class Classes:
                 raise
             return None
 
-    def _features(self, seen: Segmented) -> NDArray[np.float32]:
-        if seen.features is None:
+    def _directions(self, seen: Segmented) -> NDArray[np.float32]:
+        if seen.directions is None:
             raise ExampleError(
                 "this network cannot learn from taps: name the thing by one of its classes, or export the "
                 f'network with its last features as a second output called "{FEATURES}" and make its bundle '
                 "again"
             )
-        return seen.features
+        return seen.directions
 
     def _vector(self, example: Example) -> NDArray[np.float32]:
         if example.model_id != self.model_id:

@@ -14,6 +14,11 @@ Commands = Mapping[str, tuple[str, Union[str, "Commands"]]]
 
 COMMANDS: Commands = {
     "look": ("judge one picture, and draw what was found", "anytraverse.look"),
+    "score": ("score drivable ground on a labelled drive", "anytraverse.evaluation.score_command"),
+    "score-unknown": (
+        "score how things without a word stand out on it",
+        "anytraverse.evaluation.unknown_command",
+    ),
     "export": ("make a bundle of a CLIPSeg checkpoint, for a rover to run", "anytraverse.export.command"),
     "bundle": (
         "check a bundle, or make one of your own network",

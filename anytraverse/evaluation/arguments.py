@@ -1,0 +1,118 @@
+"""What the scoring commands have in common."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from anytraverse.evaluation.datasets import LabelledFolder, LabelledFrame, Selection
+from anytraverse.evaluation.progress import Progress
+from anytraverse.evaluation.seeing import Seeing
+from anytraverse.perception import make_perceiver
+from anytraverse.perception.runtime import Runtime
+from anytraverse.preferences import Preferences
+
+
+def add_shared(parser: argparse.ArgumentParser) -> None:
+    """The folder, the words, the perceiver, and which frames."""
+    parser.add_argument(
+        "folder",
+        metavar="DIR",
+        type=Path,
+        help="pictures NNNN.jpg, label images NNNN.png of class ids, and classes.json",
+    )
+    parser.add_argument(
+        "--prompts",
+        required=True,
+        metavar="WORDS",
+        help='words and weights from -1 (never drive) to 1 (drive), e.g. "trail: 1; grass: 1; bush: -1"',
+    )
+    parser.add_argument(
+        "--drivable",
+        required=True,
+        metavar="CLASSES",
+        help='label classes that are drivable ground, e.g. "smooth_trail,grass"',
+    )
+    parser.add_argument("--perceiver", default="builtin", help="which eyes, by default %(default)s")
+    parser.add_argument("--threads", type=int, default=0, metavar="N", help="cores to use, by default all")
+    parser.add_argument("--from", dest="first", type=int, metavar="N", help="the lowest number that counts")
+    parser.add_argument("--to", dest="last", type=int, metavar="N", help="the highest number that counts")
+    parser.add_argument(
+        "--every", type=int, default=1, metavar="N", help="take every Nth of these frames, by default all"
+    )
+    parser.add_argument("--json", action="store_true", help="print nothing but the last line, the JSON")
+
+
+def open_folder(options: argparse.Namespace) -> LabelledFolder:
+    """The frames that were chosen. Raises DatasetError, OSError."""
+    return LabelledFolder(options.folder, Selection(options.first, options.last, options.every))
+
+
+def open_eyes(options: argparse.Namespace) -> Seeing:
+    """The perceiver with its words. Raises PreferencesError, PerceiverError."""
+    words = Preferences.parse(options.prompts)
+    return Seeing(make_perceiver(options.perceiver, Runtime(threads=options.threads)), words)
+
+
+class Watched:
+    """The frames of a folder, with progress on stderr; `torn` counts those that could not be read.
+
+    A context manager, which clears the progress bar.
+    """
+
+    def __init__(self, folder: LabelledFolder) -> None:
+        self.torn = 0
+        self._folder = folder
+        self._progress = Progress(len(folder), "frames")
+
+    def __enter__(self) -> Watched:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.close()
+
+    def __iter__(self) -> Iterator[LabelledFrame]:
+        for frame in self._folder.frames(self._tell):
+            yield frame
+            self._progress.step()
+
+    def _tell(self, what: str) -> None:
+        self.torn += 1
+        self._progress.say(f"{what}, skipped")
+        self._progress.step()
+
+
+def setting(options: argparse.Namespace, seeing: Seeing, watched: Watched, images: int) -> dict[str, Any]:
+    """What was scored, for JSON."""
+    return {
+        "images": images,
+        "torn": watched.torn,
+        "folder": str(options.folder),
+        "from": options.first,
+        "to": options.last,
+        "every": options.every,
+        "perceiver": options.perceiver,
+        "model_id": seeing.perceiver.model_id,
+        "prompts": dict(seeing.words),
+    }
+
+
+def heading(options: argparse.Namespace, figures: dict[str, Any]) -> str:
+    """What was scored, in one line for a person."""
+    torn = f" ({figures['torn']} torn)" if figures["torn"] else ""
+    return (
+        f"{options.folder}: {figures['images']} frames{torn}, {figures['model_id']}, "
+        f"{figures['ms_per_frame']:.1f} ms a frame"
+    )
+
+
+def rounded(value: float | None) -> float | None:
+    """Four digits are more than a score is worth."""
+    return None if value is None else round(value, 4)
+
+
+def shown(value: float | None) -> str:
+    """A score in a table; a dash without one."""
+    return "    -" if value is None else f"{value:.3f}"

@@ -1,0 +1,66 @@
+"""Which label classes a word stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from anytraverse.errors import PreferencesError
+from anytraverse.evaluation.labels import Classes, DatasetError, fold
+from anytraverse.preferences import clean_word
+from anytraverse.synonyms import Meaning, meaning_of
+
+Matches = Mapping[str, tuple[str, ...]]
+"""Word -> classes, none for a word that no class matches."""
+
+
+def parse_matches(text: str) -> dict[str, tuple[str, ...]]:
+    """Read `trail=smooth_trail,trail=rough_trail`: a word may stand for several classes.
+
+    Raises DatasetError, PreferencesError.
+    """
+    matches: dict[str, tuple[str, ...]] = {}
+    for part in filter(str.strip, text.split(",")):
+        raw, sign, name = part.partition("=")
+        if not sign or not name.strip():
+            raise DatasetError(f'"{part.strip()}" matches nothing: write word=class, e.g. trail=smooth_trail')
+        word = clean_word(raw)
+        matches[word] = (*matches.get(word, ()), name)
+    return matches
+
+
+def match_words(words: Iterable[str], classes: Classes, meaning: Meaning, given: Matches) -> Matches:
+    """The classes of each word: the given ones, or else those of its name or of its meaning.
+
+    Raises DatasetError for a match of a word that is not asked, or with a class that there is not.
+    """
+    asked = tuple(words)
+    for word in given:
+        if word not in asked:
+            raise DatasetError(f'"{word}" is matched but not asked: add it to the prompts, or leave it out')
+    return {
+        word: classes.choose(given[word])
+        if word in given
+        else _of_one_meaning(word, classes.known.values(), meaning)
+        for word in asked
+    }
+
+
+def refuse_asked(words: Iterable[str], unknown: Iterable[str], meaning: Meaning) -> None:
+    """Raises PreferencesError when a word names a class that shall be unknown."""
+    names = tuple(unknown)
+    for word in words:
+        for name in _of_one_meaning(word, names, meaning):
+            raise PreferencesError(
+                f'"{word}" asks for "{name}", which shall be unknown: what is asked for is known. '
+                f'Leave the word out of the prompts, or "{name}" out of --unknown'
+            )
+
+
+def _of_one_meaning(word: str, names: Iterable[str], meaning: Meaning) -> tuple[str, ...]:
+    """The names that read or mean the same as the word."""
+    own = meaning_of(word, meaning)
+    return tuple(
+        name
+        for name in names
+        if fold(name) == fold(word) or (own is not None and meaning_of(fold(name), meaning) == own)
+    )

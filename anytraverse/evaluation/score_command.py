@@ -1,0 +1,84 @@
+"""`anytraverse score`: IoU of drivable ground on a labelled drive, and AUROC of each word."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from anytraverse.evaluation.arguments import (
+    Watched,
+    add_shared,
+    heading,
+    open_eyes,
+    open_folder,
+    rounded,
+    setting,
+    shown,
+)
+from anytraverse.evaluation.drivable import DrivableScore, score_drivable
+from anytraverse.evaluation.matching import match_words, parse_matches
+
+_WORST = 5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the command."""
+    parser.description = (
+        "Score drivable ground on labelled frames: IoU of the traversability map above 0.5, and how well "
+        "each word finds its class. The last line is JSON."
+    )
+    add_shared(parser)
+    parser.add_argument(
+        "--match",
+        default="",
+        metavar="LIST",
+        help='the classes of words, e.g. "dirt path=smooth_trail,dirt path=rough_trail"; '
+        "by default those of the same name or meaning",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Score, print the table and the JSON. Returns 0."""
+    given = parse_matches(options.match)
+    folder = open_folder(options)
+    drivable = folder.classes.choose(options.drivable.split(","))
+    seeing = open_eyes(options)
+    matches = match_words(seeing.words, folder.classes, seeing.perceiver.meaning, given)
+    with Watched(folder) as frames:
+        score = score_drivable(frames, seeing, folder.classes, drivable, matches)
+    figures = figures_of(score) | setting(options, seeing, frames, score.images) | {"drivable": drivable}
+    if not options.json:
+        print(text_of(score, heading(options, figures)))
+    print(json.dumps(figures, allow_nan=False))
+    return 0
+
+
+def figures_of(score: DrivableScore) -> dict[str, Any]:
+    """All scores, for JSON."""
+    return {
+        "iou_pooled": rounded(score.ground.pooled),
+        "iou_mean": rounded(score.ground.mean),
+        "iou_known_pooled": rounded(score.known.pooled),
+        "iou_known_mean": rounded(score.known.mean),
+        "ms_per_frame": round(score.milliseconds, 2),
+        "words": {
+            word: {"auroc": rounded(own.auroc), "classes": own.classes, "pixels": own.pixels}
+            for word, own in score.words.items()
+        },
+        "worst": [{"frame": number, "iou": rounded(iou)} for number, iou in score.ground.worst(_WORST)],
+    }
+
+
+def text_of(score: DrivableScore, first: str) -> str:
+    """All scores, for a person."""
+    lines = [first, f"  {'IoU of drivable ground':32}{'pooled':>8}{'mean':>8}"]
+    for label, overlap in (("traversability above 0.5", score.ground), ("known and drivable", score.known)):
+        lines.append(f"    {label:30}{shown(overlap.pooled):>8}{shown(overlap.mean):>8}")
+    lines.append(f"  {'words':32}{'AUROC':>8}")
+    for word, own in score.words.items():
+        told = ", ".join(own.classes) or "no label class matches: name one with --match"
+        lines.append(f"    {word:30}{shown(own.auroc):>8}   {told}")
+    worst = ", ".join(f"{number} ({iou:.2f})" for number, iou in score.ground.worst(_WORST))
+    lines.append(f"  worst frames  {worst}")
+    return "\n".join(lines)

@@ -1,0 +1,126 @@
+"""Scores of maps against labels, collected picture by picture in bounded memory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+Values = NDArray[np.floating[Any]]
+
+_DROPPED = 13
+_HALF = int(np.float32(0.5).view(np.uint32)) >> _DROPPED
+_BINS = 2 * _HALF + 1
+
+
+@dataclass
+class Overlap:
+    """Intersection over union of two sets of pixels: of each picture, and of all pixels together."""
+
+    intersection: int = 0
+    union: int = 0
+    pictures: dict[int, float] = field(default_factory=dict)
+
+    def add(self, number: int, found: Mask, truth: Mask, counted: Mask) -> None:
+        """Picture `number`: `found` against `truth` where `counted`, (h, w) each.
+
+        A picture in which neither has a pixel has no IoU of its own.
+        """
+        both = int(np.count_nonzero(found & truth & counted))
+        either = int(np.count_nonzero((found | truth) & counted))
+        self.intersection += both
+        self.union += either
+        if either:
+            self.pictures[number] = both / either
+
+    @property
+    def pooled(self) -> float | None:
+        """IoU over all pixels, [0, 1]; None without any."""
+        return self.intersection / self.union if self.union else None
+
+    @property
+    def mean(self) -> float | None:
+        """Mean of the pictures' IoU, [0, 1]; None without any."""
+        return math.fsum(self.pictures.values()) / len(self.pictures) if self.pictures else None
+
+    def worst(self, most: int) -> list[tuple[int, float]]:
+        """Number and IoU of the worst pictures, the worst first."""
+        return sorted(self.pictures.items(), key=lambda picture: picture[1])[:most]
+
+
+class Ranking:
+    """Area under the ROC curve of scores in [0, 1], over any number of pixels: about 4 MB.
+
+    The share of pairs (positive, negative) in which the positive scores higher, equal ones counting half.
+    Scores count as equal when they fall in one of a quarter of a million bins, a thousandth as wide as they
+    are far from the nearer of 0 and 1: small attentions and uncertainties near 1 keep their order.
+    """
+
+    def __init__(self) -> None:
+        self._positive = np.zeros(_BINS, dtype=np.int64)
+        self._negative = np.zeros(_BINS, dtype=np.int64)
+
+    def add(self, positive: Values, negative: Values) -> None:
+        """Scores of pixels that should, and that should not, score high. Raises ValueError outside [0, 1]."""
+        self._positive += _counts(positive)
+        self._negative += _counts(negative)
+
+    @property
+    def positives(self) -> int:
+        """Pixels that should score high."""
+        return int(self._positive.sum())
+
+    @property
+    def negatives(self) -> int:
+        """Pixels that should not."""
+        return int(self._negative.sum())
+
+    @property
+    def auroc(self) -> float | None:
+        """In [0, 1], 0.5 by chance; None where one of the two kinds has no pixel."""
+        pairs = self.positives * self.negatives
+        if not pairs:
+            return None
+        below = np.cumsum(self._negative) - self._negative
+        won = np.dot(self._positive.astype(np.float64), below + 0.5 * self._negative)
+        return float(won / pairs)
+
+
+def _counts(values: Values) -> NDArray[np.int64]:
+    scores = np.asarray(values, dtype=np.float32).ravel()
+    if scores.size == 0:
+        return np.zeros(_BINS, dtype=np.int64)
+    if not (scores.min() >= 0.0 and scores.max() <= 1.0):
+        raise ValueError("scores must lie in 0 to 1")
+    return np.bincount(_bins(scores), minlength=_BINS)
+
+
+def _bins(scores: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Rising bins: floats above 0 are ordered as their bits are, and 1 - x is exact from 0.5 on."""
+    upper = scores > 0.5
+    aside = np.where(upper, np.float32(1.0) - scores, scores) + np.float32(0.0)  # -0.0 becomes 0.0
+    bins = (aside.view(np.uint32) >> _DROPPED).astype(np.int64)
+    return np.where(upper, _BINS - 1 - bins, bins)
+
+
+@dataclass
+class Share:
+    """How many of some values lie above a level."""
+
+    level: float
+    above: int = 0
+    total: int = 0
+
+    def add(self, values: Values) -> None:
+        """More values. NaN counts as above: what is not known is not good."""
+        self.total += values.size
+        self.above += values.size - int(np.count_nonzero(values <= self.level))
+
+    @property
+    def value(self) -> float | None:
+        """The share, [0, 1]; None without any value."""
+        return self.above / self.total if self.total else None

@@ -1,0 +1,66 @@
+"""What a perceiver makes of a frame with given words, and how long that takes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.assessment import Finding, Map, Maps
+from anytraverse.errors import PerceiverError, PreferencesError
+from anytraverse.evaluation.datasets import LabelledFrame
+from anytraverse.judging import Settings, make_maps
+from anytraverse.perception import Perceiver, Prompt
+from anytraverse.preferences import Preferences
+from anytraverse.synonyms import refuse_contradictions
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The maps of a frame, at the model's own resolution, and the milliseconds they took."""
+
+    maps: Maps
+    milliseconds: float
+
+
+class Seeing:
+    """A perceiver with words that stay the same. It forgets each frame."""
+
+    def __init__(self, perceiver: Perceiver, words: Preferences) -> None:
+        """Raises UnknownWordError for a word that the perceiver cannot ground, PreferencesError for none
+        at all and for words that contradict each other."""
+        if not words:
+            raise PreferencesError("no word is asked: give some, e.g. `trail: 1; grass: 1; bush: -1`")
+        for word in words:
+            perceiver.meaning(word)
+        refuse_contradictions(words, perceiver.meaning)
+        self.perceiver = perceiver
+        self.words = words
+        self._prompts = [Prompt(word) for word in words]
+        self._settings = Settings()
+
+    def look(self, frame: LabelledFrame) -> Seen:
+        """Encode, attend and pool. Raises PerceiverError, also for maps that are worthless."""
+        begin = time.perf_counter()
+        attention = self.perceiver.attend(self.perceiver.encode(frame.image), self._prompts)
+        maps = make_maps(attention, list(self.words.values()), self._settings)
+        milliseconds = (time.perf_counter() - begin) * 1e3
+        if isinstance(maps, Finding):
+            raise PerceiverError(f"{frame.name}: {maps.figure}: the perceiver is broken, or its files are")
+        return Seen(maps, milliseconds)
+
+
+def stretched(values: Map, shape: tuple[int, int]) -> Map:
+    """A map in [0, 1] brought to the size of a label image, (height, width): linear, or means to shrink."""
+    shrinks = values.shape[0] > shape[0] and values.shape[1] > shape[1]
+    way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.clip(np.asarray(cv2.resize(values, shape[::-1], interpolation=way), dtype=np.float32), 0.0, 1.0)
+
+
+def stretched_mask(mask: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """A mask brought to the size of a label image, (height, width): the nearest pixel counts."""
+    nearest = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
+    return np.asarray(nearest, dtype=np.bool_)

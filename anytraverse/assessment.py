@@ -63,13 +63,20 @@ class Finding:
 class Observation:
     """A frame after its one expensive pass, so that it can be judged again without another.
 
-    `attended` keeps the last attention maps with the prompts that they answer.
+    `attended` keeps the last attention maps with the prompts that they answer. scene_at: when the earlier
+    frame was taken that the embedding was made from; None: it is the frame's own.
     """
 
     frame: Frame
     features: Features
     embedding: Embedding
     attended: tuple[tuple[Prompt, ...], Map] | None = None
+    scene_at: float | None = None
+
+    @property
+    def scene_age(self) -> float:
+        """Seconds by which the embedding is older than the frame; 0 when it is the frame's own."""
+        return 0.0 if self.scene_at is None else self.frame.captured_at - self.scene_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +121,7 @@ class Assessment:
     """One judged frame. `maps`, `roi` and `observation` are None where a fault left nothing to judge.
 
     age: seconds from capture to judging. similarity: cosine to the reference, None without one.
+    scene_age: seconds by which what was compared with the reference is older than the frame.
     match: the remembered scene that fits a changed scene, adopted or waiting for more votes.
     adopted: the remembered scene whose words came into force with this frame.
     dropped: words that went out of use with that: contradicted by it, or one too many.
@@ -126,6 +134,7 @@ class Assessment:
     maps: Maps | None = None
     roi: RoiFigures | None = None
     similarity: float | None = None
+    scene_age: float = 0.0
     match: Match | None = None
     adopted: Entry | None = None
     dropped: tuple[str, ...] = ()

@@ -21,7 +21,8 @@ from anytraverse.frame import Frame, is_black, is_image
 from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings, check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.memory import Memory
-from anytraverse.perception import Perceiver, Prompt
+from anytraverse.perception import Features, Perceiver, Prompt
+from anytraverse.scene_watch import SceneWatch
 from anytraverse.synonyms import refuse_contradictions
 
 
@@ -48,17 +49,27 @@ class AnyTraverse:
         self.memory = memory
         self.newest: Observation | None = None
         self._matched: deque[bool] = deque(maxlen=settings.window)
+        self._scenes = SceneWatch()
 
     def observe(self, frame: Frame) -> Observation:
-        """The one expensive pass over a frame. Raises PerceiverError when the perceiver fails on it."""
+        """The one expensive pass over a frame, whatever came before it, with an embedding of its own.
+
+        Raises PerceiverError when the perceiver fails on it.
+        """
         features = self.perceiver.encode(frame.image)
-        return Observation(frame, features, np.array(self.perceiver.embed(features), dtype=np.float32))
+        return Observation(frame, features, self._embed(features))
 
     def step(self, frame: Frame, now: float, place: Place | None = None) -> Assessment:
         """Judge a new frame; adopt a remembered scene when the last frames matched one.
 
-        Without a reference, the first frame without a fault becomes it.
+        Without a reference, the first frame without a fault becomes it. Where there is no doubt about the
+        scene, an earlier frame's embedding may stand for it: see `SceneWatch`.
         """
+        assessment = self._step(frame, now, place)
+        self._scenes.judged(assessment)
+        return assessment
+
+    def _step(self, frame: Frame, now: float, place: Place | None) -> Assessment:
         assessment = self._judge_new(frame, now)
         observation = assessment.observation
         if observation is None or Reason.FAULT in assessment.reasons:
@@ -90,7 +101,15 @@ class AnyTraverse:
             findings.append(Finding.fault("the picture is black"))
         scene = find_scene(similarity, self.settings)
         figure = similarity if similarity is not None and math.isfinite(similarity) else None
-        seen = Assessment(frame, words, (), age, similarity=figure, observation=observation)
+        seen = Assessment(
+            frame,
+            words,
+            (),
+            age,
+            similarity=figure,
+            scene_age=observation.scene_age,
+            observation=observation,
+        )
         try:
             maps = make_maps(self._attend(observation), list(words.values()), self.settings)
         except PerceiverError as error:
@@ -118,10 +137,14 @@ class AnyTraverse:
 
         call: the frame of the call that is answered; None for words without a call, which teach no scene.
         Only changes and go enter the scene into H and move the reference to it, the latter only if the newest
-        frame still resembles it. Raises PreferencesError, ExampleError; then nothing has changed.
+        frame still resembles it: for these two an earlier frame's embedding will not do, and each gets its
+        own. Raises PreferencesError, ExampleError, PerceiverError; then nothing has changed.
         """
         before = self.memory
         try:
+            if call is not None and (changes or go):
+                self._see_scene(call)
+                self._see_scene(self.newest)
             self.memory, dropped = changed_memory(before, changes, self.perceiver, call)
             remembered = False
             if call is not None and (changes or go) and is_embedding(call.embedding):
@@ -146,10 +169,26 @@ class AnyTraverse:
         if not is_image(frame.image):
             return self.fault(frame, now, "the frame is not a picture")
         try:
-            self.newest = self.observe(frame)
+            self.newest = self._observe_next(frame, now)
         except PerceiverError as error:
             return self.fault(frame, now, str(error))
         return self.judge(self.newest, now)
+
+    def _observe_next(self, frame: Frame, now: float) -> Observation:
+        """`observe`, but with the last embedding where that will do."""
+        scene = self._scenes.take(self.settings, self.memory.reference, now)
+        features = self.perceiver.encode(frame.image)
+        if scene is None:
+            return Observation(frame, features, self._embed(features))
+        return Observation(frame, features, scene.embedding, scene_at=scene.at)
+
+    def _see_scene(self, observation: Observation | None) -> None:
+        """The frame's own embedding in the place of an earlier one's."""
+        if observation is not None and observation.scene_at is not None:
+            observation.embedding, observation.scene_at = self._embed(observation.features), None
+
+    def _embed(self, features: Features) -> Embedding:
+        return np.array(self.perceiver.embed(features), dtype=np.float32)
 
     def _judge_in_time(self, call: Observation) -> Assessment:
         """The call's frame judged as if it were fresh: its age is no fault of the words."""

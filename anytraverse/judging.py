@@ -55,6 +55,7 @@ class Settings:
 
     region: the ROI. freshness: seconds after which a frame is too old to be OK.
     votes of window: how many of the last frames must match a remembered scene before it is adopted.
+    scene_every: the scene's embedding is made anew on every so many-th frame, 1 to 100; see `SceneWatch`.
     Raises SettingsError for a number out of range or an unknown name.
     """
 
@@ -65,6 +66,7 @@ class Settings:
     freshness: float = 1.0
     votes: int = 2
     window: int = 3
+    scene_every: int = 1
     pooling: str = "max"
     uncertainty: str = "max"
 
@@ -72,6 +74,7 @@ class Settings:
         _check("tile_share", self.tile_share, 0.0 < self.tile_share <= 1.0, "above 0, at most 1")
         _check("freshness", self.freshness, 0.0 < self.freshness < math.inf, "seconds above 0")
         _check("votes", self.votes, 1 <= self.votes <= self.window, f"1 to the window, {self.window}")
+        _check("scene_every", self.scene_every, 1 <= self.scene_every <= 100, "1 to 100 frames")
         _check("pooling", self.pooling, self.pooling in POOLINGS, " or ".join(POOLINGS))
         _check("uncertainty", self.uncertainty, self.uncertainty in UNCERTAINTIES, " or ".join(UNCERTAINTIES))
 

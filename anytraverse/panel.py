@@ -228,7 +228,8 @@ def _figures(assessment: Assessment) -> str:
     roi = assessment.roi
     parts = [f"uncertainty {roi.uncertainty:.2f}", f"worst tile {roi.worst_tile.uncertainty:.2f}"]
     if assessment.similarity is not None:
-        parts.append(f"similarity {assessment.similarity:.2f}")
+        older = f" ({assessment.scene_age:.1f} s before)" if assessment.scene_age else ""
+        parts.append(f"similarity {assessment.similarity:.2f}{older}")
     return "   ".join([f"drivable {roi.traversability:.2f}", *parts])
 
 

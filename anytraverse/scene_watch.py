@@ -1,0 +1,59 @@
+"""When the scene is looked at anew, and when its last embedding may stand for it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from anytraverse.assessment import Assessment, Reason
+from anytraverse.history import Embedding, cosine
+from anytraverse.judging import Settings, find_scene
+
+
+class Scene(NamedTuple):
+    """An embedding, and when the frame was taken that it was made from: the caller's monotonic seconds."""
+
+    embedding: Embedding
+    at: float
+
+
+class SceneWatch:
+    """The newest embedding of a stream of frames, which may stand for frames after its own.
+
+    It is made anew on every N-th frame (`Settings.scene_every`), when it is older than `Settings.freshness`,
+    and after a fault. And while there is any doubt it is made on every frame: until the last `window`
+    embeddings in a row were clear of the scene's threshold, and the newest is clear of today's.
+
+    So an embedding that says "unknown scene", fits a remembered scene or ends a doubt is always the frame's
+    own. One embedding is one vote, and n of m frames need no other rule. A new place is noticed at most N
+    frames late, and within the freshness limit.
+    """
+
+    def __init__(self) -> None:
+        self._newest: Scene | None = None
+        self._frames = 0
+        """Frames that the newest was used for, its own among them."""
+        self._clear = 0
+        """Embeddings in a row that were clear."""
+
+    def take(self, settings: Settings, reference: Embedding | None, now: float) -> Scene | None:
+        """The scene that may stand for a new frame, or None: make one. `judged` gives it back."""
+        scene, self._newest = self._newest, None
+        if scene is None or reference is None or self._clear < settings.window:
+            return None
+        if self._frames >= settings.scene_every or not 0.0 <= now - scene.at <= settings.freshness:
+            return None
+        found = find_scene(cosine(reference, scene.embedding), settings)
+        return scene if all(finding.clear for finding in found) else None
+
+    def judged(self, seen: Assessment) -> None:
+        """A new frame was judged, by a scene of its own or by the one that was taken."""
+        observation = seen.observation
+        if observation is None or Reason.FAULT in seen.reasons:
+            self._newest, self._clear = None, 0
+            return
+        if observation.scene_at is None:
+            self._frames = 0
+            self._clear = self._clear + 1 if seen.is_clear(Reason.UNKNOWN_SCENE) else 0
+        self._frames += 1
+        at = observation.frame.captured_at - observation.scene_age
+        self._newest = Scene(observation.embedding, at)

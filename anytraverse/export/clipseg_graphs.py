@@ -4,7 +4,7 @@
     tail     deep -> embedding (joint,), not of unit norm
     decoder  activations, conditions (k, joint) -> attention (k, h, w) in [0, 1], peak (k,): largest |logit|
     text     tokens (n, width), the rows of the token table -> condition (joint,), read at the last token;
-             in three pieces, so that a new word never needs all of it in memory beside the image tower
+             in pieces, so that a new word never needs all of it in memory beside the image tower
 
 All rewrites are exact: normalisation is folded into the patches' weights, positions are interpolated once,
 what does not depend on the prompt leaves the decoder, and the last layer computes one token.
@@ -24,7 +24,7 @@ from anytraverse.export.linear import Linear, fp32
 
 Array = NDArray[np.float32]
 
-TEXT_PIECES = 3
+TEXT_PIECES = 6
 
 _VISION = "clip.vision_model"
 _TEXT = "clip.text_model"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +85,9 @@ def open_session(model: Path | bytes, runtime: Runtime) -> onnxruntime.Inference
     options.inter_op_num_threads = 1
     options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 3
-    options.enable_cpu_mem_arena = False  # it costs 30 MB and saves no time: these networks are large
+    options.enable_mem_pattern = False  # a plan for the largest run is memory that is never given back
+    _share_memory()
+    options.add_session_config_entry("session.use_env_allocators", "1")
     options.add_session_config_entry("session.force_spinning_stop", "1")
     names = [PROVIDERS[name] for name in dict.fromkeys((*runtime.providers, "CPU"))]
     try:
@@ -92,6 +95,14 @@ def open_session(model: Path | bytes, runtime: Runtime) -> onnxruntime.Inference
     except Exception as error:  # ONNX Runtime has a dozen kinds of its own
         what = "the network" if isinstance(model, bytes) else model.name
         raise PerceiverError(f"ONNX Runtime cannot load {what}: {' '.join(str(error).split())}") from error
+
+
+@cache
+def _share_memory() -> None:
+    """One pool of working memory for all sessions, which take turns, grown by what is asked and no more."""
+    ort = _onnxruntime()
+    place = ort.OrtMemoryInfo("Cpu", ort.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, ort.OrtMemType.DEFAULT)
+    ort.create_and_register_allocator(place, ort.OrtArenaCfg({"arena_extend_strategy": 1}))
 
 
 def _onnxruntime() -> onnxruntime:

@@ -115,6 +115,9 @@ class ClipSeg:
         Several taps of one thing make one condition, their mean. Only what was not asked of this frame
         before is computed.
         """
+        self._prompts.conditions(
+            [prompt.word for prompt in prompts]
+        )  # new ones together: one way up the tower
         wanted = {key: condition for prompt in prompts for key, condition in self._conditions(prompt)}
         missing = [key for key in wanted if key not in features.maps]
         if missing:

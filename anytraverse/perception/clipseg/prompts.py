@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 from collections import OrderedDict
 from collections.abc import Sequence
 from contextlib import suppress
@@ -73,7 +72,6 @@ class Prompts:
 
 
 def _give_back_memory() -> None:
-    """A piece of the text tower is some 50 MB that the C library would otherwise keep for later."""
-    gc.collect()
+    """A piece of the text tower is some 25 MB that the C library would otherwise keep for later."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

@@ -6,22 +6,21 @@ import argparse
 import hashlib
 import json
 import re
-import shutil
 import sys
 from pathlib import Path
 
 from anytraverse.bundle.class_names import read_class_names
 from anytraverse.bundle.manifest import Manifest, sha256_of
-from anytraverse.bundle.network_form import NetworkForm, Wishes, check_one_file, network_form
+from anytraverse.bundle.network_files import copy_network
+from anytraverse.bundle.network_form import NetworkForm, Wishes, network_form
 from anytraverse.bundle.writing import BundleWriter
 from anytraverse.errors import AnyTraverseError, BundleError
 from anytraverse.judging import Thresholds
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.classes.details import ACTIVATIONS, LAYOUTS, InputForm, Triple, as_json
-from anytraverse.perception.classes.perceiver import KIND, PART
+from anytraverse.perception.classes.perceiver import KIND, PART, WEIGHTS
 from anytraverse.perception.resizing import FILTERS, Fit
 
-FILE = "network.onnx"
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 THRESHOLDS = DefaultThresholds(roi=0.3, scene=0.75, tile=0.5)
 """For a start: every network has its own."""
@@ -34,7 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "What the network says of itself need not be given."
     )
     add = parser.add_argument
-    add("model", metavar="MODEL.onnx", type=Path, help="the network, in one file")
+    add(
+        "model",
+        metavar="MODEL.onnx",
+        type=Path,
+        help="the network; weights that stand beside it in MODEL.onnx.data come along",
+    )
     add("out", metavar="OUT", type=Path, help="the folder to write")
     add(
         "--names",
@@ -70,10 +74,8 @@ def run(options: argparse.Namespace) -> int:
     words = read_class_names(options.names)
     wishes = Wishes(_form(options), options.size, options.layout, options.activation, options.output)
     with BundleWriter(options.out, lambda line: print(line, file=sys.stderr)) as writer:
-        copied = writer.folder / FILE
-        shutil.copyfile(options.model, copied)
-        check_one_file(copied, options.model)
-        found = network_form(copied, words, wishes)
+        files = copy_network(options.model, writer.folder)
+        found = network_form(writer.folder / files[0], words, wishes)
         if found.details.form.dtype == "uint8" and _normalised(options):
             raise BundleError("the network takes bytes as they are: leave --mean, --std and --scale out")
         image = Fit(*found.size, options.filter)
@@ -82,11 +84,11 @@ def run(options: argparse.Namespace) -> int:
         manifest = writer.finish(
             kind=KIND,
             name=name,
-            model_id=_model_id(name, sha256_of(copied), details, image),
+            model_id=_model_id(name, [sha256_of(writer.folder / file) for file in files], details, image),
             image=image,
             scene="own",
             thresholds=options.thresholds,
-            variants={"fp32": {PART: FILE}},
+            variants={"fp32": dict(zip((PART, WEIGHTS), files, strict=False))},
             source={"weights": options.source or options.model.name, "licence": options.licence},
             details=details,
         )
@@ -113,10 +115,10 @@ def _normalised(options: argparse.Namespace) -> bool:
     return any(value is not None for value in (options.mean, options.std, options.scale))
 
 
-def _model_id(name: str, digest: str, details: dict[str, object], image: Fit) -> str:
+def _model_id(name: str, digests: list[str], details: dict[str, object], image: Fit) -> str:
     """Other for every change of the weights, the words or the input."""
     slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "network"
-    whole = json.dumps([digest, details, image.width, image.height, image.filter], sort_keys=True)
+    whole = json.dumps([digests, details, image.width, image.height, image.filter], sort_keys=True)
     return f"{KIND}-{slug}-{hashlib.sha256(whole.encode()).hexdigest()[:12]}"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.errors import BundleError, PerceiverError
+from anytraverse.errors import BundleError
 from anytraverse.perception.classes.details import LAYOUTS, Details, InputForm
 from anytraverse.perception.classes.network import FEATURES, Network
 from anytraverse.perception.classes.words import Words
@@ -152,18 +152,3 @@ def _pictures(width: int, height: int) -> list[NDArray[np.uint8]]:
 
 def _said(shape: Dimensions) -> str:
     return "x".join(str(size) if isinstance(size, int) else "?" for size in shape)
-
-
-def check_one_file(copied: Path, original: Path) -> None:
-    """Refuse a network that keeps weights in files beside it: a bundle's network is one file."""
-    try:
-        open_session(copied, Runtime())
-    except PerceiverError as error:
-        try:
-            open_session(original, Runtime())
-        except PerceiverError:
-            raise error from None
-        raise BundleError(
-            f"{original} keeps its weights in other files: make it one file, with the package onnx: "
-            "onnx.save_model(onnx.load(MODEL), ONE_FILE, save_as_external_data=False)"
-        ) from None

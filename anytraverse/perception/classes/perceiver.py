@@ -27,8 +27,8 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
 
 KIND = "classes"
-PART = "image"
-"""The bundle's one part: the network."""
+PART, WEIGHTS = "image", "weights"
+"""The bundle's parts: the network, and its weights where they are a file of their own."""
 
 
 class Classes:

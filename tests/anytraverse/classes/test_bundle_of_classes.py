@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from onnx import TensorProto, helper
 from anytraverse.cli import main
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.frame import Image
-from anytraverse.perception import make_perceiver
+from anytraverse.perception import Prompt, make_perceiver
 
 Make = Callable[..., Path]
 Out = pytest.CaptureFixture[str]
@@ -179,16 +180,41 @@ def test_names_that_are_no_text_are_refused(network: Make, tmp_path: Path, capsy
         assert "one class a line" in capsys.readouterr().err
 
 
-def test_a_network_with_weights_in_another_file_is_refused(
-    refused: Callable[..., str], network: Make, tmp_path: Path
+@pytest.fixture
+def split(network: Make, tmp_path: Path) -> Make:
+    """A network whose weights stand in another file, of this name."""
+
+    def save(weights: str) -> Path:
+        (tmp_path / "split").mkdir()
+        path = tmp_path / "split/split.onnx"
+        whole = onnx.load(network())
+        onnx.save(whole, str(path), save_as_external_data=True, location=weights, size_threshold=0)
+        assert (tmp_path / "split" / weights).exists()
+        return path
+
+    return save
+
+
+def test_weights_in_a_file_beside_the_network_come_along(
+    split: Make, tmp_path: Path, painted: Callable[..., Image]
 ) -> None:
-    (tmp_path / "split").mkdir()
-    split = tmp_path / "split/split.onnx"
-    onnx.save(
-        onnx.load(network()), str(split), save_as_external_data=True, location="weights", size_threshold=0
-    )
-    assert (tmp_path / "split/weights").exists()
-    assert "one file" in refused(model=split)
+    model, out = split("split.onnx.data"), tmp_path / "out"
+    (tmp_path / "names.txt").write_text("grass\ndirt\nwater\nvoid")
+    options = ["--names", str(tmp_path / "names.txt"), "--mean", "0,0,0"]
+    assert main(["bundle", "classes", str(model), str(out), *options]) == 0
+    shutil.rmtree(tmp_path / "split")
+    perceiver = make_perceiver(f"classes:{out}")
+    grass = perceiver.attend(perceiver.encode(painted("grass")), [Prompt("grass")])
+    assert grass.min() > 0.95
+    data = bytearray((out / "split.onnx.data").read_bytes())
+    data[0] ^= 1
+    (out / "split.onnx.data").write_bytes(data)
+    with pytest.raises(BundleError, match="torn"):
+        make_perceiver(f"classes:{out}")
+
+
+def test_weights_in_a_file_of_another_name_are_refused(refused: Callable[..., str], split: Make) -> None:
+    assert "make it one file" in refused(model=split("weights"))
 
 
 def test_what_is_no_network_is_refused(refused: Callable[..., str], tmp_path: Path) -> None:

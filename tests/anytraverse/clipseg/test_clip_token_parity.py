@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 
 from anytraverse.perception.clipseg.tokenizer import Tokenizer, byte_alphabet, save_tokenizer
 
+pytestmark = pytest.mark.needs_export
+
 CONTEXT = 77
 START, END = "<|startoftext|>", "<|endoftext|>"
 ORDINARY = [
@@ -127,11 +129,10 @@ def tokenizer_of(
 
 
 def reference_of(vocabulary: dict[str, int], merges: list[tuple[str, str]], context: int = CONTEXT) -> Encode:
-    """transformers' tokenizer with the same vocabulary; the test is skipped where it is not installed."""
-    clip = pytest.importorskip(
-        "transformers", reason="the reference is transformers' CLIPTokenizer"
-    ).CLIPTokenizer
-    made = clip(vocab=dict(vocabulary), merges=list(merges))
+    """transformers' tokenizer with the same vocabulary."""
+    from transformers import CLIPTokenizer
+
+    made = CLIPTokenizer(vocab=dict(vocabulary), merges=list(merges))
 
     def encode(text: str) -> list[int]:
         ids: list[int] = made(text, truncation=True, max_length=context)["input_ids"]

@@ -25,7 +25,8 @@ def resized(image: Image, fit: Fit) -> Image:
 
 def by_pillow(image: Image, fit: Fit) -> Image:
     """As transformers does it: Pillow's resize, then the middle."""
-    pillow = pytest.importorskip("PIL.Image")
+    from PIL import Image as pillow  # noqa: N813 a module
+
     filters = {"bilinear": pillow.Resampling.BILINEAR, "bicubic": pillow.Resampling.BICUBIC}
     height, width = image.shape[:2]
     size = (fit.width, fit.height)
@@ -37,6 +38,7 @@ def by_pillow(image: Image, fit: Fit) -> Image:
     return picture[top : top + fit.height, left : left + fit.width]
 
 
+@pytest.mark.needs_export
 @pytest.mark.parametrize("name", ["bilinear", "bicubic"])
 @pytest.mark.parametrize(
     ("frame", "size"),
@@ -63,6 +65,7 @@ def test_a_stretched_frame_is_pillows_to_the_byte(
     np.testing.assert_array_equal(ours, by_pillow(noise(*frame), fit))
 
 
+@pytest.mark.needs_export
 @pytest.mark.parametrize("frame", [(640, 480), (480, 641), (1280, 720), (99, 77), (224, 224), (3, 1), (1, 1)])
 @pytest.mark.parametrize("name", ["bilinear", "bicubic"])
 def test_a_cropped_frame_is_clips_to_the_byte(frame: tuple[int, int], name: str) -> None:
@@ -70,6 +73,7 @@ def test_a_cropped_frame_is_clips_to_the_byte(frame: tuple[int, int], name: str)
     np.testing.assert_array_equal(resized(noise(*frame), fit), by_pillow(noise(*frame), fit))
 
 
+@pytest.mark.needs_export
 @pytest.mark.parametrize("name", ["bilinear", "bicubic"])
 @pytest.mark.parametrize(("width", "height"), [(31, 200), (150, 40), (20, 12)])
 def test_pictures_of_extremes_do_not_overflow(width: int, height: int, name: str) -> None:
@@ -79,6 +83,7 @@ def test_pictures_of_extremes_do_not_overflow(width: int, height: int, name: str
     np.testing.assert_array_equal(resized(stripes, Fit(width, height, name)), rows_first)
 
 
+@pytest.mark.needs_export
 def test_a_tall_frame_differs_from_pillows_by_roundings_alone() -> None:
     fit = Fit(120, 120, "bicubic")
     gaps = np.abs(resized(noise(200, 480), fit).astype(int) - by_pillow(noise(200, 480), fit))

@@ -112,26 +112,27 @@ def _check(options: argparse.Namespace) -> int:
 
     try:
         config = load_config(options.file)
-        _try_words(config)
+        runs = _try_perceiver(config)
     except ConfigError as error:
         raise UserError(_told(error)) from error
     except AnyTraverseError as error:
         raise UserError(f"{options.file}: {error}") from error
-    print(format_config(config), end="")
+    print(f"# perceiver: {runs}\n{format_config(config)}", end="")
     return 0
 
 
-def _try_words(config: Config) -> None:
-    """Whether there is such a perceiver, and it knows the words. Raises AnyTraverseError."""
-    from anytraverse.engine import AnyTraverse
-    from anytraverse.memory import first_memory
-    from anytraverse.perception import make_perceiver
-    from companion.run import judging_settings
+def _try_perceiver(config: Config) -> str:
+    """What would run, and why, from loading it as the daemon does. Raises AnyTraverseError.
 
-    perceiver = make_perceiver(config.perceiver.name)
-    AnyTraverse(
-        perceiver, judging_settings(config, perceiver), first_memory(perceiver.model_id, config.preferences)
-    )
+    A bundle's files are compared with their checksums, which takes seconds; no frame is judged.
+    """
+    from companion.model import Model
+    from companion.readiness import load_engine
+
+    if ":" in config.perceiver.name:
+        print(f"companion config: loading {config.perceiver.name}", file=sys.stderr)
+    engine, _ = load_engine(config, None)
+    return str(Model.of(engine.perceiver))
 
 
 def _told(error: Exception) -> str:

@@ -21,6 +21,7 @@ from companion.link.heard import AnswerRequest, ParameterRequest, Vehicle, Vehic
 from companion.link.heard import Heard as LinkHeard
 from companion.link.link import Link
 from companion.mishaps import Mishaps
+from companion.model import Model
 from companion.odometer import Odometer
 from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness
@@ -53,9 +54,10 @@ class Daemon:
         conversation: Conversation,
         desk: SettingsDesk,
         liveness: Liveness,
+        model: Model,
         view: int = 0,
     ) -> None:
-        """view: the camera's horizontal field of view, degrees, 0 where not known."""
+        """model: of the eyes. view: the camera's horizontal field of view, degrees, 0 where not known."""
         self._link = link
         self._camera = camera
         self._eyes = eyes
@@ -63,7 +65,9 @@ class Daemon:
         self._keeper = keeper
         self._conversation = conversation
         self._desk = desk
+        self._model = model
         self._view = view
+        self._took = 0.0
         self._announcement = Announcement(calls)
         self._odometer = Odometer()
         self._mishaps = Mishaps(lambda now: link.say(texts.mishap(), ERROR, now))
@@ -111,6 +115,14 @@ class Daemon:
             "words": self._conversation.words.format(),
             "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
             "similarity": newest.similarity if newest else None,
+            "perceiver": {
+                "model": self._model.id,
+                "precision": self._model.precision,
+                "why": self._model.why,
+                "step_ms": round(1e3 * self._took, 1),
+                "scene_age": round(newest.scene_age, 3) if newest else None,
+            },
+            "hold_refused": self._desk.hold_refused,
             "camera": {
                 "state": camera.state.value,
                 "reason": camera.reason,
@@ -146,6 +158,7 @@ class Daemon:
 
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
+        self._took = judged.took
         self._keeper.save_memory(judged.memory)
         self._conversation.words = judged.memory.preferences
         self._acting.carry_out(self._calls.assessed(seen, now), now)
@@ -215,7 +228,7 @@ class Daemon:
         elif self._calls.policy is Policy.OFF:
             self._link.announce(None, texts.off(), now)
         else:
-            self._link.announce(None, "", now)
+            self._link.announce(None, self._desk.reminder, now, quiet=True, severity=WARNING)
         self._desk.tell_changes(self._conversation.words, now)
 
     def place(self) -> Place:

@@ -43,11 +43,15 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True)
 class Judged:
-    """A new frame was judged. memory: as it is after the frame; at: monotonic seconds when it was done."""
+    """A new frame was judged.
+
+    memory: as it is after the frame. at: monotonic seconds when it was done. took: seconds.
+    """
 
     assessment: Assessment
     memory: Memory
     at: float
+    took: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -218,13 +222,15 @@ class Eyes:
                 self._publish(result)
 
     def _judge(self, frame: Frame) -> Judged:
+        started = time.monotonic()
         try:
-            assessment = self._engine.step(frame, time.monotonic(), self.place())
+            assessment = self._engine.step(frame, started, self.place())
         except Exception:
             self._log_failure(frame)
             assessment = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
         now = time.monotonic()
-        return Judged(_dated(assessment, now, self._engine.settings.freshness), self._engine.memory, now)
+        dated = _dated(assessment, now, self._engine.settings.freshness)
+        return Judged(dated, self._engine.memory, now, now - started)
 
     def _log_failure(self, frame: Frame) -> None:
         """Once in a while: it may happen with every frame."""

@@ -1,41 +1,38 @@
-"""Loading the perceiver, which may take a while, with a link that says so meanwhile."""
+"""Loading, which may take a while, with a link that says so meanwhile."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
-
-import numpy as np
+from typing import TypeVar
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.perception import Perceiver
 from companion.link.heard import AnswerRequest
 from companion.link.link import Link
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Outcome, Reasons, Result, Stage
 
-_WARM_UP = np.zeros((240, 320, 3), dtype=np.uint8)
+Loaded = TypeVar("Loaded")
+
 _TICK = 0.05
 
 
-def load_perceiver(make: Callable[[], Perceiver], link: Link, stop: Callable[[], bool]) -> Perceiver | None:
-    """The perceiver, made and warmed up in a thread while the link tells that we are starting.
+def load(make: Callable[[], Loaded], link: Link, stop: Callable[[], bool]) -> Loaded | None:
+    """What `make` makes in a thread, while the link tells that we are starting.
 
     None when `stop()` came first. Raises AnyTraverseError when it cannot be made.
     """
-    loaded: list[Perceiver] = []
+    loaded: list[Loaded] = []
     failed: list[Exception] = []
 
-    def load() -> None:
+    def run() -> None:
         try:
-            perceiver = make()
-            perceiver.embed(perceiver.encode(_WARM_UP))
-            loaded.append(perceiver)
+            loaded.append(make())
         except Exception as error:
             failed.append(error)
 
-    thread = threading.Thread(target=load, name="loading", daemon=True)
+    thread = threading.Thread(target=run, name="loading", daemon=True)
     thread.start()
     while thread.is_alive() and not stop():
         now = time.monotonic()
@@ -45,10 +42,19 @@ def load_perceiver(make: Callable[[], Perceiver], link: Link, stop: Callable[[],
         link.tick(now)
         thread.join(_TICK)
     if failed:
-        if isinstance(failed[0], AnyTraverseError):
-            raise failed[0]
-        raise AnyTraverseError(f"the perceiver failed to load: {failed[0]!r}") from failed[0]
+        raise _told(failed[0]) from failed[0]
     return loaded[0] if loaded else None
+
+
+def _told(error: Exception) -> AnyTraverseError:
+    if isinstance(error, AnyTraverseError):
+        return error
+    if isinstance(error, MemoryError):
+        return AnyTraverseError(
+            "the perceiver does not fit into memory: stop other programs, "
+            "or take an int8 bundle or one of a smaller --size"
+        )
+    return AnyTraverseError(f"the perceiver failed to load: {error!r}")
 
 
 def _starting(request: AnswerRequest) -> Acknowledgement:

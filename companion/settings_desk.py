@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from anytraverse.errors import SettingsError
 from anytraverse.judging import Thresholds
+from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
 from companion.conversation import Conversation, Heard
@@ -53,13 +54,21 @@ class SettingsDesk:
         eyes: Eyes,
         calls: OperatorCalls,
         conversation: Conversation,
+        pace: Pace,
+        *,
+        wants_hold: bool = False,
     ) -> None:
+        """pace: as measured; too slow a perceiver may not hold. wants_hold: the config asks for it."""
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._told = {parameter.name: parameter.value for parameter in parameters}
         self._link = link
         self._eyes = eyes
         self._calls = calls
         self._conversation = conversation
+        self.hold_refused = "" if pace.keeps else texts.hold_refused(pace.step)
+        """Why the vehicle may not be held, "" where it may."""
+        self.reminder = texts.only_reports(pace.step) if wants_hold and not pace.keeps else ""
+        """To be repeated: the owner believes in a hold that is refused. "" once a policy was set."""
 
     def set(self, request: ParameterRequest, now: float) -> Heard:
         """A value, already in range. A word's weight is echoed once the eyes have applied it."""
@@ -70,13 +79,20 @@ class SettingsDesk:
                 self._link.say(texts.refused("the eyes are busy, set it again"), _WARNING, now)
             return Heard()
         if request.name == POLICY:
-            policy = Policy(int(request.value))
-            decisions = self._calls.set_policy(policy, now)
-            self._link.say(texts.policy(policy), _WARNING, now)
-            self._echo(request.name, request.value, now)
-            return Heard(decisions=decisions)
+            return self._set_policy(Policy(int(request.value)), now)
         self._set_threshold(request, now)
         return Heard()
+
+    def _set_policy(self, policy: Policy, now: float) -> Heard:
+        if policy is Policy.HOLD and self.hold_refused:
+            self._echo(POLICY, float(self._calls.policy), now)
+            self._link.say(self.hold_refused, _WARNING, now)
+            return Heard()
+        self.reminder = ""
+        decisions = self._calls.set_policy(policy, now)
+        self._link.say(texts.policy(policy), _WARNING, now)
+        self._echo(POLICY, float(policy), now)
+        return Heard(decisions=decisions)
 
     def _set_threshold(self, request: ParameterRequest, now: float) -> None:
         judging = self._calls.numbers.judging

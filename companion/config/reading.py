@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,8 @@ def load_config(path: str | Path) -> Config:
     words = read_words(layers, problems)
     if problems:
         raise ConfigError(problems)
-    return Config(**sections, **words._asdict())
+    config = Config(**sections, **words._asdict())
+    return replace(config, perceiver=config.perceiver.beside(main.path.parent.absolute()))
 
 
 def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from anytraverse.perception import KINDS
+from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
 from companion.cameras import split_source
 from companion.config.checks import Check, checked, choice, flag, listing, number, text, whole
@@ -18,6 +20,9 @@ from companion.link.settings import LinkSettings
 
 Complaint = tuple[tuple[str, ...], str]
 """Keys that do not go together, and why."""
+
+
+LONGEST_FRESHNESS = 10.0
 
 
 def setting(default: Any, check: Check, meaning: str) -> Any:
@@ -47,11 +52,36 @@ class Camera(Section):
     view: float = setting(60.0, number(10, 180), "horizontal field of view, degrees")
 
 
+def _known_perceiver(name: str) -> None:
+    if name.partition(":")[0] not in KINDS:
+        raise ValueError(f"no perceiver is called that: begin with one of {', '.join(KINDS)}")
+
+
 @dataclass(frozen=True)
 class Perceiver(Section):
-    """Who turns words and frames into maps."""
+    """Who turns words and frames into maps, and how its networks are run."""
 
-    name: str = setting("builtin", text, "kind or kind:argument")
+    name: str = setting("builtin", checked(_known_perceiver), "kind, or kind:folder of its bundle")
+    providers: tuple[str, ...] = setting(
+        ("CPU",),
+        listing(choice(*PROVIDERS), 1, len(PROVIDERS)),
+        "what runs networks, the best first",
+    )
+    threads: int = setting(0, whole(0, 256), "cores that networks may use, 0: all")
+    precision: str = setting("auto", choice(*PRECISIONS), "the bundle's variant: auto, fp32 or int8")
+    scene_every: int = setting(1, whole(1, 100), "the scene is looked at anew every so many frames")
+
+    @property
+    def runtime(self) -> Runtime:
+        """How networks are run."""
+        return Runtime(self.providers, self.threads, self.precision)
+
+    def beside(self, folder: Path) -> Perceiver:
+        """With a bundle's relative path counted from `folder`."""
+        kind, colon, argument = self.name.partition(":")
+        if not argument:
+            return self
+        return replace(self, name=f"{kind}{colon}{folder / os.path.expanduser(argument)}")
 
 
 @dataclass(frozen=True)
@@ -114,7 +144,9 @@ class Call(Section):
     accepted_rise: float = setting(0.1, number(0, 1), "uncertainty above the accepted one that calls")
     go_lasts: float = setting(60.0, number(1, 600), "s that a go waits for OK frames")
     freshness: float | None = setting(
-        None, number(0.2, 10), "s until a frame is too old; unset: 3 frame periods, at least 1, at most 2"
+        None,
+        number(0.2, LONGEST_FRESHNESS),
+        "s until a frame is too old; unset: 3 frame periods, at least 1, at most 2",
     )
     fault_ends_hold: bool = setting(False, flag, "whether a fault's hold may end by itself")  # noqa: FBT003
 

@@ -43,6 +43,10 @@ def _similarity(value: float | None) -> str:
     return "" if value is None or not math.isfinite(value) else f" {min(1.0, max(-1.0, value)):.2f}"
 
 
+def _seconds(value: float | None) -> str:
+    return "? s" if value is None or not math.isfinite(value) else f"{min(99.9, max(0.0, value)):.1f} s"
+
+
 def unknown_object(call: int, uncertainty: float | None) -> str:
     """A thing ahead that no word explains."""
     return fit(f"C{call} unknown thing ahead {percent(uncertainty)}: {_ANSWERS}")
@@ -146,6 +150,21 @@ def off() -> str:
 def policy(value: Policy) -> str:
     """What the companion may do, after it changed."""
     return fit(f"Companion policy: {value.name.lower()}")
+
+
+def hold_refused(seconds: float | None) -> str:
+    """The perceiver is too slow for policy hold. seconds: what it takes for a frame."""
+    return fit(f"HOLD refused: {_seconds(seconds)} a frame is too slow")
+
+
+def only_reports(seconds: float | None) -> str:
+    """The owner configured policy hold, and the perceiver is too slow for it."""
+    return fit(f"Only reports: {_seconds(seconds)} a frame, slow for HOLD")
+
+
+def int8_idle() -> str:
+    """The bundle carries an int8 variant, and fp32 runs."""
+    return "Runs fp32, not the bundle's int8: log says why"
 
 
 def stale(number: int) -> str:

@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.perception import DefaultThresholds, Perceiver
+from anytraverse.perception.runtime import Runtime
 from companion.config import Config, ConfigError, Problem, load_config
 from companion.config.schema import SECTIONS
-from companion.run import call_numbers, judging_settings
+from companion.configured import call_numbers, judging_settings
 from companion.wire.ids import Policy
 
 _OWN = cast(Perceiver, SimpleNamespace(defaults=DefaultThresholds(roi=0.31, scene=0.86, tile=0.41)))
@@ -77,6 +78,16 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
         ("[camera]\nrate = inf\n", "give a number from 0.5 to 60"),
         ("[camera]\nrate = true\n", "give a number from 0.5 to 60"),
         ("[camera]\nloop = 1\n", "give true or false"),
+        (
+            "[perceiver]\nname = 'clipsegg:x'\n",
+            "no perceiver is called that: begin with one of builtin, clipseg",
+        ),
+        ("[perceiver]\nproviders = []\n", "give a list of 1 to"),
+        ("[perceiver]\nproviders = 'CPU'\n", "give a list of 1 to"),
+        ("[perceiver]\nproviders = ['Cuda']\n", "choose one of CPU, CUDA, TensorRT"),
+        ("[perceiver]\nthreads = -1\n", "give a whole number from 0 to 256"),
+        ("[perceiver]\nprecision = 'fp16'\n", "choose one of auto, fp32, int8"),
+        ("[perceiver]\nscene_every = 0\n", "give a whole number from 1 to 100"),
         ("[call]\nvotes = 2.0\n", "give a whole number"),
         ("[call]\nvotes = true\n", "give a whole number"),
         ("[call]\npolicy = 'stop'\n", "choose one of report, shadow, hold"),
@@ -253,6 +264,33 @@ def test_the_journal_lies_where_systemd_says_unless_config_says(
     assert load_config(_write(tmp_path, '[journal]\nfolder = "~/mine"\n')).journal.path == Path(
         "/home/someone/mine"
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("builtin", "builtin"),
+        ("clipseg:/opt/bundle", "clipseg:/opt/bundle"),
+        ("clipseg:models/clipseg", "clipseg:{folder}/models/clipseg"),
+        ("clipseg:~/clipseg", "clipseg:/home/someone/clipseg"),
+        ("clipseg:", "clipseg:"),
+    ],
+)
+def test_a_bundle_lies_beside_the_file_unless_its_path_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, meant: str
+) -> None:
+    monkeypatch.setenv("HOME", "/home/someone")
+    _write(tmp_path, f'[perceiver]\nname = "{name}"\n')
+    monkeypatch.chdir(tmp_path)
+    for path in (tmp_path / "companion.toml", Path("companion.toml")):
+        assert load_config(path).perceiver.name == meant.format(folder=tmp_path)
+
+
+def test_how_networks_are_run_reaches_their_runtime(tmp_path: Path) -> None:
+    text = '[perceiver]\nproviders = ["CUDA", "CPU"]\nthreads = 3\nprecision = "int8"\nscene_every = 5\n'
+    config = load_config(_write(tmp_path, text))
+    assert config.perceiver.runtime == Runtime(("CUDA", "CPU"), 3, "int8")
+    assert judging_settings(config, _OWN).scene_every == 5
 
 
 def test_unset_thresholds_are_the_perceivers_own(tmp_path: Path) -> None:

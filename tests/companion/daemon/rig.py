@@ -14,6 +14,7 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
+from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from companion import run
 from companion.album import Album
@@ -27,6 +28,7 @@ from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.kept import saved_replies
 from companion.link.rehearsal import Rehearsal
+from companion.model import Model
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.tasks import Liveness, tasks
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
@@ -82,6 +84,7 @@ class Rig:
         self.folder, self.clock, self.policy, self.pictures = folder, clock, policy, pictures
         self.frame_id = 0
         self.hung = False
+        self.step_time = 0.02
         self.start()
 
     def start(self, *, mode: int = AUTO, forget_frame: bool = False) -> None:
@@ -111,7 +114,15 @@ class Rig:
         self.engine = AnyTraverse(self.perceiver, judging, memory)
         self.eyes = Eyes(self.engine, cast(Any, self.camera), PERIOD)
         self.conversation = Conversation(self.calls, self.eyes, memory.preferences, replies)
-        desk = SettingsDesk(self.listed, self.stage.link, self.eyes, self.calls, self.conversation)
+        self.desk = SettingsDesk(
+            self.listed,
+            self.stage.link,
+            self.eyes,
+            self.calls,
+            self.conversation,
+            Pace(self.step_time, PERIOD, judging.freshness),
+            wants_hold=self.policy is Policy.HOLD,
+        )
         for name, value in setting_values(judging.thresholds, self.policy).items():
             self.stage.link.set_parameter(name, value, now)
         liveness = Liveness(tasks(self.calls.numbers), now)
@@ -122,8 +133,9 @@ class Rig:
             self.calls,
             self.keeper,
             self.conversation,
-            desk,
+            self.desk,
             liveness,
+            Model.of(self.perceiver),
         )
         self.keeper.restore_call_frame(self.calls, self.eyes)
 

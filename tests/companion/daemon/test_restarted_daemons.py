@@ -114,6 +114,8 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "words",
         "roi_uncertainty",
         "similarity",
+        "perceiver",
+        "hold_refused",
         "camera",
         "link",
         "frames",

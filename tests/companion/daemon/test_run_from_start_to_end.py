@@ -15,11 +15,11 @@ import pytest
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.perception import Perceiver
-from companion import run
+from companion import readiness, run
 from companion.config import Config, load_config
 from companion.journal import Journal
 from companion.link.rehearsal import Rehearsal
-from companion.loading import load_perceiver
+from companion.loading import load
 from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Result
 from tests.anytraverse.conftest import Painted
@@ -61,7 +61,7 @@ def config(tmp_path: Path, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
         rock = -1.0
         """
     )
-    monkeypatch.setattr(run, "make_perceiver", lambda _: Painted())
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
     return load_config(str(path))
 
 
@@ -96,7 +96,7 @@ def test_it_judges_tells_and_leaves_nothing_running(
 def test_a_perceiver_that_cannot_load_is_told_and_the_journal_given_back(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run, "make_perceiver", lambda _: 1 / 0)
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: 1 / 0)
     with pytest.raises(AnyTraverseError, match="ZeroDivisionError"):
         run.main(config, until(lambda: False))
     Journal(tmp_path / "state").close()
@@ -105,7 +105,7 @@ def test_a_perceiver_that_cannot_load_is_told_and_the_journal_given_back(
 def test_an_error_after_the_camera_was_opened_leaves_nothing_running(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run, "SettingsDesk", lambda *_: 1 / 0)
+    monkeypatch.setattr(run, "SettingsDesk", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run.main(config, until(lambda: False))
     assert threads() == set()
@@ -131,11 +131,11 @@ def test_an_error_of_the_supervision_ends_it_with_a_farewell(
 def test_a_signal_while_loading_ends_it(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     released = threading.Event()
 
-    def slow(_: str) -> Perceiver:
+    def slow(*_: object) -> Perceiver:
         released.wait(PATIENCE)
         return Painted()
 
-    monkeypatch.setattr(run, "make_perceiver", slow)
+    monkeypatch.setattr(readiness, "make_perceiver", slow)
     started = time.monotonic()
     assert run.main(config, lambda: time.monotonic() - started > 0.2) == 0
     assert time.monotonic() - started < 2.0
@@ -164,7 +164,7 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
         time.sleep(0.3)
         return Painted()
 
-    assert isinstance(load_perceiver(slow, stage.link, lambda: False), Painted)
+    assert isinstance(load(slow, stage.link, lambda: False), Painted)
     stage._collect()
     (told,) = [Acknowledgement.unpack(payload) for payload in stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
     assert (told.transaction, told.result, told.text) == (5, Result.BUSY, "starting: send it again")

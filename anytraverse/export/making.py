@@ -17,6 +17,7 @@ from anytraverse.export.clipseg_graphs import image_graph, scene_graph, tail_gra
 from anytraverse.export.decoder_graph import decoder_graph
 from anytraverse.export.graph import Graph
 from anytraverse.export.linear import LINEAR
+from anytraverse.export.smoothing import smoothed
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.clipseg.tokenizer import save_tokenizer
 from anytraverse.perception.resizing import Fit
@@ -114,11 +115,16 @@ def _graphs(
 ) -> Iterator[tuple[str, Graph]]:
     """The parts of a variant, made one at a time: each holds its weights once more."""
     arch, weights, linear = checkpoint.architecture, checkpoint.weights, LINEAR[precision]
+    if precision == "int8":
+        weights = smoothed(weights, "clip.vision_model.encoder", arch.vision.tower.layers)
     yield "image", image_graph(arch, weights, size, linear)
     yield "tail", tail_graph(arch, weights, size, linear)
     yield "decoder", decoder_graph(arch, weights, size, linear)
     if scene is not None:
-        yield "scene", scene_graph(scene.vision, scene.weights, scene.fit.width, linear)
+        encoder = scene.weights
+        if precision == "int8":
+            encoder = smoothed(encoder, "vision_model.encoder", scene.vision.tower.layers)
+        yield "scene", scene_graph(scene.vision, encoder, scene.fit.width, linear)
     if precision == "fp32":  # it runs only when a word is new
         for number, piece in enumerate(text_graphs(arch, weights, linear), 1):
             yield f"text-{number}", piece

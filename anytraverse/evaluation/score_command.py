@@ -16,7 +16,7 @@ from anytraverse.evaluation.arguments import (
     setting,
     shown,
 )
-from anytraverse.evaluation.drivable import DrivableScore, score_drivable
+from anytraverse.evaluation.drivable import DrivableScore, WordScore, score_drivable
 from anytraverse.evaluation.matching import match_words, parse_matches
 
 _WORST = 5
@@ -77,8 +77,14 @@ def text_of(score: DrivableScore, first: str) -> str:
         lines.append(f"    {label:30}{shown(overlap.pooled):>8}{shown(overlap.mean):>8}")
     lines.append(f"  {'words':32}{'AUROC':>8}")
     for word, own in score.words.items():
-        told = ", ".join(own.classes) or "no label class matches: name one with --match"
-        lines.append(f"    {word:30}{shown(own.auroc):>8}   {told}")
+        lines.append(f"    {word:30}{shown(own.auroc):>8}   {_told(own)}")
     worst = ", ".join(f"{number} ({iou:.2f})" for number, iou in score.ground.worst(_WORST))
     lines.append(f"  worst frames  {worst}")
     return "\n".join(lines)
+
+
+def _told(word: WordScore) -> str:
+    if not word.classes:
+        return "no label class matches: name one with --match"
+    classes = ", ".join(word.classes)
+    return classes if word.auroc is not None else f"{classes}: there is none of it, or nothing else"

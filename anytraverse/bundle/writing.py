@@ -47,7 +47,7 @@ class BundleWriter:
         return self._folder
 
     def __enter__(self) -> BundleWriter:
-        _check_place(self.out)
+        check_place(self.out)
         self.out.parent.mkdir(parents=True, exist_ok=True)
         self._folder = _beside(self.out, "part")
         return self
@@ -95,7 +95,7 @@ class BundleWriter:
             raise BundleError(f"what the manifest should say is not JSON: {error}") from error
         manifest = read_manifest(self.folder)
         _flush(self.folder)
-        _check_place(self.out)
+        check_place(self.out)
         _put_in_place(self.folder, self.out)
         self._folder = None
         return manifest
@@ -117,8 +117,8 @@ def _files_of(folder: Path) -> list[tuple[str, Path]]:
     return found
 
 
-def _check_place(out: Path) -> None:
-    """Refuse a place where something lies that is not a bundle, or that a bundle's removal would lose."""
+def check_place(out: Path) -> None:
+    """Refuse, with BundleError, a place where something lies that a new bundle must not replace."""
     if not out.exists():
         return
     if not out.is_dir():

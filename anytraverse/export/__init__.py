@@ -33,7 +33,8 @@ def export_bundle(
     from anytraverse.errors import BundleError
 
     try:
-        from anytraverse.export.making import make_bundle
+        from anytraverse.bundle.writing import check_place
+        from anytraverse.export.making import check_precisions, make_bundle
 
         if checkpoint == RANDOM:
             from anytraverse.export.random_weights import random_clipseg, random_scene
@@ -49,6 +50,8 @@ def export_bundle(
         ) from error
     if scene not in ("shared", "clip-b32"):
         raise BundleError(f'no scene embedding is called "{scene}": choose shared or clip-b32')
+    check_precisions(precisions)
+    check_place(out)
     own = None
     if checkpoint == RANDOM:
         say("drawing random weights: the maps will mean nothing")

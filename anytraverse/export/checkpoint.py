@@ -1,50 +1,41 @@
-"""Reading checkpoints with transformers: a folder on this disk, or an id on the Hugging Face hub."""
+"""Reading checkpoints with transformers."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from anytraverse.errors import BundleError
 from anytraverse.export.architecture import architecture, vision_architecture
+from anytraverse.export.hub import CARD, CONFIGS, find_checkpoint
 from anytraverse.export.making import ClipSegCheckpoint, SceneCheckpoint, Vocabulary
 from anytraverse.perception.resizing import Fit
 
 _FILTERS = {2: "bilinear", 3: "bicubic"}
 """Pillow's numbers of filters, as preprocessor_config.json gives them."""
-_CONFIGS = ["config.json", "preprocessor_config.json"]
-_TOKENIZER = [
-    "vocab.json",
-    "merges.txt",
-    "tokenizer.json",
-    "tokenizer_config.json",
-    "special_tokens_map.json",
-]
-_WEIGHTS = ["model.safetensors", "pytorch_model.bin"]
+_UNSTATED = "not stated in the checkpoint: see its page"
 
 
 def load_clipseg(checkpoint: str) -> ClipSegCheckpoint:
-    """A CLIPSeg checkpoint. Raises BundleError with what to do: no network, a file missing, another model."""
+    """A CLIPSeg checkpoint: a folder, or an id of the hub.
+
+    Raises BundleError with what to do: no network, a file missing or torn, another model.
+    """
     from transformers import CLIPSegConfig, CLIPSegForImageSegmentation
 
-    folder, revision = find_checkpoint(checkpoint, [*_CONFIGS, *_TOKENIZER, "README.md"])
-    stated = _read_json(folder / "config.json")
-    if stated.get("model_type") != "clipseg":
-        raise BundleError(
-            f'{checkpoint} is a checkpoint of "{stated.get("model_type")}", not of clipseg: '
-            "give one like CIDAS/clipseg-rd64-refined"
-        )
-    preprocessor = _read_json(folder / "preprocessor_config.json")
-    config = CLIPSegConfig.from_pretrained(folder).to_dict()
-    weights = _load_weights(CLIPSegForImageSegmentation, folder, checkpoint)
-    vocabulary = _load_vocabulary(folder, checkpoint)
-    _check_end(config["text_config"]["eos_token_id"], vocabulary)
+    folder, revision = find_checkpoint(checkpoint, words=True)
+    config, preprocessor = _read_configs(folder, CLIPSegConfig, "CIDAS/clipseg-rd64-refined")
+    vocabulary = _load_vocabulary(folder)
+    with _stated_in(folder):
+        arch = architecture(config, preprocessor)
+        _check_end(config["text_config"]["eos_token_id"], vocabulary)
     return ClipSegCheckpoint(
-        architecture(config, preprocessor),
-        weights,
-        _filter(preprocessor, checkpoint),
+        arch,
+        _load_weights(CLIPSegForImageSegmentation, folder),
+        _filter(preprocessor, folder),
         vocabulary,
         _describe(checkpoint, folder, revision),
     )
@@ -54,49 +45,31 @@ def load_scene(checkpoint: str) -> SceneCheckpoint:
     """The image encoder of a CLIP checkpoint. Raises BundleError as `load_clipseg`."""
     from transformers import CLIPConfig, CLIPVisionModelWithProjection
 
-    folder, revision = find_checkpoint(checkpoint, [*_CONFIGS, "README.md"])
-    stated = _read_json(folder / "config.json")
-    if stated.get("model_type") != "clip":
-        raise BundleError(
-            f'{checkpoint} is a checkpoint of "{stated.get("model_type")}", not of clip: '
-            "give one like openai/clip-vit-base-patch32"
-        )
-    preprocessor = _read_json(folder / "preprocessor_config.json")
-    config = CLIPConfig.from_pretrained(folder).to_dict()
-    side = config["vision_config"]["image_size"]
+    folder, revision = find_checkpoint(checkpoint, words=False)
+    config, preprocessor = _read_configs(folder, CLIPConfig, "openai/clip-vit-base-patch32")
+    with _stated_in(folder):
+        vision = vision_architecture(config["vision_config"], preprocessor)
+        side = config["vision_config"]["image_size"]
+        fit = Fit(side, side, _filter(preprocessor, folder), crop=True)
     return SceneCheckpoint(
-        vision_architecture(config["vision_config"], preprocessor),
-        _load_weights(CLIPVisionModelWithProjection, folder, checkpoint),
-        Fit(side, side, _filter(preprocessor, checkpoint), crop=True),
+        vision,
+        _load_weights(CLIPVisionModelWithProjection, folder),
+        fit,
         _describe(checkpoint, folder, revision),
     )
 
 
-def find_checkpoint(checkpoint: str, files: list[str]) -> tuple[Path, str]:
-    """The folder of a checkpoint, downloaded where it is an id of the hub, and its revision."""
-    folder = Path(checkpoint).expanduser()
-    if folder.is_dir():
-        missing = [name for name in _CONFIGS if not (folder / name).is_file()]
-        if not any((folder / name).is_file() for name in _WEIGHTS):
-            missing.append(" or ".join(_WEIGHTS))
-        if missing:
-            raise BundleError(f"{folder} lacks {', '.join(missing)}: copy the whole checkpoint")
-        return folder, ""
-    if checkpoint.count("/") != 1 or checkpoint.startswith((".", "/", "~")):
-        raise BundleError(f"{checkpoint} is no folder: give one, or an id of the hub like owner/name")
-    from huggingface_hub import snapshot_download
-
-    try:
-        found = Path(snapshot_download(checkpoint, allow_patterns=[*files, _WEIGHTS[0]]))
-        if not (found / _WEIGHTS[0]).is_file():
-            found = Path(snapshot_download(checkpoint, allow_patterns=[*files, _WEIGHTS[1]]))
-    except Exception as error:  # the hub's client has a dozen kinds of its own, and the network's
+def _read_configs(folder: Path, kind: Any, like: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The model's config with all its keys, and the preprocessor's as it stands."""
+    stated, preprocessor = (_read_json(folder / name) for name in CONFIGS)
+    if stated.get("model_type") != kind.model_type:
         raise BundleError(
-            f"{checkpoint} cannot be had from the hub ({type(error).__name__}). On a computer with network: "
-            f"hf download {checkpoint} --local-dir {checkpoint.split('/')[1]}; copy that folder here, give "
-            f"its path. Needed in it: {', '.join(files)}, {' or '.join(_WEIGHTS)}"
-        ) from error
-    return find_checkpoint(str(found), files)[0], found.name
+            f'{folder} is a checkpoint of "{stated.get("model_type")}", not of {kind.model_type}: '
+            f"give one like {like}"
+        )
+    with _stated_in(folder), _quietly():
+        config: dict[str, Any] = kind.from_pretrained(folder, local_files_only=True).to_dict()
+    return config, preprocessor
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -109,32 +82,33 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _load_weights(kind: Any, folder: Path, checkpoint: str) -> Mapping[str, Any]:
+def _load_weights(kind: Any, folder: Path) -> Mapping[str, Any]:
     try:
-        model, info = kind.from_pretrained(folder, output_loading_info=True, local_files_only=True)
+        with _quietly():
+            model, info = kind.from_pretrained(folder, output_loading_info=True, local_files_only=True)
     except Exception as error:  # safetensors, pickle, torch and transformers have many kinds
         why = " ".join(str(error).split())[:300]
-        raise BundleError(f"the weights of {checkpoint} cannot be loaded ({why}): copy them again") from error
+        raise BundleError(f"the weights in {folder} cannot be loaded ({why}): copy them again") from error
     if info["missing_keys"]:
         some = ", ".join(sorted(info["missing_keys"])[:3])
-        raise BundleError(f"{checkpoint} lacks weights ({some}, ...): it is no {kind.__name__}")
+        raise BundleError(f"{folder} lacks weights ({some}, ...): give a whole {kind.__name__}")
     return {
         name: value.float().numpy() for name, value in model.state_dict().items() if value.is_floating_point()
     }
 
 
-def _load_vocabulary(folder: Path, checkpoint: str) -> Vocabulary:
+def _load_vocabulary(folder: Path) -> Vocabulary:
     from transformers import CLIPTokenizerFast
 
     try:
-        tokenizer = CLIPTokenizerFast.from_pretrained(folder, local_files_only=True)
+        with _quietly():
+            tokenizer = CLIPTokenizerFast.from_pretrained(folder, local_files_only=True)
         model = json.loads(tokenizer.backend_tokenizer.to_str())["model"]
-    except Exception as error:
-        raise BundleError(
-            f"{checkpoint} has no CLIP tokenizer (vocab.json and merges.txt): {error}"
-        ) from error
-    merges = [_pair(merge) for merge in model["merges"]]
-    return Vocabulary(model["vocab"], merges, tokenizer.bos_token_id, tokenizer.eos_token_id)
+        merges = [_pair(merge) for merge in model["merges"]]
+        return Vocabulary(model["vocab"], merges, tokenizer.bos_token_id, tokenizer.eos_token_id)
+    except Exception as error:  # tokenizers and transformers have many kinds
+        why = " ".join(str(error).split())[:300]
+        raise BundleError(f"the tokenizer in {folder} cannot be loaded ({why}): copy it again") from error
 
 
 def _pair(merge: str | list[str]) -> tuple[str, str]:
@@ -153,13 +127,49 @@ def _check_end(stated: int, vocabulary: Vocabulary) -> None:
         )
 
 
-def _filter(preprocessor: Mapping[str, Any], checkpoint: str) -> str:
+def _filter(preprocessor: Mapping[str, Any], folder: Path) -> str:
+    """How it resizes. What else it might do to pixels is what every CLIP does, or refused."""
     number = preprocessor.get("resample", 2)
     if number not in _FILTERS:
         raise BundleError(
-            f"{checkpoint} resizes with filter {number!r}: only 2 (bilinear) and 3 (bicubic) are known"
+            f"{folder} resizes with filter {number!r}: only 2 (bilinear) and 3 (bicubic) are known"
+        )
+    steps = all(preprocessor.get(step, True) for step in ("do_resize", "do_rescale", "do_normalize"))
+    if not steps or abs(255 * preprocessor.get("rescale_factor", 1 / 255) - 1) > 1e-6:
+        raise BundleError(
+            f"{folder / CONFIGS[1]} leaves pixels unscaled or scales them otherwise than by 1/255: "
+            "such a checkpoint cannot be exported"
         )
     return _FILTERS[number]
+
+
+@contextmanager
+def _stated_in(folder: Path) -> Iterator[None]:
+    """Whatever a config lacks or has of a wrong kind is one error."""
+    try:
+        yield
+    except BundleError:
+        raise
+    except Exception as error:  # transformers checks configs in ways that change with its versions
+        why = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        raise BundleError(
+            f"{' or '.join(CONFIGS)} in {folder} is not as it must be ({why}): copy the checkpoint again"
+        ) from error
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without the bars and tables of transformers. Bars of downloads go with them, and return after."""
+    from transformers.utils import logging
+
+    before = logging.get_verbosity()
+    logging.set_verbosity_error()
+    logging.disable_progress_bar()
+    try:
+        yield
+    finally:
+        logging.enable_progress_bar()
+        logging.set_verbosity(before)
 
 
 def _describe(checkpoint: str, folder: Path, revision: str) -> dict[str, str]:
@@ -170,11 +180,11 @@ def _describe(checkpoint: str, folder: Path, revision: str) -> dict[str, str]:
 def _licence(folder: Path) -> str:
     """What the model card's front matter says, if anything."""
     try:
-        card = (folder / "README.md").read_text(encoding="utf-8", errors="replace")
+        card = (folder / CARD).read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return "not stated in the checkpoint: see its page"
+        return _UNSTATED
     for line in card.splitlines()[:40]:
         key, _, value = line.partition(":")
         if key.strip() == "license" and value.strip():
             return value.strip()
-    return "not stated in the checkpoint: see its page"
+    return _UNSTATED

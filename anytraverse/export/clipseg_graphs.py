@@ -2,7 +2,8 @@
 
     image    frame (h, w, 3) uint8 -> activations (steps, tokens, reduced), deep (tokens, width)
     tail     deep -> embedding (joint,), not of unit norm
-    decoder  activations, conditions (k, joint) -> attention (k, h, w) in [0, 1], peak (k,): largest |logit|
+    decoder  activations, conditions (k, joint) -> attention (k, h, w) in [0, 1], and magnitude (k,), the sum
+             of |logit|: finite where all of them are
     text     tokens (n, width), the rows of the token table -> condition (joint,), read at the last token;
              in pieces, so that a new word never needs all of it in memory beside the image tower
 
@@ -25,6 +26,7 @@ from anytraverse.export.linear import Linear, fp32
 Array = NDArray[np.float32]
 
 TEXT_PIECES = 6
+"""At most; a tower of fewer layers has one for each."""
 
 _VISION = "clip.vision_model"
 _TEXT = "clip.text_model"
@@ -80,7 +82,8 @@ def text_graphs(arch: Architecture, weights: Weights, linear: Linear) -> list[Gr
     Without padding: under a causal mask padding changes nothing.
     """
     layers = arch.text.tower.layers
-    cuts = [round(layers * piece / TEXT_PIECES) for piece in range(TEXT_PIECES + 1)]
+    pieces = min(TEXT_PIECES, layers)
+    cuts = [layers * piece // pieces for piece in range(pieces + 1)]
     return [_text_piece(arch, weights, linear, first, end) for first, end in pairwise(cuts)]
 
 

@@ -7,10 +7,12 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from anytraverse.bundle.manifest import Manifest
 from anytraverse.export import DEFAULT_CLIP, RANDOM, export_bundle
-from anytraverse.perception.runtime import PRECISIONS
+
+if TYPE_CHECKING:
+    from anytraverse.bundle.manifest import Manifest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,9 +74,8 @@ def _progress() -> Callable[[str], None]:
 
 def _told(manifest: Manifest, out: Path) -> str:
     megabytes = sum(entry.size for entry in manifest.files.values()) / 1e6
-    carried = [precision for precision in PRECISIONS if precision in manifest.variants]
     lines = [
-        f"{out}: {manifest.model_id}, {', '.join(carried)}, {megabytes:.0f} MB",
+        f"{out}: {manifest.model_id}, {', '.join(manifest.variants)}, {megabytes:.0f} MB",
         f"  weights  {manifest.source['weights']}, licence: {manifest.source['licence']}",
         f"  next     copy the folder to the rover, and there: anytraverse bundle check {out.name}",
     ]

@@ -13,7 +13,7 @@ _MASK = "decoder.transposed_convolution"
 
 
 def decoder_graph(arch: Architecture, weights: Weights, size: int, linear: Linear) -> Graph:
-    """activations (steps, tokens, reduced), conditions (k, joint) -> attention (k, h, w), peak (k,)."""
+    """activations (steps, tokens, reduced), conditions (k, joint) -> attention (k, h, w), magnitude (k,)."""
     graph = Graph("decoder")
     side = size // arch.vision.patch
     tokens, width = side * side + 1, arch.decoder.tower.width
@@ -40,9 +40,8 @@ def decoder_graph(arch: Architecture, weights: Weights, size: int, linear: Linea
     x = graph.reshape(x, -1, tokens, width)
     x = graph.op("Slice", x, *(np.array([value], dtype=np.int64) for value in (1, tokens, 1)))
     logits, edge = _mask(plain, arch, x, side)
-    attention = graph.op("Sigmoid", logits)
-    graph.output("attention", attention, np.float32, ("k", edge, edge))
-    graph.output("peak", _peak(graph, logits), np.float32, ("k",))
+    graph.output("attention", graph.op("Sigmoid", logits), np.float32, ("k", edge, edge))
+    graph.output("magnitude", _magnitude(graph, logits), np.float32, ("k",))
     return graph
 
 
@@ -96,7 +95,6 @@ def _lay_out(graph: Graph, cells: str, side: int, sizes: tuple[int, ...]) -> tup
     return graph.reshape(graph.op("Transpose", nested, perm=[0, *rows, *columns]), -1, edge, edge), edge
 
 
-def _peak(graph: Graph, logits: str) -> str:
-    """The largest |logit| of each prompt: an infinite one would hide behind the sigmoid."""
-    axes = np.array([1, 2], dtype=np.int64)
-    return graph.op("ReduceMax", graph.op("Abs", logits), axes, keepdims=0)
+def _magnitude(graph: Graph, logits: str) -> str:
+    """The sum of |logit| of each prompt: an infinite one hides behind the sigmoid, a NaN behind a maximum."""
+    return graph.op("ReduceL1", logits, np.array([1, 2], dtype=np.int64), keepdims=0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from anytraverse.errors import BundleError
 from anytraverse.export.architecture import Tower, Weights
 from anytraverse.export.graph import FAST, Graph
 from anytraverse.export.linear import Linear
@@ -39,12 +40,14 @@ class Layers:
         return self.graph.op("LayerNormalization", x, scale, shift, axis=-1, epsilon=eps)
 
     def act(self, x: str, kind: str) -> str:
-        """An activation by its name in the checkpoint."""
+        """An activation by its name in the checkpoint. Raises BundleError for one that is not known."""
         if kind == "quick_gelu":
             return self.graph.op("QuickGelu", x, domain=FAST, alpha=1.702)
         if kind == "gelu":
             return self.graph.op("Gelu", x, domain=FAST)
-        return self.graph.op("Relu", x)
+        if kind == "relu":
+            return self.graph.op("Relu", x)
+        raise BundleError(f'the activation "{kind}" cannot be exported, only quick_gelu, gelu and relu')
 
     def mlp(self, x: str, name: str, act: str) -> str:
         """Two products with an activation between."""

@@ -75,10 +75,13 @@ def make_bundle(
     """Write the bundle `out` for pictures of size x size pixels.
 
     fp32 is always written; scene None: the embedding comes from CLIPSeg's own image tower.
-    Raises BundleError for a size, precision or weights that cannot be.
+    Raises BundleError for a size, a precision or a checkpoint that cannot be.
     """
     arch, weights = checkpoint.architecture, checkpoint.weights
-    _check(arch, checkpoint.weights, size, precisions)
+    check_precisions(precisions)
+    _check_architecture(arch, size)
+    for each in (weights, scene.weights if scene is not None else {}):
+        _check_weights(each)
     variants: dict[str, dict[str, str]] = {}
     scene_kind = "shared" if scene is None else "clip-b32"
     with BundleWriter(out, say) as writer:
@@ -92,10 +95,7 @@ def make_bundle(
         variants["fp32"] |= {"tokens": TOKEN_TABLE, "tokenizer": TOKENIZER}
         table = weights["clip.text_model.embeddings.token_embedding.weight"]
         np.save(writer.folder / TOKEN_TABLE, np.ascontiguousarray(table, dtype=np.float32))
-        words = checkpoint.vocabulary
-        save_tokenizer(
-            writer.folder / TOKENIZER, words.ids, words.merges, arch.text.context, words.start, words.end
-        )
+        _save_tokenizer(writer.folder / TOKENIZER, checkpoint.vocabulary, arch.text.context, len(table))
         return writer.finish(
             kind="clipseg",
             name=name,
@@ -130,20 +130,46 @@ def _graphs(
             yield f"text-{number}", piece
 
 
-def _check(arch: Architecture, weights: Weights, size: int, precisions: Sequence[str]) -> None:
+def check_precisions(precisions: Sequence[str]) -> None:
+    """Refuse, with BundleError, a precision that is none."""
+    for precision in precisions:
+        if precision not in LINEAR:
+            raise BundleError(f'no precision is called "{precision}": choose from {", ".join(LINEAR)}')
+
+
+def _check_architecture(arch: Architecture, size: int) -> None:
     patch = arch.vision.patch
     if size % patch or not 2 * patch <= size <= 1024:
         raise BundleError(
             f"size {size} does not fit: give a multiple of {patch} from {2 * patch} to 1024, e.g. 352"
         )
-    for precision in precisions:
-        if precision not in LINEAR:
-            raise BundleError(f'no precision is called "{precision}": choose from {", ".join(LINEAR)}')
+    layers, read = arch.vision.tower.layers, arch.decoder.extract
+    if len(set(read)) < len(read) or not set(read) <= set(range(layers)):
+        raise BundleError(f"the decoder reads layers {read} of an image tower of {layers}: no such CLIPSeg")
+    if not 0 <= arch.decoder.conditional < len(read):
+        raise BundleError(
+            f"the prompt comes in at step {arch.decoder.conditional} of {len(read)}: no such CLIPSeg"
+        )
+
+
+def _check_weights(weights: Weights) -> None:
     for name, array in weights.items():
         if array.dtype != np.float32:
             raise BundleError(f"the weights {name} are {array.dtype}: give them as float32")
         if not np.isfinite(array).all():
             raise BundleError(f"the checkpoint's {name} is not finite: download it again")
+
+
+def _save_tokenizer(path: Path, words: Vocabulary, context: int, embedded: int) -> None:
+    if len(words.ids) > embedded:
+        raise BundleError(
+            f"the tokenizer knows {len(words.ids)} tokens, the network {embedded}: "
+            "they do not belong together, copy the checkpoint again"
+        )
+    try:
+        save_tokenizer(path, words.ids, words.merges, context, words.start, words.end)
+    except ValueError as error:
+        raise BundleError(f"the checkpoint's tokenizer cannot be used: {error}") from error
 
 
 def _digest(checkpoint: ClipSegCheckpoint, scene: SceneCheckpoint | None) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
 
 from anytraverse.errors import PerceiverError
 
@@ -95,6 +98,16 @@ def open_session(model: Path | bytes, runtime: Runtime) -> onnxruntime.Inference
     except Exception as error:  # ONNX Runtime has a dozen kinds of its own
         what = "the network" if isinstance(model, bytes) else model.name
         raise PerceiverError(f"ONNX Runtime cannot load {what}: {' '.join(str(error).split())}") from error
+
+
+def run_session(
+    session: onnxruntime.InferenceSession, given: Mapping[str, NDArray[Any]]
+) -> list[NDArray[Any]]:
+    """A network's outputs for these inputs, in their order. Raises PerceiverError when it fails."""
+    try:
+        return list(session.run(None, dict(given)))
+    except Exception as error:  # ONNX Runtime has a dozen kinds of its own
+        raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error
 
 
 @cache

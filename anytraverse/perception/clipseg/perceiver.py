@@ -5,10 +5,9 @@ CLIPSeg: Lüddecke and Ecker, "Image Segmentation Using Text and Image Prompts",
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -21,7 +20,7 @@ from anytraverse.frame import Image, is_image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.clipseg.prompts import Prompts
 from anytraverse.perception.resizing import Resizer
-from anytraverse.perception.runtime import Runtime, open_session
+from anytraverse.perception.runtime import Runtime, open_session, run_session
 from anytraverse.preferences import clean_word
 from anytraverse.regions import Box
 
@@ -104,7 +103,7 @@ class ClipSeg:
         """One run of the image tower, nearly all of a frame's cost. Raises PerceiverError."""
         if not is_image(image):
             raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
-        reduced, deep = self._run(self._image, ["activations", "deep"], {"frame": self._resize(image)})
+        reduced, deep = run_session(self._image, {"frame": self._resize(image)})
         if not np.isfinite(reduced).all():
             raise PerceiverError("the image network's output is not finite")
         return Activations(image, reduced, deep)
@@ -115,10 +114,8 @@ class ClipSeg:
         Several taps of one thing make one condition, their mean. Only what was not asked of this frame
         before is computed.
         """
-        self._prompts.conditions(
-            [prompt.word for prompt in prompts]
-        )  # new ones together: one way up the tower
-        wanted = {key: condition for prompt in prompts for key, condition in self._conditions(prompt)}
+        asked = self._asked(prompts)
+        wanted = {key: condition for each in asked for key, condition in each.items()}
         missing = [key for key in wanted if key not in features.maps]
         if missing:
             features.maps = {key: features.maps[key] for key in wanted if key in features.maps}
@@ -128,22 +125,21 @@ class ClipSeg:
                 features.maps |= dict(zip(keys, maps, strict=True))
         edge = self._decoder.get_outputs()[0].shape[1:]
         joined = np.empty((len(prompts), *edge), dtype=np.float32)
-        for row, prompt in zip(joined, prompts, strict=True):
-            np.maximum.reduce([features.maps[key] for key, _ in self._conditions(prompt)], out=row)
+        for row, each in zip(joined, asked, strict=True):
+            np.maximum.reduce([features.maps[key] for key in each], out=row)
         return joined
 
     def embed(self, features: Activations) -> Array:
         """The scene, a unit vector: of the image tower's own end, or of the bundle's scene encoder."""
         if features.embedding is None:
             if self._scene is not None and self._resize_scene is not None:
-                frame = self._resize_scene(features.image)
-                (vector,) = self._run(self._scene, ["embedding"], {"frame": frame})
+                (vector,) = run_session(self._scene, {"frame": self._resize_scene(features.image)})
             else:
                 vector = self._finish(features.deep)
             length = float(np.linalg.norm(vector))
             if not np.isfinite(length) or length == 0.0:
                 raise PerceiverError("the scene's embedding is not finite")
-            features.embedding = vector / length
+            features.embedding = np.asarray(vector / length, dtype=np.float32)
         return features.embedding
 
     def example(self, features: Activations, box: Box) -> Example:
@@ -157,31 +153,33 @@ class ClipSeg:
 
     def _decode(self, reduced: Array, conditions: Array) -> Array:
         given = {"activations": reduced, "conditions": conditions}
-        maps, peaks = self._run(self._decoder, ["attention", "peak"], given)
-        if not np.isfinite(peaks).all():
+        maps, magnitudes = run_session(self._decoder, given)
+        if not np.isfinite(magnitudes).all():
             raise PerceiverError("the decoder's output is not finite")
         return maps
 
-    def _conditions(self, prompt: Prompt) -> list[tuple[object, Array]]:
-        """What the decoder is asked for a prompt: its word, and the mean of its examples."""
-        asked: list[tuple[object, Array]] = [(prompt.word, self._prompts.conditions([prompt.word])[0])]
-        if prompt.examples:
-            for example in prompt.examples:
-                self._check(example)
-            vectors = np.stack([example.vector for example in prompt.examples])
-            asked.append((prompt.examples, vectors.mean(axis=0)))
+    def _asked(self, prompts: Sequence[Prompt]) -> list[dict[object, Array]]:
+        """The conditions that the decoder gets for each prompt: its word, and the mean of its examples."""
+        words = self._prompts.conditions([prompt.word for prompt in prompts])
+        asked: list[dict[object, Array]] = []
+        for prompt, condition in zip(prompts, words, strict=True):
+            asked.append({prompt.word: condition})
+            if prompt.examples:
+                vectors = [self._vector(example) for example in prompt.examples]
+                asked[-1][prompt.examples] = np.mean(vectors, axis=0)
         return asked
 
-    def _check(self, example: Example) -> None:
+    def _vector(self, example: Example) -> Array:
         if example.model_id != self.model_id:
             raise ExampleError(
                 f"this example was tapped with {example.model_id}, not {self.model_id}: tap the thing again"
             )
         if len(example.vector) != self._decoder.get_inputs()[1].shape[1]:
             raise ExampleError("this example is not whole: tap the thing again")
+        return example.vector
 
     def _finish(self, deep: Array) -> Array:
-        (vector,) = self._run(self._tail, ["embedding"], {"deep": deep})
+        (vector,) = run_session(self._tail, {"deep": deep})
         return vector
 
     def _file(self, part: str) -> Path:
@@ -189,11 +187,3 @@ class ClipSeg:
 
     def _session(self, part: str) -> onnxruntime.InferenceSession:
         return open_session(self._file(part), self._runtime)
-
-    def _run(
-        self, session: onnxruntime.InferenceSession, outputs: list[str], given: Mapping[str, NDArray[Any]]
-    ) -> list[Array]:
-        try:
-            return list(session.run(outputs, given))
-        except Exception as error:  # ONNX Runtime has a dozen kinds of its own
-            raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.perception.clipseg.tokenizer import Tokenizer
-from anytraverse.perception.runtime import Runtime, open_session
+from anytraverse.perception.runtime import Runtime, open_session, run_session
 
 Array = NDArray[np.float32]
 
@@ -54,7 +54,7 @@ class Prompts:
         states = [np.asarray(self._table[self._ids(word)]) for word in words]
         for piece in self._text:
             session = open_session(piece, self._runtime)
-            states = [session.run(None, {"tokens": state})[0] for state in states]
+            states = [run_session(session, {"tokens": state})[0] for state in states]
             del session
             _give_back_memory()
         for word, condition in zip(words, states, strict=True):

@@ -6,6 +6,7 @@ import argparse
 import logging
 import os
 import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,11 +74,22 @@ def _run(options: argparse.Namespace) -> int:
         config = load_config(options.config)
         from companion.run import main as run
 
-        return run(config)
+        return _leave(run(config))
     except ConfigError as error:
         raise UserError(_told(error)) from error
     except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:
         raise UserError(str(error)) from error
+
+
+def _leave(code: int) -> int:
+    """The exit code, or the end of the process where something still runs in a thread that was left behind.
+
+    A network cannot be stopped while it loads or runs, and the interpreter's own end would abort it.
+    """
+    if threading.active_count() > 1:
+        logging.shutdown()
+        os._exit(code)
+    return code
 
 
 def _demo(options: argparse.Namespace) -> int:

@@ -177,7 +177,7 @@ class OperatorCalls:
             return State.BLOCKED
         if self.hold is not None or reasons:
             return State.HOLDING
-        return State.STARTING if self.sight.newest is None else State.OK
+        return State.OK if self.sight.was_ok else State.STARTING
 
     def _announced_at(self) -> float:
         if self.call is not None:

@@ -24,6 +24,8 @@ class Sight:
         self.newest: Assessment | None = None
         self.acceptance: Acceptance | None = None
         self.ok_run = 0
+        self.was_ok = False
+        """Whether any frame was: before that nothing can be said to be OK, though no reason counts yet."""
         self.bad_at = now
         self._ok_at = self._seen_at = now
         self._votes = {reason: Votes(numbers.votes, numbers.window) for reason in Reason}
@@ -113,6 +115,7 @@ class Sight:
     def _weigh(self, seen: Assessment) -> None:
         covered = self.acceptance.covers(seen, self.numbers) if self.acceptance is not None else frozenset()
         self.newest, self._open = seen, seen.reasons - covered
+        self.was_ok = self.was_ok or self._ok
 
     def _vote(self, reason: Reason, seen: Assessment) -> tuple[bool, bool]:
         """Bad, clear or neither. A remembered scene that may still be adopted is not voted against."""

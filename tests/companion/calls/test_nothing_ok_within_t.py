@@ -41,6 +41,18 @@ def test_no_frame_at_all_from_the_start_holds_after_t() -> None:
     assert scene.calls.state(scene.now) is State.FAULT
 
 
+@pytest.mark.parametrize("view", [BROKEN, DRUM, LOG])
+def test_nothing_is_told_to_be_ok_before_a_frame_was(view: View) -> None:
+    scene = Scene(Policy.HOLD)
+    for _ in range(4):
+        assert scene.calls.state(scene.now) is not State.OK
+        scene.show(view)
+    assert scene.calls.state(scene.now) not in {State.OK, State.STARTING}
+    scene.run(3.0, CLEAR)
+    scene.show(BROKEN)
+    assert scene.calls.sight.was_ok
+
+
 def test_frames_that_stop_coming_hold_after_t(hold: Scene) -> None:
     hold.camera = False
     hold.run(0.9)

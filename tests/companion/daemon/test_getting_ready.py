@@ -1,0 +1,267 @@
+"""Loading and warming up, too slow a perceiver, and what runs: from the configuration to what is told."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.errors import AnyTraverseError, PerceiverError
+from anytraverse.frame import Image
+from anytraverse.history import Entry, History
+from anytraverse.judging import Settings
+from anytraverse.memory import first_memory
+from anytraverse.pace import Pace
+from anytraverse.perception import Perceiver, Prompt
+from anytraverse.preferences import Preferences
+from companion import readiness, run
+from companion.config import Config, load_config
+from companion.journal import Journal
+from companion.link.rehearsal import Rehearsal
+from companion.loading import load
+from companion.model import Model
+from companion.readiness import too_slow, warm_up
+from companion.wire.ids import Policy
+from tests.anytraverse.conftest import Painted
+from tests.companion.daemon.rig import MakeRig
+
+PATIENCE = 10.0
+
+
+class Slow(Painted):
+    """A tenth of a second a frame. It notes what it was asked for."""
+
+    def __init__(self, seconds: float = 0.1) -> None:
+        super().__init__()
+        self.seconds = seconds
+        self.asked: list[tuple[str, ...]] = []
+
+    def encode(self, image: Image) -> Image:
+        """The picture itself, after a while."""
+        time.sleep(self.seconds)
+        return super().encode(image)
+
+    def attend(self, features: Image, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
+        """As painted."""
+        self.asked.append(tuple(prompt.word for prompt in prompts))
+        return super().attend(features, prompts)
+
+
+def engine_of(perceiver: Perceiver) -> AnyTraverse:
+    """Of a rover that was never out."""
+    return AnyTraverse(
+        perceiver, Settings(), first_memory(perceiver.model_id, Preferences.parse("grass: 1; rock: -1"))
+    )
+
+
+def test_warming_up_measures_a_whole_step_and_leaves_the_engine_as_it_is() -> None:
+    perceiver = Slow(0.02)
+    engine = engine_of(perceiver)
+    memory = engine.memory
+    assert 0.02 <= warm_up(engine) < 0.2
+    assert perceiver.embedded == perceiver.encoded == len(perceiver.asked) >= 3
+    assert engine.memory is memory
+    assert engine.newest is None
+
+
+def test_words_that_may_come_by_themselves_are_prepared_and_unknown_ones_left_out() -> None:
+    perceiver = Slow(0.0)
+    warm_up(engine_of(perceiver), ["grass", "drum", "unicorn", "drum", "trail"])
+    assert perceiver.asked[0] == ("drum", "trail")
+    assert set(perceiver.asked[1:]) == {("grass", "rock")}
+
+
+def test_a_slow_perceiver_is_not_measured_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(readiness, "_LONG_ENOUGH", 0.0)
+    perceiver = Slow(0.0)
+    warm_up(engine_of(perceiver))
+    assert perceiver.encoded == 3
+
+
+def test_a_perceiver_that_fails_on_frames_is_started_with_its_log_saying_so(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: Image) -> Image:
+        raise PerceiverError("the image network's output is not finite")
+
+    perceiver = Painted()
+    monkeypatch.setattr(perceiver, "encode", broken)
+    assert warm_up(engine_of(perceiver)) < 0.1
+    assert "output is not finite" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (MemoryError(), "does not fit into memory: stop other programs"),
+        (PerceiverError("ONNX Runtime cannot load image.onnx: bad"), "cannot load image.onnx"),
+        (RuntimeError("no driver"), "failed to load: RuntimeError"),
+    ],
+)
+def test_what_cannot_be_loaded_is_told_with_what_to_do(error: Exception, told: str) -> None:
+    def make() -> Perceiver:
+        raise error
+
+    with pytest.raises(AnyTraverseError, match=told):
+        load(make, Rehearsal().link, lambda: False)
+
+
+def test_too_slow_is_told_with_figures_and_remedies() -> None:
+    told = too_slow(Pace(0.62, 0.1, 1.0))
+    for part in ("0.62 s", "1.34 s old", "T = 1.00 s", "--size", "int8", "[camera] rate", "freshness = 1.4"):
+        assert part in told
+    assert "freshness" not in too_slow(Pace(20.0, 1.0, 2.0)), "more than the configuration takes"
+
+
+@pytest.fixture
+def radio() -> Any:
+    """A ground that only listens."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        ground.settimeout(0.1)
+        yield ground
+
+
+@pytest.fixture
+def config(tmp_path: Path, radio: socket.socket) -> Config:
+    """A camera that shows nothing, and a wish to hold: T = 0.2 s at 50 frames/s."""
+    path = tmp_path / "companion.toml"
+    path.write_text(
+        f"""
+        vocabulary = ["drum"]
+        [camera]
+        source = "folder:{tmp_path / "none"}"
+        rate = 50
+        [vehicle]
+        file = ""
+        [link]
+        url = "udpout:127.0.0.1:{radio.getsockname()[1]}"
+        [journal]
+        folder = "{tmp_path / "state"}"
+        [call]
+        policy = "hold"
+        freshness = 0.2
+        [words]
+        grass = 1.0
+        rock = -1.0
+        """
+    )
+    return load_config(str(path))
+
+
+def run_until_status(
+    config: Config, fits: Callable[[dict[str, Any]], bool] = lambda _: True
+) -> dict[str, Any]:
+    """What the status file says once it fits."""
+    path = config.journal.path / "status.json"
+    deadline = time.monotonic() + PATIENCE
+
+    def stop() -> bool:
+        return (path.is_file() and fits(json.loads(path.read_text()))) or time.monotonic() > deadline
+
+    assert run.main(config, stop) == 0
+    status = json.loads(path.read_text())
+    assert isinstance(status, dict)
+    return status
+
+
+def heard(radio: socket.socket) -> bytes:
+    """All that came over the air."""
+    found = b""
+    try:
+        while True:
+            found += radio.recv(300)
+    except TimeoutError:
+        return found
+
+
+def test_a_perceiver_that_cannot_keep_t_only_reports_and_says_so(
+    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Slow(0.1))
+    status = run_until_status(config)
+    assert status["policy"] == "report"
+    assert status["hold_refused"] == "HOLD refused: 0.1 s a frame is too slow"
+    assert b"Only reports: 0.1 s a frame, slow for HOLD" in heard(radio)
+    assert "policy hold is refused: a frame takes 0.1" in caplog.text
+
+
+def test_a_perceiver_that_keeps_t_may_hold(
+    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+    status = run_until_status(config)
+    assert (status["policy"], status["hold_refused"]) == ("hold", "")
+    assert b"Only reports" not in heard(radio)
+
+
+def test_remembered_and_offered_words_are_prepared_before_the_first_frame(
+    config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    perceiver = Slow(0.0)
+    words = Preferences.parse("grass: 1; trail: 1")
+    memory = first_memory(perceiver.model_id, config.preferences)
+    entry = Entry(np.array([1, 0], dtype=np.float32), words, 1, 1)
+    journal = Journal(config.journal.path)
+    journal.save_memory(replace(memory, history=History([entry])))
+    journal.close()
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: perceiver)
+    run_until_status(config)
+    assert perceiver.asked[0] == ("drum", "trail")
+
+
+def test_the_ground_may_not_set_hold_with_too_slow_a_perceiver(make_rig: MakeRig) -> None:
+    rig = make_rig(Policy.REPORT)
+    rig.step_time = 0.6
+    rig.restart()
+    rig.set("AT_POLICY", float(Policy.HOLD))
+    rig.see(1.0)
+    assert rig.daemon.status()["policy"] == "report"
+    assert rig.echoes("AT_POLICY")[-1] == float(Policy.REPORT)
+    assert "HOLD refused: 0.6 s a frame is too slow" in rig.texts
+    rig.set("AT_POLICY", float(Policy.SHADOW))
+    rig.see(0.5)
+    assert rig.daemon.status()["policy"] == "shadow"
+
+
+def test_a_refused_hold_is_repeated_until_the_ground_sets_another_policy(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    rig.step_time = 0.6
+    rig.restart()
+    rig.see(130.0)
+    reminder = "Only reports: 0.6 s a frame, slow for HOLD"
+    assert rig.texts.count(reminder) == 3
+    rig.set("AT_POLICY", float(Policy.REPORT))
+    rig.see(130.0)
+    assert rig.texts.count(reminder) == 3
+
+
+def test_the_variant_that_runs_is_known_with_its_reason() -> None:
+    manifest = SimpleNamespace(variants={"fp32": {}, "int8": {}})
+    perceiver = SimpleNamespace(model_id="m-1", precision="fp32", why="int8: not checked", manifest=manifest)
+    assert Model.of(cast(Perceiver, perceiver)) == Model("m-1", "fp32", "int8: not checked", int8_idle=True)
+    assert str(Model.of(cast(Perceiver, perceiver))) == "m-1, fp32: int8: not checked"
+    assert str(Model.of(Painted())) == "painted-1"
+
+
+def test_the_end_does_not_wait_for_a_thread_that_was_left_behind() -> None:
+    script = (
+        "import threading, time, companion.cli as cli\n"
+        "threading.Thread(target=time.sleep, args=(60,), daemon=True).start()\n"
+        "cli._leave(3)\n"
+        "raise SystemExit('still here')"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], timeout=30, check=False)
+    assert ended.returncode == 3

@@ -46,7 +46,7 @@ class Graph:
         """A weight or another fixed tensor."""
         self._count += 1
         name = f"w{self._count}"
-        self._weights.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
+        self._weights.append(numpy_helper.from_array(np.asarray(array, order="C"), name))
         return name
 
     def op(self, kind: str, *inputs: str | Array, domain: str = "", **attributes: Any) -> str:

@@ -1,0 +1,54 @@
+"""The published architecture, of random weights: over 1 GB on the disk while this runs."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from anytraverse.regions import Box
+from bench.clipseg.checkpoints import PUBLISHED
+from tests.anytraverse.clipseg.pictures import picture
+from tests.anytraverse.export.checkpoints import write_clip, write_clipseg
+from tests.anytraverse.export.parity import Parity, cosine, mask_iou, scene_embedding
+
+pytestmark = pytest.mark.needs_export
+
+WORDS = ["grass", "a muddy path, 50 m ahead"]
+SHALLOW = {
+    "text_config": {"num_hidden_layers": 1, "vocab_size": 1024},
+    "vision_config": {"num_hidden_layers": 2},
+}
+"""One layer of CLIP is as another, and its text is never read."""
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Parity]:
+    """CLIPSeg rd64 at 352 pixels, whose position table is of 224, and two layers of CLIP ViT-B/32."""
+    folder = tmp_path_factory.mktemp("published")
+    checkpoint = write_clipseg(folder / "clipseg", {}, 352, base=PUBLISHED.clipseg)
+    clip = write_clip(folder / "clip", SHALLOW, base=PUBLISHED.clip)
+    yield Parity(checkpoint, folder / "bundle", 352, scene="clip-b32", clip=str(clip))
+    shutil.rmtree(folder)
+
+
+def test_clipsegs_maps_are_those_of_transformers_from_a_camera_frame_on(published: Parity) -> None:
+    ours, theirs = published.maps(picture(640, 480, 1), WORDS)
+    assert theirs.std() > 0.1
+    assert mask_iou(ours, theirs) >= 0.998
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-4)
+
+
+def test_a_tapped_whole_frame_is_the_embedding_that_transformers_makes_of_it(published: Parity) -> None:
+    frame = picture(640, 480, 2)
+    tapped = published.ours.example(published.ours.encode(frame), Box(0.0, 0.0, 1.0, 1.0))
+    theirs = published.theirs.image_embedding(published.theirs.pixels(frame))
+    assert cosine(tapped.vector, theirs) >= 0.9999
+
+
+def test_the_papers_scene_embedding_is_that_of_transformers(published: Parity) -> None:
+    frame = picture(640, 480, 2)
+    theirs = scene_embedding(published.checkpoint.with_name("clip"), frame)
+    assert cosine(published.ours.embed(published.ours.encode(frame)), theirs) >= 0.9999

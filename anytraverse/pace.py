@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+_ROUNDING = 1e-6
+
 
 @dataclass(frozen=True)
 class Pace:
@@ -34,4 +36,4 @@ class Pace:
         Where not, a vehicle would be held by faults that are none of the trail's: it may not be held at all.
         With T at three periods it says that a step must fit into a period.
         """
-        return self.worst_age <= self.freshness
+        return self.worst_age <= self.freshness + _ROUNDING

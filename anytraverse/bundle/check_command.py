@@ -79,7 +79,7 @@ def figures(report: Report) -> dict[str, Any]:
         "why": report.why,
         "frames_per_second": _floor(timing.rate),
         "freshness_s": round(timing.freshness, 2),
-        "keeps_freshness": timing.keeps_freshness,
+        "keeps_freshness": timing.pace.keeps,
         "record": None if report.record is None else asdict(report.record),
     }
 
@@ -120,11 +120,11 @@ def _compared(report: Report) -> list[str]:
 
 def _pace(timing: Timing) -> str:
     pace = f"up to {_floor(timing.rate):g} frames/s, and a freshness limit T of {timing.freshness:.1f} s"
-    if timing.keeps_freshness:
+    if timing.pace.keeps:
         return pace
     return (
-        f"{pace}; too slow for the hold policy: a frame may be {timing.oldest:.1f} s old when it is judged, "
-        "too near to T or beyond (a smaller size or int8 is faster)"
+        f"{pace}; too slow for the hold policy: what is known of the trail may be "
+        f"{timing.pace.worst_age:.1f} s old (a smaller size or int8 is faster)"
     )
 
 

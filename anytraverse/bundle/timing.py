@@ -15,6 +15,7 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame, Image
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
+from anytraverse.pace import Pace
 from anytraverse.perception import Perceiver, Prompt
 from anytraverse.preferences import Preferences
 
@@ -22,7 +23,6 @@ T = TypeVar("T")
 
 SHORTEST_FRESHNESS, LONGEST_FRESHNESS = 1.0, 2.0
 """Seconds, where the configuration says nothing else."""
-MARGIN = 1.25
 FASTEST = 30.0
 """Frames a second that no camera here exceeds."""
 
@@ -56,14 +56,9 @@ class Timing:
         return min(LONGEST_FRESHNESS, max(SHORTEST_FRESHNESS, 3.0 / self.rate))
 
     @property
-    def oldest(self) -> float:
-        """How old a frame may be when it is judged, in seconds: it waits for the step before its own."""
-        return 2.0 * self.slowest / 1e3
-
-    @property
-    def keeps_freshness(self) -> bool:
-        """Whether frames stay fresh, with a margin for what else the machine has to do."""
-        return MARGIN * self.oldest <= self.freshness
+    def pace(self) -> Pace:
+        """The slowest step, at that rate, against that limit."""
+        return Pace(self.slowest / 1e3, 1.0 / self.rate, self.freshness)
 
 
 def time_parts(perceiver: Perceiver, images: Sequence[Image], words: Sequence[str], repeat: int) -> Timing:

@@ -161,6 +161,7 @@ def test_a_rate_that_is_promised_leaves_an_ok_fresh() -> None:
 
     assert (timing(20).rate, timing(20).freshness) == (30.0, 1.0)
     assert (timing(500).rate, timing(500).freshness) == (2.0, 1.5)
-    assert (timing(1500).oldest, timing(1500).freshness) == (3.0, 2.0)
-    assert timing(790).keeps_freshness
-    assert not timing(810).keeps_freshness
+    assert (timing(1500).pace.worst_age, timing(1500).freshness) == (4.5, 2.0)
+    assert timing(20).pace.keeps
+    assert timing(660).pace.keeps
+    assert not timing(670).pace.keeps

@@ -105,7 +105,9 @@ def test_int8_may_be_the_first_to_be_loaded(make_bundle: MakeBundle, frames: Pat
 def test_a_slow_model_is_told_to_be_too_slow_to_hold(make_bundle: MakeBundle, capsys: Out) -> None:
     folder = make_bundle(gain=0.1)
     assert main(["bundle", "check", str(folder), "--precision", "int8"]) == 0
-    assert "too slow for the hold policy: a frame may be 2.0 s old" in capsys.readouterr().out
+    assert (
+        "too slow for the hold policy: what is known of the trail may be 3.0 s old" in capsys.readouterr().out
+    )
 
 
 def test_words_are_looked_for_as_given(make_bundle: MakeBundle, frames: Path, capsys: Out) -> None:

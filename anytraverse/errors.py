@@ -6,8 +6,9 @@ AnyTraverseError
 ├── RegionError             a box or region that is not one
 ├── SettingsError           a number of the judging that is out of its range
 ├── ExampleError            a tapped box that teaches nothing, or an example of another model
-└── PerceiverError          a perceiver that cannot be made or has failed
-    └── BundleError         a bundle of networks that is torn, foreign, newer or unsuitable
+├── PerceiverError          a perceiver that cannot be made or has failed
+│   └── BundleError         a bundle of networks that is torn, foreign, newer or unsuitable
+└── TrainingError           frames or options that a training cannot use
 """
 
 from __future__ import annotations
@@ -54,3 +55,7 @@ class PerceiverError(AnyTraverseError, RuntimeError):
 
 class BundleError(PerceiverError):
     """A bundle of networks that is torn, foreign, newer than this program, or unsuitable."""
+
+
+class TrainingError(AnyTraverseError, ValueError):
+    """Labelled frames or options that a training cannot use."""

@@ -1,0 +1,119 @@
+"""What the built-in network's outputs mean: the size it wants, its calibration, posteriors and attention.
+
+One pass: `network_input` of a frame -> logits (C, h, w) and features (D, h, w). The numbers that turn these
+into attention, scenes and tapped words are the calibration, a .npz file beside the network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.errors import PerceiverError
+from anytraverse.frame import Image
+
+Floats = NDArray[np.float32]
+
+WIDTH = 256
+STEP = 16
+"""Both sides of the network's input are multiples of it."""
+LEAST_HEIGHT, GREATEST_HEIGHT, GREATEST_WIDTH = 128, 256, 512
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The numbers beside a network of C classes and D features, written with it by its training.
+
+    classes: their names, in the order of the logits. bias (C,): added to the logits. gamma: see `attention`.
+    tap_mean (T,), tap_whitening (T, T): of the background that tapped things stand out from, T = D + 5.
+    scene_mean (4 D,), scene_projection (S, 4 D), scene_threshold: see ground_scene.py.
+    """
+
+    classes: tuple[str, ...]
+    bias: Floats
+    gamma: float
+    tap_mean: Floats
+    tap_whitening: Floats
+    scene_mean: Floats
+    scene_projection: Floats
+    scene_threshold: float
+
+    def save(self, path: Path) -> None:
+        """Write it as .npz."""
+        values: dict[str, Any] = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+        with path.open("wb") as file:
+            np.savez_compressed(file, **values)
+
+    @classmethod
+    def load(cls, path: Path) -> Calibration:
+        """Read it back. Raises PerceiverError when it is missing, torn or not finite."""
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                values: dict[str, Any] = {field.name: stored[field.name] for field in fields(cls)}
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
+            raise PerceiverError(
+                f"the calibration {path.name} cannot be read ({error}): install it again"
+            ) from error
+        numbers = {name: value for name, value in values.items() if name != "classes"}
+        if not all(np.isfinite(value).all() for value in numbers.values()):
+            raise PerceiverError(f"the calibration {path.name} is not finite: fit it again")
+        for name, value in numbers.items():
+            values[name] = float(value) if value.ndim == 0 else value.astype(np.float32)
+        return cls(**values | {"classes": tuple(str(name) for name in values["classes"])})
+
+
+def network_size(width: int, height: int) -> tuple[int, int]:
+    """Width and height of the network's input for a frame of this size.
+
+    256 wide and as high as the frame's aspect asks, in steps of 16; frames flatter than 2:1 are 128 high and
+    wider instead, up to 512. What then remains of the aspect is stretched, by 6 % at most for common cameras.
+    """
+    wide, high = WIDTH, _stepped(WIDTH * height / width)
+    if high < LEAST_HEIGHT:
+        wide, high = _stepped(LEAST_HEIGHT * width / height), LEAST_HEIGHT
+    return min(wide, GREATEST_WIDTH), min(high, GREATEST_HEIGHT)
+
+
+def network_input(image: Image) -> Floats:
+    """The frame as the network wants it, (1, 3, h, w) float32 RGB 0 to 255."""
+    size = network_size(image.shape[1], image.shape[0])
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(small.transpose(2, 0, 1)[None], dtype=np.float32)
+
+
+def posteriors(logits: Floats, calibration: Calibration) -> Floats:
+    """Probabilities of the classes, (C, h, w): the softmax of calibrated logits."""
+    raised = logits + calibration.bias[:, None, None]
+    powers = np.exp(raised - raised.max(axis=0))
+    return np.asarray(powers / powers.sum(axis=0), dtype=np.float32)
+
+
+def attention(shares: Floats, gamma: float) -> Floats:
+    """Attention of N words, (N, h, w) in [0, 1], from their shares (N, C, h, w) of the posteriors.
+
+    K = (sum over classes of the largest share that an asked word has in it)^gamma is how well the words
+    explain a point together; a word gets K times its own posterior over that of the best word. So 1 - max is
+    1 - K, and what no asked word means stays low in all of them.
+    """
+    if not len(shares):
+        return np.zeros((0, *shares.shape[2:]), dtype=np.float32)
+    explained = np.clip(shares.max(axis=0).sum(axis=0), 0.0, 1.0) ** gamma
+    own = shares.sum(axis=1)
+    return np.asarray(explained * own / np.maximum(own.max(axis=0), 1e-9), dtype=np.float32)
+
+
+def word_shares(probabilities: Floats, parts: Sequence[Sequence[float]]) -> Floats:
+    """Shares (N, C, h, w) of words that are parts (N, C) in [0, 1] of the classes."""
+    table = np.asarray(parts, dtype=np.float32).reshape(len(parts), len(probabilities))
+    return table[:, :, None, None] * probabilities[None]
+
+
+def _stepped(pixels: float) -> int:
+    return max(STEP, round(pixels / STEP) * STEP)

@@ -1,0 +1,130 @@
+"""Frames changed as other cameras, weather and mountings would change them; labels follow."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.frame import Image
+from anytraverse.training.classes import UNLABELLED
+from anytraverse.training.folders import Labels
+from anytraverse.training.unknowns import paste_unknowns
+
+Rng = np.random.Generator
+Floats = NDArray[np.float32]
+
+LARGEST_TURN = 7.0  # degrees
+SMALLEST_CROP = 0.45  # of the frame's width
+_GREY = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+
+
+def changed(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tuple[Image, Labels]:
+    """A random view of a frame and its labels, both of `size` = (width, height)."""
+    picture, names = moved(image, labels, size, rng)
+    if rng.random() < 0.6:
+        picture, names = paste_unknowns(picture, names, rng)
+    return relit(picture, rng), names
+
+
+def moved(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tuple[Image, Labels]:
+    """A crop of a frame, turned a little, mirrored or not; outside of the frame nothing is labelled."""
+    rows, columns = image.shape[:2]
+    wide, high = size
+    share = rng.uniform(SMALLEST_CROP, 1.08) if rng.random() < 0.7 else 1.0
+    stretch = math.exp(rng.normal(0, 0.08))
+    across = share * min(columns, rows * wide / high * 1.15)
+    scale_x = wide / across
+    scale_y = scale_x * stretch
+    if high > rows * scale_y:  # the frame is flatter than the view: stretch rather than leave a bar
+        scale_y = high / rows
+    free_x, free_y = columns - across, rows - high / scale_y
+    left = rng.uniform(min(0.0, free_x), max(0.0, free_x))
+    top = rng.uniform(min(0.0, free_y), max(0.0, free_y))
+    turn = math.radians(rng.uniform(-LARGEST_TURN, LARGEST_TURN)) if rng.random() < 0.6 else 0.0
+    c, s = math.cos(turn), math.sin(turn)
+    mirror = -1.0 if rng.random() < 0.5 else 1.0
+    linear = np.diag([scale_x * mirror, scale_y]) @ np.array([[c, -s], [s, c]])
+    middle = np.array([left + across / 2, top + high / scale_y / 2])
+    matrix = np.column_stack([linear, np.array([wide / 2, high / 2]) - linear @ middle])
+    picture = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    names = cv2.warpAffine(
+        labels, matrix, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=UNLABELLED
+    )
+    return np.asarray(picture, dtype=np.uint8), np.asarray(names, dtype=np.uint8)
+
+
+def relit(image: Image, rng: Rng) -> Image:
+    """Another light, another camera: colours, gamma, exposure, shade, haze, blur, noise, JPEG."""
+    if rng.random() < 0.3:
+        image = _softened(image, rng)
+    light = image.astype(np.float32) / 255
+    light = light @ _colours(rng).T
+    light = np.clip(light, 0.0, 1.0, out=light)
+    if rng.random() < 0.6:
+        light **= np.float32(math.exp(rng.normal(0, 0.25)))
+    if rng.random() < 0.5:
+        light *= _shading(image.shape[:2], rng)[..., None]
+    light *= np.float32(math.exp(np.clip(rng.normal(0, 0.35), -1.0, 0.75)))
+    if rng.random() < 0.3:
+        light += np.float32(rng.uniform(-0.04, 0.08))  # haze, or a black level
+    if rng.random() < 0.5:
+        light += _noise(image.shape, rng)
+    made = np.asarray(np.clip(light * 255, 0, 255), dtype=np.uint8)
+    if rng.random() < 0.3:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(20, 80))]
+        made = np.asarray(
+            cv2.imdecode(cv2.imencode(".jpg", made, quality)[1], cv2.IMREAD_COLOR), dtype=np.uint8
+        )
+    return made
+
+
+def _colours(rng: Rng) -> Floats:
+    """A matrix of RGB: saturation, hue, white balance; now and then grey."""
+    if rng.random() < 0.06:
+        return np.tile(_GREY, (3, 1))
+    grey = np.tile(_GREY, (3, 1))
+    matrix = np.eye(3, dtype=np.float32)
+    if rng.random() < 0.7:
+        matrix = grey + np.float32(rng.uniform(0.4, 1.5)) * (matrix - grey)
+    if rng.random() < 0.5:
+        matrix = _hue(math.radians(rng.normal(0, 8))) @ matrix
+    warmth, green = rng.normal(0, 0.13), rng.normal(0, 0.05)
+    gains = np.exp(np.array([warmth, green, -warmth]))
+    return np.asarray(np.diag(gains) @ matrix, dtype=np.float32)
+
+
+def _hue(angle: float) -> Floats:
+    """Colours turned about the grey axis."""
+    c, s = math.cos(angle), math.sin(angle) / math.sqrt(3)
+    return np.asarray(
+        c * np.eye(3) + (1 - c) / 3 + s * np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]), dtype=np.float32
+    )
+
+
+def _shading(shape: tuple[int, int], rng: Rng) -> Floats:
+    """Light that differs over the frame: soft clouds, or the shadow of something with an edge."""
+    rows, columns = shape
+    if rng.random() < 0.6:
+        soft = np.exp(rng.normal(0, 0.3, (3, 4))).astype(np.float32)
+        return np.asarray(cv2.resize(soft, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
+    shade = np.ones(shape, dtype=np.float32)
+    for _ in range(int(rng.integers(1, 5))):
+        corners = rng.uniform([0, 0.3 * rows], [columns, rows], (4, 2)).astype(np.int32)
+        cv2.fillConvexPoly(shade, cv2.convexHull(corners), float(rng.uniform(0.3, 0.7)))
+    return np.asarray(cv2.GaussianBlur(shade, (0, 0), rng.uniform(0.7, 4.0)), dtype=np.float32)
+
+
+def _softened(image: Image, rng: Rng) -> Image:
+    if rng.random() < 0.3:
+        length = int(rng.integers(3, 8))
+        kernel = np.full((1, length), 1 / length, dtype=np.float32)
+        return np.asarray(cv2.filter2D(image, -1, kernel), dtype=np.uint8)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.6)), dtype=np.uint8)
+
+
+def _noise(shape: tuple[int, ...], rng: Rng) -> Floats:
+    strength = np.float32(rng.uniform(0.005, 0.04))
+    return rng.standard_normal(shape, dtype=np.float32) * strength

@@ -1,0 +1,126 @@
+"""What tells places apart: a projection that keeps revisits together and drives apart, and its threshold.
+
+After within-class covariance normalisation (Hatch et al., 2006) and linear discriminant analysis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.frame import Image
+from anytraverse.perception.ground_net import Calibration
+from anytraverse.perception.ground_scene import SAME_PLACE, scene_summary, scene_vector
+from anytraverse.training.folders import BLOCK, Folder
+from anytraverse.training.scores import Floats, Network, auroc
+
+SIZE = 32
+_VISITS = 3  # changed views of each frame
+_RIDGE = 0.1  # of the total variance, added to that within places
+_STEADY = 0.8  # of neighbouring frames that are surely still one place
+_MADE = 2.5  # times that their variation counts: along a drive places vary more than one frame in other light
+_OTHERS = 0.10  # share of pairs of different drives that may pass for one place
+_REVISITS = 0.97  # share of revisits that should pass, where both cannot be had
+
+
+def revisited(image: Image, rng: np.random.Generator) -> Image:
+    """The frame as it may look on another day: a little aside and turned, in another light."""
+    rows, columns = image.shape[:2]
+    share = rng.uniform(0.88, 1.0)
+    left, top = rng.uniform(0, 1 - share) * columns, rng.uniform(0, 1 - share) * rows
+    matrix = cv2.getRotationMatrix2D((columns / 2, rows / 2), float(rng.uniform(-2, 2)), 1 / share)
+    matrix[:, 2] -= ((left - (1 - share) / 2 * columns) / share, (top - (1 - share) / 2 * rows) / share)
+    moved = cv2.warpAffine(image, matrix, (columns, rows), borderMode=cv2.BORDER_REFLECT)
+    warmth = rng.normal(0, 0.06)
+    gains = np.exp(np.clip(rng.normal(0, 0.3), -0.7, 0.5) + np.array([warmth, 0, -warmth]))
+    return np.asarray(np.clip(moved * gains, 0, 255), dtype=np.uint8)
+
+
+def fitted_scene(
+    network: Network, filmed: Folder, made: Folder, validation: Folder, start: Calibration, seed: int = 0
+) -> Calibration:
+    """Projection from `filmed` and `made` frames, threshold from `validation`.
+
+    A place is a filmed frame in changed views, or neighbouring frames of a made drive.
+    """
+    rng = np.random.default_rng([seed, 5])
+    visits = _visits(network, filmed, rng)
+    middles = visits.mean(axis=1)
+    within = (visits - middles[:, None]).reshape(-1, visits.shape[-1]) * np.sqrt(_VISITS / (_VISITS - 1))
+    everything = [middles]
+    if len(made) > SIZE:
+        passes = np.stack([scene_summary(network(frame.image)[1]) for frame in made.frames])
+        within = np.concatenate([within, _MADE * _steps(passes, made)])
+        everything.append(passes)
+    total = np.concatenate(everything)
+    mean, spread = total.mean(axis=0), total.std(axis=0) + 1e-4
+    projection = _discriminant(within / spread, (total - mean) / spread) / spread
+    fitted = replace(
+        start,
+        scene_mean=mean.astype(np.float32),
+        scene_projection=projection.astype(np.float32),
+        scene_threshold=0.5,
+    )
+    same, other = cosines(network, validation, fitted, rng)
+    return replace(fitted, scene_threshold=_threshold(same, other))
+
+
+def cosines(
+    network: Network, folder: Folder, calibration: Calibration, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Plain cosines of revisits, and of frames of different blocks of numbers."""
+    plain = replace(calibration, scene_threshold=SAME_PLACE)
+    first = np.stack([scene_vector(network(f.image)[1], plain) for f in folder.frames])
+    again = np.stack([scene_vector(network(revisited(f.image, rng))[1], plain) for f in folder.frames])
+    blocks = np.array([frame.number // BLOCK for frame in folder.frames])
+    every = first @ again.T
+    apart = blocks[:, None] != blocks[None]
+    if not apart.any():
+        apart = ~np.eye(len(blocks), dtype=bool)
+    return np.asarray(np.diag(every), dtype=np.float32), np.asarray(every[apart], dtype=np.float32)
+
+
+def scene_auroc(same: Floats, other: Floats) -> float:
+    """Chance that a revisit looks more alike than two drives."""
+    return auroc(np.concatenate([same, other]), np.arange(len(same) + len(other)) < len(same))
+
+
+def _visits(network: Network, folder: Folder, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Summaries of changed views, (frames, views, 4 D)."""
+    return np.stack(
+        [
+            np.stack([scene_summary(network(revisited(frame.image, rng))[1]) for _ in range(_VISITS)])
+            for frame in folder.frames
+        ]
+    ).astype(np.float64)
+
+
+def _steps(passes: Floats, made: Folder) -> NDArray[np.float64]:
+    """Differences of neighbouring frames, without the largest: there the place does change."""
+    blocks = np.array([frame.number // BLOCK for frame in made.frames])
+    steps = (passes[1:] - passes[:-1])[blocks[1:] == blocks[:-1]].astype(np.float64) / np.sqrt(2)
+    size = np.linalg.norm(steps / (steps.std(axis=0) + 1e-6), axis=1)
+    kept: NDArray[np.float64] = steps[size <= np.quantile(size, _STEADY)]
+    return kept
+
+
+def _discriminant(within: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The `SIZE` directions in which places differ most against how much one place varies, (SIZE, n)."""
+    count = total.shape[1]
+    inner = within.T @ within / len(within) + _RIDGE * np.eye(count)
+    values, axes = np.linalg.eigh(inner)
+    whitening = (axes * values**-0.5) @ axes.T
+    outer = whitening @ (total.T @ total / len(total)) @ whitening
+    spreads, directions = np.linalg.eigh(outer)
+    chosen = directions[:, ::-1][:, :SIZE]
+    # Equal spread in every direction: else the first few rule the cosine.
+    scale = np.maximum(spreads[::-1][:SIZE], 1e-6) ** -0.25
+    return np.asarray((chosen * scale).T @ whitening)
+
+
+def _threshold(same: Floats, other: Floats) -> float:
+    """Where few other drives pass, and lower where too many revisits would fail."""
+    return float(np.clip(min(np.quantile(other, 1 - _OTHERS), np.quantile(same, 1 - _REVISITS)), 0.05, 0.9))

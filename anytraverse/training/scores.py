@@ -1,0 +1,121 @@
+"""How good a network is: drivable IoU at 0.5, ranks of words, uncertainty, as they are used on a rover."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.frame import Image
+from anytraverse.perception.ground_net import Calibration, attention, posteriors
+from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN, UNLABELLED
+from anytraverse.training.folders import Folder, Labels
+
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Network = Callable[[Image], tuple[Floats, Floats]]
+"""A frame of any size -> logits (C, h, w) and features (D, h, w)."""
+
+SCALE = 2  # labels are judged at every second pixel of the frames kept in memory
+
+VIEWS: dict[str, tuple[float, float, float]] = {
+    "as filmed": (1.0, 1.0, 1.0),
+    "half the light": (0.5, 0.5, 0.5),
+    "1.7 times the light": (1.7, 1.7, 1.7),
+    "warm": (1.2, 1.0, 0.8),
+    "cold": (0.8, 1.0, 1.2),
+}
+"""Gains of red, green and blue under which a network is scored."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """iou: drivable ground at 0.5, pooled over all pixels; iou_mean: its mean over frames.
+
+    unexplained: share of drivable pixels whose uncertainty is above 0.5.
+    """
+
+    iou: float
+    iou_mean: float
+    unexplained: float
+
+
+def gained(image: Image, gains: tuple[float, float, float]) -> Image:
+    """The frame with its channels multiplied, clipped as a sensor clips."""
+    return np.asarray(np.clip(image * np.asarray(gains, dtype=np.float32), 0, 255), dtype=np.uint8)
+
+
+def outputs(
+    network: Network, folder: Folder, gains: tuple[float, float, float]
+) -> list[tuple[Floats, Labels]]:
+    """Logits (C, h, w) and labels at `SCALE` of each frame."""
+    return [(network(gained(f.image, gains))[0], f.labels[::SCALE, ::SCALE]) for f in folder.frames]
+
+
+def score(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) -> Score:
+    """The score when all known classes are asked for by name."""
+    both = either = unexplained = ground = 0
+    each = []
+    for logits, labels in results:
+        traversability, uncertainty = maps(logits, calibration, labels.shape)
+        judged, true = labels != UNLABELLED, np.isin(labels, DRIVABLE)
+        found = (traversability >= 0.5) & judged
+        both, either = both + (found & true).sum(), either + (found | true).sum()
+        unexplained, ground = unexplained + (uncertainty[true] > 0.5).sum(), ground + true.sum()
+        if (found | true).any():
+            each.append(float((found & true).sum() / (found | true).sum()))
+    return Score(
+        float(both / max(either, 1)), float(np.mean(each or [0.0])), float(unexplained / max(ground, 1))
+    )
+
+
+def maps(logits: Floats, calibration: Calibration, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Traversability and uncertainty with a word for every known class, at (rows, columns)."""
+    probabilities = posteriors(logits, calibration)
+    shares = np.zeros((UNKNOWN, *probabilities.shape), dtype=np.float32)
+    shares[range(UNKNOWN), range(UNKNOWN)] = probabilities[:UNKNOWN]
+    found = attention(_trail_as_one(shares), calibration.gamma)
+    weights = np.array([1, 1, *([-1] * (len(found) - 2))], dtype=np.float32)
+    signed = found * weights[:, None, None]
+    best = np.take_along_axis(signed, np.abs(signed).argmax(axis=0)[None], axis=0)[0]
+    return _resized(np.clip(best, 0, 1), shape), _resized(1 - found.max(axis=0), shape)
+
+
+def _trail_as_one(shares: Floats) -> Floats:
+    """One word "trail" for both of its classes, as an operator says it."""
+    joined = shares[0] + shares[1]
+    return np.concatenate([joined[None], shares[2:]])
+
+
+def _resized(values: Floats, shape: tuple[int, ...]) -> Floats:
+    return np.asarray(
+        cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dtype=np.float32
+    )
+
+
+def auroc(scores: Floats, true: Flags) -> float:
+    """Chance that a true one scores above another, ties counting half; NaN where there is only one kind."""
+    positive, count = int(true.sum()), len(scores)
+    if positive in {0, count}:
+        return float("nan")
+    _, inverse, counts = np.unique(scores, return_inverse=True, return_counts=True)
+    ranks = np.cumsum(counts) - (counts - 1) / 2
+    total = float(ranks[inverse][true].sum())
+    return (total - positive * (positive + 1) / 2) / (positive * (count - positive))
+
+
+def class_ranks(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) -> dict[str, float]:
+    """AUROC of each class's posterior against all other labels."""
+    found: list[Floats] = []
+    true: list[Labels] = []
+    for logits, labels in results:
+        probabilities = posteriors(logits, calibration)
+        small = np.stack([_resized(one, labels.shape) for one in probabilities], axis=-1)[::2, ::2]
+        judged = labels[::2, ::2] != UNLABELLED
+        found.append(small[judged])
+        true.append(labels[::2, ::2][judged])
+    scores, names = np.concatenate(found), np.concatenate(true)
+    return {name: auroc(scores[:, index], names == index) for index, name in enumerate(CLASSES)}

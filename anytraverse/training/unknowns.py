@@ -1,0 +1,155 @@
+"""Things that no word names, pasted into frames: made shapes in made and borrowed surfaces.
+
+They teach the network to say "none of these". They are meant to be like nothing in particular: no drum, rock
+or log is drawn on purpose.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.frame import Image
+from anytraverse.training.classes import UNKNOWN, UNLABELLED
+from anytraverse.training.folders import Labels
+
+Rng = np.random.Generator
+Floats = NDArray[np.float32]
+
+EDGE = 1  # pixels around a thing that are left unlabelled
+
+
+def paste_unknowns(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]:
+    """One to three things of 4 to 45 % of the frame's height, mostly on the ground, and their labels."""
+    picture, names = image.copy(), labels.copy()
+    for _ in range(int(rng.integers(1, 4))):
+        _paste(picture, names, image, rng)
+    return picture, names
+
+
+def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:
+    rows, columns = names.shape
+    high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)))
+    wide = high * math.exp(rng.normal(0.0, 0.5))
+    foot = np.clip(rng.normal(0.62, 0.2), 0.2, 1.1) * rows
+    centre = rng.uniform(0, columns), foot - high / 2
+    mask = _shape((rows, columns), centre, (wide, high), rng)
+    box = cv2.boundingRect((mask > 0.5).astype(np.uint8))
+    left, top, width, height = box
+    if width < 3 or height < 3:
+        return
+    window = (slice(top, top + height), slice(left, left + width))
+    surface = _surface((height, width), source, rng) * _relief((height, width), rng)[..., None]
+    level = float(source[window].mean()) / 128
+    if rng.random() < 0.7:  # it stands in the same light as what is around it
+        surface = surface * np.float32(np.clip(level * math.exp(rng.normal(0, 0.3)), 0.1, 2.0))
+    if rng.random() < 0.6:
+        _shadow(picture, mask, (wide, high), rng)
+    soft = mask[window][..., None]
+    under = picture[window].astype(np.float32)
+    picture[window] = np.clip(under * (1 - soft) + surface * soft, 0, 255).astype(np.uint8)
+    solid = (mask > 0.5).astype(np.uint8)
+    around = cv2.dilate(solid, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
+    names[(around > 0) & (solid == 0)] = UNLABELLED
+    names[solid > 0] = UNKNOWN
+
+
+def _shape(
+    shape: tuple[int, int], centre: tuple[float, float], size: tuple[float, float], rng: Rng
+) -> Floats:
+    """A box, an ellipse, a ragged blob or a few joined parts: opacity (rows, columns) in [0, 1]."""
+    mask = np.zeros(shape, dtype=np.uint8)
+    kind = rng.random()
+    parts = int(rng.integers(2, 5)) if kind > 0.8 else 1
+    for part in range(parts):
+        at = np.array(centre) + (rng.normal(0, 0.3, 2) * size if part else 0)
+        extent = np.array(size) * (rng.uniform(0.3, 0.9, 2) if part else 1)
+        turn = float(rng.normal(0, 10)) if rng.random() < 0.7 else float(rng.uniform(0, 180))
+        which = rng.random()
+        if which < 0.35:
+            corners = cv2.boxPoints((tuple(map(float, at)), tuple(map(float, extent)), turn))
+        else:
+            count = int(rng.integers(5, 14)) if which < 0.75 else 32
+            angles = (
+                np.sort(rng.uniform(0, 2 * math.pi, count)) if count < 32 else np.linspace(0, 2 * math.pi, 32)
+            )
+            radius = rng.uniform(0.55, 1.0, count) if count < 32 else np.ones(32)
+            corners = at + 0.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1) * radius[:, None] * extent
+        cv2.fillPoly(mask, [np.round(corners * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+    soft = np.asarray(mask, dtype=np.float32) / 255
+    return np.asarray(cv2.GaussianBlur(soft, (3, 3), 0), dtype=np.float32)
+
+
+def _surface(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
+    """RGB 0 to 255: paint, stripes, patches, noise, or a borrowed piece of the frame in other colours."""
+    rows, columns = shape
+    colour = _colour(rng)
+    kind = rng.random()
+    if kind < 0.35:
+        surface = np.broadcast_to(colour, (rows, columns, 3)).astype(np.float32)
+    elif kind < 0.5:
+        period, angle = rng.uniform(3, 30), rng.uniform(0, math.pi)
+        y, x = np.mgrid[:rows, :columns]
+        wave = np.sin((x * math.cos(angle) + y * math.sin(angle)) * 2 * math.pi / period + rng.uniform(0, 6))
+        share = np.clip(wave * rng.uniform(1, 8) * 0.5 + 0.5, 0, 1)[..., None]
+        surface = (share * colour + (1 - share) * _colour(rng)).astype(np.float32)
+    elif kind < 0.7:
+        coarse = rng.uniform(size=(int(rng.integers(2, 7)), int(rng.integers(2, 7)))).astype(np.float32)
+        how = cv2.INTER_NEAREST if rng.random() < 0.5 else cv2.INTER_CUBIC
+        share = np.clip(np.asarray(cv2.resize(coarse, (columns, rows), interpolation=how)), 0, 1)[..., None]
+        surface = (share * colour + (1 - share) * _colour(rng)).astype(np.float32)
+    else:
+        surface = _borrowed(shape, source, rng)
+    grain = rng.standard_normal((rows, columns, 1), dtype=np.float32) * np.float32(rng.uniform(0, 0.12))
+    if rng.random() < 0.5:
+        grain = np.asarray(cv2.GaussianBlur(grain, (0, 0), 1.2), dtype=np.float32)[..., None] * 2
+    return np.asarray(surface * (1 + grain), dtype=np.float32)
+
+
+def _borrowed(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
+    """A piece of the frame at another scale, its colours exchanged, negative or pulled to paint."""
+    rows, columns = shape
+    high, wide = (int(rng.integers(8, side)) for side in source.shape[:2])
+    top, left = int(rng.integers(0, source.shape[0] - high)), int(rng.integers(0, source.shape[1] - wide))
+    there = source[top : top + high, left : left + wide]
+    piece = cv2.resize(there, (columns, rows), interpolation=cv2.INTER_AREA)
+    order = rng.permutation([1, 2, 0] if rng.random() < 0.5 else [2, 0, 1])
+    surface: Floats = np.asarray(piece, dtype=np.float32)[..., order]
+    if rng.random() < 0.4:
+        surface = 255 - surface
+    painted = surface.mean(axis=2, keepdims=True) * _colour(rng) / 128
+    return np.asarray(0.5 * surface + 0.5 * painted, dtype=np.float32)
+
+
+def _colour(rng: Rng) -> Floats:
+    """Any colour: vivid, pale, grey, black or white. RGB 0 to 255, (3,)."""
+    hue, value = rng.uniform(0, 180), 255 * rng.beta(1.3, 1.1)
+    vivid = 255 * (rng.beta(2, 1) if rng.random() < 0.6 else rng.beta(1, 4))
+    pixel = np.array([[[hue, vivid, value]]]).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(pixel, cv2.COLOR_HSV2RGB)[0, 0], dtype=np.float32)
+
+
+def _relief(shape: tuple[int, int], rng: Rng) -> Floats:
+    """Light over a body: round from side to side, from above, or flat."""
+    rows, columns = shape
+    if rng.random() < 0.3:
+        return np.ones(shape, dtype=np.float32)
+    across = np.linspace(-1, 1, columns) - rng.uniform(-0.6, 0.6)
+    down = np.linspace(-1, 1, rows) - rng.uniform(-0.8, 0.2)
+    round_x, round_y = rng.uniform(0, 0.6), rng.uniform(0, 0.4)
+    relief = 1.1 - round_x * across[None] ** 2 - round_y * down[:, None] ** 2
+    return np.asarray(relief.clip(0.15), dtype=np.float32)
+
+
+def _shadow(picture: Image, mask: Floats, size: tuple[float, float], rng: Rng) -> None:
+    """Darker ground at its foot, to one side."""
+    shift = np.array([[1, 0, rng.normal(0, 0.35) * size[0]], [0, 0.6, 0]])
+    low = np.flatnonzero(mask.max(axis=1) > 0.5)[-1]
+    shift[1, 2] = low * 0.4 + rng.uniform(0, 0.15) * size[1]
+    cast = cv2.warpAffine(mask, shift, mask.shape[::-1])
+    cast = cv2.GaussianBlur(cast, (0, 0), rng.uniform(0.8, 3.0))
+    dark = np.float32(rng.uniform(0.2, 0.6))
+    picture[:] = (picture * (1 - dark * np.asarray(cast)[..., None])).astype(np.uint8)

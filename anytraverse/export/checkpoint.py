@@ -105,10 +105,25 @@ def _load_vocabulary(folder: Path) -> Vocabulary:
             tokenizer = CLIPTokenizerFast.from_pretrained(folder, local_files_only=True)
         model = json.loads(tokenizer.backend_tokenizer.to_str())["model"]
         merges = [_pair(merge) for merge in model["merges"]]
-        return Vocabulary(model["vocab"], merges, tokenizer.bos_token_id, tokenizer.eos_token_id)
+        words = Vocabulary(model["vocab"], merges, tokenizer.bos_token_id, tokenizer.eos_token_id)
     except Exception as error:  # tokenizers and transformers have many kinds
         why = " ".join(str(error).split())[:300]
         raise BundleError(f"the tokenizer in {folder} cannot be loaded ({why}): copy it again") from error
+    if orphans := _orphans(words):
+        raise BundleError(
+            f"the tokenizer in {folder} has tokens that no merge makes ({orphans[0]!r}): "
+            "merges.txt is torn, copy it again"
+        )
+    return words
+
+
+def _orphans(words: Vocabulary) -> list[str]:
+    """Tokens that no text could ever give: of a text cut in two at a line's end nothing else is odd."""
+    made = {left + right for left, right in words.merges}
+    longer = (token for token in words.ids if len(token.removesuffix("</w>")) > 1)
+    return [
+        token for token in longer if token not in made and words.ids[token] not in (words.start, words.end)
+    ]
 
 
 def _pair(merge: str | list[str]) -> tuple[str, str]:

@@ -63,11 +63,11 @@ def _download(checkpoint: str) -> Path:
 
 
 def _kept(checkpoint: str) -> Path | None:
-    """What an earlier download left."""
+    """What an earlier download left. What else is needed is for the caller to look for."""
     from huggingface_hub import snapshot_download
 
     try:
-        return Path(snapshot_download(checkpoint, local_files_only=True))
+        return Path(snapshot_download(checkpoint, allow_patterns=[*CONFIGS], local_files_only=True))
     except Exception:  # whatever it is, there is nothing to be had
         return None
 

@@ -31,7 +31,7 @@ class Prompts:
         self._tokenizer = Tokenizer.load(tokenizer)
         self._runtime = runtime
         try:
-            self._table: Array = np.load(table, mmap_mode="r")
+            self._table: Array = np.lib.format.open_memmap(table, mode="r")
         except (OSError, ValueError) as error:
             raise BundleError(f"{table} cannot be read ({error}): copy the bundle again") from error
         if self._table.ndim != 2 or self._table.dtype != np.float32:

@@ -6,7 +6,6 @@ into attention, scenes and tapped words are the calibration, a .npz file beside 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -95,24 +94,24 @@ def posteriors(logits: Floats, calibration: Calibration) -> Floats:
     return np.asarray(powers / powers.sum(axis=0), dtype=np.float32)
 
 
-def attention(shares: Floats, gamma: float) -> Floats:
-    """Attention of N words, (N, h, w) in [0, 1], from their shares (N, C, h, w) of the posteriors.
+def attention(
+    probabilities: Floats, covers: Floats, own: Floats, gamma: float, fits: Floats | None = None
+) -> Floats:
+    """Attention of N words, (N, h, w) in [0, 1], from the posteriors (C, h, w).
 
-    K = (sum over classes of the largest share that an asked word has in it)^gamma is how well the words
-    explain a point together; a word gets K times its own posterior over that of the best word. So 1 - max is
-    1 - K, and what no asked word means stays low in all of them.
+    covers (N, C): 1 where a word explains a class, else 0. own (N, C): how much a class speaks for a word
+    when words compete. fits (N, h, w) or None: how well a point's colours suit each word, to the same end.
+    K = (sum of the posteriors of all covered classes)^gamma is how well the words explain a point together.
+    A word gets K times its own evidence over that of the best word. So 1 - max is 1 - K, a synonym explains
+    nothing twice, and what no asked word means stays low in all of them.
     """
-    if not len(shares):
-        return np.zeros((0, *shares.shape[2:]), dtype=np.float32)
-    explained = np.clip(shares.max(axis=0).sum(axis=0), 0.0, 1.0) ** gamma
-    own = shares.sum(axis=1)
-    return np.asarray(explained * own / np.maximum(own.max(axis=0), 1e-9), dtype=np.float32)
-
-
-def word_shares(probabilities: Floats, parts: Sequence[Sequence[float]]) -> Floats:
-    """Shares (N, C, h, w) of words that are parts (N, C) in [0, 1] of the classes."""
-    table = np.asarray(parts, dtype=np.float32).reshape(len(parts), len(probabilities))
-    return table[:, :, None, None] * probabilities[None]
+    if not len(own):
+        return np.zeros((0, *probabilities.shape[1:]), dtype=np.float32)
+    explained = np.clip(np.tensordot(covers.max(axis=0), probabilities, 1), 0.0, 1.0) ** gamma
+    evidence = np.tensordot(own, probabilities, 1)
+    if fits is not None:
+        evidence *= fits
+    return np.asarray(explained * evidence / np.maximum(evidence.max(axis=0), 1e-9), dtype=np.float32)
 
 
 def _stepped(pixels: float) -> int:

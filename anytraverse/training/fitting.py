@@ -35,12 +35,12 @@ class Options:
     """
 
     seed: int = 0
-    steps: int = 3000
+    steps: int = 2600
     batch: int = 16
     rate: float = 4e-3
     wide: float = 1.25
     made_share: float = 0.15
-    drivable: float = 0.5
+    drivable: float = 1.0
     decay: float = 0.998
     threads: int = 1
 

@@ -45,7 +45,7 @@ class Pointwise(nn.Sequential):  # type: ignore[misc]
 
 
 class GroundNet(nn.Module):  # type: ignore[misc]
-    """Frames (n, 3, h, w), RGB to 255, sides multiples of 16 -> logits (n, C, h/4, w/4), features (n, 32, ...).
+    """Frames (n, 3, h, w), RGB, sides multiples of 16 -> logits (n, C, h/4, w/4) and 32 features a point.
 
     The logarithm of light over the frame's mean goes in, so that exposure falls out and a white balance is
     a mere offset.

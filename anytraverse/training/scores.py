@@ -49,7 +49,7 @@ def gained(image: Image, gains: tuple[float, float, float]) -> Image:
 
 
 def outputs(
-    network: Network, folder: Folder, gains: tuple[float, float, float]
+    network: Network, folder: Folder, gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
 ) -> list[tuple[Floats, Labels]]:
     """Logits (C, h, w) and labels at `SCALE` of each frame."""
     return [(network(gained(f.image, gains))[0], f.labels[::SCALE, ::SCALE]) for f in folder.frames]
@@ -74,20 +74,21 @@ def score(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) ->
 
 def maps(logits: Floats, calibration: Calibration, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Traversability and uncertainty with a word for every known class, at (rows, columns)."""
-    probabilities = posteriors(logits, calibration)
-    shares = np.zeros((UNKNOWN, *probabilities.shape), dtype=np.float32)
-    shares[range(UNKNOWN), range(UNKNOWN)] = probabilities[:UNKNOWN]
-    found = attention(_trail_as_one(shares), calibration.gamma)
-    weights = np.array([1, 1, *([-1] * (len(found) - 2))], dtype=np.float32)
-    signed = found * weights[:, None, None]
+    found = attention(posteriors(logits, calibration), _WORDS, _WORDS, calibration.gamma)
+    signed = found * _WEIGHTS[:, None, None]
     best = np.take_along_axis(signed, np.abs(signed).argmax(axis=0)[None], axis=0)[0]
     return _resized(np.clip(best, 0, 1), shape), _resized(1 - found.max(axis=0), shape)
 
 
-def _trail_as_one(shares: Floats) -> Floats:
-    """One word "trail" for both of its classes, as an operator says it."""
-    joined = shares[0] + shares[1]
-    return np.concatenate([joined[None], shares[2:]])
+def _words() -> tuple[Floats, Floats]:
+    """One word "trail" for both of its classes, one for each other known class: (N, C) and their weights."""
+    table = np.eye(len(CLASSES), dtype=np.float32)[1:UNKNOWN]
+    table[0, 0] = 1.0
+    weights = np.array([1.0 if index in DRIVABLE else -1.0 for index in range(1, UNKNOWN)], dtype=np.float32)
+    return table, weights
+
+
+_WORDS, _WEIGHTS = _words()
 
 
 def _resized(values: Floats, shape: tuple[int, ...]) -> Floats:

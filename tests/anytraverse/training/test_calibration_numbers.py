@@ -16,7 +16,6 @@ from anytraverse.perception.ground_net import (
     attention,
     network_size,
     posteriors,
-    word_shares,
 )
 from anytraverse.perception.ground_scene import SAME_PLACE, scene_vector
 from anytraverse.perception.ground_taps import learn_tap, tap_attention
@@ -62,13 +61,14 @@ def test_what_no_asked_word_means_stays_uncertain() -> None:
     logits = np.zeros((len(CLASSES), 1, 2), np.float32)
     logits[GRASS, 0, 0] = 9
     logits[-1, 0, 1] = 9
-    parts = np.eye(len(CLASSES))[[GRASS, TREE]].tolist()
-    found = attention(word_shares(posteriors(logits, plain()), parts), gamma=5.0)
+    words = np.eye(len(CLASSES), dtype=np.float32)[[GRASS, TREE]]
+    probabilities = posteriors(logits, plain())
+    found = attention(probabilities, words, words, gamma=5.0)
     assert found[0, 0, 0] > 0.95
     assert found[:, 0, 1].max() < 0.05
-    assert attention(np.zeros((0, len(CLASSES), 1, 2), np.float32), 5.0).shape == (0, 1, 2)
-    twice = attention(word_shares(posteriors(logits, plain()), parts + parts), gamma=5.0)
+    twice = attention(probabilities, np.vstack([words, words]), np.vstack([words, words]), gamma=5.0)
     assert twice[:2] == pytest.approx(found)  # a synonym explains nothing twice
+    assert attention(probabilities, words[:0], words[:0], 5.0).shape == (0, 1, 2)
 
 
 def test_ranks_count_ties_as_half() -> None:

@@ -4,24 +4,63 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import socket
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
 
+from anytraverse.bundle.manifest import read_manifest
 from anytraverse.errors import BundleError
-from anytraverse.export import export_bundle
+from anytraverse.export.hub import find_checkpoint
 from tests.anytraverse.export.checkpoints import write_clipseg
 
 pytestmark = pytest.mark.needs_export
 
 ID = "somebody/clipseg"
 SHA = "0123456789" * 4
-Serve = Callable[[str], None]
+NOBODY = "http://127.0.0.1:9"
+FIND = """
+import sys
+from anytraverse.export.hub import find_checkpoint
+print(*find_checkpoint(sys.argv[1], words=True))
+"""
+
+
+@dataclass
+class Workstation:
+    """A computer with an empty cache, where the hub is at `endpoint`: its client reads that only once."""
+
+    cache: Path
+    endpoint: str = NOBODY
+
+    def run(self, *command: str) -> subprocess.CompletedProcess[str]:
+        given = {
+            "HF_ENDPOINT": self.endpoint,
+            "HF_HOME": str(self.cache),
+            "HF_HUB_ETAG_TIMEOUT": "1",
+            "NO_PROXY": "*",
+        }
+        return subprocess.run(
+            [sys.executable, *command],
+            env={**os.environ, **given},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+
+@pytest.fixture
+def workstation(tmp_path: Path) -> Workstation:
+    return Workstation(tmp_path / "cache")
 
 
 @pytest.fixture(scope="module")
@@ -32,25 +71,8 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def serve(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Serve:
-    """Says where the hub is. The client's cache is empty."""
-    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_ETAG_TIMEOUT", 0.5)
-
-    def at(endpoint: str) -> None:
-        monkeypatch.setattr("huggingface_hub.constants.ENDPOINT", endpoint)
-        monkeypatch.setattr(
-            "huggingface_hub.constants.HUGGINGFACE_CO_URL_TEMPLATE",
-            endpoint + "/{repo_id}/resolve/{revision}/{filename}",
-        )
-
-    at("http://127.0.0.1:9")  # the port of nobody
-    return at
-
-
 @pytest.fixture
-def hub(checkpoint: Path, serve: Serve) -> Iterator[list[str]]:
+def hub(checkpoint: Path, workstation: Workstation) -> Iterator[list[str]]:
     """A hub that holds the checkpoint; the files that are downloaded from it."""
     downloaded: list[str] = []
 
@@ -90,7 +112,7 @@ def hub(checkpoint: Path, serve: Serve) -> Iterator[list[str]]:
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Hub) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        serve(f"http://127.0.0.1:{server.server_port}")
+        workstation.endpoint = f"http://127.0.0.1:{server.server_port}"
         yield downloaded
         server.shutdown()
 
@@ -100,48 +122,47 @@ def etag(path: Path) -> str:
 
 
 def test_an_id_is_downloaded_with_what_is_needed_and_its_source_is_told(
-    hub: list[str], tmp_path: Path
+    hub: list[str], workstation: Workstation, tmp_path: Path
 ) -> None:
-    manifest = export_bundle(ID, tmp_path / "bundle", size=96)
+    done = workstation.run("-m", "anytraverse.cli", "export", ID, str(tmp_path / "bundle"), "--size", "96")
+    assert done.returncode == 0, done.stderr
+    manifest = read_manifest(tmp_path / "bundle")
     assert manifest.source == {"weights": ID, "licence": "apache-2.0", "revision": SHA}
     assert manifest.name == "clipseg"
     assert {"model.safetensors", "config.json", "preprocessor_config.json", "vocab.json"} <= set(hub)
     assert "tf_model.h5" not in hub
 
 
-def test_what_was_downloaded_before_needs_no_network(hub: list[str], tmp_path: Path, serve: Serve) -> None:
-    export_bundle(ID, tmp_path / "first", size=96)
+def test_what_was_downloaded_before_needs_no_network(hub: list[str], workstation: Workstation) -> None:
+    first = workstation.run("-c", FIND, ID)
+    assert first.stdout.split()[1:] == [SHA], first.stderr
     hub.clear()
-    serve("http://127.0.0.1:9")
-    assert export_bundle(ID, tmp_path / "second", size=96).source["revision"] == SHA
+    workstation.endpoint = NOBODY
+    assert workstation.run("-c", FIND, ID).stdout == first.stdout
     assert hub == []
 
 
-def test_without_network_it_is_said_what_to_copy_from_where(tmp_path: Path) -> None:
-    begin = time.monotonic()
-    with pytest.raises(BundleError) as refused:
-        export_bundle(ID, tmp_path / "bundle")
-    assert time.monotonic() - begin < 5
-    text = str(refused.value)
-    assert "hf download somebody/clipseg --local-dir clipseg" in text
+def test_without_network_it_is_said_what_to_copy_from_where(workstation: Workstation) -> None:
+    text = workstation.run("-c", FIND, ID).stderr
+    assert f"BundleError: {ID} is no folder here, and cannot be had from the hub" in text
+    assert f"hf download {ID} --local-dir clipseg" in text
     for name in ("config.json", "preprocessor_config.json", "vocab.json", "merges.txt", "model.safetensors"):
         assert name in text
 
 
 def test_a_network_that_swallows_everything_is_waited_for_seconds_not_minutes(
-    tmp_path: Path, serve: Serve
+    workstation: Workstation,
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as hole:
-        serve(f"http://127.0.0.1:{hole.getsockname()[1]}")
+        workstation.endpoint = f"http://127.0.0.1:{hole.getsockname()[1]}"
         begin = time.monotonic()
-        with pytest.raises(BundleError, match="cannot be had from the hub"):
-            export_bundle(ID, tmp_path / "bundle")
-    assert time.monotonic() - begin < 5
+        assert "cannot be had from the hub" in workstation.run("-c", FIND, ID).stderr
+    assert time.monotonic() - begin < 20
 
 
 @pytest.mark.parametrize(
     "name", ["./nothing", "/no/such/folder", "nothing", "a/b/c", "~/nothing", "https://x/y"]
 )
-def test_what_is_no_id_is_not_looked_for_on_the_hub(name: str, tmp_path: Path) -> None:
+def test_what_is_no_id_is_not_looked_for_on_the_hub(name: str) -> None:
     with pytest.raises(BundleError, match="is no folder: give one, or an id of the hub like owner/name"):
-        export_bundle(name, tmp_path / "bundle")
+        find_checkpoint(name, words=True)

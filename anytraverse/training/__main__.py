@@ -28,7 +28,8 @@ def main() -> int:
         if fitted.test:
             _report("test", split.test, fitted.test.lines())
         if options.out.exists():
-            refuse_worse(fitted, [scores(*stored(options.out), split.parts(real)[1])])
+            training, validation, _ = split.parts(real)
+            refuse_worse(fitted, [scores(*stored(options.out), validation, training)])
         write(fitted, options.out)
     except AnyTraverseError as error:
         sys.stderr.write(f"\n{error}\n")

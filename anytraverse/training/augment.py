@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from anytraverse.frame import Image
 from anytraverse.training.classes import UNLABELLED
 from anytraverse.training.folders import Labels
-from anytraverse.training.unknowns import paste_unknowns
+from anytraverse.training.unknowns import move_patches, paste_unknowns
 
 Rng = np.random.Generator
 Floats = NDArray[np.float32]
@@ -24,6 +24,8 @@ _GREY = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 def changed(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tuple[Image, Labels]:
     """A random view of a frame and its labels, both of `size` = (width, height)."""
     picture, names = moved(image, labels, size, rng)
+    if rng.random() < 0.4:
+        picture, names = move_patches(picture, names, rng)
     if rng.random() < 0.6:
         picture, names = paste_unknowns(picture, names, rng)
     return relit(picture, rng), names

@@ -65,8 +65,9 @@ def fit(
     training, validation, test = split.parts(real)
     net = train(training, made, options, progress)
     calibration = calibrate(as_network(net), training, made, validation, options.seed)
-    tested = scores(as_network(net), calibration, test) if len(test) else None
-    return Fitted(net, calibration, scores(as_network(net), calibration, validation), tested)
+    network = as_network(net)
+    tested = scores(network, calibration, test, training) if len(test) else None
+    return Fitted(net, calibration, scores(network, calibration, validation, training), tested)
 
 
 def calibrate(network: Network, training: Folder, made: Folder, validation: Folder, seed: int) -> Calibration:
@@ -76,11 +77,11 @@ def calibrate(network: Network, training: Folder, made: Folder, validation: Fold
     return fitted_scene(network, training, made, validation, calibrated(network, validation, start), seed)
 
 
-def scores(network: Network, calibration: Calibration, folder: Folder) -> Scores:
-    """Scores on frames that it was not trained on."""
+def scores(network: Network, calibration: Calibration, folder: Folder, others: Folder) -> Scores:
+    """Scores on frames that it was not trained on; `others` are drives that these are no revisits of."""
     by_view = {name: score(outputs(network, folder, gains), calibration) for name, gains in VIEWS.items()}
     ranks = class_ranks(outputs(network, folder), calibration)
-    same, other = cosines(network, folder, calibration, np.random.default_rng(5))
+    same, other = cosines(network, folder, others, calibration, np.random.default_rng(5))
     return Scores(by_view, ranks, scene_auroc(same, other))
 
 

@@ -64,22 +64,26 @@ def fitted_scene(
         scene_projection=projection.astype(np.float32),
         scene_threshold=0.5,
     )
-    same, other = cosines(network, validation, fitted, rng)
+    same, other = cosines(network, validation, filmed, fitted, rng)
     return replace(fitted, scene_threshold=_threshold(same, other))
 
 
 def cosines(
-    network: Network, folder: Folder, calibration: Calibration, rng: np.random.Generator
+    network: Network, folder: Folder, others: Folder, calibration: Calibration, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Plain cosines of revisits, and of frames of different blocks of numbers."""
+    """Plain cosines of revisits of a folder's frames, and of these with frames of other blocks of numbers.
+
+    Those of `others` are among them, every fourth.
+    """
     plain = replace(calibration, scene_threshold=SAME_PLACE)
     first = np.stack([scene_vector(network(f.image)[1], plain) for f in folder.frames])
     again = np.stack([scene_vector(network(revisited(f.image, rng))[1], plain) for f in folder.frames])
-    blocks = np.array([frame.number // BLOCK for frame in folder.frames])
-    every = first @ again.T
-    apart = blocks[:, None] != blocks[None]
+    elsewhere = [scene_vector(network(f.image)[1], plain) for f in others.frames[::4]]
+    blocks = np.array([f.number // BLOCK for f in (*folder.frames, *others.frames[::4])])
+    every = first @ np.stack([*again, *elsewhere]).T
+    apart = blocks[: len(first), None] != blocks[None]
     if not apart.any():
-        apart = ~np.eye(len(blocks), dtype=bool)
+        apart = np.eye(*every.shape) == 0
     return np.asarray(np.diag(every), dtype=np.float32), np.asarray(every[apart], dtype=np.float32)
 
 

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.training.classes import UNKNOWN, UNLABELLED
+from anytraverse.training.classes import CLASSES, UNKNOWN, UNLABELLED
 from anytraverse.training.folders import Labels
 
 Rng = np.random.Generator
 Floats = NDArray[np.float32]
 
+_GROUND = tuple(CLASSES.index(name) for name in ("smooth trail", "rough trail", "grass", "low vegetation"))
 EDGE = 1  # pixels around a thing that are left unlabelled
 
 
@@ -28,6 +29,32 @@ def paste_unknowns(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Label
     for _ in range(int(rng.integers(1, 4))):
         _paste(picture, names, image, rng)
     return picture, names
+
+
+def move_patches(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]:
+    """One to three patches of ground or plants from elsewhere in the frame, with their labels.
+
+    A tuft on a trail differs from what is around it as a thing does: standing out must not make it unknown.
+    """
+    picture, names = image.copy(), labels.copy()
+    rows, columns = labels.shape
+    for _ in range(int(rng.integers(1, 4))):
+        size = rows * math.exp(rng.uniform(math.log(0.06), math.log(0.4))) * np.exp(rng.normal(0.0, 0.4, 2))
+        centre = rng.uniform(0, columns), rng.uniform(0.4, 1.0) * rows
+        mask = _shape((rows, columns), centre, (float(size[0]), float(size[1])), rng) > 0.5
+        left, top, wide, high = cv2.boundingRect(mask.astype(np.uint8))
+        if min(wide, high) < 3:
+            continue
+        x, y = int(rng.integers(0, columns - wide + 1)), int(rng.integers(0, rows - high + 1))
+        there, here = (
+            (slice(y, y + high), slice(x, x + wide)),
+            (slice(top, top + high), slice(left, left + wide)),
+        )
+        inside = mask[here]
+        if np.isin(labels[there][inside], _GROUND).mean() > 0.9:
+            picture[here][inside] = image[there][inside]
+            names[here][inside] = labels[there][inside]
+    return np.asarray(cv2.GaussianBlur(picture, (3, 3), 0.5), dtype=np.uint8), names
 
 
 def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:

@@ -105,7 +105,7 @@ def painted(image: Image) -> tuple[Floats, Floats]:
 def test_scenes_pass_at_the_papers_threshold() -> None:
     rng = np.random.default_rng(2)
     calibration = fitted_scene(painted, frames(60, rng), Folder(()), frames(30, rng), plain())
-    same, other = cosines(painted, frames(30, rng), calibration, rng)
+    same, other = cosines(painted, frames(30, rng), Folder(()), calibration, rng)
     assert scene_auroc(same, other) > 0.9
     first, second = (painted(frame.image)[1] for frame in frames(2, rng).frames)
     a, b = scene_vector(first, calibration), scene_vector(second, calibration)

@@ -7,7 +7,7 @@ import pytest
 
 from anytraverse.training.augment import changed, moved, relit
 from anytraverse.training.classes import UNKNOWN, UNLABELLED
-from anytraverse.training.unknowns import paste_unknowns
+from anytraverse.training.unknowns import move_patches, paste_unknowns
 
 
 def blocks() -> tuple[np.ndarray, np.ndarray]:
@@ -48,6 +48,17 @@ def test_pasted_things_are_unknown_and_leave_the_rest_alone() -> None:
         assert (names[kept] == labels[kept]).all()
         assert picture.shape == image.shape
     assert pasted >= 18
+
+
+def test_moved_patches_keep_their_labels() -> None:
+    image, labels = blocks()
+    moved_some = 0
+    for seed in range(20):
+        picture, names = move_patches(image, labels, np.random.default_rng(seed))
+        moved_some += int((names != labels).any())
+        agree = np.abs(picture[..., 0].astype(int) - 40 * names.astype(int)) <= 20
+        assert agree.mean() > 0.97
+    assert moved_some > 5
 
 
 def test_views_repeat_by_seed() -> None:

@@ -177,8 +177,8 @@ def test_two_minutes_on_the_field_with_clipseg(drive: Drive) -> None:
     step, growth = status["perceiver"]["step_ms"], max(half) - half[0]
     print(
         f"\nT {drive.freshness:g} s, {drive.rate:.2g} frames/s aimed at: "
-        f"{len(frames)} frames in {SECONDS:.0f} s, the oldest {max(ages):.2f} s old when judged, the longest gap {max(gaps):.2f} s, the last step "
-        f"{step:.0f} ms; {peak:.0f} MB at most, {growth:+.1f} MB in the second half; "
+        f"{len(frames)} frames in {SECONDS:.0f} s, the oldest {max(ages):.2f} s old when judged, "
+        f"the longest gap {max(gaps):.2f} s, the last step {step:.0f} ms; {peak:.0f} MB at most, {growth:+.1f} MB in the second half; "
         f"{len(drive.told('call'))} calls"
     )
     assert max(ages) <= drive.freshness

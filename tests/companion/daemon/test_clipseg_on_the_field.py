@@ -178,8 +178,8 @@ def test_two_minutes_on_the_field_with_clipseg(drive: Drive) -> None:
     print(
         f"\nT {drive.freshness:g} s, {drive.rate:.2g} frames/s aimed at: "
         f"{len(frames)} frames in {SECONDS:.0f} s, the oldest {max(ages):.2f} s old when judged, "
-        f"the longest gap {max(gaps):.2f} s, the last step {step:.0f} ms; {peak:.0f} MB at most, {growth:+.1f} MB in the second half; "
-        f"{len(drive.told('call'))} calls"
+        f"the longest gap {max(gaps):.2f} s, the last step {step:.0f} ms; "
+        f"{peak:.0f} MB at most, {growth:+.1f} MB in the second half; {len(drive.told('call'))} calls"
     )
     assert max(ages) <= drive.freshness
     assert max(gaps) <= drive.freshness

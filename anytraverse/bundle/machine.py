@@ -9,6 +9,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from anytraverse.errors import PerceiverError
+from anytraverse.perception.runtime import load_onnxruntime
+
 X86_FLAGS = (
     "avx2",
     "avx512f",
@@ -121,7 +124,6 @@ def _arm_core(core: dict[str, str]) -> str:
 
 def _onnxruntime_version() -> str:
     try:
-        import onnxruntime
-    except ImportError:
+        return str(load_onnxruntime().__version__)
+    except PerceiverError:
         return "none"
-    return str(onnxruntime.__version__)

@@ -64,7 +64,7 @@ class Runtime:
 
 def available_providers() -> tuple[str, ...]:
     """The names of `PROVIDERS` that the installed ONNX Runtime brings. Raises PerceiverError without one."""
-    installed = _onnxruntime().get_available_providers()
+    installed = load_onnxruntime().get_available_providers()
     return tuple(name for name, theirs in PROVIDERS.items() if theirs in installed)
 
 
@@ -74,7 +74,7 @@ def open_session(model: Path | bytes, runtime: Runtime) -> onnxruntime.Inference
     Sessions take turns in one thread, so each may use all cores, but its workers must not go on spinning
     when its turn is over. Raises PerceiverError when a provider is missing or the network cannot be read.
     """
-    ort = _onnxruntime()
+    ort = load_onnxruntime()
     missing = [name for name in runtime.providers if name not in available_providers()]
     if missing:
         raise PerceiverError(
@@ -113,12 +113,15 @@ def run_session(
 @cache
 def _share_memory() -> None:
     """One pool of working memory for all sessions, which take turns, grown by what is asked and no more."""
-    ort = _onnxruntime()
+    ort = load_onnxruntime()
     place = ort.OrtMemoryInfo("Cpu", ort.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, ort.OrtMemType.DEFAULT)
     ort.create_and_register_allocator(place, ort.OrtArenaCfg({"arena_extend_strategy": 1}))
 
 
-def _onnxruntime() -> onnxruntime:
+def load_onnxruntime() -> onnxruntime:
+    """ONNX Runtime with its telemetry off: since 1.29 it reports to its maker and keeps files in the home
+    unless it is told not to before its import. Raises PerceiverError without it."""
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     try:
         import onnxruntime
     except ImportError:

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from anytraverse.bundle.manifest import Manifest, read_manifest, verify
@@ -23,6 +23,9 @@ from anytraverse.perception.resizing import Resizer
 from anytraverse.perception.runtime import Runtime, open_session, run_session
 from anytraverse.preferences import clean_word
 from anytraverse.regions import Box
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 Array = NDArray[np.float32]
 

@@ -16,7 +16,13 @@ from anytraverse.bundle.comparing import Comparison, Seen
 from anytraverse.bundle.machine import Machine, this_machine
 from anytraverse.bundle.manifest import Manifest, manifest_digest, read_manifest, verify
 from anytraverse.bundle.pictures import frames_of
-from anytraverse.bundle.records import CheckRecord, CheckRuntime, choose_precision, save_record
+from anytraverse.bundle.records import (
+    CheckRecord,
+    CheckRuntime,
+    check_writable,
+    choose_precision,
+    save_record,
+)
 from anytraverse.bundle.timing import Timing, peak_memory, time_parts
 from anytraverse.errors import PerceiverError
 from anytraverse.frame import Image
@@ -79,6 +85,10 @@ def check(plan: Plan, say: Say) -> Report:
     manifest.parts(plan.precision)
     runtime = Runtime(threads=plan.threads)
     report = Report(manifest, this_machine(), runtime.cores)
+    if plan.frames is not None:
+        next(frames_of(plan.frames, _silent))
+        if "int8" in manifest.variants:
+            check_writable(plan.folder)
     verify(plan.folder, manifest, say)
     perceivers = {plan.precision: _try(plan, plan.precision, report, say)}
     report.memory = peak_memory()

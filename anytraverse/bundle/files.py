@@ -38,6 +38,8 @@ def check_contents(folder: Path, name: str, entry: FileEntry) -> None:
     path = folder / name
     try:
         digest = sha256_of(path)
+    except PermissionError:
+        raise BundleError(f"{path} may not be read by this user: chmod -R a+rX {folder}") from None
     except OSError as error:
         raise BundleError(f"{path} cannot be read ({error.strerror}): copy the bundle again") from error
     if digest != entry.sha256:

@@ -144,11 +144,13 @@ def _manifest_bytes(folder: Path) -> bytes:
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST_MANIFEST + 1)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise BundleError(
             f"{folder} is not a bundle, it has no {MANIFEST}: "
-            "give the folder that `anytraverse export` wrote, copied whole"
+            "give the folder that `anytraverse export` or `anytraverse bundle classes` wrote, copied whole"
         ) from None
+    except PermissionError:
+        raise BundleError(f"{path} may not be read by this user: chmod -R a+rX {folder}") from None
     except (OSError, ValueError) as error:
         raise BundleError(f"{path} cannot be read ({error}): copy the bundle again") from None
     if len(data) > LARGEST_MANIFEST:

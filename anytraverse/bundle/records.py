@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -78,7 +79,8 @@ def choose_precision(folder: Path, manifest: Manifest, runtime: Runtime) -> tupl
 
 def _int8_allowed(folder: Path, manifest: Manifest, runtime: Runtime) -> tuple[bool, str]:
     if "int8" not in manifest.variants:
-        return False, "the bundle carries no int8 variant (export it with --precision fp32,int8)"
+        advice = " (export it with --precision fp32,int8)" if manifest.kind != "classes" else ""
+        return False, f"the bundle carries no int8 variant{advice}"
     if runtime.providers[0] != "CPU":
         return False, f"int8 is checked on the CPU alone, and {runtime.providers[0]} comes first"
     record, why = read_record(folder, manifest_digest(folder))
@@ -98,6 +100,24 @@ def record_path(folder: Path, machine: Machine) -> Path:
     return folder / CHECKS / f"{machine.id}.json"
 
 
+def check_writable(folder: Path) -> None:
+    """Refuse, with BundleError and before minutes of comparing, a bundle where no record can be kept."""
+    path = folder / CHECKS
+    try:
+        path.mkdir(exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> BundleError:
+    return BundleError(
+        f"the record of the check cannot be written to {path} ({error.strerror}): "
+        "check the bundle as a user who may write there, or without --frames, which times it only"
+    )
+
+
 def save_record(folder: Path, record: CheckRecord) -> Path:
     """Put the record in its place, whole; its path. Raises BundleError when the folder cannot be written."""
     path = record_path(folder, record.machine)
@@ -111,10 +131,7 @@ def save_record(folder: Path, record: CheckRecord) -> Path:
             os.fsync(file.fileno())
         part.replace(path)
     except OSError as error:
-        raise BundleError(
-            f"the record of the check cannot be written to {path} ({error.strerror}): "
-            "check the bundle as a user who may write there"
-        ) from error
+        raise _unwritable(path, error) from error
     return path
 
 

@@ -167,3 +167,30 @@ def test_a_rate_that_is_promised_leaves_an_ok_fresh() -> None:
     assert timing(20).pace.keeps
     assert timing(660).pace.keeps
     assert not timing(670).pace.keeps
+
+
+def test_frames_that_are_not_there_are_told_before_anything_is_timed(
+    make_bundle: MakeBundle, tmp_path: Path, capsys: Out
+) -> None:
+    assert main(["bundle", "check", str(make_bundle()), "--frames", str(tmp_path / "no")]) == 2
+    told = capsys.readouterr().err
+    assert "does not exist" in told
+    assert "timing" not in told
+
+
+def test_a_record_that_cannot_be_kept_is_told_before_anything_is_compared(
+    make_bundle: MakeBundle, frames: Path, capsys: Out
+) -> None:
+    folder = make_bundle()
+    (folder / "checks").write_text("in the way")
+    assert main(["bundle", "check", str(folder), "--frames", str(frames)]) == 2
+    told = capsys.readouterr().err
+    assert "cannot be written" in told
+    assert "without --frames" in told
+    assert "timing" not in told
+
+
+def test_a_file_is_not_a_bundle(tmp_path: Path, capsys: Out) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["bundle", "check", str(tmp_path / "file")]) == 2
+    assert "is not a bundle" in capsys.readouterr().err

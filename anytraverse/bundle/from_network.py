@@ -124,7 +124,8 @@ def _model_id(name: str, digests: list[str], details: dict[str, object], image: 
 
 def _text(out: Path, manifest: Manifest, found: NetworkForm) -> str:
     details, form = found.details, found.details.form
-    ignored = len(details.words.classes) - len(details.words.names)
+    words = details.words.names
+    ignored = len(details.words.classes) - len(words)
     how = "bytes as they are"
     if form.dtype == "float32":
         how = f"(pixel * {form.scale:.4g} - {_numbers(form.mean)}) / {_numbers(form.std)}"
@@ -132,12 +133,12 @@ def _text(out: Path, manifest: Manifest, found: NetworkForm) -> str:
     return "\n".join(
         [
             f"{out}: {manifest.model_id}",
-            f"  words       {', '.join(details.words.names)}" + (f" ({ignored} ignored)" if ignored else ""),
+            f"  words       {', '.join(words)}" + (f" ({ignored} ignored)" if ignored else ""),
             f"  input       {found.size[0]}x{found.size[1]} {form.layout} {form.dtype} {form.order}, {how}",
             f'  scores      "{details.output}", {found.maps[0]}x{found.maps[1]}, {details.activation}',
             f"  features    {taps}",
             f"  thresholds  {_said(manifest.thresholds)}",
-            f"  try it      anytraverse look PICTURE --perceiver {KIND}:{out}",
+            f'  try it      anytraverse look PICTURE --perceiver {KIND}:{out} --prompts "{words[0]}: 1"',
         ]
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import shutil
@@ -49,6 +50,8 @@ class BundleWriter:
     def __enter__(self) -> BundleWriter:
         check_place(self.out)
         self.out.parent.mkdir(parents=True, exist_ok=True)
+        for left in sorted(self.out.parent.glob(f".{glob.escape(self.out.name)}.*.part")):
+            self._say(f"left by one that was killed, unless it is still at work: rm -r {left}")
         self._folder = _beside(self.out, "part")
         return self
 

@@ -50,6 +50,8 @@ def export_bundle(
         ) from error
     if scene not in ("shared", "clip-b32"):
         raise BundleError(f'no scene embedding is called "{scene}": choose shared or clip-b32')
+    if clip is not None and scene != "clip-b32":
+        raise BundleError("--clip is the encoder of --scene clip-b32: give both, or neither")
     check_precisions(precisions)
     check_place(out)
     own = None

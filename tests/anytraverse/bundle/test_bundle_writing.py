@@ -163,3 +163,13 @@ def test_a_bundle_behind_a_link_is_replaced_where_it_lies(make_bundle: MakeBundl
         finish(writer)
     assert (tmp_path / "current").is_symlink()
     assert read_manifest(folder).name == "new"
+
+
+def test_what_a_killed_one_left_is_named(tmp_path: Path) -> None:
+    left = tmp_path / ".new[1].abcdefgh.part"
+    left.mkdir()
+    told: list[str] = []
+    with BundleWriter(tmp_path / "new[1]", told.append) as writer:
+        finish(writer)
+    assert told[0].endswith(f"rm -r {left}")
+    assert left.is_dir()

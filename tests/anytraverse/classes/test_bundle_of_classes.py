@@ -57,6 +57,7 @@ def test_a_network_becomes_a_bundle_that_judges_a_picture(
     assert "grass, dirt, water (1 ignored)" in told
     assert "32x24 nchw float32 rgb" in told
     assert "taps cannot teach" in told
+    assert f'look PICTURE --perceiver classes:{folder} --prompts "grass: 1"' in told
     photo = tmp_path / "photo.png"
     cv2.imwrite(str(photo), painted("grass", "dirt", "dirt", "grass")[..., ::-1])
     look = ["look", str(photo), "--perceiver", f"classes:{folder}", "--json"]

@@ -112,3 +112,8 @@ def test_what_is_not_installed_is_named(tmp_path: Path, checkpoint: str, missing
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert f"needs {missing}: on a workstation, pip install" in line
+
+
+def test_an_encoder_that_would_not_be_used_is_refused(tmp_path: Path, capsys: Out) -> None:
+    assert main(["export", "random", str(tmp_path / "out"), "--clip", "somewhere"]) == 2
+    assert "--scene clip-b32" in capsys.readouterr().err

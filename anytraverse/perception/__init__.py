@@ -97,11 +97,14 @@ class Perceiver(Protocol):
 
 
 KINDS: dict[str, tuple[str, str]] = {
-    "builtin": ("anytraverse.perception.builtin", "Builtin"),
+    "builtin": ("anytraverse.perception.builtin", "make_builtin"),
     "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),
     "classes": ("anytraverse.perception.classes.perceiver", "Classes"),
 }
-"""Kind -> (module, class of (argument, runtime)). The module is imported only when the kind is chosen."""
+"""Kind -> (module, what makes one of (argument, runtime)). Imported only when the kind is chosen."""
+
+NAMED = ("builtin", "builtin:lexicon", "builtin:net")
+"""Perceivers that come with this package; what follows the kind is a name here, and a path in all others."""
 
 
 def make_perceiver(name: str, runtime: Runtime | None = None) -> Perceiver:

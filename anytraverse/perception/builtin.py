@@ -1,30 +1,47 @@
-"""The built-in perceiver: a lexicon of ground words over colour, light, roughness and height in the image.
+"""The built-in perceivers, of which this is the smaller one: a lexicon of ground words.
 
-It needs no download and a few milliseconds a frame. Grass, paths, vegetation and sky are its strong words;
-water, rock and log are weak: tap such things rather than naming them. Places are told apart only by
-the colour and roughness of their ground.
+It knows them by colour, light, roughness and height in the image. It needs a few milliseconds a frame.
+Grass, paths, vegetation and sky are its strong words; water, rock and log are weak: tap such things rather
+than naming them. Places are told apart only by the colour and roughness of their ground.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import ExampleError, PerceiverError, UnknownWordError
 from anytraverse.frame import Image, is_image
-from anytraverse.perception import DefaultThresholds, Example, Prompt
+from anytraverse.perception import NAMED, DefaultThresholds, Example, Perceiver, Prompt
 from anytraverse.perception.ground_features import Grid, ground_features
 from anytraverse.perception.lexicon import LOOKS, VOCABULARY, meaning
 from anytraverse.perception.looks import Look, attention
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.scene import SAME_PLACE, scene_vector
 from anytraverse.perception.tapped import learn_look, look_of, vector_of
-from anytraverse.preferences import clean_word
 from anytraverse.regions import Box
 
 MODEL_ID = "builtin-lexicon-1"
+
+
+def make_builtin(argument: str, runtime: Runtime) -> Perceiver:
+    """ "" or "lexicon": the lexicon; "net": the package's network; FILE.onnx: a network of the user's own.
+
+    Raises PerceiverError for anything else, and for a network that cannot be loaded.
+    """
+    if argument in {"", "lexicon"}:
+        return Builtin()
+    if argument != "net" and not argument.endswith(".onnx"):
+        raise PerceiverError(
+            f'there is no "builtin:{argument}": choose {", ".join(NAMED)} '
+            "or builtin:FILE.onnx for a network of your own"
+        )
+    from anytraverse.perception.ground import SHIPPED, GroundNetwork
+
+    return GroundNetwork(SHIPPED if argument == "net" else Path(argument).expanduser(), runtime)
 
 
 class Builtin:
@@ -34,16 +51,9 @@ class Builtin:
     vocabulary = VOCABULARY
     defaults = DefaultThresholds(roi=0.3, scene=SAME_PLACE, tile=0.25)
 
-    def __init__(self, argument: str = "", runtime: Runtime | None = None) -> None:  # noqa: ARG002
-        """It runs no network. Raises PerceiverError for an argument: it takes none."""
-        if argument:
-            raise PerceiverError(
-                f'the built-in perceiver takes no argument: write "builtin", not "builtin:{argument}"'
-            )
-
     def meaning(self, word: str) -> str:
         """The concept under which synonyms meet. Raises UnknownWordError."""
-        return meaning(clean_word(word))
+        return meaning(word)
 
     def encode(self, image: Image) -> Grid:
         """The measurements of an RGB frame: see `ground_features`."""

@@ -6,8 +6,8 @@ and meadows (`bench/fit_lexicon.py`), rounded and widened by hand for other came
 
 from __future__ import annotations
 
-from anytraverse.errors import UnknownWordError
 from anytraverse.perception.looks import Look
+from anytraverse.perception.vocabulary import concept_of, words_for
 
 _GRASS = (
     Look((-0.17, 0.09), (0.4, 0.16), (-0.3, 0.5), (-2.1, 0.5), rows=(0.4, 1.0)),
@@ -54,49 +54,9 @@ LOOKS: dict[str, tuple[Look, ...]] = {
 }
 """Concept -> its looks."""
 
-_SYNONYMS: dict[str, str] = {
-    "meadow": "grass",
-    "lawn": "grass",
-    "green grass": "grass",
-    "hay": "dry grass",
-    "straw": "dry grass",
-    "bushes": "bush",
-    "shrub": "bush",
-    "shrubs": "bush",
-    "undergrowth": "bush",
-    "trees": "tree",
-    "forest": "tree",
-    "woods": "tree",
-    "plants": "vegetation",
-    "foliage": "vegetation",
-    "path": "trail",
-    "track": "trail",
-    "dirt path": "dirt",
-    "dirt road": "dirt",
-    "dirt track": "dirt",
-    "earth": "dirt",
-    "soil": "dirt",
-    "gravel road": "gravel",
-    "gravel path": "gravel",
-    "pebbles": "gravel",
-    "asphalt": "road",
-    "pavement": "road",
-    "concrete": "road",
-    "puddle": "water",
-    "pond": "water",
-    "rocks": "rock",
-    "stone": "rock",
-    "boulder": "rock",
-    "logs": "log",
-    "trunk": "log",
-}
-
-VOCABULARY: tuple[str, ...] = (*LOOKS, *_SYNONYMS)
+VOCABULARY: tuple[str, ...] = words_for(LOOKS)
 
 
 def meaning(word: str) -> str:
     """The concept of a word. Raises UnknownWordError."""
-    concept = _SYNONYMS.get(word, word)
-    if concept not in LOOKS:
-        raise UnknownWordError(word, tuple(LOOKS))
-    return concept
+    return concept_of(word, LOOKS)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from anytraverse.perception import KINDS
+from anytraverse.perception import KINDS, NAMED
 from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
 from companion.cameras import split_source
@@ -77,9 +77,9 @@ class Perceiver(Section):
         return Runtime(self.providers, self.threads, self.precision)
 
     def beside(self, folder: Path) -> Perceiver:
-        """With a bundle's relative path counted from `folder`."""
+        """With a bundle's or network's relative path counted from `folder`; a name that is no path stays."""
         kind, colon, argument = self.name.partition(":")
-        if not argument:
+        if not argument or self.name in NAMED:
             return self
         return replace(self, name=f"{kind}{colon}{folder / os.path.expanduser(argument)}")
 

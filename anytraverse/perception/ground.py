@@ -1,0 +1,179 @@
+"""The built-in network as a perceiver: ground by its words, things by taps, and a sense of place.
+
+docs/builtin.md says what it was trained on, how good it is, and what it is bad at.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from anytraverse.errors import ExampleError, PerceiverError, UnknownWordError
+from anytraverse.frame import Image, is_image
+from anytraverse.perception import DefaultThresholds, Example, Prompt
+from anytraverse.perception.ground_net import (
+    GREATEST_HEIGHT,
+    WIDTH,
+    Calibration,
+    Floats,
+    attention,
+    network_input,
+    posteriors,
+)
+from anytraverse.perception.ground_running import open_network
+from anytraverse.perception.ground_scene import SAME_PLACE, scene_vector
+from anytraverse.perception.ground_taps import COLOURS, changed_views, learn_tap, tap_attention, tap_cells
+from anytraverse.perception.ground_words import GROUND_WORDS, colour_fits, word_tables
+from anytraverse.perception.runtime import Runtime
+from anytraverse.perception.vocabulary import concept_of, words_for
+from anytraverse.regions import Box
+
+SHIPPED = Path(__file__).parent / "data" / "builtin.onnx"
+"""The network of this package; its calibration lies beside it, ending in .npz."""
+
+
+@dataclass(eq=False)
+class Ground:
+    """A frame as the network sees it.
+
+    frame: its input, (1, 3, H, W). probabilities: of the classes, (C, h, w). features: (D, h, w).
+    """
+
+    frame: Floats
+    probabilities: Floats
+    features: Floats
+
+    @cached_property
+    def cells(self) -> Floats:
+        """Features and colours, (h, w, T), for taps and for words of a colour."""
+        return tap_cells(self.features, self.frame)
+
+
+class GroundNetwork:
+    """The `Perceiver` of a trained network, the package's own or one of the user's."""
+
+    vocabulary = words_for(GROUND_WORDS)
+    defaults = DefaultThresholds(roi=0.3, scene=SAME_PLACE, tile=0.25)
+
+    def __init__(self, model: Path, runtime: Runtime) -> None:
+        """Load `model`, an .onnx file with its .npz beside it, and run it once.
+
+        Raises PerceiverError for files that are missing, torn, or no pair that a training wrote.
+        """
+        stored, numbers = _read(model), _read(model.with_suffix(".npz"))
+        self.model_id = f"builtin-net-{hashlib.sha256(stored + numbers).hexdigest()[:12]}"
+        self._calibration = Calibration.load(model.with_suffix(".npz"))
+        self._run = open_network(model, runtime)
+        self._check(model.name)
+
+    def meaning(self, word: str) -> str:
+        """The concept under which synonyms meet. Raises UnknownWordError, nearest words first."""
+        return concept_of(word, GROUND_WORDS)
+
+    def trust(self, word: str) -> str:
+        """How far the word can be trusted, "good", "fair" or "weak". Raises UnknownWordError."""
+        return GROUND_WORDS[self.meaning(word)].trust
+
+    def encode(self, image: Image) -> Ground:
+        """One run of the network, nearly all of a frame's cost. Raises PerceiverError."""
+        if not is_image(image):
+            raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
+        return self._seen(network_input(image))
+
+    def attend(self, features: Ground, prompts: Sequence[Prompt]) -> Floats:
+        """Attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
+        maps = np.zeros((len(prompts), *features.probabilities.shape[1:]), dtype=np.float32)
+        concepts = [self._concept(prompt) for prompt in prompts]
+        known = [concept for concept in concepts if concept is not None]
+        maps[[concept is not None for concept in concepts]] = self._words(features, known)
+        for each, prompt in zip(maps, prompts, strict=True):
+            if prompt.examples:
+                np.maximum(each, self._tapped(features, prompt), out=each)
+        return maps
+
+    def embed(self, features: Ground) -> Floats:
+        """The scene, a unit vector: see `scene_vector`. Raises PerceiverError."""
+        vector = scene_vector(features.features, self._calibration)
+        if not np.isfinite(vector).all():
+            raise PerceiverError("the scene's embedding is not finite")
+        return vector
+
+    def example(self, features: Ground, box: Box) -> Example:
+        """What the box shows, learnt from the frame in six lights, a pass each. Raises ExampleError."""
+        pixels = features.frame[0].transpose(1, 2, 0).astype(np.uint8)
+        views = [
+            self._seen(np.ascontiguousarray(view.transpose(2, 0, 1)[None], dtype=np.float32)).cells
+            for view in changed_views(pixels)
+        ]
+        return Example(self.model_id, learn_tap(views, box, self._calibration))
+
+    def _check(self, name: str) -> None:
+        """Run it once, and see that calibration, words and network are of one training."""
+        numbers = self._calibration
+        logits, features = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
+        classes, wide = len(numbers.classes), len(features)
+        shapes = {
+            numbers.bias.shape: (len(logits),),
+            numbers.tap_mean.shape: (wide + COLOURS,),
+            numbers.tap_whitening.shape: (wide + COLOURS, wide + COLOURS),
+            numbers.scene_mean.shape: (4 * wide,),
+            numbers.scene_projection.shape[1:]: (4 * wide,),
+        }
+        covered = {name for word in GROUND_WORDS.values() for name in word.covers}
+        if (
+            classes != len(logits)
+            or any(found != wanted for found, wanted in shapes.items())
+            or not covered <= set(numbers.classes)
+            or not (numbers.gamma > 0 and -1 < numbers.scene_threshold <= SAME_PLACE)
+        ):
+            raise PerceiverError(
+                f"{name} and its .npz are no pair of one training: copy both files again, or fit it again"
+            )
+
+    def _seen(self, frame: Floats) -> Ground:
+        logits, features = self._run(frame)
+        if not (np.isfinite(logits).all() and np.isfinite(features).all()):
+            raise PerceiverError("the network's output is not finite: its file is broken, install it again")
+        return Ground(frame, posteriors(logits, self._calibration), features)
+
+    def _concept(self, prompt: Prompt) -> str | None:
+        try:
+            return self.meaning(prompt.word)
+        except UnknownWordError:
+            if not prompt.examples:
+                raise
+            return None
+
+    def _words(self, seen: Ground, concepts: Sequence[str]) -> Floats:
+        covers, own = word_tables(concepts, self._calibration.classes)
+        fits = None
+        if any(GROUND_WORDS[concept].colour for concept in concepts):
+            fits = colour_fits(concepts, seen.cells[..., -COLOURS:][..., :3])
+        return attention(seen.probabilities, covers, own, self._calibration.gamma, fits)
+
+    def _tapped(self, seen: Ground, prompt: Prompt) -> Floats:
+        for example in prompt.examples:
+            if example.model_id != self.model_id:
+                raise ExampleError(
+                    f"this example was tapped with {example.model_id}, not {self.model_id}: "
+                    "tap the thing again"
+                )
+            if len(example.vector) != len(self._calibration.tap_mean) + 1:
+                raise ExampleError("this example is not whole: tap the thing again")
+        vectors = [example.vector for example in prompt.examples]
+        return tap_attention(seen.cells, vectors, self._calibration)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise PerceiverError(
+            f"{path}: {(error.strerror or str(error)).lower()}: give a network that "
+            "a training wrote, FILE.onnx with FILE.npz beside it"
+        ) from error

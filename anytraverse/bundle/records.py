@@ -74,7 +74,9 @@ def choose_precision(folder: Path, manifest: Manifest, runtime: Runtime) -> tupl
     allowed, why = _int8_allowed(folder, manifest, runtime)
     if demanded and not allowed:
         raise BundleError(f"{folder}: int8 must not run here: {why}; or set the precision to fp32")
-    return "int8" if allowed else "fp32", why
+    if "int8" not in manifest.variants:
+        return "fp32", why
+    return ("int8", f"int8 {why}") if allowed else ("fp32", f"int8 stays off: {why}")
 
 
 def _int8_allowed(folder: Path, manifest: Manifest, runtime: Runtime) -> tuple[bool, str]:
@@ -85,9 +87,9 @@ def _int8_allowed(folder: Path, manifest: Manifest, runtime: Runtime) -> tuple[b
         return False, f"int8 is checked on the CPU alone, and {runtime.providers[0]} comes first"
     record, why = read_record(folder, manifest_digest(folder))
     if record is None:
-        return False, f"int8: {why} (run: {check_command(folder)})"
+        return False, f"{why} (run: {check_command(folder)})"
     verdict = "passed" if record.passed else "failed"
-    return record.passed, f"int8 {verdict} its check on {record.when[:10]}: {record.why}"
+    return record.passed, f"{verdict} its check on {record.when[:10]}: {record.why}"
 
 
 def check_command(folder: Path) -> str:

@@ -98,7 +98,7 @@ class BundleWriter:
             raise BundleError(f"what the manifest should say is not JSON: {error}") from error
         manifest = read_manifest(self.folder)
         _flush(self.folder)
-        check_place(self.out)
+        check_place(self.out, kind)
         _put_in_place(self.folder, self.out)
         self._folder = None
         return manifest
@@ -120,8 +120,11 @@ def _files_of(folder: Path) -> list[tuple[str, Path]]:
     return found
 
 
-def check_place(out: Path) -> None:
-    """Refuse, with BundleError, a place where something lies that a new bundle must not replace."""
+def check_place(out: Path, kind: str | None = None) -> None:
+    """Refuse, with BundleError, a place where something lies that a new bundle must not replace.
+
+    kind: of the new bundle, which replaces only its like; None: not known yet.
+    """
     if not out.exists():
         return
     if not out.is_dir():
@@ -132,10 +135,15 @@ def check_place(out: Path) -> None:
     try:
         fields = parse_object((out / MANIFEST).read_bytes(), str(out / MANIFEST))
         known = {MANIFEST, *fields.object("files")} if fields.any("format") else set()
+        lies_there = fields.any("kind")
     except (BundleError, OSError):
         raise BundleError(
             f"{out} exists and is not a bundle: give another name, or move it away yourself"
         ) from None
+    if kind is not None and lies_there != kind:
+        raise BundleError(
+            f'{out} is a bundle of kind "{lies_there}", and the new one would be "{kind}": give another name'
+        )
     foreign = sorted(name for name in lying - known if not name.startswith(f"{CHECKS}/"))
     if foreign:
         raise BundleError(

@@ -53,7 +53,7 @@ def export_bundle(
     if clip is not None and scene != "clip-b32":
         raise BundleError("--clip is the encoder of --scene clip-b32: give both, or neither")
     check_precisions(precisions)
-    check_place(out)
+    check_place(out, "clipseg")
     own = None
     if checkpoint == RANDOM:
         say("drawing random weights: the maps will mean nothing")

@@ -65,7 +65,7 @@ def test_a_bad_int8_is_recorded_and_does_not_run(
     folder = make_bundle(**{"gain": 4.0, **flaws})
     assert main(["bundle", "check", str(folder), "--frames", str(frames)]) == 1
     said = capsys.readouterr().out.splitlines()[-1]
-    assert "fp32: int8 failed its check" in said
+    assert "fp32: int8 stays off: failed its check" in said
     assert why in said
     found, _ = read_record(folder, manifest_digest(folder))
     assert found is not None

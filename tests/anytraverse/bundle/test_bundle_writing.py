@@ -17,11 +17,11 @@ from anytraverse.perception.resizing import Fit
 MakeBundle = Callable[..., Path]
 
 
-def finish(writer: BundleWriter, name: str = "new", content: bytes = b"new") -> None:
+def finish(writer: BundleWriter, name: str = "new", content: bytes = b"new", kind: str = "sham") -> None:
     """Write a bundle of one file."""
     (writer.folder / "a.onnx").write_bytes(content)
     writer.finish(
-        kind="sham",
+        kind=kind,
         name=name,
         model_id="sham-2",
         image=Fit(32, 32),
@@ -173,3 +173,13 @@ def test_what_a_killed_one_left_is_named(tmp_path: Path) -> None:
         finish(writer)
     assert told[0].endswith(f"rm -r {left}")
     assert left.is_dir()
+
+
+def test_a_bundle_of_another_kind_is_not_replaced(make_bundle: MakeBundle) -> None:
+    """Hundreds of megabytes would be gone for a wrong name."""
+    folder = make_bundle()
+    before = read_manifest(folder)
+    with BundleWriter(folder) as writer:
+        with pytest.raises(BundleError, match='of kind "sham", and the new one would be "other"'):
+            finish(writer, kind="other")
+    assert read_manifest(folder) == before

@@ -155,7 +155,7 @@ def test_int8_runs_by_itself_only_where_its_check_passed(folder: Path) -> None:
     save_record(folder, record(folder, passed=False, why="it is 0.76 times as fast"))
     assert chosen(folder, Runtime()) == (
         "fp32",
-        "int8 failed its check on 2025-06-01: it is 0.76 times as fast",
+        "int8 stays off: failed its check on 2025-06-01: it is 0.76 times as fast",
     )
     save_record(folder, record(folder))
     assert chosen(folder, Runtime()) == ("int8", "int8 passed its check on 2025-06-01: worst IoU 0.980")

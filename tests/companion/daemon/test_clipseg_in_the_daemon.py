@@ -164,7 +164,7 @@ def test_a_check_of_the_configuration_says_what_would_run_and_why(
     assert main(["config", "check", str(path)]) == 0
     told = capsys.readouterr()
     assert told.out.startswith("# perceiver: tiny-64-shared-")
-    assert "fp32: int8: not checked on this machine" in told.out.splitlines()[0]
+    assert "fp32: int8 stays off: not checked on this machine" in told.out.splitlines()[0]
     assert f"loading clipseg:{site.folder}/tiny" in told.err
     (site.folder / "again.toml").write_text(told.out)
     assert load_config(site.folder / "again.toml").perceiver == load_config(path).perceiver

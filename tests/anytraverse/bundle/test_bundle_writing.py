@@ -179,7 +179,7 @@ def test_a_bundle_of_another_kind_is_not_replaced(make_bundle: MakeBundle) -> No
     """Hundreds of megabytes would be gone for a wrong name."""
     folder = make_bundle()
     before = read_manifest(folder)
-    with BundleWriter(folder) as writer:
-        with pytest.raises(BundleError, match='of kind "sham", and the new one would be "other"'):
-            finish(writer, kind="other")
+    refusal = pytest.raises(BundleError, match='of kind "sham", and the new one would be "other"')
+    with BundleWriter(folder) as writer, refusal:
+        finish(writer, kind="other")
     assert read_manifest(folder) == before

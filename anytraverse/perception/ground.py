@@ -36,6 +36,12 @@ from anytraverse.regions import Box
 SHIPPED = Path(__file__).parent / "data" / "builtin.onnx"
 """The network of this package; its calibration lies beside it, ending in .npz."""
 
+_UNKNOWN = "unknown"
+"""The class of what has no name."""
+_THING = (
+    0.75  # quantile of a tapped box's points that surely shows the thing: its corners show what is behind
+)
+
 
 @dataclass(eq=False)
 class Ground:
@@ -116,7 +122,9 @@ class GroundNetwork:
             self._seen(np.ascontiguousarray(view.transpose(2, 0, 1)[None], dtype=np.float32)).cells
             for view in changed_views(pixels)
         ]
-        return Example(self.model_id, learn_tap(views, box, self._calibration))
+        learnt = learn_tap(views, box, self._calibration)
+        strange = np.quantile(self._strangeness(features)[box.mask(*features.cells.shape[:2])], _THING)
+        return Example(self.model_id, np.append(learnt, strange).astype(np.float32))
 
     def _check(self, name: str) -> None:
         """Run it once, and see that calibration, words and network are of one training."""
@@ -130,7 +138,7 @@ class GroundNetwork:
             numbers.scene_mean.shape: (4 * wide,),
             numbers.scene_projection.shape[1:]: (4 * wide,),
         }
-        covered = {name for word in GROUND_WORDS.values() for name in word.covers}
+        covered = {_UNKNOWN} | {name for word in GROUND_WORDS.values() for name in word.covers}
         if (
             classes != len(logits)
             or any(found != wanted for found, wanted in shapes.items())
@@ -169,10 +177,24 @@ class GroundNetwork:
                     f"this example was tapped with {example.model_id}, not {self.model_id}: "
                     "tap the thing again"
                 )
-            if len(example.vector) != len(self._calibration.tap_mean) + 1:
+            if len(example.vector) != len(self._calibration.tap_mean) + 2:
                 raise ExampleError("this example is not whole: tap the thing again")
-        vectors = [example.vector for example in prompt.examples]
-        return tap_attention(seen.cells, vectors, self._calibration)
+        known = 1 - self._strangeness(seen)
+        found = [
+            tap_attention(seen.cells, [example.vector[:-1]], self._calibration)
+            * (1 - known * np.clip(example.vector[-1], 0, 1))
+            for example in prompt.examples
+        ]
+        return np.asarray(np.maximum.reduce(found), dtype=np.float32)
+
+    def _strangeness(self, seen: Ground) -> Floats:
+        """How little all that the network knows by name explains each point, (h, w) in [0, 1].
+
+        A thing that was strange when it was tapped is looked for in what is strange: the look of a brown drum
+        alone is found in brown earth too. A thing that was taken for known ground is looked for anywhere.
+        """
+        unknown = seen.probabilities[self._calibration.classes.index(_UNKNOWN)]
+        return np.asarray(1 - np.clip(1 - unknown, 0, 1) ** self._calibration.gamma, dtype=np.float32)
 
 
 def _read(path: Path) -> bytes:

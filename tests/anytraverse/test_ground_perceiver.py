@@ -207,7 +207,7 @@ def test_a_torn_file_is_refused(tmp_path: Path, torn: str) -> None:
 def test_a_calibration_of_another_network_is_refused(tmp_path: Path, wrong: dict[str, Any]) -> None:
     own = copied(tmp_path)
     replace(Calibration.load(own.with_suffix(".npz")), **wrong).save(own.with_suffix(".npz"))
-    with pytest.raises(PerceiverError, match="no pair of one training.*fit it again"):
+    with pytest.raises(PerceiverError, match=r"no pair of one training.*fit it again"):
         make_perceiver(f"builtin:{own}", Runtime(threads=1))
 
 

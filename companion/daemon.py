@@ -27,6 +27,7 @@ from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness
 from companion.telling import summary
 from companion.watch import Watch
+from companion.weak_words import WeakWords
 from companion.wire import texts
 from companion.wire.ids import Policy, State
 
@@ -66,6 +67,7 @@ class Daemon:
         self._conversation = conversation
         self._desk = desk
         self._model = model
+        self._weak_words = WeakWords(model.trust)
         self._view = view
         self._took = 0.0
         self._announcement = Announcement(calls)
@@ -171,6 +173,8 @@ class Daemon:
             self._link.say(texts.frame_lost(self._calls.current_id), WARNING, now)
         if seen.dropped:
             self._link.say(texts.out_of_use(", ".join(seen.dropped)), NOTICE, now)
+        for word in self._weak_words.new(judged.memory):
+            self._link.say(texts.weak_word(word), NOTICE, now)
         state = self._calls.state(now)
         region = self._calls.numbers.judging.region
         self._link.summary(

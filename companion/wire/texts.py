@@ -237,6 +237,11 @@ def out_of_use(word: str) -> str:
     return fit(f"Out of use here: {word}")
 
 
+def weak_word(word: str) -> str:
+    """A word came into use that the perceiver finds badly."""
+    return fit(f"Weak word, tap it rather: {word}")
+
+
 def sender_refused(system: int) -> str:
     """A sender that may not change anything."""
     return fit(f"Sender {system} refused: not in allowed_senders")

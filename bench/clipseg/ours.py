@@ -78,7 +78,7 @@ def main() -> None:
         size=json.loads(images.read_text())["size"]["height"],
         precisions=given.precisions,
         scene=given.scene,
-        clip=given.clip,
+        clip=given.clip if given.scene == "clip-b32" else None,
         say=print,
     )
 

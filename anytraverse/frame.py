@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.errors import PerceiverError
+
 Image = NDArray[np.uint8]
 """RGB, (height, width, 3), uint8."""
 
@@ -35,6 +37,12 @@ def is_image(image: Any) -> bool:
         and image.shape[2] == 3
         and image.size > 0
     )
+
+
+def check_image(image: Any) -> None:
+    """Raises PerceiverError for what is not a picture."""
+    if not is_image(image):
+        raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
 
 
 def is_black(image: Image, level: float = 4.0) -> bool:

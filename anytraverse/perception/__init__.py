@@ -37,6 +37,16 @@ class Example:
         if self.vector.ndim != 1 or not np.isfinite(self.vector).all():
             raise ExampleError("an example must be one finite vector: tap the thing again")
 
+    def vector_for(self, model_id: str, length: int | None = None) -> NDArray[np.float32]:
+        """The vector, for the model that reads it. Raises ExampleError for another model's or length."""
+        if self.model_id != model_id:
+            raise ExampleError(
+                f"this example was tapped with {self.model_id}, not {model_id}: tap the thing again"
+            )
+        if length is not None and len(self.vector) != length:
+            raise ExampleError("this example is not whole: tap the thing again")
+        return self.vector
+
 
 @dataclass(frozen=True)
 class Prompt:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.errors import ExampleError, PerceiverError, UnknownWordError
-from anytraverse.frame import Image, is_image
+from anytraverse.errors import PerceiverError, UnknownWordError
+from anytraverse.frame import Image, check_image
 from anytraverse.perception import NAMED, DefaultThresholds, Example, Perceiver, Prompt
 from anytraverse.perception.ground_features import Grid, ground_features
 from anytraverse.perception.lexicon import LOOKS, VOCABULARY, meaning
@@ -57,8 +57,7 @@ class Builtin:
 
     def encode(self, image: Image) -> Grid:
         """The measurements of an RGB frame: see `ground_features`."""
-        if not is_image(image):
-            raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
+        check_image(image)
         return ground_features(image)
 
     def attend(self, features: Grid, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
@@ -84,8 +83,4 @@ class Builtin:
         return (*named, *(self._tapped(example) for example in prompt.examples))
 
     def _tapped(self, example: Example) -> Look:
-        if example.model_id != self.model_id:
-            raise ExampleError(
-                f"this example was tapped with {example.model_id}, not {self.model_id}: tap the thing again"
-            )
-        return look_of(example.vector)
+        return look_of(example.vector_for(self.model_id))

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from anytraverse.errors import ExampleError, PerceiverError, UnknownWordError
-from anytraverse.frame import Image, is_image
+from anytraverse.errors import PerceiverError, UnknownWordError
+from anytraverse.frame import Image, check_image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.ground_net import (
     GREATEST_HEIGHT,
@@ -93,8 +93,7 @@ class GroundNetwork:
 
     def encode(self, image: Image) -> Ground:
         """One run of the network, nearly all of a frame's cost. Raises PerceiverError."""
-        if not is_image(image):
-            raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
+        check_image(image)
         return self._seen(network_input(image))
 
     def attend(self, features: Ground, prompts: Sequence[Prompt]) -> Floats:
@@ -171,19 +170,13 @@ class GroundNetwork:
         return attention(seen.probabilities, covers, own, self._calibration.gamma, fits)
 
     def _tapped(self, seen: Ground, prompt: Prompt) -> Floats:
-        for example in prompt.examples:
-            if example.model_id != self.model_id:
-                raise ExampleError(
-                    f"this example was tapped with {example.model_id}, not {self.model_id}: "
-                    "tap the thing again"
-                )
-            if len(example.vector) != len(self._calibration.tap_mean) + 2:
-                raise ExampleError("this example is not whole: tap the thing again")
+        whole = len(self._calibration.tap_mean) + 2
+        vectors = [example.vector_for(self.model_id, whole) for example in prompt.examples]
         known = 1 - self._strangeness(seen)
         found = [
-            tap_attention(seen.cells, [example.vector[:-1]], self._calibration)
-            * (1 - known * np.clip(example.vector[-1], 0, 1))
-            for example in prompt.examples
+            tap_attention(seen.cells, [vector[:-1]], self._calibration)
+            * (1 - known * np.clip(vector[-1], 0, 1))
+            for vector in vectors
         ]
         return np.asarray(np.maximum.reduce(found), dtype=np.float32)
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import PerceiverError
-from anytraverse.frame import Image, is_image
-from anytraverse.perception.runtime import Runtime
+from anytraverse.frame import Image, check_image
 
 FILTERS = ("bilinear", "bicubic")
 LARGEST = 4096
@@ -65,15 +64,14 @@ class Fit:
 class Resizer:
     """Brings frames to one size. It keeps the weights for the last frame's size."""
 
-    def __init__(self, fit: Fit, runtime: Runtime) -> None:  # noqa: ARG002 one interface, whatever resizes
+    def __init__(self, fit: Fit) -> None:
         self._fit = fit
         self._taps: tuple[_Taps, _Taps] | None = None
         self._shape: tuple[int, ...] = ()
 
     def __call__(self, image: Image) -> Image:
         """The frame, (height, width, 3) uint8 RGB, at the size of `fit`. Raises PerceiverError."""
-        if not is_image(image):
-            raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
+        check_image(image)
         if self._taps is None or self._shape != image.shape:
             self._taps, self._shape = _taps_for(self._fit, *image.shape[1::-1]), image.shape
         columns, rows = self._taps

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -68,18 +68,19 @@ def available_providers() -> tuple[str, ...]:
     return tuple(name for name, theirs in PROVIDERS.items() if theirs in installed)
 
 
-def open_session(model: Path | bytes, runtime: Runtime) -> onnxruntime.InferenceSession:
-    """A session for a network file, or the bytes of one.
+def open_session(model: Path, runtime: Runtime) -> onnxruntime.InferenceSession:
+    """A session for a network file.
 
     Sessions take turns in one thread, so each may use all cores, but its workers must not go on spinning
     when its turn is over. Raises PerceiverError when a provider is missing or the network cannot be read.
     """
     ort = load_onnxruntime()
-    missing = [name for name in runtime.providers if name not in available_providers()]
+    available = available_providers()
+    missing = [name for name in runtime.providers if name not in available]
     if missing:
         raise PerceiverError(
             f"ONNX Runtime has no provider {', '.join(missing)} here, "
-            f"only {', '.join(available_providers())}: "
+            f"only {', '.join(available)}: "
             "change `providers`, or install the build that has it in place of onnxruntime "
             "(onnxruntime-gpu: CUDA, TensorRT; onnxruntime-openvino: OpenVINO)"
         )
@@ -94,18 +95,20 @@ def open_session(model: Path | bytes, runtime: Runtime) -> onnxruntime.Inference
     options.add_session_config_entry("session.force_spinning_stop", "1")
     names = [PROVIDERS[name] for name in dict.fromkeys((*runtime.providers, "CPU"))]
     try:
-        return ort.InferenceSession(model if isinstance(model, bytes) else str(model), options, names)
+        return ort.InferenceSession(str(model), options, names)
     except Exception as error:  # ONNX Runtime has a dozen kinds of its own
-        what = "the network" if isinstance(model, bytes) else model.name
-        raise PerceiverError(f"ONNX Runtime cannot load {what}: {' '.join(str(error).split())}") from error
+        why = " ".join(str(error).split())
+        raise PerceiverError(f"ONNX Runtime cannot load {model.name}: {why}") from error
 
 
 def run_session(
-    session: onnxruntime.InferenceSession, given: Mapping[str, NDArray[Any]]
+    session: onnxruntime.InferenceSession,
+    given: Mapping[str, NDArray[Any]],
+    outputs: Sequence[str] | None = None,
 ) -> list[NDArray[Any]]:
-    """A network's outputs for these inputs, in their order. Raises PerceiverError when it fails."""
+    """A network's outputs, all or those named, in order. Raises PerceiverError when it fails."""
     try:
-        return list(session.run(None, dict(given)))
+        return list(session.run(outputs, dict(given)))
     except Exception as error:  # ONNX Runtime has a dozen kinds of its own
         raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.frame import Image
 from anytraverse.perception.classes.details import Details
-from anytraverse.perception.runtime import Runtime, open_session
+from anytraverse.perception.runtime import Runtime, open_session, run_session
 
 Array = NDArray[np.float32]
 
@@ -86,10 +86,7 @@ class Network:
         Raises PerceiverError, and BundleError where they have another form.
         """
         given = {self._input: self._details.form.tensor(picture)}
-        try:
-            scores, *features = self._session.run(self._outputs, given)
-        except Exception as error:  # ONNX Runtime has a dozen kinds of its own
-            raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error
+        scores, *features = run_session(self._session, given, self._outputs)
         maps = [self._planes(scores, self._details.output, len(self._details.words.classes))]
         return maps + [self._planes(each, FEATURES, None) for each in features]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from anytraverse.bundle.manifest import MANIFEST, Manifest, read_manifest, verify
 from anytraverse.bundle.records import choose_precision
 from anytraverse.errors import BundleError, ExampleError, PerceiverError, UnknownWordError
-from anytraverse.frame import Image, is_image
+from anytraverse.frame import Image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.classes.attention import attention_of, learn, likeness, resized_to
 from anytraverse.perception.classes.details import read_details
@@ -52,7 +52,7 @@ class Classes:
             raise BundleError(f"{folder}: frames are cropped, and their edges unseen: make the bundle again")
         details = read_details(self.manifest.details, f"{folder / MANIFEST}: details")
         self._words, self._shares = details.words, details.shares
-        self._resize = Resizer(self.manifest.image, runtime)
+        self._resize = Resizer(self.manifest.image)
         self._network = Network(folder / self.manifest.file(self.precision, PART), details, runtime)
         self._network.warm_up(self.manifest.image.height, self.manifest.image.width)
 
@@ -77,8 +77,6 @@ class Classes:
 
     def encode(self, image: Image) -> Segmented:
         """One run of the network. Raises PerceiverError, also for output that is not finite."""
-        if not is_image(image):
-            raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
         return self._network(self._resize(image))
 
     def attend(self, features: Segmented, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
@@ -91,7 +89,7 @@ class Classes:
             if index is not None:
                 each[...] = next(of_words)
             for example in prompt.examples:
-                found = likeness(self._directions(features), self._vector(example))
+                found = likeness(self._directions(features), example.vector_for(self.model_id))
                 np.maximum(each, resized_to(found, each.shape), out=each)
         return maps
 
@@ -121,10 +119,3 @@ class Classes:
                 "again"
             )
         return seen.directions
-
-    def _vector(self, example: Example) -> NDArray[np.float32]:
-        if example.model_id != self.model_id:
-            raise ExampleError(
-                f"this example was tapped with {example.model_id}, not {self.model_id}: tap the thing again"
-            )
-        return example.vector

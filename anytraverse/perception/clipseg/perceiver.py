@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from anytraverse.bundle.manifest import Manifest, read_manifest, verify
 from anytraverse.bundle.records import choose_precision
 from anytraverse.errors import ExampleError, PerceiverError
-from anytraverse.frame import Image, is_image
+from anytraverse.frame import Image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.clipseg.prompts import Prompts
 from anytraverse.perception.resizing import Resizer
@@ -77,11 +77,9 @@ class ClipSeg:
         self._image = self._session("image")
         self._tail = self._session("tail")
         self._decoder = self._session("decoder")
-        self._resize = Resizer(manifest.image, runtime)
+        self._resize = Resizer(manifest.image)
         self._scene = self._session("scene") if manifest.scene_image is not None else None
-        self._resize_scene = (
-            Resizer(manifest.scene_image, runtime) if manifest.scene_image is not None else None
-        )
+        self._resize_scene = Resizer(manifest.scene_image) if manifest.scene_image is not None else None
 
     @property
     def model_id(self) -> str:
@@ -104,8 +102,6 @@ class ClipSeg:
 
     def encode(self, image: Image) -> Activations:
         """One run of the image tower, nearly all of a frame's cost. Raises PerceiverError."""
-        if not is_image(image):
-            raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
         reduced, deep = run_session(self._image, {"frame": self._resize(image)})
         if not np.isfinite(reduced).all():
             raise PerceiverError("the image network's output is not finite")
@@ -168,18 +164,9 @@ class ClipSeg:
         for prompt, condition in zip(prompts, words, strict=True):
             asked.append({prompt.word: condition})
             if prompt.examples:
-                vectors = [self._vector(example) for example in prompt.examples]
+                vectors = [example.vector_for(self.model_id, len(condition)) for example in prompt.examples]
                 asked[-1][prompt.examples] = np.mean(vectors, axis=0)
         return asked
-
-    def _vector(self, example: Example) -> Array:
-        if example.model_id != self.model_id:
-            raise ExampleError(
-                f"this example was tapped with {example.model_id}, not {self.model_id}: tap the thing again"
-            )
-        if len(example.vector) != self._decoder.get_inputs()[1].shape[1]:
-            raise ExampleError("this example is not whole: tap the thing again")
-        return example.vector
 
     def _finish(self, deep: Array) -> Array:
         (vector,) = run_session(self._tail, {"deep": deep})

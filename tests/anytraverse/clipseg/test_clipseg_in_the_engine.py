@@ -46,20 +46,6 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def runs(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Every network that is run, by the name of its file."""
-    ran: list[str] = []
-    run = onnxruntime.InferenceSession.run
-
-    def counted(self: Any, *given: Any, **options: Any) -> Any:
-        ran.append(Path(self._model_path).stem)
-        return run(self, *given, **options)
-
-    monkeypatch.setattr(onnxruntime.InferenceSession, "run", counted)
-    return ran
-
-
 def test_a_frame_runs_tower_tail_and_decoder_and_the_first_one_the_text(
     bundle: Path, runs: list[str]
 ) -> None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from anytraverse.errors import PerceiverError
 from anytraverse.frame import Image
 from anytraverse.perception.resizing import Fit, Resizer
-from anytraverse.perception.runtime import Runtime
 
 
 def noise(width: int, height: int) -> Image:
@@ -20,7 +19,7 @@ def noise(width: int, height: int) -> Image:
 
 
 def resized(image: Image, fit: Fit) -> Image:
-    return Resizer(fit, Runtime())(image)
+    return Resizer(fit)(image)
 
 
 def by_pillow(image: Image, fit: Fit) -> Image:
@@ -109,7 +108,7 @@ def test_a_view_of_a_larger_picture_counts_as_what_it_shows(view: Any) -> None:
 
 
 def test_frames_of_another_size_may_come_at_any_time() -> None:
-    resizer = Resizer(Fit(20, 30), Runtime())
+    resizer = Resizer(Fit(20, 30))
     for size in ((64, 48), (48, 64), (64, 48)):
         np.testing.assert_array_equal(resizer(noise(*size)), resized(noise(*size), Fit(20, 30)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,3 +45,12 @@ def held(rig: Rig) -> Rig:
     assert rig.state == ("CALLING", 1)
     assert rig.stage.mode == 4
     return rig
+
+
+@pytest.fixture
+def radio() -> Iterator[socket.socket]:
+    """A ground that only listens."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        ground.settimeout(0.1)
+        yield ground

@@ -126,15 +126,6 @@ def test_too_slow_is_told_with_figures_and_remedies() -> None:
 
 
 @pytest.fixture
-def radio() -> Any:
-    """A ground that only listens."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        ground.settimeout(0.1)
-        yield ground
-
-
-@pytest.fixture
 def config(tmp_path: Path, radio: socket.socket) -> Config:
     """A camera that shows nothing, and a wish to hold: T = 0.2 s at 50 frames/s."""
     path = tmp_path / "companion.toml"

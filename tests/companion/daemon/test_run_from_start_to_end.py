@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import pytest
@@ -26,15 +25,6 @@ from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
 
 PATIENCE = 10.0
-
-
-@pytest.fixture
-def radio() -> Any:
-    """A ground that only listens."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        ground.settimeout(0.1)
-        yield ground
 
 
 @pytest.fixture

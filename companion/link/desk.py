@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link import encode
 from companion.link.assembly import Assembly
 from companion.link.guard import Guard
-from companion.link.heard import AnswerRequest, Sender
+from companion.link.heard import AnswerRequest, PolicyRequest, Sender
 from companion.link.parameter_server import ParameterServer
 from companion.link.sender import Sender as Outbox
 from companion.link.speaker import Speaker
@@ -20,11 +20,13 @@ from companion.wire import texts
 from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord
 from companion.wire.ids import (
     ANSWER_COMMAND,
+    SET_POLICY,
     SET_WEIGHT,
     TUNNEL_ACKNOWLEDGEMENT,
     VERSION,
     Motion,
     Outcome,
+    Policy,
     Reasons,
     Result,
     Stage,
@@ -99,18 +101,20 @@ class AnswerDesk:
         self._open(("tunnel", sender, part.transaction), now)
         return AnswerRequest(sender, whole.transaction, whole.target, whole.motion, whole.operations)
 
-    def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | None:
+    def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | PolicyRequest | None:
         """The answer command; always acknowledged, by the daemon or here."""
         if not self._guard.may_change(sender):
             self._guard.rejected["sender"] += 1
             self._speaker.say(texts.sender_refused(sender[0]), WARNING, now)
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
             return None
+        if message.param2 == SET_POLICY and (policy := _whole(message.param3, 0, max(Policy))) is not None:
+            return PolicyRequest(sender, Policy(policy))
         request = self._read_command(sender, message)
         if request is None:
             self._guard.rejected["command"] += 1
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
-            self._speaker.say(texts.refused("p1 id, p2 1-3, or 4 index weight"), WARNING, now)
+            self._speaker.say(texts.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), WARNING, now)
             return None
         # The same command once more is a new wish, unless it says that it is a repetition.
         again = getattr(message, "confirmation", 0) > 0
@@ -135,6 +139,11 @@ class AnswerDesk:
         else:
             self._cases[key] = _Case(now, reply)
             self._trim()
+
+    def acknowledge_policy(self, request: PolicyRequest, now: float, *, accepted: bool) -> None:
+        """ACCEPTED, or FAILED: a text has said why."""
+        result = mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_FAILED
+        self._command_ack(request.sender, result, now)
 
     def _known(self, key: object, sender: Sender, now: float, repeat_within: float = math.inf) -> bool:
         case = self._cases.get(key)

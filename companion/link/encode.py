@@ -9,8 +9,6 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MAX_TEXT, State, heartbeat_mode
 from companion.wire.parameters import Parameter
 
-POSITION_INTERVAL_US = 500_000.0
-
 _STATUS = {
     State.STARTING: mavlink.MAV_STATE_BOOT,
     State.OK: mavlink.MAV_STATE_ACTIVE,
@@ -70,14 +68,9 @@ def set_mode(system_id: int, custom_mode: int) -> Any:
     )
 
 
-def ask_for_position(system_id: int) -> Any:
-    """SET_MESSAGE_INTERVAL for GLOBAL_POSITION_INT."""
-    return _command(
-        system_id,
-        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-        mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-        POSITION_INTERVAL_US,
-    )
+def ask_for(system_id: int, message_id: int, period: float) -> Any:
+    """SET_MESSAGE_INTERVAL: the message every `period` s, on our own port only."""
+    return _command(system_id, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(period * 1e6))
 
 
 def _command(system_id: int, command: int, first: float, second: float) -> Any:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.wire.answers import Operation
-from companion.wire.ids import Motion
+from companion.wire.ids import Motion, Policy
 
 Sender = tuple[int, int]
 """System and component id."""
+
+_SHORTEST, _LONGEST = 800, 2200
+"""us; MAVLink's 0 and 65535 mean that a channel is not there."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,29 @@ class ParameterRequest:
 
 
 @dataclass(frozen=True)
+class PolicyRequest:
+    """A policy to set, by command; `Link.acknowledge_policy` it. The same again changes nothing."""
+
+    sender: Sender
+    policy: Policy
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """What the remote control says: widths in us of channels 1 to 18 as they came, and how many count."""
+
+    widths: tuple[int, ...]
+    count: int
+
+    def of(self, channel: int) -> int | None:
+        """Channel 1 to 18's width, None where the receiver has none that makes sense."""
+        if channel > min(self.count, len(self.widths)):
+            return None
+        width = self.widths[channel - 1]
+        return width if _SHORTEST <= width <= _LONGEST else None
+
+
+@dataclass(frozen=True)
 class ModeAck:
     """The autopilot took the mode command or not. result: MAV_RESULT. The heartbeat is what counts."""
 
@@ -67,4 +93,4 @@ class ModeAck:
     result: int
 
 
-Heard = VehicleHeard | AnswerRequest | ParameterRequest | ModeAck
+Heard = VehicleHeard | AnswerRequest | ParameterRequest | PolicyRequest | Pulses | ModeAck

@@ -8,11 +8,12 @@ from functools import partial
 
 from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
+from companion.link.asking import Asking
 from companion.link.autopilot import ARDUPILOT
 from companion.link.connection import Connection
 from companion.link.desk import AnswerDesk
 from companion.link.guard import Guard
-from companion.link.heard import AnswerRequest, Heard, Vehicle
+from companion.link.heard import AnswerRequest, Heard, PolicyRequest, Pulses, Vehicle
 from companion.link.listener import Listener
 from companion.link.parameter_server import ParameterServer
 from companion.link.parser import Parser
@@ -24,7 +25,6 @@ from companion.link.transport import Transport, check_installed, open_transport
 from companion.link.vehicle import VehicleTracker
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL, State
-from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
@@ -77,7 +77,7 @@ class Link:
         self._telling = Telling(self._sender, now)
         self._returns = 0
         self._waits = settings.waits_for_vehicle
-        self._asked_position_at = now - 10.0
+        self._asking = Asking(self._sender)
 
     @property
     def vehicle(self) -> Vehicle | None:
@@ -126,6 +126,8 @@ class Link:
                 break
             for message in self._parser.feed(data, whole=self._connection.datagrams):
                 event = self._listener.hear(message, now)
+                if isinstance(event, Pulses):
+                    self._asking.hear_pulses(now)
                 if event is not None:
                     heard.append(event)
         return heard
@@ -142,7 +144,7 @@ class Link:
         self._announce_due(now)
         self._parameters.tick(now)
         self._telling.tick(now, calling=self._announcer.is_open)
-        self._ask_for_position(now)
+        self._asking.tick(self.vehicle, self._tracker.returns, now)
         self._sender.tick(now)
 
     def set_state(self, state: State, current_id: int) -> None:
@@ -175,6 +177,14 @@ class Link:
         """What became of an answer, to the asker; kept for when it asks again."""
         self._desk.acknowledge(request, ack, now)
 
+    def acknowledge_policy(self, request: PolicyRequest, now: float, *, accepted: bool) -> None:
+        """Whether the policy asked for is in force, to the asker."""
+        self._desk.acknowledge_policy(request, now, accepted=accepted)
+
+    def ask_for_pulses(self) -> None:
+        """From now on ask the autopilot for RC_CHANNELS, again whenever they stay away."""
+        self._asking.wants_pulses = True
+
     def set_parameter(self, name: str, value: float, now: float) -> None:
         """The value now in force: echoed to the asker, or told to all when it changed by itself.
 
@@ -190,17 +200,13 @@ class Link:
             message = encode.set_mode(self.vehicle.system_id, custom_mode)
             self._sender.push("mode", message, now, key=0, lifetime=MODE_LIFETIME)
 
+    def forget_mode(self) -> None:
+        """A mode that was asked for and waits to be sent is not wanted any more."""
+        self._sender.forget("mode")
+
     def _announce_due(self, now: float) -> None:
         while (spoken := self._announcer.text(now)) is not None:
             self._sender.push("call text", encode.text(spoken.text, spoken.severity), now)
         call = self._announcer.data(now)
         if call is not None:
             self._sender.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)
-
-    def _ask_for_position(self, now: float) -> None:
-        period = MESSAGES["interval"].period
-        if self.vehicle is None or self.vehicle.position_at is not None or period is None:
-            return
-        if now - self._asked_position_at >= period:
-            self._asked_position_at = now
-            self._sender.push("interval", encode.ask_for_position(self.vehicle.system_id), now, key=0)

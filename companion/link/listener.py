@@ -9,14 +9,14 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link import encode
 from companion.link.desk import AnswerDesk
 from companion.link.guard import Guard
-from companion.link.heard import Heard, ModeAck, VehicleHeard
+from companion.link.heard import Heard, ModeAck, Pulses, VehicleHeard
 from companion.link.parameter_server import ParameterServer
 from companion.link.sender import Sender
 from companion.link.vehicle import VehicleTracker
 from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
 
 CLASH_FOR = 10.0
-_TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "COMMAND_ACK"})
+_TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "COMMAND_ACK"})
 _REQUESTS = frozenset(
     {"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", "TUNNEL", "COMMAND_LONG", "COMMAND_INT"}
 )
@@ -74,12 +74,11 @@ class Listener:
             self._sender.system_id = system_id
         elif kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now):
             pass
-        elif (
-            kind == "COMMAND_ACK"
-            and self._tracker.vehicle is not None
-            and system_id == self._tracker.vehicle.system_id
-        ):
+        elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
             return self._hear_mode_ack(message)
+        elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
+            widths = tuple(int(getattr(message, f"chan{number}_raw")) for number in range(1, 19))
+            return Pulses(widths, int(message.chancount))
         else:
             return None
         return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)

@@ -25,6 +25,7 @@ _REFUSED = 0.02
 class _Frame:
     priority: int
     order: int
+    name: str = field(compare=False)
     key: object = field(compare=False)
     bucket: Bucket | None = field(compare=False)
     message: Any = field(compare=False)
@@ -72,11 +73,11 @@ class Sender:
         row = MESSAGES[name]
         assert row.priority is not None, f"the companion does not send {name}"
         size = len(message.pack(self._mav))
-        frame = _Frame(row.priority, self._order, (name, key), row.bucket, message, size, now + lifetime)
+        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, size, now + lifetime)
         self._order += 1
         if key is not None:
             for place, waiting in enumerate(self._queue):
-                if waiting.key == frame.key:
+                if (waiting.name, waiting.key) == (name, key):
                     frame.order = waiting.order
                     self._queue[place] = frame
                     return
@@ -88,7 +89,7 @@ class Sender:
 
     def waiting(self, name: str) -> int:
         """How many frames of this row wait."""
-        return sum(frame.key[0] == name for frame in self._queue if isinstance(frame.key, tuple))
+        return sum(frame.name == name for frame in self._queue)
 
     def has_room(self, name: str, now: float, *, reserve: int = 0) -> bool:
         """Whether the row's budget carries one more frame beside what waits for it and `reserve` bytes."""
@@ -125,6 +126,10 @@ class Sender:
     def is_own(self, message: Any) -> bool:
         """Whether `message` is one that was sent from here a moment ago and came back."""
         return (message.get_seq(), message.get_crc()) in self._recent
+
+    def forget(self, name: str) -> None:
+        """What waits of this row is not wanted any more."""
+        self._queue = [frame for frame in self._queue if frame.name != name]
 
     def clear(self) -> None:
         """Forget what waits."""

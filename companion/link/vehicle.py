@@ -28,6 +28,10 @@ class VehicleTracker:
         self.vehicle: Vehicle | None = None
         self.returns = 0
 
+    def is_ours(self, system_id: int) -> bool:
+        """Whether this is the adopted autopilot's system."""
+        return self.vehicle is not None and self.vehicle.system_id == system_id
+
     def heartbeat(self, system_id: int, message: Any, now: float) -> bool:
         """A heartbeat of some component 1; True when it is our vehicle's."""
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:

@@ -91,6 +91,9 @@ class Motion(IntEnum):
 SET_WEIGHT = 4
 """param2 of the answer command: param3 index of the word's parameter, param4 its weight."""
 
+SET_POLICY = 5
+"""param2 of the answer command: param3 is a `Policy`; param1 counts for nothing."""
+
 
 class Result(IntEnum):
     """What became of an answer."""

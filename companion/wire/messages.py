@@ -53,9 +53,10 @@ _ROWS: tuple[_Row, ...] = (
     ("set",         "PARAM_SET",           "weight, setting",   DOWN, None, 35,  None, None,  "sent again"),
     ("read",        "PARAM_REQUEST_*",     "one or all",        DOWN, None, 32,  None, None,  "asked again"),
     ("mode",        "COMMAND_LONG 176",    "hold and resume",   OUT,  None, 45,  0,    None,  "three tries"),
-    ("interval",    "COMMAND_LONG 511",    "asks for position", OUT,  10.0, 45,  7,    None,  "next one"),
+    ("interval",    "COMMAND_LONG 511",    "asks for streams",  OUT,  10.0, 45,  7,    None,  "next one"),
     ("vehicle",     "HEARTBEAT",           "id, mode, armed",   IN,   1.0,  21,  None, None,  "next one"),
     ("position",    "GLOBAL_POSITION_INT", "place, speed",      IN,   0.5,  40,  None, None,  "old in 5 s"),
+    ("rc",          "RC_CHANNELS",         "off switch",        IN,   0.2,  54,  None, None,  "old in 3 s"),
     ("mode ack",    "COMMAND_ACK",         "mode taken or not", IN,   None, 22,  None, None,  "next one"),
 )
 # fmt: on

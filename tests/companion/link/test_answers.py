@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest
+from companion.link.heard import AnswerRequest, PolicyRequest
 from companion.link.rehearsal import Rehearsal
 from companion.wire.answers import (
     Acknowledgement,
@@ -24,6 +24,7 @@ from companion.wire.ids import (
     TUNNEL_SUMMARY,
     Motion,
     Outcome,
+    Policy,
     Reasons,
     Result,
     Stage,
@@ -244,7 +245,9 @@ def test_a_stock_ground_station_sets_a_weight_by_command(stage: Rehearsal) -> No
         (math.nan, 1, 0, 0),
         (7, math.nan, 0, 0),
         (7, 0, 0, 0),
-        (7, 5, 0, 0),
+        (7, 5, 4, 0),
+        (7, 5, math.nan, 0),
+        (7, 6, 0, 0),
         (7, 1.5, 0, 0),
         (-1, 1, 0, 0),
         (70_000, 1, 0, 0),
@@ -341,3 +344,22 @@ def test_every_command_to_us_gets_exactly_one_ack_or_is_reported(
     stage.run(0.02)
     told = heard(stage, command(*values, number=number, again=again))
     assert len(told) + len(results(stage)) == 1
+
+
+@pytest.mark.parametrize("policy", list(Policy))
+def test_a_policy_asked_for_by_command_is_reported_and_acknowledged(stage: Rehearsal, policy: Policy) -> None:
+    request = PolicyRequest(GROUND, policy)
+    stage.send(command(0, 5, float(policy)))
+    stage.run(0.3)
+    assert stage.reported(PolicyRequest) == [request]
+    assert results(stage) == [], "not before it is in force"
+    stage.link.acknowledge_policy(request, stage.now, accepted=policy is not Policy.HOLD)
+    stage.run(0.2)
+    assert results(stage) == [(31010, 4 if policy is Policy.HOLD else 0)]
+
+
+def test_a_policy_from_a_sender_that_may_not_is_denied(stage: Rehearsal) -> None:
+    stage.send(command(0, 5, 3.0), (77, 190))
+    stage.run(0.2)
+    assert stage.reported(PolicyRequest) == []
+    assert results(stage) == [(31010, 2)]

@@ -1,0 +1,53 @@
+"""Messages that the autopilot is asked to stream: on our own port only, so that no radio pays for them."""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link import encode
+from companion.link.heard import Vehicle
+from companion.link.sender import Sender
+from companion.wire.messages import MESSAGES
+
+POSITION_PERIOD = 0.5
+PULSES_SILENCE = 1.0
+PULSES_PATIENCE = 2.0
+"""The off switch is asked for again sooner than a position."""
+
+
+class Asking:
+    """Asks for what stays away, and at once for all when the autopilot is back: it may have rebooted."""
+
+    def __init__(self, outbox: Sender) -> None:
+        self.wants_pulses = False
+        self._outbox = outbox
+        self._returns = 0
+        self._pulses_at = -math.inf
+        self._asked_at: dict[int, float] = {}
+
+    def hear_pulses(self, now: float) -> None:
+        """RC_CHANNELS came."""
+        self._pulses_at = now
+
+    def tick(self, vehicle: Vehicle | None, returns: int, now: float) -> None:
+        """Ask for what is due. returns: how often the autopilot was heard after a silence."""
+        if vehicle is None:
+            return
+        if returns != self._returns:
+            self._returns = returns
+            self._asked_at.clear()
+            self._pulses_at = -math.inf
+        if vehicle.position_at is None:
+            patience = MESSAGES["interval"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, POSITION_PERIOD, patience, now)
+        if self.wants_pulses and now - self._pulses_at > PULSES_SILENCE:
+            period = MESSAGES["rc"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_RC_CHANNELS, period, PULSES_PATIENCE, now)
+
+    def _ask(self, vehicle: Vehicle, message_id: int, period: float, patience: float, now: float) -> None:
+        if now - self._asked_at.get(message_id, -math.inf) >= patience:
+            self._asked_at[message_id] = now
+            message = encode.ask_for(vehicle.system_id, message_id, period)
+            self._outbox.push("interval", message, now, key=message_id)

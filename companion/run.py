@@ -16,6 +16,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
+from companion.check.stopping import judge
 from companion.config import Config
 from companion.configured import call_numbers
 from companion.conversation import Conversation
@@ -27,7 +28,8 @@ from companion.kept import saved_replies
 from companion.link.link import Link
 from companion.loading import load
 from companion.model import Model
-from companion.readiness import get_ready, too_slow
+from companion.readiness import get_ready
+from companion.refusal import hold_refusal
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.tasks import Liveness, tasks
 from companion.wire import parameters, texts
@@ -67,9 +69,14 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     pace = Pace(ready.step, 1.0 / config.camera.rate, engine.settings.freshness)
     numbers = call_numbers(config, engine.settings)
     wants_hold = numbers.policy is Policy.HOLD
-    if wants_hold and not pace.keeps:
-        log.error("%s", too_slow(pace))
+    stopping = judge(config, ready.step)
+    refusal = hold_refusal(pace, stopping)
+    if wants_hold and refusal is not None:
+        log.error("%s", refusal.why)
         numbers = replace(numbers, policy=Policy.REPORT)
+    elif wants_hold and isinstance(stopping, str):
+        log.warning("stopping distance was not checked: %s", stopping)
+        notices.append(texts.stopping_unchecked())
     calls = OperatorCalls(numbers, now)
     if supervision:
         _restore(calls, supervision, now, notices)
@@ -83,7 +90,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     eyes = Eyes(engine, camera, pace.period)
     closing.callback(eyes.stop)
     conversation = Conversation(calls, eyes, engine.memory.preferences, replies)
-    desk = SettingsDesk(listed, link, eyes, calls, conversation, pace, wants_hold=wants_hold)
+    desk = SettingsDesk(listed, link, eyes, calls, conversation, refusal, wants_hold=wants_hold)
     for name, value in setting_values(engine.settings.thresholds, numbers.policy).items():
         link.set_parameter(name, value, now)
     liveness = Liveness(tasks(numbers), now)

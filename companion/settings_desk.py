@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from anytraverse.errors import SettingsError
 from anytraverse.judging import Thresholds
-from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
 from companion.conversation import Conversation, Heard
 from companion.eyes import Eyes
 from companion.link.heard import ParameterRequest
 from companion.link.link import Link
+from companion.refusal import Refusal
 from companion.wire import texts
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
@@ -54,20 +54,20 @@ class SettingsDesk:
         eyes: Eyes,
         calls: OperatorCalls,
         conversation: Conversation,
-        pace: Pace,
+        refusal: Refusal | None,
         *,
         wants_hold: bool = False,
     ) -> None:
-        """pace: as measured; too slow a perceiver may not hold. wants_hold: the config asks for it."""
+        """refusal: why the vehicle may not be held. wants_hold: the config asks for it."""
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._told = {parameter.name: parameter.value for parameter in parameters}
         self._link = link
         self._eyes = eyes
         self._calls = calls
         self._conversation = conversation
-        self.hold_refused = "" if pace.keeps else texts.hold_refused(pace.step)
+        self.hold_refused = refusal.short if refusal is not None else ""
         """Why the vehicle may not be held, "" where it may."""
-        self.reminder = texts.only_reports(pace.step) if wants_hold and not pace.keeps else ""
+        self.reminder = refusal.reminder if refusal is not None and wants_hold else ""
         """To be repeated: the owner believes in a hold that is refused. "" once a policy was set."""
 
     def set(self, request: ParameterRequest, now: float) -> Heard:

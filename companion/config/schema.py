@@ -92,6 +92,29 @@ class Vehicle(Section):
 
 
 @dataclass(frozen=True)
+@dataclass(frozen=True)
+class Mount(Section):
+    """Where on the vehicle the camera sits. Without it nobody can say whether the vehicle stops in time."""
+
+    height: float | None = setting(None, number(0.05, 20), "m of the lens above the ground")
+    tilt: float | None = setting(None, number(-45, 85), "degrees that it looks below the horizon")
+    aspect: float = setting(1.333, number(0.3, 5), "the picture's width by its height")
+    front: float = setting(0.0, number(0, 20), "m from the lens forward to the vehicle's front")
+
+    def complaints(self) -> Iterator[Complaint]:
+        if (self.height is None) != (self.tilt is None):
+            yield ("height", "tilt"), "height and tilt go together: give both"
+
+
+@dataclass(frozen=True)
+class Stopping(Section):
+    """How fast the vehicle drives by itself, and how it stops."""
+
+    speed: float | None = setting(None, number(0.05, 30), "m/s, the fastest that it drives by itself")
+    braking: float = setting(0.5, number(0.05, 10), "m/s2 of braking in HOLD, measured")
+    delay: float = setting(0.5, number(0, 10), "s from an order to hold until the brakes act")
+
+
 class Roi(Section):
     """The region of interest, in fractions of the image's width and height."""
 
@@ -222,6 +245,8 @@ SECTIONS: Mapping[str, type[Section]] = {
     "vehicle": Vehicle,
     "roi": Roi,
     "corridor": Corridor,
+    "mount": Mount,
+    "stopping": Stopping,
     "thresholds": Thresholds,
     "call": Call,
     "link": Link,
@@ -229,7 +254,7 @@ SECTIONS: Mapping[str, type[Section]] = {
     "pictures": Pictures,
 }
 WORD_KEYS = ("vocabulary", "words", "aliases")
-OF_A_VEHICLE = (*WORD_KEYS, "roi", "corridor", "thresholds", "call")
+OF_A_VEHICLE = (*WORD_KEYS, "mount", "stopping", "roi", "corridor", "thresholds", "call")
 """What may stand in a vehicle's file. In companion.toml it may stand too, and overrides."""
 
 
@@ -249,6 +274,8 @@ class Config:
     aliases: Mapping[str, str] = field(default_factory=dict)
     roi: Roi = field(default_factory=Roi)
     corridor: Corridor = field(default_factory=Corridor)
+    mount: Mount = field(default_factory=Mount)
+    stopping: Stopping = field(default_factory=Stopping)
     thresholds: Thresholds = field(default_factory=Thresholds)
     call: Call = field(default_factory=Call)
     link: Link = field(default_factory=Link)

@@ -47,6 +47,13 @@ def _seconds(value: float | None) -> str:
     return "? s" if value is None or not math.isfinite(value) else f"{min(99.9, max(0.0, value)):.1f} s"
 
 
+def _fast(speed: float | None) -> str:
+    """Rounded down: what is said to fit must fit."""
+    if speed is None or not math.isfinite(speed):
+        return "?"
+    return f"{math.floor(10 * min(99.9, max(0.0, speed)) + 1e-6) / 10:.1f}"
+
+
 def unknown_object(call: int, uncertainty: float | None) -> str:
     """A thing ahead that no word explains."""
     return fit(f"C{call} unknown thing ahead {percent(uncertainty)}: {_ANSWERS}")
@@ -165,6 +172,21 @@ def only_reports(seconds: float | None) -> str:
 def int8_idle() -> str:
     """The bundle carries an int8 variant, and fp32 runs."""
     return "Runs fp32, not the bundle's int8: log says why"
+
+
+def hold_outruns(speed: float | None, fits: float | None) -> str:
+    """The vehicle does not stop before what its camera shows. Both in m/s; fits: what would do."""
+    return fit(f"HOLD refused: {_fast(speed)} m/s outruns eyes, {_fast(fits)} fits")
+
+
+def only_reports_outrunning(speed: float | None, fits: float | None) -> str:
+    """The owner configured policy hold, and the vehicle is too fast for it."""
+    return fit(f"Only reports: {_fast(speed)} m/s outruns eyes, {_fast(fits)} fits")
+
+
+def stopping_unchecked() -> str:
+    """Policy hold without the figures that say whether the vehicle stops in time."""
+    return "Stopping distance not checked: see the log"
 
 
 def stale(number: int) -> str:

@@ -29,6 +29,7 @@ from companion.keeper import Keeper
 from companion.kept import saved_replies
 from companion.link.rehearsal import Rehearsal
 from companion.model import Model
+from companion.refusal import hold_refusal
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.tasks import Liveness, tasks
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
@@ -120,7 +121,7 @@ class Rig:
             self.eyes,
             self.calls,
             self.conversation,
-            Pace(self.step_time, PERIOD, judging.freshness),
+            hold_refusal(Pace(self.step_time, PERIOD, judging.freshness), "not configured"),
             wants_hold=self.policy is Policy.HOLD,
         )
         for name, value in setting_values(judging.thresholds, self.policy).items():

@@ -28,6 +28,7 @@ from anytraverse.perception import Perceiver, Prompt
 from anytraverse.preferences import Preferences
 from companion import readiness, run
 from companion.config import Config, load_config
+from companion.config.schema import Mount, Stopping
 from companion.journal import Journal
 from companion.link.rehearsal import Rehearsal
 from companion.loading import load
@@ -196,6 +197,40 @@ def test_a_perceiver_that_keeps_t_may_hold(
     status = run_until_status(config)
     assert (status["policy"], status["hold_refused"]) == ("hold", "")
     assert b"Only reports" not in heard(radio)
+
+
+def mounted(config: Config, speed: float) -> Config:
+    """With a camera whose mount is known, on a vehicle of that speed."""
+    return replace(config, mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=speed))
+
+
+def test_a_vehicle_that_outruns_its_eyes_only_reports_and_says_which_speed_would_fit(
+    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+    status = run_until_status(mounted(config, 4.0))
+    assert status["policy"] == "report"
+    assert status["hold_refused"] == "HOLD refused: 4.0 m/s outruns eyes, 1.3 fits"
+    assert b"Only reports: 4.0 m/s outruns eyes, 1.3 fits" in heard(radio)
+    assert "policy hold is refused: at 4 m/s it takes" in caplog.text
+
+
+def test_a_vehicle_that_stops_before_what_it_sees_may_hold(
+    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+    status = run_until_status(mounted(config, 1.0))
+    assert (status["policy"], status["hold_refused"]) == ("hold", "")
+    assert b"not checked" not in heard(radio)
+
+
+def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
+    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+    run_until_status(config, lambda status: status["link"]["sent"]["unsolicited"] > 300)
+    assert heard(radio).count(b"Stopping distance not checked") == 1
+    assert "was not checked: set [mount] height and tilt" in caplog.text
 
 
 def test_remembered_and_offered_words_are_prepared_before_the_first_frame(

@@ -1,0 +1,137 @@
+"""Whether the vehicle stops before what its camera shows it. Pure: figures in, figures and a sentence out.
+
+A pinhole over level ground. A thing calls once it fills the uppermost tile of the region of interest, so that is
+how far the companion sees, not the upper row itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from companion.config import Config
+
+FARTHEST = 20.0
+"""Metres. Rows near the horizon promise more than level ground, lens and network keep."""
+WIDEST = 120.0
+"""Degrees: a wider view is no pinhole's."""
+_SLOWEST = 0.05
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """A camera on its vehicle.
+
+    height: m above the ground. tilt: degrees below the horizon. view: horizontal, degrees.
+    aspect: width by height. front: m from the lens to the vehicle's front.
+    """
+
+    height: float
+    tilt: float
+    view: float
+    aspect: float
+    front: float = 0.0
+
+    def distance(self, row: float) -> float:
+        """Metres from the vehicle's front to where an image row (0 top, 1 bottom) meets the ground.
+
+        Infinite at the horizon and above it; never negative.
+        """
+        tilt, down = math.radians(self.tilt), (row - 0.5) / self._focal
+        drop = math.sin(tilt) + down * math.cos(tilt)
+        if drop <= 0:
+            return math.inf
+        ahead = math.cos(tilt) - down * math.sin(tilt)
+        return max(0.0, self.height * ahead / drop - self.front)
+
+    def row(self, distance: float) -> float:
+        """The image row, above 1 or below 0 where it is not in the image, that meets the ground there."""
+        tilt, ahead = math.radians(self.tilt), distance + self.front
+        across = self.height * math.cos(tilt) - ahead * math.sin(tilt)
+        along = self.height * math.sin(tilt) + ahead * math.cos(tilt)
+        return 0.5 + self._focal * across / along if along > 0 else math.inf
+
+    @property
+    def _focal(self) -> float:
+        """Focal length in image heights."""
+        return self.aspect / 2.0 / math.tan(math.radians(self.view / 2.0))
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """Speeds in m/s, braking in m/s2, times in s, distances in m from the vehicle's front.
+
+    react: from the moment that a thing may be seen until the brakes act. sees: where a thing is seen.
+    top: the ROI's upper side that would be enough at this speed; None where none would.
+    """
+
+    speed: float
+    braking: float
+    react: float
+    sees: float
+    top: float | None = None
+
+    @property
+    def needs(self) -> float:
+        """The way to standstill from the moment that a thing may be seen."""
+        return self.speed * self.react + self.speed**2 / (2.0 * self.braking)
+
+    @property
+    def fits(self) -> float:
+        """The speed whose way to standstill is just what is seen."""
+        lost = self.braking * self.react
+        return math.sqrt(lost**2 + 2.0 * self.braking * self.sees) - lost
+
+    @property
+    def enough(self) -> bool:
+        """Whether the vehicle stops before what it sees."""
+        return self.needs <= self.sees
+
+    def told(self) -> str:
+        """The judgement and, where it is bad, what to do."""
+        way = (
+            f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop ({self.react:.1f} s to react, then "
+            f"{self.braking:g} m/s2), and a thing is seen {self.sees:.1f} m ahead"
+        )
+        if self.enough:
+            return f"{way}: fits up to {_down(self.fits):.2f} m/s"
+        slower = _down(self.fits)
+        speed = f"drive at most {slower:.2f} m/s" if slower >= _SLOWEST else "it cannot be slow enough"
+        higher = (
+            f", or raise [roi] top to {math.floor(100 * self.top) / 100:.2f}" if self.top is not None else ""
+        )
+        return (
+            f"{way}: {speed}{higher}, or mount the camera higher or tilted less, "
+            "or judge more often (a quicker perceiver, [camera] rate, a smaller [call] freshness)"
+        )
+
+
+def judge(config: Config, step: float = 0.0, speed: float | None = None) -> Stopping | str:
+    """The judgement on what is configured, or why there is none and what to do.
+
+    step: seconds that the perceiver takes for a frame. speed: m/s that the autopilot is known to drive, which
+    counts where it is greater than the configured one.
+
+    Time to react: a frame is judged, the votes come in, and then, at worst, the eyes fail: T passes, and the
+    order reaches the brakes.
+    """
+    mount, stopping, roi, call = config.mount, config.stopping, config.roi, config.call
+    fastest = max((one for one in (stopping.speed, speed) if one is not None), default=None)
+    if mount.height is None or mount.tilt is None:
+        return "set [mount] height and tilt, and [stopping] speed"
+    if fastest is None:
+        return "set [stopping] speed"
+    if config.camera.view > WIDEST:
+        return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
+    outlook = Outlook(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
+    tile = roi.tile_share * (roi.right - roi.left) * mount.aspect
+    sees = outlook.distance(min(roi.top + tile, roi.bottom))
+    interval = max(step, 1.0 / config.camera.rate)
+    react = step + call.window * interval + config.freshness + stopping.delay
+    judged = Stopping(fastest, stopping.braking, react, min(sees, FARTHEST))
+    top = outlook.row(judged.needs) - tile
+    return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
+
+
+def _down(speed: float) -> float:
+    return math.floor(100 * speed) / 100

@@ -1,4 +1,4 @@
-"""Why the policy hold is refused: to the log, to whoever asks for it, and to be repeated to whoever configured it."""
+"""Why the policy hold is refused: for the log, for whoever asks for it, and for whoever configured it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Refusal:
 
 
 def hold_refusal(pace: Pace, stopping: Stopping | str) -> Refusal | None:
-    """None where the vehicle may be held. stopping: as judged, or why it could not be, which refuses nothing."""
+    """None where the vehicle may be held. stopping: as judged, or why not, which refuses nothing."""
     if not pace.keeps:
         return Refusal(too_slow(pace), texts.hold_refused(pace.step), texts.only_reports(pace.step))
     if isinstance(stopping, Stopping) and not stopping.enough:

@@ -29,7 +29,7 @@ from companion.link.link import Link
 from companion.loading import load
 from companion.model import Model
 from companion.readiness import get_ready
-from companion.refusal import hold_refusal
+from companion.refusal import Refusal, hold_refusal
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.tasks import Liveness, tasks
 from companion.wire import parameters, texts
@@ -69,10 +69,8 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     pace = Pace(ready.step, 1.0 / config.camera.rate, engine.settings.freshness)
     numbers = call_numbers(config, engine.settings)
     wants_hold = numbers.policy is Policy.HOLD
-    stopping = judge(config, ready.step)
-    refusal = hold_refusal(pace, stopping)
+    refusal = _refusal(config, pace, notices, wants_hold=wants_hold)
     if wants_hold and refusal is not None:
-        log.error("%s", refusal.why)
         numbers = replace(numbers, policy=Policy.REPORT)
     elif wants_hold and isinstance(stopping, str):
         log.warning("stopping distance was not checked: %s", stopping)
@@ -108,6 +106,18 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     eyes.start()
     keeper.restore_call_frame(calls, eyes)
     _run(daemon, keeper, stop)
+def _refusal(config: Config, pace: Pace, notices: list[str], *, wants_hold: bool) -> Refusal | None:
+    """Why the vehicle may not be held; told to who wants it to be, as is what could not be checked."""
+    stopping = judge(config, pace.step)
+    refusal = hold_refusal(pace, stopping)
+    if wants_hold and refusal is not None:
+        log.error("%s", refusal.why)
+    elif wants_hold and isinstance(stopping, str):
+        log.warning("stopping distance was not checked: %s", stopping)
+        notices.append(texts.stopping_unchecked())
+    return refusal
+
+
     return 0
 
 

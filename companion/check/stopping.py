@@ -1,7 +1,7 @@
 """Whether the vehicle stops before what its camera shows it. Pure: figures in, figures and a sentence out.
 
-A pinhole over level ground. A thing calls once it fills the uppermost tile of the region of interest, so that is
-how far the companion sees, not the upper row itself.
+A pinhole over level ground. A thing calls once it fills the uppermost tile of the region of interest, so that
+is how far the companion sees, not the upper row itself.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from companion.config import Config
 
-_SHIPPED = ("companion.toml", "vehicles/rover.toml")
+_SHIPPED = ("companion.toml", "vehicles/rover.toml", "ardupilot/anytraverse.lua")
 
 
 class UserError(Exception):
@@ -53,6 +53,13 @@ def _parser() -> argparse.ArgumentParser:
     init = commands.add_parser("init", help="write a configuration to edit")
     init.add_argument("folder", nargs="?", default=".", metavar="FOLDER", help="where, by default here")
     init.set_defaults(run=_init)
+
+    whole = commands.add_parser("check", help="check the rover: stopping, autopilot, perceiver, journal")
+    whole.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
+    whole.add_argument("--link", metavar="URL", help="a way of the check's own to the autopilot")
+    whole.add_argument("--json", action="store_true", help="the last line is one JSON object")
+    whole.add_argument("--dry-run", action="store_true", help="raise a test call, and wait for its answer")
+    whole.set_defaults(run=_check_rover)
 
     config = commands.add_parser("config", help="check a configuration")
     actions = config.add_subparsers(dest="action", required=True, metavar="action")
@@ -131,6 +138,17 @@ def _check(options: argparse.Namespace) -> int:
         raise UserError(f"{options.file}: {error}") from error
     print(f"# perceiver: {runs}\n{format_config(config)}", end="")
     return 0
+
+
+def _check_rover(options: argparse.Namespace) -> int:
+    _log_to_stderr(logging.ERROR)
+    if options.dry_run:
+        from companion.check.dry_run import dry_run
+
+        return dry_run(options.file, as_json=options.json)
+    from companion.check.main import check
+
+    return check(options.file, link=options.link, as_json=options.json)
 
 
 def _try_perceiver(config: Config) -> str:

@@ -50,7 +50,7 @@ _DEFAULTS: tuple[tuple[str, int, float, float, float], ...] = (
     ("TURN_RADIUS", REAL32, 0.9, 0.0, 10.0),
     ("AVOID_ENABLE", INT8, 3, 0, 7),
     ("AVOID_MARGIN", REAL32, 2.0, 0.1, 10.0),
-    ("AVOID_BACKUP_SPD", REAL32, 0.75, 0.0, 2.0),
+    ("AVOID_BACKUP_SPD", REAL32, 0.0, 0.0, 2.0),
     ("FS_ACTION", INT8, 2, 0, 5),
     ("FS_GCS_ENABLE", INT8, 0, 0, 2),
     ("FS_GCS_TIMEOUT", REAL32, 5.0, 2.0, 120.0),

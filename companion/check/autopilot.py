@@ -1,0 +1,90 @@
+"""Connects as the configuration says, asks the autopilot, and tells what is wrong with it."""
+
+from __future__ import annotations
+
+import select
+import time
+from dataclasses import dataclass, field
+from functools import partial
+
+from companion.autopilots import known_autopilot
+from companion.check import parameters
+from companion.check.finding import Finding, failed, passed
+from companion.check.interview import HEARD_WITHIN, Interview
+from companion.check.parameters import NAMES, Facts
+from companion.config import Config
+from companion.link.connection import Connection
+from companion.link.settings import LinkError, LinkSettings
+from companion.link.transport import check_installed, open_transport
+from companion.wire.ids import COMPONENT_ID
+
+CHECK = "autopilot"
+LIMIT = 40.0
+_TICK = 0.02
+
+
+@dataclass
+class Asked:
+    """findings: of autopilot and link. speed: which parameter says how fast it drives, and its m/s."""
+
+    findings: list[Finding] = field(default_factory=list)
+    speed: tuple[str, float] | None = None
+
+
+def ask(config: Config, url: str) -> Asked:
+    """All about the autopilot behind `url`: up to 10 s to hear it, and some more to ask it."""
+    try:
+        address = LinkSettings(url).address()
+        check_installed(address)
+    except LinkError as error:
+        return Asked([failed(CHECK, str(error))])
+    began = time.monotonic()
+    connection = Connection(partial(open_transport, address), began)
+    interview = Interview(connection, parameters.names, config.link.system_id, began)
+    try:
+        while not interview.turn(time.monotonic()) and time.monotonic() - began < LIMIT:
+            readable = [number for number in (connection.fileno(),) if number is not None]
+            select.select(readable, [], [], _TICK)
+    finally:
+        connection.close()
+    return judged(config, url, interview)
+
+
+def judged(config: Config, url: str, interview: Interview) -> Asked:
+    """What the interview showed."""
+    autopilot, values = interview.autopilot, interview.values
+    if autopilot is None:
+        return Asked([failed(CHECK, _silence(url, interview))])
+    name = NAMES.get(autopilot.kind, f"autopilot of kind {autopilot.kind}")
+    who = f"{name}, system {autopilot.system_id}"
+    if known_autopilot(autopilot.kind, autopilot.vehicle) is None:
+        return Asked(
+            [failed(CHECK, f"{who}, vehicle type {autopilot.vehicle}: no ArduPilot or PX4 rover, never held")]
+        )
+    if not values:
+        return Asked(
+            [failed(CHECK, f"{who}: it answers none of our questions: check that the link goes both ways")]
+        )
+    offboard = config.call.px4_hold == "offboard"
+    facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard)
+    wrong = parameters.judge(autopilot.kind, facts, holds=config.call.policy == "hold")
+    if not wrong:
+        wrong = [passed(CHECK, f"{who}: {len(values)} parameters asked, none makes a hold unsafe")]
+    return Asked(wrong, parameters.speed(autopilot.kind, values))
+
+
+def _silence(url: str, interview: Interview) -> str:
+    """Why nobody was heard, as far as it can be known."""
+    trouble = interview.connection.trouble
+    if trouble is not None and "in use" in trouble:
+        return f"{url}: {trouble}: is the companion running? Stop it, or give the check a --link of its own"
+    if trouble is not None:
+        return f"{url}: {trouble}: check [link] url"
+    if any(component == COMPONENT_ID for _, component in interview.others):
+        return f"{url}: a companion is heard, and no autopilot: check the router, or what sends to this link"
+    if interview.others:
+        heard = ", ".join(f"{system}/{component}" for system, component in sorted(interview.others)[:4])
+        return f"{url}: {heard} heard, and no autopilot (component 1): check the router"
+    if interview.bytes:
+        return f"{url}: {interview.bytes} bytes heard that are no MAVLink: check baud rate and protocol"
+    return f"{url}: nothing heard in {HEARD_WITHIN:.0f} s: check wiring, [link] url, and that it sends there"

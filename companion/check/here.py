@@ -1,0 +1,95 @@
+"""What can be checked on this computer alone: perceiver, journal, disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from anytraverse.errors import AnyTraverseError
+from anytraverse.pace import Pace
+from companion.check.finding import Finding, failed, passed, warned
+from companion.config import Config
+
+SERVICE = Path("/var/lib/anytraverse")
+"""Where the service keeps what must survive; a shell does not know of its $STATE_DIRECTORY."""
+RUNNING = 5.0
+"""Seconds that a status file stays young: it is written once a second."""
+_LEAST, _LITTLE = 50 << 20, 500 << 20
+
+
+def state_folder(config: Config, service: Path = SERVICE) -> Path:
+    """The folder of the daemon that is meant: the configured one, else the service's where there is one."""
+    said = config.journal.folder or os.environ.get("STATE_DIRECTORY")
+    return service if not said and service.is_dir() else config.journal.path
+
+
+def status(folder: Path) -> dict[str, Any] | None:
+    """What a daemon that runs there said a moment ago; None where none runs."""
+    path = folder / "status.json"
+    try:
+        if time.time() - path.stat().st_mtime > RUNNING:
+            return None
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return said if isinstance(said, dict) else None
+
+
+def check_perceiver(config: Config) -> tuple[Finding, float]:
+    """Loaded and timed as the daemon does it, which takes seconds; with what it takes for a frame, in s."""
+    from companion.model import Model
+    from companion.readiness import get_ready, too_slow
+
+    try:
+        ready = get_ready(config, None)
+    except AnyTraverseError as error:
+        return failed("perceiver", str(error)), 0.0
+    pace = Pace(ready.step, 1.0 / config.camera.rate, config.freshness)
+    if not pace.keeps:
+        told = failed if config.call.policy == "hold" else warned
+        return told("perceiver", too_slow(pace)), ready.step
+    what = f"{Model.of(ready.engine.perceiver)}, {1e3 * ready.step:.0f} ms a frame"
+    return passed("perceiver", what), ready.step
+
+
+def check_journal(folder: Path, *, running: bool) -> Finding:
+    """Whether the folder can be written, without a trace: whoever types this may be root, the daemon not."""
+    if running:
+        return passed("journal", f"{folder}, in use by the companion that runs")
+    place = next((path for path in (folder, *folder.parents) if path.exists()), Path("/"))
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        return failed(
+            "journal", f"{place} cannot be written ({why}): check [journal] folder, and who owns it"
+        )
+    what = f"{folder} can be written" if place == folder else f"{folder} can be made"
+    if os.geteuid() == 0 and place.stat().st_uid != 0:
+        what += f" by root; the service runs as {_owner(place)}"
+    return passed("journal", what)
+
+
+def _owner(path: Path) -> str:
+    try:
+        return path.owner()
+    except KeyError:
+        return f"user {path.stat().st_uid}"
+
+
+def check_disk(folder: Path) -> Finding:
+    """Room for journal, pictures and logs."""
+    place = next((path for path in (folder, *folder.parents) if path.is_dir()), Path("/"))
+    free = shutil.disk_usage(place).free
+    what = f"{free >> 20} MiB free at {place}"
+    if free < _LEAST:
+        return failed("disk", f"{what}: make room, or nothing that it learns is kept")
+    if free < _LITTLE:
+        return warned("disk", f"{what}: make room, or set [pictures] keep lower")
+    return passed("disk", what)

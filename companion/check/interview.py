@@ -1,0 +1,149 @@
+"""Asks an autopilot for parameters by name. It changes nothing, and speaks as a component of its own."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.check.parameters import PX4
+from companion.link.connection import Connection
+from companion.link.parser import Parser
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID
+
+COMPONENT_ID = 194
+"""MAV_COMP_ID_ONBOARD_COMPUTER4: not 191, which autopilot and ground take for the companion."""
+HEARD_WITHIN = 10.0
+PACE = 0.06
+PATIENCE = 1.0
+TRIES = 3
+_READS = 32
+_INTEGERS = {
+    int(mavlink.MAV_PARAM_TYPE_UINT8): "<B",
+    int(mavlink.MAV_PARAM_TYPE_INT8): "<b",
+    int(mavlink.MAV_PARAM_TYPE_UINT16): "<H",
+    int(mavlink.MAV_PARAM_TYPE_INT16): "<h",
+    int(mavlink.MAV_PARAM_TYPE_UINT32): "<I",
+    int(mavlink.MAV_PARAM_TYPE_INT32): "<i",
+}
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """The autopilot's. kind: HEARTBEAT.autopilot. vehicle: HEARTBEAT.type."""
+
+    system_id: int
+    kind: int
+    vehicle: int
+
+
+@dataclass
+class _Question:
+    tries: int = 0
+    asked_at: float = -math.inf
+
+
+@dataclass
+class Interview:
+    """Call `turn` often, with the time in s, until it says that all is done.
+
+    names: what to ask an autopilot of that kind. values: what it answered. others: who else was heard.
+    """
+
+    connection: Connection
+    names: Callable[[int], Sequence[str]]
+    system_id: int
+    began: float
+    autopilot: Heartbeat | None = None
+    values: dict[str, float] = field(default_factory=dict)
+    others: set[tuple[int, int]] = field(default_factory=set)
+    bytes: int = 0
+
+    def __post_init__(self) -> None:
+        self._mav = mavlink.MAVLink(None, self.system_id, COMPONENT_ID)
+        self._parser = Parser()
+        self._beat_at = self._sent_at = -math.inf
+        self._questions: dict[str, _Question] = {}
+
+    def turn(self, now: float) -> bool:
+        """Hear, ask what is due; whether it is over."""
+        for _ in range(_READS):
+            data = self.connection.read(now)
+            if not data:
+                break
+            self.bytes += len(data)
+            for message in self._parser.feed(data, whole=self.connection.datagrams):
+                self._hear(message)
+        if now - self._beat_at >= 1.0:
+            self._beat_at = now
+            self._send(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                    mavlink.MAV_AUTOPILOT_INVALID,
+                    0,
+                    0,
+                    mavlink.MAV_STATE_ACTIVE,
+                    3,
+                ),
+                now,
+            )
+        if self.autopilot is None:
+            return now - self.began >= HEARD_WITHIN
+        self._ask(self.autopilot, now)
+        return all(
+            asked.tries >= TRIES and now - asked.asked_at >= PATIENCE for asked in self._questions.values()
+        )
+
+    def _ask(self, autopilot: Heartbeat, now: float) -> None:
+        if now - self._sent_at < PACE:
+            return
+        for name, asked in self._questions.items():
+            if asked.tries < TRIES and now - asked.asked_at >= PATIENCE:
+                asked.tries, asked.asked_at, self._sent_at = asked.tries + 1, now, now
+                self._send(
+                    mavlink.MAVLink_param_request_read_message(
+                        autopilot.system_id, AUTOPILOT_COMPONENT_ID, name.encode(), -1
+                    ),
+                    now,
+                )
+                return
+
+    def _hear(self, message: Any) -> None:
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        kind = message.get_type()
+        if sender[1] != AUTOPILOT_COMPONENT_ID or (self.autopilot and sender[0] != self.autopilot.system_id):
+            self.others.add(sender)
+        elif kind == "HEARTBEAT" and self.autopilot is None:
+            self._adopt(sender[0], message)
+        elif self.autopilot is not None and kind == "PARAM_VALUE":
+            name = str(message.param_id)
+            if self._questions.pop(name, None) is not None:
+                self.values[name] = value_of(message, self.autopilot.kind)
+        elif kind == "PARAM_ERROR" and message.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST:
+            self._questions.pop(str(message.param_id), None)
+
+    def _adopt(self, system_id: int, message: Any) -> None:
+        if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:
+            return
+        self.autopilot = Heartbeat(system_id, int(message.autopilot), int(message.type))
+        self._mav.srcSystem = system_id
+        self._questions = {name: _Question() for name in self.names(self.autopilot.kind)}
+
+    def _send(self, message: Any, now: float) -> None:
+        frame = message.pack(self._mav)
+        if self.connection.write(frame, now):
+            self._mav.seq = (self._mav.seq + 1) % 256
+
+
+def value_of(message: Any, autopilot: int) -> float:
+    """A PARAM_VALUE's value: PX4 puts the bytes of whole numbers where ArduPilot puts a float of them."""
+    form = _INTEGERS.get(int(message.param_type))
+    if autopilot != PX4 or form is None:
+        return float(message.param_value)
+    frame = bytes(message.get_msgbuf())
+    payload = frame[10:] if frame[0] == mavlink.PROTOCOL_MARKER_V2 else frame[6:]
+    return float(struct.unpack_from(form, payload)[0])

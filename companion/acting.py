@@ -22,7 +22,6 @@ from companion.calls.decisions import (
 from companion.calls.hold import HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.keeper import Keeper
-from companion.link.autopilot import GUIDED, mode_name
 from companion.link.link import Link
 from companion.mishaps import Mishaps
 from companion.wire import texts
@@ -92,7 +91,7 @@ class Acting:
                 self._link.say(texts.shadow(self._calls.kind, self._calls.current_id), WARNING, now)
 
     def _hold_moved(self, moved: HoldMoved, now: float) -> None:
-        hold = moved.hold
+        hold, autopilot = moved.hold, self._calls.autopilot.autopilot
         kind = Kind.CALL if hold.id == self._announcement.last_call else Kind.HOLD
         log.info("hold %d: %s", hold.id, moved.event.value)
         ended = _ENDS.get(moved.event)
@@ -100,24 +99,30 @@ class Acting:
             self._close_hold(hold.id, ended, now)
         match moved.event:
             case HoldEvent.CONFIRMED:
-                self._link.say(texts.holding(kind, hold.id), WARNING, now)
+                circles = autopilot is not None and autopilot.circles
+                told = texts.circling if circles else texts.holding
+                self._link.say(told(kind, hold.id), WARNING, now)
             case HoldEvent.FAILED if moved.resuming:
                 self._link.say(texts.resume_failed(kind, hold.id), ALERT, now)
             case HoldEvent.FAILED:
                 self._link.say(texts.hold_failed(kind, hold.id), ALERT, now)
             case HoldEvent.RESUMED:
-                self._link.say(texts.resumed(kind, hold.id, mode_name(hold.mode_before)), NOTICE, now)
-                if hold.mode_before == GUIDED:
+                self._link.say(texts.resumed(kind, hold.id, self._mode_name(hold.mode_before)), NOTICE, now)
+                if autopilot is not None and hold.mode_before in autopilot.loses_target:
                     self._link.say(texts.send_target_again(), ERROR, now)
                 newest = self._calls.sight.newest
                 if newest is not None:
                     title = f"{texts.name(kind, hold.id)} drives on"
                     self._keeper.picture(newest, self._calls.state(now), title)
             case HoldEvent.TAKEN_OVER:
-                mode = mode_name(self._calls.autopilot.mode or 0)
+                mode = self._mode_name(self._calls.autopilot.mode or 0)
                 self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
             case HoldEvent.DROPPED:
                 self._link.say(texts.dropped(kind, hold.id), WARNING, now)
+
+    def _mode_name(self, mode: int) -> str:
+        autopilot = self._calls.autopilot.autopilot
+        return f"mode {mode}" if autopilot is None else autopilot.mode_name(mode)
 
     def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:
         data = self._announcement.closed_hold(number, outcome, self._words(), self._place(), now)

@@ -51,4 +51,5 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
         accepted_rise=call.accepted_rise,
         go_lasts=call.go_lasts,
         fault_ends_hold=call.fault_ends_hold,
+        px4_hold=call.px4_hold,
     )

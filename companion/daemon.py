@@ -12,6 +12,7 @@ from typing import Any
 from anytraverse.history import Place
 from companion.acting import Acting
 from companion.announcement import Announcement
+from companion.autopilots import known_autopilot
 from companion.calls.machine import OperatorCalls
 from companion.cameras.newest import CameraThread
 from companion.conversation import Conversation, Heard, unremembered
@@ -36,6 +37,7 @@ log = logging.getLogger(__name__)
 TICK = 0.02
 ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
 _FAREWELL, _FAREWELL_STEP = 15, 0.02
+_LEAVING = 4.0
 
 
 class Daemon:
@@ -94,11 +96,22 @@ class Daemon:
                     self._applied(result, now)
         self._watch.look(now)
         self._acting.carry_out(self._calls.tick(now), now)
+        self._link.stand_still(on=self._calls.holding.streams)
         self._speak(now)
         self._link.tick(now)
 
+    def leave(self) -> None:
+        """The daemon ends in good order: a hold that stands on our setpoints is handed to the autopilot."""
+        until = time.monotonic() + _LEAVING
+        self._calls.holding.leave(time.monotonic())
+        while self._calls.holding.handover is not None and time.monotonic() < until:
+            self.turn()
+
     def farewell(self) -> None:
         """The daemon cannot go on: let the autopilot's script and the operator know at once."""
+        autopilot = self._calls.autopilot.autopilot
+        if autopilot is not None and self._calls.holding.streams:
+            self._link.set_mode(autopilot.rest_mode, time.monotonic())
         self._link.set_state(State.FAULT, self._calls.current_id)
         self._link.say(texts.dying(), ALERT, time.monotonic())
         for _ in range(_FAREWELL):
@@ -153,8 +166,9 @@ class Daemon:
 
     def _hear_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
+        autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self._calls.numbers.px4_hold)
         decisions = self._calls.vehicle(
-            vehicle.custom_mode, vehicle.armed, now, travelled, heard_at=vehicle.heard_at
+            vehicle.custom_mode, vehicle.armed, now, travelled, vehicle.heard_at, autopilot
         )
         self._acting.carry_out(decisions, now)
 

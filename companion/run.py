@@ -138,6 +138,7 @@ def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
         log.critical("the supervision failed: the companion stops")
         daemon.farewell()
         raise
+    daemon.leave()
     keeper.write_status(daemon.status(), last=True)
 
 

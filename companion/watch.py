@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 from anytraverse.assessment import Reason
+from companion.autopilots import known_autopilot
 from companion.calls.machine import OperatorCalls
 from companion.cameras.newest import CameraState, CameraThread
 from companion.eyes import Eyes
@@ -46,6 +47,7 @@ class Watch:
         self._unremembered = False
         self._alone_since: float | None = None
         self._alone_said = False
+        self._stranger: tuple[int, int] | None = None
 
     def silent(self, now: float) -> list[str]:
         """What gives no sign of life, in two or three words each, the most basic first."""
@@ -63,6 +65,7 @@ class Watch:
             self._liveness.beat("camera", self._camera.delivered_at)
         self._look_at_faults(now)
         self._look_for_autopilot(now)
+        self._look_at_autopilot(now)
         if self._link.trouble != self._link_trouble:
             self._link_trouble = self._link.trouble
             log.warning("%s", self._link_trouble or "link is back")
@@ -84,6 +87,15 @@ class Watch:
                 "no autopilot heard for %.0f s: check [link] url, and that autopilot or router sends there",
                 ALONE_AFTER,
             )
+
+    def _look_at_autopilot(self, now: float) -> None:
+        vehicle = self._link.vehicle
+        if vehicle is None or known_autopilot(vehicle.autopilot, vehicle.type) is not None:
+            self._stranger = None
+        elif self._stranger != (vehicle.autopilot, vehicle.type):
+            self._stranger = vehicle.autopilot, vehicle.type
+            log.warning("MAV_AUTOPILOT %d on MAV_TYPE %d: not known, it is never held", *self._stranger)
+            self._link.say(texts.unknown_autopilot(), WARNING, now)
 
     def _look_at_faults(self, now: float) -> None:
         if Reason.FAULT in self._calls.sight.reasons(now):

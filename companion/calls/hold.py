@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from companion.autopilots import Autopilot
 from companion.calls.numbers import Numbers
 
 
@@ -31,12 +32,13 @@ class HoldEvent(Enum):
 class Hold:
     """A hold of ours.
 
-    id: shared with the call it belongs to. mode_before: custom_mode to go back to.
+    id: shared with the call it belongs to. mode: custom_mode that holds. mode_before: the one to go back to.
     failed: the autopilot did not follow after all tries; a human must act.
     only_fault: nothing but a fault ever asked for it.
     """
 
     id: int
+    mode: int
     mode_before: int
     started_at: float
     stage: HoldStage = HoldStage.REQUESTED
@@ -51,10 +53,11 @@ class Hold:
         """The vehicle stands because of us."""
         return self.stage is not HoldStage.REQUESTED
 
-    def wanted_mode(self, numbers: Numbers) -> int | None:
+    @property
+    def wanted_mode(self) -> int | None:
         """The mode that the vehicle should be in by our command, None while it stands as it should."""
         return {
-            HoldStage.REQUESTED: numbers.hold_mode,
+            HoldStage.REQUESTED: self.mode,
             HoldStage.STANDING: None,
             HoldStage.RESUMING: self.mode_before,
         }[self.stage]
@@ -68,9 +71,20 @@ class Hold:
         self.turn(HoldStage.REQUESTED)
         self.called_back_at = now
 
+    def needs_lead(self, autopilot: Autopilot | None, now: float) -> bool:
+        """Whether zero velocity was not streamed for long enough yet to ask for the mode that holds."""
+        if autopilot is None or self.mode not in autopilot.streamed:
+            return False
+        return now - self.started_at < autopilot.lead
+
+    def found_at_rest(self, mode: int, autopilot: Autopilot | None) -> None:
+        """After a restart: without our setpoints the autopilot may have gone to stand by itself."""
+        if autopilot is not None and self.mode in autopilot.streamed and mode == autopilot.rest_mode:
+            self.mode = mode
+
     def tick(self, now: float, numbers: Numbers) -> tuple[int | None, HoldEvent | None]:
         """The mode to command now, if any, and FAILED once when the last try is over."""
-        wanted = self.wanted_mode(numbers)
+        wanted = self.wanted_mode
         pause = numbers.mode_retry_failed if self.failed else numbers.mode_retry
         if wanted is None or (self.tries and now - self.tried_at < pause):
             return None, None
@@ -87,7 +101,7 @@ class Hold:
 
     def vehicle(self, mode: int, now: float, numbers: Numbers) -> HoldEvent | None:
         """The mode that the vehicle shows. Any mode that we did not ask for is a human's, who wins."""
-        if mode == numbers.hold_mode:
+        if mode == self.mode:
             if self.stage is HoldStage.REQUESTED:
                 self.turn(HoldStage.STANDING)
                 return HoldEvent.CONFIRMED

@@ -9,7 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from anytraverse.assessment import Reason
+from companion.autopilots import Autopilot
 from companion.calls.decisions import Decision, GoLapsed, HoldMoved, HoldStarted, SetMode
+from companion.calls.handover import Handover
 from companion.calls.hold import Hold, HoldEvent, HoldStage
 from companion.calls.numbers import Numbers
 from companion.calls.sight import Sight
@@ -20,30 +22,42 @@ from companion.wire.ids import Motion
 class Vehicle:
     """The newest that the autopilot said. mode None: nothing yet. travelled: metres, None where not known.
 
-    heard_at: when it last told its mode.
+    heard_at: when it last told its mode. autopilot: its table; None: of a kind that is never commanded.
     """
 
     mode: int | None = None
     armed: bool = False
     travelled: float | None = None
     heard_at: float | None = None
+    autopilot: Autopilot | None = None
+
+    @property
+    def drives_itself(self) -> bool:
+        """Whether the autopilot drives, so that a hold takes the vehicle from nobody."""
+        return self.autopilot is not None and self.armed and self.mode in self.autopilot.holdable
 
 
 class Holding:
-    """At most one hold. go_at: when the go was given that the hold waits to fulfil."""
+    """At most one hold. go_at: when the go was given that the hold waits to fulfil.
+
+    handover: the end of a hold that stood on our setpoints; nothing else is commanded meanwhile.
+    """
 
     def __init__(self, numbers: Numbers) -> None:
         self.numbers = numbers
         self.hold: Hold | None = None
         self.vehicle = Vehicle()
         self.go_at: float | None = None
+        self.handover: Handover | None = None
 
     def hear(self, vehicle: Vehicle, now: float) -> HoldEvent | None:
         """The autopilot showed its mode, or, with the old `heard_at`, only where it is."""
         before, self.vehicle = self.vehicle, vehicle
         news = (vehicle.heard_at, vehicle.mode, vehicle.armed) != (before.heard_at, before.mode, before.armed)
-        if not news or self.hold is None or vehicle.mode is None:
+        if not news or self.hold is None or vehicle.mode is None or self.handover is not None:
             return None
+        if before.heard_at is None:
+            self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
         return self.hold.vehicle(vehicle.mode, now, self.numbers)
 
     def heard(self, now: float) -> bool:
@@ -52,20 +66,43 @@ class Holding:
         return heard_at is not None and now - heard_at <= self.numbers.vehicle_silence
 
     def drives_itself(self, now: float) -> bool:
-        """Whether the autopilot drives, so that a hold takes the vehicle from nobody."""
-        vehicle = self.vehicle
-        return self.heard(now) and vehicle.armed and vehicle.mode in self.numbers.holdable
+        """Whether the autopilot drives by itself, as far as is known now."""
+        return self.heard(now) and self.vehicle.drives_itself and self.handover is None
+
+    @property
+    def streams(self) -> bool:
+        """Whether zero velocity must reach the autopilot now: from before the hold's mode until the next."""
+        autopilot = self.vehicle.autopilot
+        held = self.hold is not None and autopilot is not None and self.hold.mode in autopilot.streamed
+        return held or self.handover is not None
 
     def start(self, number: int, reasons: frozenset[Reason], now: float) -> HoldStarted:
         """Hold the vehicle, out of the mode that it shows; a go given before is not for this."""
-        assert self.vehicle.mode is not None
-        self.hold, self.go_at = Hold(number, self.vehicle.mode, now), None
+        vehicle = self.vehicle
+        assert vehicle.mode is not None
+        assert vehicle.autopilot is not None
+        self.hold, self.go_at = Hold(number, vehicle.autopilot.hold_mode, vehicle.mode, now), None
         return HoldStarted(self.hold, reasons)
 
     def end(self) -> Hold | None:
         """The hold is over, whatever ended it."""
         hold, self.hold, self.go_at = self.hold, None, None
         return hold
+
+    def leave(self, now: float) -> None:
+        """We may or can hold no more: a hold that stands on our setpoints is handed to the autopilot."""
+        if self.hold is not None and self.handover is None:
+            self.handover = Handover.of(self.hold, self.vehicle.autopilot, now)
+
+    def hand_over(self, now: float) -> list[Decision]:
+        """What is to be done now for `leave`."""
+        if self.handover is None:
+            return []
+        if not self.vehicle.armed or self.handover.over(self.vehicle.mode, now, self.numbers):
+            self.handover = None
+            return []
+        mode = self.handover.tick(self.vehicle.mode, now, self.numbers) if self.heard(now) else None
+        return [] if mode is None else [SetMode(mode)]
 
     def answer(self, motion: Motion, sight: Sight, now: float) -> None:
         """The newest answer decides: whatever is not a go takes an earlier one back."""
@@ -79,7 +116,7 @@ class Holding:
     def settle(self, reasons: frozenset[Reason], sight: Sight, asking: bool, now: float) -> list[Decision]:
         """What is to be done now. asking: a call is open, so that the hold is not a fault's alone."""
         hold = self.hold
-        if hold is None:
+        if hold is None or self.handover is not None:
             return []
         decisions: list[Decision] = []
         hold.only_fault = hold.only_fault and not asking and reasons <= {Reason.FAULT}
@@ -94,7 +131,8 @@ class Holding:
         return decisions + self._command(hold, now)
 
     def _command(self, hold: Hold, now: float) -> list[Decision]:
-        if not self.vehicle.armed:
+        autopilot = self.vehicle.autopilot
+        if not self.vehicle.armed or hold.needs_lead(autopilot, now):
             return []
         decisions: list[Decision] = []
         resuming = hold.stage is HoldStage.RESUMING
@@ -102,20 +140,20 @@ class Holding:
         if event is not None:
             decisions.append(HoldMoved(hold, event, resuming))
             self.go_at = None if resuming else self.go_at
-        if mode is not None and self._may_command(mode, now):
+        if mode is not None and self._may_command(hold, mode, now):
             decisions.append(SetMode(mode))
         return decisions
 
-    def _may_command(self, mode: int, now: float) -> bool:
+    def _may_command(self, hold: Hold, mode: int, now: float) -> bool:
         """The way back only out of our hold; a hold out of that or a driving mode."""
-        if self.vehicle.mode == self.numbers.hold_mode:
-            return self.heard(now)
-        return mode == self.numbers.hold_mode and self.drives_itself(now)
+        if self.vehicle.mode == hold.mode:
+            return self.heard(now) and self.vehicle.autopilot is not None
+        return mode == hold.mode and self.drives_itself(now)
 
     def _ready(self, hold: Hold, sight: Sight, now: float) -> bool:
         if not self.vehicle.armed or not self.heard(now) or sight.ok_run < self.numbers.ok_frames:
             return False
-        if self.vehicle.mode not in (self.numbers.hold_mode, hold.mode_before):
+        if self.vehicle.mode not in (hold.mode, hold.mode_before):
             return False
         return self.go_at is not None or (self.numbers.fault_ends_hold and hold.only_fault)
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
+from companion.autopilots import Autopilot
 from companion.calls.acceptance import Acceptance, scene_of
 from companion.calls.answering import answer_call
 from companion.calls.decisions import (
@@ -58,12 +59,15 @@ class OperatorCalls:
         now: float,
         travelled: float | None = None,
         heard_at: float | None = None,
+        autopilot: Autopilot | None = None,
     ) -> list[Decision]:
         """The autopilot showed its mode. A mode that is not ours is a human's, who wins.
 
         heard_at: when it told the mode, `now` where not given; the same again is no news of the mode.
+        autopilot: the table for its kind; without one it is never held.
         """
-        event = self.holding.hear(Vehicle(mode, armed, travelled, now if heard_at is None else heard_at), now)
+        told_at = now if heard_at is None else heard_at
+        event = self.holding.hear(Vehicle(mode, armed, travelled, told_at, autopilot), now)
         decisions: list[Decision] = []
         if event is HoldEvent.CONFIRMED and self.hold is not None:
             decisions.append(HoldMoved(self.hold, event))
@@ -80,6 +84,7 @@ class OperatorCalls:
         self.policy, self._would_hold = policy, False
         decisions: list[Decision] = []
         if policy is not Policy.HOLD:
+            self.holding.leave(now)
             dropped = self.holding.end()
             if dropped is not None:
                 decisions.append(HoldMoved(dropped, HoldEvent.DROPPED))
@@ -187,9 +192,10 @@ class OperatorCalls:
     def _settle(self, now: float) -> list[Decision]:
         self.sight.pass_time(now)
         self._reasons = reasons = self.sight.reasons(now)
+        handed_over = self.holding.hand_over(now)
         if self.policy is Policy.OFF:
-            return []
-        decisions = self._settle_call(reasons, now)
+            return handed_over
+        decisions = handed_over + self._settle_call(reasons, now)
         if self.policy is Policy.SHADOW:
             decisions += self._settle_shadow(reasons, now)
         if self.policy is Policy.HOLD and reasons and self.hold is None and self.holding.drives_itself(now):

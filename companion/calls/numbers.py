@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from anytraverse.judging import Settings
-from companion.link.autopilot import HOLD, HOLDABLE
 from companion.wire.ids import Policy
 
 
@@ -46,10 +45,8 @@ class Numbers:
     """A mode last heard this long ago is not known any more: nothing is commanded over it."""
     fault_ends_hold: bool = False
     """Whether the hold of a fault may end by itself."""
-    hold_mode: int = HOLD
-    """The autopilot's custom_mode that stands still."""
-    holdable: frozenset[int] = HOLDABLE
-    """The autopilot's own driving modes: the only ones that are held."""
+    px4_hold: str = "loiter"
+    """How a PX4 rover is held: a name of `PX4_HOLDS`."""
 
     @property
     def freshness(self) -> float:

@@ -40,6 +40,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
         "hold": hold
         and {
             "id": hold.id,
+            "mode": hold.mode,
             "mode_before": hold.mode_before,
             "stage": hold.stage.value,
             "only_fault": hold.only_fault,
@@ -89,6 +90,7 @@ def _hold(saved: Any, now: float) -> Hold:
     stage = HoldStage(saved["stage"])
     return Hold(
         id=_whole(saved["id"], _U16, 1),
+        mode=_whole(saved["mode"], _U32),
         mode_before=_whole(saved["mode_before"], _U32),
         started_at=now,
         stage=HoldStage.STANDING if stage is HoldStage.RESUMING else stage,

@@ -14,6 +14,7 @@ from typing import Any, Literal
 from anytraverse.perception import KINDS, NAMED
 from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
+from companion.autopilots import PX4_HOLDS
 from companion.cameras import split_source
 from companion.config.checks import Check, checked, choice, flag, listing, number, text, whole
 from companion.link.settings import LinkSettings
@@ -172,6 +173,7 @@ class Call(Section):
         "s until a frame is too old; unset: 3 frame periods, at least 1, at most 2",
     )
     fault_ends_hold: bool = setting(False, flag, "whether a fault's hold may end by itself")  # noqa: FBT003
+    px4_hold: str = setting("loiter", choice(*PX4_HOLDS), "how a PX4 rover is held: loiter or offboard")
 
     def complaints(self) -> Iterator[Complaint]:
         if self.votes > self.window:

@@ -6,6 +6,7 @@ import math
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.autopilots import known_autopilot
 from companion.link import encode
 from companion.link.heard import Vehicle
 from companion.link.sender import Sender
@@ -15,6 +16,8 @@ POSITION_PERIOD = 0.5
 PULSES_SILENCE = 1.0
 PULSES_PATIENCE = 2.0
 """The off switch is asked for again sooner than a position."""
+MODE_SILENCE = 2.0
+MODE_PATIENCE = 5.0
 
 
 class Asking:
@@ -42,6 +45,11 @@ class Asking:
         if vehicle.position_at is None:
             patience = MESSAGES["interval"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, POSITION_PERIOD, patience, now)
+        autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
+        told_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
+        if autopilot is not None and autopilot.tells_late and now - told_at > MODE_SILENCE:
+            period = MESSAGES["mode told"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
         if self.wants_pulses and now - self._pulses_at > PULSES_SILENCE:
             period = MESSAGES["rc"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_RC_CHANNELS, period, PULSES_PATIENCE, now)

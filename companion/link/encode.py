@@ -6,8 +6,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.autopilots import ModeCommand
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MAX_TEXT, State, heartbeat_mode
 from companion.wire.parameters import Parameter
+
+_VELOCITY_ONLY = 0b1101_1100_0111
+"""POSITION_TARGET_TYPEMASK: all but the three velocities are to be ignored."""
 
 _STATUS = {
     State.STARTING: mavlink.MAV_STATE_BOOT,
@@ -61,10 +65,20 @@ def command_ack(command: int, result: int, target: tuple[int, int]) -> Any:
     return mavlink.MAVLink_command_ack_message(command, result, 0, 0, *target)
 
 
-def set_mode(system_id: int, custom_mode: int) -> Any:
-    """DO_SET_MODE as ArduPilot takes it."""
-    return _command(
-        system_id, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, custom_mode
+def set_mode(system_id: int, command: ModeCommand) -> Any:
+    """DO_SET_MODE with base, main and sub mode."""
+    return _command(system_id, mavlink.MAV_CMD_DO_SET_MODE, *command)
+
+
+def stand_still(system_id: int, uptime_ms: int) -> Any:
+    """Zero velocity over ground; everything else is left to the autopilot."""
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        uptime_ms & 0xFFFFFFFF,
+        system_id,
+        AUTOPILOT_COMPONENT_ID,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        _VELOCITY_ONLY,
+        *[0.0] * 11,
     )
 
 
@@ -73,7 +87,7 @@ def ask_for(system_id: int, message_id: int, period: float) -> Any:
     return _command(system_id, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(period * 1e6))
 
 
-def _command(system_id: int, command: int, first: float, second: float) -> Any:
+def _command(system_id: int, command: int, first: float, second: float, third: float = 0.0) -> Any:
     return mavlink.MAVLink_command_long_message(
-        system_id, AUTOPILOT_COMPONENT_ID, command, 0, first, second, 0, 0, 0, 0, 0
+        system_id, AUTOPILOT_COMPONENT_ID, command, 0, first, second, third, 0, 0, 0, 0
     )

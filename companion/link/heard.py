@@ -18,8 +18,9 @@ _SHORTEST, _LONGEST = 800, 2200
 class Vehicle:
     """The newest that the autopilot said. Times in s of the link's `now`.
 
-    autopilot: MAV_AUTOPILOT. heard_at: its last heartbeat. position: (latitude, longitude, heading or None)
-    in degrees, None without a fix or when older than 5 s. speed: over ground, m/s, known with the position.
+    autopilot: MAV_AUTOPILOT. type: MAV_TYPE. heard_at: its last heartbeat. mode_at: its last CURRENT_MODE.
+    position: (latitude, longitude, heading or None) in degrees, None without a fix or when older than 5 s.
+    speed: over ground, m/s, known with the position.
     """
 
     system_id: int
@@ -30,6 +31,8 @@ class Vehicle:
     position: tuple[float, float, float | None] | None = None
     speed: float | None = None
     position_at: float | None = None
+    type: int = 0
+    mode_at: float | None = None
 
 
 @dataclass(frozen=True)

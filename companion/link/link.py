@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from companion.autopilots import known_autopilot
 from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
 from companion.link.asking import Asking
-from companion.link.autopilot import ARDUPILOT
 from companion.link.connection import Connection
 from companion.link.desk import AnswerDesk
 from companion.link.guard import Guard
@@ -18,6 +18,7 @@ from companion.link.listener import Listener
 from companion.link.parameter_server import ParameterServer
 from companion.link.parser import Parser
 from companion.link.sender import Sender
+from companion.link.setpoints import Setpoints
 from companion.link.settings import LinkSettings
 from companion.link.speaker import Speaker
 from companion.link.telling import Telling
@@ -78,6 +79,7 @@ class Link:
         self._returns = 0
         self._waits = settings.waits_for_vehicle
         self._asking = Asking(self._sender)
+        self._setpoints = Setpoints(self._sender, now)
 
     @property
     def vehicle(self) -> Vehicle | None:
@@ -136,7 +138,13 @@ class Link:
         """Send what is due, within pace and budgets."""
         self._tracker.tick(now)
         self._listener.tick(now)
-        if self._listener.clash or (self._waits and self.vehicle is None):
+        if self._listener.clash:
+            self._sender.clear()
+        self._setpoints.tick(self.vehicle, now)
+        if self._listener.clash:  # nothing else is said, but an end of setpoints would set the vehicle moving
+            self._sender.tick(now)
+            return
+        if self._waits and self.vehicle is None:
             return
         if (self._opened, self._returns) != (self._connection.opened, self._tracker.returns):
             self._opened, self._returns = self._connection.opened, self._tracker.returns
@@ -193,12 +201,18 @@ class Link:
         self._parameters.changed(name, value, now)
 
     def set_mode(self, custom_mode: int, now: float) -> None:
-        """Ask an ArduPilot for a mode, before all else; forgotten when it cannot be sent within 1 s."""
-        if self.vehicle is None or self.vehicle.autopilot != ARDUPILOT:
+        """Ask the autopilot for a mode, before all else; forgotten when it cannot be sent within 1 s."""
+        vehicle = self.vehicle
+        autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
+        if vehicle is None or autopilot is None:
             self._guard.rejected["no autopilot for modes"] += 1
         else:
-            message = encode.set_mode(self.vehicle.system_id, custom_mode)
+            message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
             self._sender.push("mode", message, now, key=0, lifetime=MODE_LIFETIME)
+
+    def stand_still(self, *, on: bool) -> None:
+        """Whether zero velocity is streamed to the autopilot, at the table's rate, until told otherwise."""
+        self._setpoints.on = on
 
     def forget_mode(self) -> None:
         """A mode that was asked for and waits to be sent is not wanted any more."""

@@ -16,7 +16,7 @@ from companion.link.vehicle import VehicleTracker
 from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
 
 CLASH_FOR = 10.0
-_TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "COMMAND_ACK"})
+_TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "CURRENT_MODE", "COMMAND_ACK"})
 _REQUESTS = frozenset(
     {"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", "TUNNEL", "COMMAND_LONG", "COMMAND_INT"}
 )
@@ -72,7 +72,9 @@ class Listener:
     def _hear_autopilot(self, kind: str, system_id: int, message: Any, now: float) -> Heard | None:
         if kind == "HEARTBEAT" and self._tracker.heartbeat(system_id, message, now):
             self._sender.system_id = system_id
-        elif kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now):
+        elif (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
+            kind == "CURRENT_MODE" and self._tracker.mode(system_id, message, now)
+        ):
             pass
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
             return self._hear_mode_ack(message)

@@ -45,10 +45,18 @@ class VehicleTracker:
         self.vehicle = replace(
             before,
             autopilot=int(message.autopilot),
+            type=int(message.type),
             custom_mode=int(message.custom_mode),
             armed=bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
             heard_at=now,
         )
+        return True
+
+    def mode(self, system_id: int, message: Any, now: float) -> bool:
+        """CURRENT_MODE; True when it is our vehicle's. Only a heartbeat tells that it is armed, and alive."""
+        if self.vehicle is None or self.vehicle.system_id != system_id:
+            return False
+        self.vehicle = replace(self.vehicle, custom_mode=int(message.custom_mode), mode_at=now)
         return True
 
     def position(self, system_id: int, message: Any, now: float) -> bool:

@@ -129,6 +129,11 @@ def holding(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} holding")
 
 
+def circling(kind: Kind, number: int) -> str:
+    """The autopilot has confirmed the hold, and turns back to the point before it stands."""
+    return fit(f"{name(kind, number)} holding: circles back before it stands")
+
+
 def hold_failed(kind: Kind, number: int) -> str:
     """The autopilot did not take the hold: severity ALERT."""
     return fit(f"{name(kind, number)} HOLD FAILED: STOP BY HAND")
@@ -147,6 +152,11 @@ def resume_failed(kind: Kind, number: int) -> str:
 def send_target_again() -> str:
     """GUIDED lost its target in HOLD."""
     return "GUIDED lost its target: send the target again"
+
+
+def unknown_autopilot() -> str:
+    """Neither ArduPilot Rover nor a PX4 rover."""
+    return "Autopilot of unknown kind: it is never held"
 
 
 def off() -> str:

@@ -16,6 +16,8 @@ from anytraverse.history import Entry, Match
 from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
+from companion.autopilots import Autopilot as KnownAutopilot
+from companion.autopilots import ardupilot
 from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved, HoldStarted, SetMode
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.machine import OperatorCalls
@@ -117,6 +119,7 @@ class Autopilot:
     deaf: bool = False
     silent: bool = False
     travelled: float | None = None
+    kind: KnownAutopilot | None = ardupilot.ROVER
     told: tuple[int, bool] | None = None
     beat_at: float = -1.0
     commands: list[tuple[float, int]] = field(default_factory=list)
@@ -200,7 +203,9 @@ class Scene:
     def hear(self) -> None:
         """The autopilot's heartbeat."""
         pilot = self.autopilot
-        self.keep(self.calls.vehicle(pilot.mode, pilot.armed, self.now, pilot.travelled))
+        self.keep(
+            self.calls.vehicle(pilot.mode, pilot.armed, self.now, pilot.travelled, autopilot=pilot.kind)
+        )
 
     def human(self, mode: int, *, armed: bool = True) -> None:
         """A human sets the mode, and the heartbeat tells it at once."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Reason
+from companion.autopilots import ardupilot
 from companion.calls.hold import HoldEvent, HoldStage
 from companion.wire.ids import Outcome
 from tests.companion.calls.scenes import (
@@ -161,8 +162,8 @@ def test_our_own_mode_before_shown_while_we_ask_for_the_hold_is_nobodys_doing(ho
 
 
 def test_two_modes_in_one_breath_are_both_seen(held: Scene) -> None:
-    held.calls.vehicle(HOLD, True, held.now)  # noqa: FBT003
-    held.calls.vehicle(MANUAL, True, held.now)  # noqa: FBT003
+    for mode in (HOLD, MANUAL):
+        held.calls.vehicle(mode, True, held.now, autopilot=ardupilot.ROVER)  # noqa: FBT003
     assert held.calls.hold is None
 
 

@@ -9,6 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from companion.autopilots import ardupilot
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
@@ -121,7 +122,7 @@ class Calls(RuleBasedStateMachine):
     @rule()
     def obedience(self) -> None:
         """The autopilot does what the hold wants."""
-        wanted = self.scene.hold.wanted_mode(self.scene.numbers)
+        wanted = self.scene.hold.wanted_mode
         self._hear(HOLD if wanted is None else wanted, True)  # noqa: FBT003
 
     @rule(motion=st.sampled_from(Motion), words=st.sampled_from(WORDS), stale=st.integers(0, 9))
@@ -231,7 +232,7 @@ class Calls(RuleBasedStateMachine):
 
     def _hear(self, mode: int, armed: bool) -> None:
         self.mode, self.armed, self.heard_at = mode, armed, self.scene.now
-        decisions = self.scene.calls.vehicle(mode, armed, self.scene.now)
+        decisions = self.scene.calls.vehicle(mode, armed, self.scene.now, autopilot=ardupilot.ROVER)
         if any(isinstance(one, HoldMoved) and one.event.value == "taken over" for one in decisions):
             self.excused_at = self.scene.now
         self._check(decisions)

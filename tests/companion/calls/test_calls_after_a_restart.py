@@ -40,7 +40,7 @@ def states(draw: st.DrawFn) -> OperatorCalls:
             setattr(calls.call, flag, draw(st.booleans()))
     if draw(st.booleans()):
         mode, stage = draw(st.sampled_from([AUTO, GUIDED, 0x04040000])), draw(st.sampled_from(HoldStage))
-        calls.holding.hold = Hold(number, mode, 1.0, stage, only_fault=draw(st.booleans()))
+        calls.holding.hold = Hold(number, HOLD, mode, 1.0, stage, only_fault=draw(st.booleans()))
     calls.autopilot.mode = draw(st.none() | st.sampled_from([AUTO, HOLD, MANUAL]))
     return calls
 

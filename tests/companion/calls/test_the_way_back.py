@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from anytraverse.regions import Box
+from companion.autopilots import ardupilot
 from companion.calls.decisions import GoLapsed, HoldMoved, SetMode
 from companion.calls.hold import HoldEvent, HoldStage
 from companion.wire.ids import Motion, Outcome, Policy, Result, Stage
@@ -255,7 +256,7 @@ def test_a_position_alone_confirms_no_hold(held: Scene) -> None:
     held.go()
     held.show(DRUM, DRUM, DRUM, DRUM, DRUM, LOG)
     heard = held.calls.autopilot.heard_at
-    held.keep(held.calls.vehicle(HOLD, True, held.now + 0.01, heard_at=heard))  # noqa: FBT003
+    held.keep(held.calls.vehicle(HOLD, True, held.now + 0.01, heard_at=heard, autopilot=ardupilot.ROVER))  # noqa: FBT003
     assert stage(held) is HoldStage.REQUESTED
 
 

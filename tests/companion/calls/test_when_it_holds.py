@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Reason
+from companion.autopilots import ardupilot
 from companion.calls.decisions import HoldStarted, SetMode
 from companion.calls.hold import HoldEvent, HoldStage
 from companion.wire.ids import Kind, Policy, State
@@ -90,7 +91,7 @@ def test_a_position_alone_is_no_news_of_the_mode(hold: Scene) -> None:
     hold.autopilot.silent = True
     for _ in range(8):
         hold.run(1.0, CLEAR)
-        hold.calls.vehicle(AUTO, True, hold.now, travelled=3.0, heard_at=heard)  # noqa: FBT003
+        hold.calls.vehicle(AUTO, True, hold.now, travelled=3.0, heard_at=heard, autopilot=ardupilot.ROVER)  # noqa: FBT003
     assert hold.calls.autopilot.travelled == 3.0
     hold.run(2.0, DRUM)
     assert hold.modes() == []

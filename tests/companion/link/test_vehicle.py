@@ -1,7 +1,6 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.autopilot import may_hold, mode_name
 from companion.link.heard import ModeAck, Vehicle, VehicleHeard
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkSettings
@@ -169,9 +168,10 @@ def test_a_mode_command_without_a_vehicle_goes_nowhere() -> None:
     assert stage.sent("COMMAND_LONG") == []
 
 
-def test_another_kind_of_autopilot_gets_no_mode_command() -> None:
+@pytest.mark.parametrize(("kind", "autopilot"), [(10, 4), (2, 3), (2, 12)])
+def test_another_kind_of_autopilot_or_vehicle_gets_no_mode_command(kind: int, autopilot: int) -> None:
     stage = Rehearsal(vehicle=None)
-    stage.send(mavlink.MAVLink_heartbeat_message(10, 12, 129, 0x04040000, 4, 3), (1, 1))
+    stage.send(mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, 0x04040000, 4, 3), (1, 1))
     stage.run(0.1)
     stage.link.set_mode(4, stage.now)
     stage.run(0.1)
@@ -188,14 +188,3 @@ def test_after_the_autopilot_was_away_a_heartbeat_leaves_at_once() -> None:
     before = len(stage.frames)
     stage.run(0.02)
     assert [frame.message.get_type() for frame in stage.frames[before:]] == ["HEARTBEAT"]
-
-
-def test_only_driving_modes_of_an_armed_ardupilot_may_be_held() -> None:
-    assert [mode for mode in range(17) if may_hold(3, mode, armed=True)] == [10, 15]
-    assert not may_hold(3, 10, armed=False)
-    assert not may_hold(12, 10, armed=True)
-
-
-def test_modes_have_names() -> None:
-    assert mode_name(4) == "HOLD"
-    assert mode_name(77) == "mode 77"

@@ -1,0 +1,40 @@
+"""ArduPilot Rover."""
+
+from __future__ import annotations
+
+from companion.autopilots.autopilot import Autopilot, ModeCommand
+
+MAV_AUTOPILOT = 3
+AUTO, GUIDED, HOLD = 10, 15, 4
+_CUSTOM = 1
+"""MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
+
+
+def _command(mode: int) -> ModeCommand:
+    return _CUSTOM, mode, 0
+
+
+ROVER = Autopilot(
+    name="ArduPilot",
+    holdable=frozenset({AUTO, GUIDED}),
+    hold_mode=HOLD,
+    rest_mode=HOLD,
+    command=_command,
+    loses_target=frozenset({GUIDED}),
+    names={
+        0: "MANUAL",
+        1: "ACRO",
+        3: "STEERING",
+        HOLD: "HOLD",
+        5: "LOITER",
+        6: "FOLLOW",
+        7: "SIMPLE",
+        8: "DOCK",
+        9: "CIRCLE",
+        AUTO: "AUTO",
+        11: "RTL",
+        12: "SMART_RTL",
+        GUIDED: "GUIDED",
+        16: "INITIALISING",
+    },
+)

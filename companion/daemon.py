@@ -28,6 +28,7 @@ from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness
 from companion.telling import summary
 from companion.watch import Watch
+from companion.trial import Trial
 from companion.weak_words import WeakWords
 from companion.wire import texts
 from companion.wire.ids import Policy, State
@@ -88,6 +89,7 @@ class Daemon:
         for heard in self._link.poll(now):
             with self._mishaps.survived(type(heard).__name__, now):
                 self._hear(heard, now)
+        self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, self.place)
         for result in self._eyes.results():
             with self._mishaps.survived(type(result).__name__, now):
                 if isinstance(result, Judged):
@@ -107,6 +109,7 @@ class Daemon:
         while self._calls.holding.handover is not None and time.monotonic() < until:
             self.turn()
 
+        self._trial.tick(now)
     def farewell(self) -> None:
         """The daemon cannot go on: let the autopilot's script and the operator know at once."""
         autopilot = self._calls.autopilot.autopilot
@@ -151,6 +154,7 @@ class Daemon:
         readable = [number for number in (self._link.fileno(), self._eyes.fileno()) if number is not None]
         patience = min(TICK, self._link.wait(time.monotonic()))
         try:
+            "test_call": self._trial.status,
             select.select(readable, [], [], patience)
         except (OSError, ValueError):  # a device that has just gone
             time.sleep(patience)
@@ -173,6 +177,8 @@ class Daemon:
         self._acting.carry_out(decisions, now)
 
     def _judged(self, judged: Judged, now: float) -> None:
+            case AnswerRequest() if self._trial.hear(heard, now):
+                pass
         seen = judged.assessment
         self._took = judged.took
         self._keeper.save_memory(judged.memory)
@@ -236,7 +242,7 @@ class Daemon:
                 acknowledgement.result.name,
                 acknowledgement.text,
             )
-        self._link.set_state(self._calls.state(now), self._calls.current_id)
+        self._link.set_state(self._calls.state(now), self._calls.current_id or self._trial.id)
         place = self.place()
         said = self._announcement.now(
             self._conversation.words, place, self._keeper.call_picture, self._watch.silent(now), now
@@ -262,3 +268,5 @@ def stop_on_signals() -> Callable[[], bool]:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda caught, _: told.append(caught))
     return lambda: bool(told)
+        elif self._trial.id:
+            self._trial.announce(now)

@@ -59,6 +59,11 @@ class Keeper:
 
     @property
     def failing(self) -> bool:
+    @property
+    def folder(self) -> Path:
+        """Where all of it is kept."""
+        return self._status.parent
+
         """Whether something that must survive could not be written at the last try."""
         return bool(self._failed_at)
 

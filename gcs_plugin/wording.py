@@ -39,6 +39,10 @@ _OUTCOMES = {
     Outcome.RECOVERED: "fault is gone",
     Outcome.SWITCHED_OFF: "companion switched off",
 }
+_TEST_OUTCOMES = {
+    Outcome.ANSWERED: "answered, the way there and back works",
+    Outcome.PASSED: "nobody answered it",
+}
 _RESULTS = {
     Result.APPLIED: "done",
     Result.APPLIED_NOT_REMEMBERED: "done, but not remembered after a restart",
@@ -85,6 +89,8 @@ def where(box: Fractions) -> str:
 
 def fitting_answers(call: CallData) -> list[str]:
     """Lines that make sense as an answer to this call now."""
+    if call.test:
+        return ["go", "stay"]
     if call.stage is not Stage.OPEN:
         return ["go", "stay", "look"]
     if call.reasons & Reasons.UNKNOWN_OBJECT:
@@ -144,6 +150,9 @@ def stands(call: CallData) -> str:
 
 def closed(call: CallData, after_s: float) -> str:
     """A call that is over."""
+    if call.test:
+        how = _TEST_OUTCOMES.get(call.outcome, "over")
+        return f"{name(call.kind, call.id)} TEST closed: {how}, after {duration(after_s)}"
     return f"{name(call.kind, call.id)} closed: {_OUTCOMES[call.outcome]}, after {duration(after_s)}"
 
 

@@ -163,6 +163,10 @@ class OperatorCalls:
         answered = self.call is not None and self.call.answered
         if self.call is not None and not answered and self.call.gone_since is None:
             return Stage.OPEN
+    def take_id(self) -> int:
+        """An id of the one counter for what is no call and no hold."""
+        return self._next_id()
+
         if self.go_at is not None:
             return Stage.ANSWERED
         if self.hold is not None and not self._reasons and self.sight.ok_run >= self.numbers.ok_frames:

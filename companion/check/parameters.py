@@ -144,8 +144,9 @@ NAMES = {0: "", ARDUPILOT: "ArduPilot", PX4: "PX4"}
 
 def names(autopilot: int) -> tuple[str, ...]:
     """What to ask for."""
-    asked = (rule.name for rule in (*_RULES.get(autopilot, ()), *_NEEDED.get(autopilot, ())))
-    return tuple(dict.fromkeys((*asked, *_ALSO.get(autopilot, ()))))
+    judged = [rule.name for rule in _RULES.get(autopilot, ())]
+    needed = [one.name for one in _NEEDED.get(autopilot, ())]
+    return tuple(dict.fromkeys((*judged, *needed, *_ALSO.get(autopilot, ()))))
 
 
 def judge(autopilot: int, facts: Facts, *, holds: bool) -> list[Finding]:

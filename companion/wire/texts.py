@@ -82,6 +82,21 @@ def still_unknown(call: int, uncertainty: float | None) -> str:
 def still_new(call: int, similarity: float | None) -> str:
     """The answer did not cover the place."""
     return fit(f"C{call} stays open: still a new place{_similarity(similarity)}")
+def trial_answered(number: int, system: int, component: int, seconds: float | None) -> str:
+    """A test call's way to the ground and back."""
+    return fit(f"C{number} TEST answered by {system}/{component} after {_seconds(seconds)}")
+
+
+def trial_unanswered(number: int) -> str:
+    """Nobody answered the test call in time."""
+    return fit(f"C{number} TEST over: nobody answered")
+
+
+def trial_cut_short(number: int) -> str:
+    """A real call or hold came while the test call was open."""
+    return fit(f"C{number} TEST over: a real call came")
+
+
 
 
 def answered_waiting(kind: Kind, number: int) -> str:

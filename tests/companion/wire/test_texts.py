@@ -19,6 +19,7 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "outcome": st.sampled_from(Outcome),
     "value": st.sampled_from(Policy),
     "system": st.integers(0, 255),
+    "component": st.integers(0, 255),
     **dict.fromkeys(("uncertainty", "similarity", "drivable", "share", "seconds", "speed", "fits"), FIGURE),
     **dict.fromkeys(FREE, st.text(max_size=80)),
 }

@@ -230,11 +230,13 @@ def test_nobody_types_at_dev_null() -> None:
         assert not keyboard.ended
 
 
-def test_a_test_call_says_that_it_is_one_when_it_opens_and_when_it_closes() -> None:
-    test = replace(THING_CALL, test=True, reasons=Reasons.NONE, holding=False, worst_tile_box=None)
+def test_a_test_call_says_that_it_is_one_when_it_opens_and_when_it_closes(
+    thing_call: CallData,
+) -> None:
+    test = replace(thing_call, test=True, reasons=ids.Reasons.NONE, holding=False, worst_tile_box=None)
     assert wording.headline(test, 3) == "C7 TEST, nothing is wrong [vehicle not held, 3 s]"
     assert wording.fitting_answers(test) == ["go", "stay"]
-    closed = replace(test, stage=Stage.CLOSED, outcome=Outcome.ANSWERED)
+    closed = replace(test, stage=ids.Stage.CLOSED, outcome=ids.Outcome.ANSWERED)
     assert "C7 TEST closed: answered" in wording.closed(closed, 4)
-    assert "nobody answered" in wording.closed(replace(closed, outcome=Outcome.PASSED), 60)
-    assert "TEST closed: over" in wording.closed(replace(closed, outcome=Outcome.NONE), 2)
+    assert "nobody answered" in wording.closed(replace(closed, outcome=ids.Outcome.PASSED), 60)
+    assert "TEST closed: over" in wording.closed(replace(closed, outcome=ids.Outcome.NONE), 2)

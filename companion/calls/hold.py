@@ -77,10 +77,10 @@ class Hold:
             return False
         return now - self.started_at < autopilot.lead
 
-    def found_at_rest(self, mode: int, autopilot: Autopilot | None) -> None:
-        """After a restart: without our setpoints the autopilot may have gone to stand by itself."""
+    def found_at_rest(self, mode: int | None, autopilot: Autopilot | None) -> None:
+        """The autopilot, left or found without our setpoints, may have gone to stand by itself."""
         if autopilot is not None and self.mode in autopilot.streamed and mode == autopilot.rest_mode:
-            self.mode = mode
+            self.mode = autopilot.rest_mode
 
     def tick(self, now: float, numbers: Numbers) -> tuple[int | None, HoldEvent | None]:
         """The mode to command now, if any, and FAILED once when the last try is over."""

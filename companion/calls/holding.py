@@ -67,7 +67,7 @@ class Holding:
 
     def drives_itself(self, now: float) -> bool:
         """Whether the autopilot drives by itself, as far as is known now."""
-        return self.heard(now) and self.vehicle.drives_itself and self.handover is None
+        return self.heard(now) and self.vehicle.drives_itself
 
     @property
     def streams(self) -> bool:
@@ -82,6 +82,7 @@ class Holding:
         assert vehicle.mode is not None
         assert vehicle.autopilot is not None
         self.hold, self.go_at = Hold(number, vehicle.autopilot.hold_mode, vehicle.mode, now), None
+        self.handover = None
         return HoldStarted(self.hold, reasons)
 
     def end(self) -> Hold | None:
@@ -100,6 +101,8 @@ class Holding:
             return []
         if not self.vehicle.armed or self.handover.over(self.vehicle.mode, now, self.numbers):
             self.handover = None
+            if self.hold is not None:
+                self.hold.found_at_rest(self.vehicle.mode, self.vehicle.autopilot)
             return []
         mode = self.handover.tick(self.vehicle.mode, now, self.numbers) if self.heard(now) else None
         return [] if mode is None else [SetMode(mode)]

@@ -29,6 +29,7 @@ HEIGHT, WIDTH = 40, 60
 STEP = 0.05
 PERIOD = 0.1
 HOLD, AUTO, GUIDED, MANUAL, RTL, LOITER = 4, 10, 15, 0, 11, 5
+PX4_RTL = 0x05040000
 AHEAD = Box(0.40, 0.68, 0.52, 0.80)
 """A small thing in the ROI."""
 BESIDE = Box(0.58, 0.72, 0.66, 0.86)
@@ -111,7 +112,10 @@ ELSEWHERE = View(turned=60.0)
 
 @dataclass
 class Autopilot:
-    """Obeys a mode command after `delay`, unless deaf. Beats at once on a change, else once a second."""
+    """Obeys a mode command after `delay`, unless deaf. Beats at once on a change, else once a second.
+
+    A mode that needs setpoints is refused before half a second of them, and falls to RTL half a second after.
+    """
 
     mode: int = AUTO
     armed: bool = True
@@ -123,11 +127,26 @@ class Autopilot:
     told: tuple[int, bool] | None = None
     beat_at: float = -1.0
     commands: list[tuple[float, int]] = field(default_factory=list)
+    streamed_since: float | None = None
+    streamed_at: float = -1.0
 
     def obey(self, now: float) -> None:
         """Take the modes whose time has come, in order."""
+        streamed = self.kind.streamed if self.kind is not None else frozenset()
         while self.commands and self.commands[0][0] <= now:
-            self.mode = self.commands.pop(0)[1]
+            mode = self.commands.pop(0)[1]
+            fed = self.streamed_since is not None and now - self.streamed_since >= 0.5
+            self.mode = mode if fed or mode not in streamed else self.mode
+        if self.mode in streamed and now - self.streamed_at > 0.5:
+            self.mode = PX4_RTL
+
+    def feed(self, now: float, *, on: bool) -> None:
+        """Setpoints come, or do not."""
+        if on:
+            self.streamed_at = now
+            self.streamed_since = self.streamed_since or now
+        elif now - self.streamed_at > 0.5:
+            self.streamed_since = None
 
     def beats(self, now: float) -> bool:
         """Whether a heartbeat goes out now."""
@@ -150,12 +169,13 @@ class Scene:
         armed: bool = True,
         fault_ends_hold: bool = False,
         now: float = 1000.0,
+        kind: KnownAutopilot | None = ardupilot.ROVER,
     ) -> None:
         judging = Settings(thresholds=Thresholds(tile=tile), freshness=freshness)
         self.now = now
         self.numbers = Numbers(policy=policy, judging=judging, fault_ends_hold=fault_ends_hold)
         self.calls = OperatorCalls(self.numbers, now)
-        self.autopilot = Autopilot(mode, armed)
+        self.autopilot = Autopilot(mode, armed, kind=kind)
         self.words = {"trail": 1.0, "log": -1.0}
         self.reference = 0.0
         self.view = CLEAR
@@ -171,6 +191,7 @@ class Scene:
         turn = 0
         while self.now < end - 1e-9:
             self.now = round(self.now + STEP, 6)
+            self.autopilot.feed(self.now, on=self.calls.holding.streams)
             self.autopilot.obey(self.now)
             if self.autopilot.beats(self.now):
                 self.hear()

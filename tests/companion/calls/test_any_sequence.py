@@ -9,7 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from companion.autopilots import ardupilot
+from companion.autopilots import ardupilot, px4
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
@@ -53,14 +53,15 @@ VIEWS = [
     View(turned=60.0, pending=True),
 ]
 WORDS: list[dict[str, float] | None] = [None, None, {"drum": 1.0}, {"drum": -1.0}, {"puddle": 1.0}]
-MODES = st.sampled_from([*[AUTO] * 5, GUIDED, HOLD, MANUAL, RTL, LOITER])
-DRIVING = (AUTO, GUIDED)
 PAUSES = st.sampled_from([0.02, 0.02, 0.3, 0.3, 0.6, 1.1, 4.0, 6.0, 21.0, 61.0])
 SILENCE, T, N = 5.0, 1.0, 5
 
 
 class Calls(RuleBasedStateMachine):
     """Feeds the state machine and keeps books of its own about modes, frames, answers and ids."""
+
+    kind = ardupilot.ROVER
+    modes = (*[AUTO] * 5, GUIDED, HOLD, MANUAL, RTL, LOITER)
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,7 +80,7 @@ class Calls(RuleBasedStateMachine):
     def begin(self, policy: Policy, ends: bool) -> None:
         self.scene = Scene(policy, fault_ends_hold=ends)
         self.bad_at = self.good_at = self.excused_at = self.scene.now
-        self._hear(AUTO, True)  # noqa: FBT003
+        self._hear(self.modes[0], True)  # noqa: FBT003
 
     @rule(views=st.lists(st.sampled_from(VIEWS), min_size=1, max_size=3), times=st.integers(1, 4))
     def frames(self, views: list[View], times: int) -> None:
@@ -101,10 +102,10 @@ class Calls(RuleBasedStateMachine):
             self._books(good=None)
             self._check(self.scene.calls.tick(self.scene.now))
 
-    @rule(mode=MODES, armed=st.sampled_from([*[True] * 9, False]))
-    def heartbeat(self, mode: int, armed: bool) -> None:
+    @rule(place=st.integers(0, 9), armed=st.sampled_from([*[True] * 9, False]))
+    def heartbeat(self, place: int, armed: bool) -> None:
         """Any mode at any moment: a human's, or the autopilot's own."""
-        self._hear(mode, armed)
+        self._hear(self.modes[place], armed)
 
     @precondition(lambda self: self.scene.calls.hold is not None)
     @rule(view=st.sampled_from([CLEAR, CLEAR, DRUM]), words=st.sampled_from(WORDS), count=st.integers(3, 7))
@@ -123,7 +124,7 @@ class Calls(RuleBasedStateMachine):
     def obedience(self) -> None:
         """The autopilot does what the hold wants."""
         wanted = self.scene.hold.wanted_mode
-        self._hear(HOLD if wanted is None else wanted, True)  # noqa: FBT003
+        self._hear(self.scene.hold.mode if wanted is None else wanted, True)  # noqa: FBT003
 
     @rule(motion=st.sampled_from(Motion), words=st.sampled_from(WORDS), stale=st.integers(0, 9))
     def answer(self, motion: Motion, words: Mapping[str, float] | None, stale: int) -> None:
@@ -193,7 +194,7 @@ class Calls(RuleBasedStateMachine):
     @invariant()
     def nothing_ok_within_t_holds_a_rover_that_drives_itself(self) -> None:
         calls = self.scene.calls
-        drives = self.armed and self.mode in DRIVING and self.scene.now - self.heard_at < SILENCE
+        drives = self.armed and self.mode in self.kind.holdable and self.scene.now - self.heard_at < SILENCE
         late = self.scene.now - max(self.good_at, self.excused_at) > T + 1e-6
         if calls.policy is Policy.HOLD and drives and late:
             assert calls.hold is not None
@@ -232,7 +233,7 @@ class Calls(RuleBasedStateMachine):
 
     def _hear(self, mode: int, armed: bool) -> None:
         self.mode, self.armed, self.heard_at = mode, armed, self.scene.now
-        decisions = self.scene.calls.vehicle(mode, armed, self.scene.now, autopilot=ardupilot.ROVER)
+        decisions = self.scene.calls.vehicle(mode, armed, self.scene.now, autopilot=self.kind)
         if any(isinstance(one, HoldMoved) and one.event.value == "taken over" for one in decisions):
             self.excused_at = self.scene.now
         self._check(decisions)
@@ -247,13 +248,16 @@ class Calls(RuleBasedStateMachine):
 
     def _check_one(self, decision: Decision) -> None:
         match decision:
+            case SetMode(mode) if self.mode in self.kind.streamed and mode == self.kind.rest_mode:
+                assert self.armed, "a hold that may not stand on is handed over, once it is given up"
+                assert self.hold is None
             case SetMode(mode):
                 assert self.scene.calls.policy is Policy.HOLD
                 assert self.hold is not None
                 assert self.armed
                 assert self.scene.now - self.heard_at <= SILENCE
-                if mode == HOLD:
-                    assert self.mode in (*DRIVING, HOLD)
+                if mode == self.kind.hold_mode:
+                    assert self.mode in (*self.kind.holdable, mode)
                 else:
                     self._check_way_back(mode)
             case CallOpened(call):
@@ -270,7 +274,7 @@ class Calls(RuleBasedStateMachine):
             case HoldStarted(hold, reasons):
                 assert reasons
                 assert self.hold is None
-                assert self.mode in DRIVING
+                assert self.mode in self.kind.holdable
                 assert hold.id == self.open or hold.id > self.highest
                 self.hold, self.before = hold.id, self.mode
                 self.highest = max(self.highest, hold.id)
@@ -285,7 +289,8 @@ class Calls(RuleBasedStateMachine):
 
     def _check_way_back(self, mode: int) -> None:
         assert mode == self.before
-        assert self.mode == HOLD
+        assert self.mode == self.scene.hold.mode
+        assert self.mode in (self.kind.hold_mode, self.kind.rest_mode)
         assert self.run >= N
         if self.go_at is not None:
             assert self.bad_at - self.go_at <= 60.0 + 1e-6
@@ -294,5 +299,36 @@ class Calls(RuleBasedStateMachine):
             assert self.open is None
 
 
+class Px4Calls(Calls):
+    """The same on PX4, held in LOITER."""
+
+    kind = px4.LOITERING
+    modes = (*[px4.MISSION] * 5, px4.OFFBOARD, px4.LOITER, MANUAL, px4.custom_mode(1), px4.custom_mode(3))
+
+
+class Px4OffboardCalls(Px4Calls):
+    """The same on PX4, held in OFFBOARD: setpoints stream for our own hold, until something else stands."""
+
+    kind = px4.OFFBOARD_HOLD
+
+    @invariant()
+    def setpoints_go_as_long_as_the_hold_stands(self) -> None:
+        holding = self.scene.calls.holding
+        ours = holding.hold is not None and holding.hold.mode == px4.OFFBOARD
+        known = holding.vehicle.autopilot is not None
+        assert holding.streams is (ours and known) or holding.handover is not None
+
+    @invariant()
+    def setpoints_do_not_outlast_the_mode(self) -> None:
+        holding = self.scene.calls.holding
+        if holding.hold is None and self.mode not in (px4.OFFBOARD, px4.MISSION):
+            assert not holding.streams
+
+
 Calls.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+Px4Calls.TestCase.settings = Px4OffboardCalls.TestCase.settings = settings(
+    max_examples=60, stateful_step_count=40, deadline=None
+)
 TestAnySequence = Calls.TestCase
+TestAnySequenceOnPx4 = Px4Calls.TestCase
+TestAnySequenceOnPx4InOffboard = Px4OffboardCalls.TestCase

@@ -19,6 +19,7 @@ COMMANDS: Commands = {
         "score how things without a word stand out on it",
         "anytraverse.evaluation.unknown_command",
     ),
+    "fit": ("fit the built-in network to labelled frames of your own", "anytraverse.training.command"),
     "export": ("make a bundle of a CLIPSeg checkpoint, for a rover to run", "anytraverse.export.command"),
     "bundle": (
         "check a bundle, or make one of your own network",
@@ -33,6 +34,9 @@ COMMANDS: Commands = {
 A module is imported only when its command is chosen.
 """
 
+EXTRAS = {"export": "export", "fit": "train"}
+"""Command -> the extra that brings what it needs; all others need `rover`."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command: its exit code, or 2 with one line on stderr when the input cannot be used."""
@@ -46,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         missing = (error.name or "").partition(".")[0]
         if missing == __package__:
             raise
-        extra = "export" if words[:1] == ["export"] else "rover"
+        extra = EXTRAS.get(words[0], "rover")
         print(
             f'{_command(words)}: needs {missing}: pip install "anytraverse-companion[{extra}]"',
             file=sys.stderr,

@@ -34,16 +34,16 @@ class Progress:
         self._begun = clock()
         self._drawn = -_PERIOD
 
-    def step(self) -> None:
-        """One more is done."""
-        self._done += 1
+    def step(self, count: int = 1, note: str = "") -> None:
+        """So many more are done; `note` is shown behind the times."""
+        before, self._done = self._done, self._done + count
         elapsed = self._clock() - self._begun
         if self._bar:
             if elapsed - self._drawn >= _PERIOD:
                 self._drawn = elapsed
-                self._write(f"\r{self._gauge()} {self._text(elapsed)}\x1b[K")
-        elif self._done * _LINES // self._total > (self._done - 1) * _LINES // self._total:
-            self._write(f"{self._text(elapsed)}\n")
+                self._write(f"\r{self._gauge()} {self._text(elapsed)}{note}\x1b[K")
+        elif self._done * _LINES // self._total > before * _LINES // self._total:
+            self._write(f"{self._text(elapsed)}{note}\n")
 
     def say(self, line: str) -> None:
         """A line of its own, above the bar."""

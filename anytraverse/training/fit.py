@@ -1,10 +1,11 @@
-"""One fit from frames to files: training, calibration, scores, comparison with what it would replace."""
+"""One fit from frames to files: training, calibration, scores."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -13,61 +14,53 @@ from anytraverse.frame import Image
 from anytraverse.perception.ground_net import Calibration, network_input
 from anytraverse.perception.runtime import Runtime, open_session
 from anytraverse.training.calibration import calibrated, plain, tap_background
+from anytraverse.training.classes import CLASSES
 from anytraverse.training.export import INPUT, OUTPUTS, as_network, export
 from anytraverse.training.fitting import Options, Progress, train
 from anytraverse.training.folders import Folder, Split
 from anytraverse.training.net import FEATURES, GroundNet
+from anytraverse.training.refitting import read_back, refit
 from anytraverse.training.scenes import cosines, fitted_scene, scene_auroc
-from anytraverse.training.scores import VIEWS, Floats, Network, Score, class_ranks, outputs, score
-
-
-@dataclass(frozen=True)
-class Scores:
-    """What held-out frames say of a network.
-
-    by_view: scores in the lights of `VIEWS`. ranks: AUROC of each class. scene: AUROC of revisits.
-    """
-
-    by_view: dict[str, Score]
-    ranks: dict[str, float]
-    scene: float
-
-    @property
-    def iou(self) -> float:
-        """Drivable IoU at 0.5, pooled, in the light the frames were filmed in."""
-        return next(iter(self.by_view.values())).iou
-
-    def lines(self) -> list[str]:
-        """The same for people."""
-        told = [
-            f"{view}: drivable IoU {one.iou:.3f}, by frame {one.iou_mean:.3f}; unknown {one.unexplained:.3f}"
-            for view, one in self.by_view.items()
-        ]
-        told.append("AUROC by class: " + ", ".join(f"{name} {rank:.3f}" for name, rank in self.ranks.items()))
-        told.append(f"AUROC of revisits against other drives: {self.scene:.4f}")
-        return told
+from anytraverse.training.scores import VIEWS, Floats, Network, class_ranks, outputs, score
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A trained and calibrated network, with its scores on validation and, where held out, test frames."""
+    """A trained and calibrated network."""
 
     net: GroundNet
     calibration: Calibration
-    validation: Scores
-    test: Scores | None
+
+    @property
+    def model(self) -> tuple[Network, Calibration]:
+        """What scores are made of."""
+        return as_network(self.net), self.calibration
 
 
 def fit(
     real: Folder, made: Folder, split: Split, options: Options, progress: Progress | None = None
 ) -> Fitted:
-    """Train on all blocks but those of `split`, calibrate on validation. Raises TrainingError."""
-    training, validation, test = split.parts(real)
+    """Train from nothing on all blocks but those of `split`, calibrate on validation.
+
+    Raises TrainingError.
+    """
+    training, validation, _ = split.parts(real)
     net = train(training, made, options, progress)
-    calibration = calibrate(as_network(net), training, made, validation, options.seed)
-    network = as_network(net)
-    tested = scores(network, calibration, test, training) if len(test) else None
-    return Fitted(net, calibration, scores(network, calibration, validation, training), tested)
+    return Fitted(net, calibrate(as_network(net), training, made, validation, options.seed))
+
+
+def fit_on(
+    start: Path, real: Folder, made: Folder, split: Split, options: Options, progress: Progress | None = None
+) -> Fitted:
+    """The same from a network that a training wrote; with no steps at all only its calibration changes.
+
+    What tells places apart and what tapped things stand out from stay as they were: few frames of few places
+    would make them worse. Raises TrainingError, PerceiverError.
+    """
+    training, validation, _ = split.parts(real)
+    before = stored(start)[1]
+    net = refit(read_back(start), training, made, options, progress)
+    return Fitted(net, calibrated(as_network(net), validation, before))
 
 
 def calibrate(network: Network, training: Folder, made: Folder, validation: Folder, seed: int) -> Calibration:
@@ -77,39 +70,52 @@ def calibrate(network: Network, training: Folder, made: Folder, validation: Fold
     return fitted_scene(network, training, made, validation, calibrated(network, validation, start), seed)
 
 
-def scores(network: Network, calibration: Calibration, folder: Folder, others: Folder) -> Scores:
-    """Scores on frames that it was not trained on; `others` are drives that these are no revisits of."""
-    by_view = {name: score(outputs(network, folder, gains), calibration) for name, gains in VIEWS.items()}
+def details(model: tuple[Network, Calibration], folder: Folder, others: Folder) -> list[str]:
+    """What else held-out frames say, for people; `others` are drives that these are no revisits of."""
+    network, calibration = model
+    lights = {name: score(outputs(network, folder, gains), calibration).iou for name, gains in VIEWS.items()}
     ranks = class_ranks(outputs(network, folder), calibration)
+    found = [f"{name} {rank:.3f}" for name, rank in ranks.items() if not math.isnan(rank)]
     same, other = cosines(network, folder, others, calibration, np.random.default_rng(5))
-    return Scores(by_view, ranks, scene_auroc(same, other))
+    return [
+        "drivable IoU " + ", ".join(f"{name} {iou:.3f}" for name, iou in lights.items()),
+        "AUROC by class " + ", ".join(found),
+        f"AUROC of revisits against other drives {scene_auroc(same, other):.4f}",
+    ]
+
+
+def check_out(path: Path) -> None:
+    """Refuse at once where `write` could not write later. Raises TrainingError, OSError."""
+    if path.suffix != ".onnx":
+        raise TrainingError(f"{path.name}: a network's file ends in .onnx")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=path.parent, prefix=".fit-") as room:
+        (Path(room) / path.name).write_bytes(bytes(2_000_000))
 
 
 def write(fitted: Fitted, path: Path) -> None:
-    """The network at `path`, ending in .onnx, and its calibration beside it, ending in .npz."""
-    if path.suffix != ".onnx":
-        raise TrainingError(f"{path.name}: a network's file ends in .onnx")
-    export(fitted.net, path)
-    fitted.calibration.save(path.with_suffix(".npz"))
+    """The network at `path`, ending in .onnx, and its calibration beside it, ending in .npz: both or none.
+
+    Raises TrainingError, OSError.
+    """
+    with TemporaryDirectory(dir=path.parent, prefix=".fit-") as room:
+        network = Path(room) / path.name
+        numbers = network.with_suffix(".npz")
+        export(fitted.net, network)
+        fitted.calibration.save(numbers)
+        numbers.replace(path.with_suffix(".npz"))
+        network.replace(path)
 
 
 def stored(path: Path) -> tuple[Network, Calibration]:
-    """A network and calibration that were written before. Raises PerceiverError."""
+    """A network and calibration that were written before. Raises PerceiverError, TrainingError."""
     session = open_session(path, Runtime(threads=1))
+    calibration = Calibration.load(path.with_suffix(".npz"))
+    if calibration.classes != CLASSES:
+        raise TrainingError(f"{path.name} knows other classes than a fit: give another network")
 
     def run(image: Image) -> tuple[Floats, Floats]:
         logits, features = session.run(list(OUTPUTS), {INPUT: network_input(image)})
         return logits[0], features[0]
 
-    return run, Calibration.load(path.with_suffix(".npz"))
-
-
-def refuse_worse(fitted: Fitted, replaced: Sequence[Scores]) -> None:
-    """Raises TrainingError when a fit is worse on its validation frames than one that it would replace."""
-    for old in replaced:
-        if fitted.validation.iou < old.iou:
-            raise TrainingError(
-                f"the fit is worse than what it would replace (drivable IoU {fitted.validation.iou:.3f}, "
-                f"{old.iou:.3f} before, on the frames held out): nothing was written. More drives, more "
-                "steps or another seed may help"
-            )
+    return run, calibration

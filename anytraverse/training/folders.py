@@ -6,8 +6,7 @@ blocks, and never at random.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import TrainingError
+from anytraverse.evaluation.datasets import LabelledFolder, LabelledFrame
+from anytraverse.evaluation.labels import FILE as CLASSES_FILE
 from anytraverse.frame import Image
-from anytraverse.training.classes import UNLABELLED, class_of, translation
+from anytraverse.training.classes import CLASSES, UNLABELLED, translation
 
 Labels = NDArray[np.uint8]
 
 WIDTH = 400  # pixels at which frames are kept: enough for crops of the network's 256
 BLOCK, GAP = 100, 25
-FORMATS = (".jpg", ".jpeg", ".png")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,60 +84,37 @@ class Split:
         return parts
 
 
-def suggested(folder: Folder) -> Split:
-    """Every fifth block for validation, at least one, and none for a test."""
-    blocks = folder.blocks
+def suggested(folder: Folder, test: tuple[int, ...] = ()) -> Split:
+    """Every fifth block for validation, at least one, beside those for the test. Raises TrainingError."""
+    blocks = [block for block in folder.blocks if block not in test]
     if len(blocks) < 2:
         raise TrainingError(
             f"all frames are in one block of {BLOCK} numbers: give every drive a hundred of its own, so that "
             "a drive can be kept for the score"
         )
-    return Split(tuple(blocks[2 % len(blocks) :: 5]))
+    return Split(tuple(blocks[2 % len(blocks) :: 5]), test)
 
 
-def read_folder(path: Path, width: int = WIDTH) -> Folder:
-    """The labelled frames of a folder, at most `width` pixels wide. Raises TrainingError."""
-    names = _names(path)
-    table = translation(names)
-    frames = []
-    for picture in sorted(p for p in path.iterdir() if p.suffix.lower() in FORMATS[:2]):
-        label = picture.with_suffix(".png")
-        if not picture.stem.isdecimal() or not label.is_file():
-            continue
-        frames.append(_frame(picture, label, table, width))
-    if not frames:
-        raise TrainingError(f"{path} has no frame NNNN.jpg with a label image NNNN.png beside it")
-    return Folder(tuple(frames))
+def read_folder(path: Path, width: int = WIDTH, torn: Callable[[str], None] = lambda _: None) -> Folder:
+    """The labelled frames of a folder, at most `width` pixels wide; those that are torn are told to `torn`.
 
-
-def _names(path: Path) -> Sequence[str]:
-    try:
-        names = json.loads((path / "classes.json").read_text(encoding="utf-8"))["classes"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    Raises TrainingError when no label is known, DatasetError, OSError.
+    """
+    stored = LabelledFolder(path)
+    table = translation(stored.classes.names)
+    table[stored.classes.ignore] = UNLABELLED
+    if (table == UNLABELLED).all():
         raise TrainingError(
-            f'{path} needs a classes.json that names its label ids: {{"classes": ["grass", ...]}} ({error})'
-        ) from error
-    if (
-        not isinstance(names, list)
-        or not all(isinstance(name, str) for name in names)
-        or len(names) > UNLABELLED
-    ):
-        raise TrainingError(f"{path}/classes.json: classes must be a list of at most {UNLABELLED} names")
-    if all(class_of(name) is None for name in names):
-        raise TrainingError(f"no label of {path}/classes.json is known: {', '.join(names)}")
-    return names
-
-
-def _frame(picture: Path, label: Path, table: NDArray[np.uint8], width: int) -> Labelled:
-    image = cv2.imread(str(picture), cv2.IMREAD_COLOR)
-    ids = cv2.imread(str(label), cv2.IMREAD_UNCHANGED)
-    if image is None or ids is None or ids.ndim != 2 or ids.shape != image.shape[:2]:
-        raise TrainingError(
-            f"{picture.name} and {label.name}: a picture and a grey image of class ids of its size"
+            f"no label of {path / CLASSES_FILE} is known: {', '.join(stored.classes.names)}. "
+            f"Name them by what they show, e.g. {', '.join(CLASSES[:-1])}"
         )
-    size = width, round(image.shape[0] * width / image.shape[1])
+    return Folder(tuple(_kept(frame, table, width) for frame in stored.frames(torn)))
+
+
+def _kept(frame: LabelledFrame, table: NDArray[np.uint8], width: int) -> Labelled:
+    image, ids = frame.image, frame.labels
     if image.shape[1] > width:
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        ids = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    rgb = np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
-    return Labelled(int(picture.stem), rgb, table[np.asarray(ids, dtype=np.uint8)])
+        size = width, max(1, round(image.shape[0] * width / image.shape[1]))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        ids = np.asarray(cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint8)
+    return Labelled(frame.number, image, table[ids])

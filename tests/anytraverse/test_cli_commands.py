@@ -35,9 +35,13 @@ def test_help_of_a_bundles_commands_needs_nothing_heavy() -> None:
     assert not {"onnxruntime", "torch", "onnx"} & loaded("bundle", "check", "--help")
 
 
+def test_help_of_the_fit_needs_no_torch() -> None:
+    assert not {"numpy", "cv2", "onnxruntime", "torch", "onnx"} & loaded("fit", "--help")
+
+
 def test_every_command_is_listed(capsys: Out) -> None:
     for arguments, names in (
-        (["--help"], ("look", "export", "bundle")),
+        (["--help"], ("look", "fit", "export", "bundle")),
         (["bundle", "-h"], ("check", "classes")),
     ):
         with pytest.raises(SystemExit) as ended:
@@ -54,7 +58,7 @@ def test_a_command_that_is_not_one_is_refused(arguments: list[str]) -> None:
     assert ended.value.code == 2
 
 
-@pytest.mark.parametrize(("command", "extra"), [("look", "rover"), ("export", "export")])
+@pytest.mark.parametrize(("command", "extra"), [("look", "rover"), ("export", "export"), ("fit", "train")])
 def test_a_missing_package_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: Out, command: str, extra: str
 ) -> None:

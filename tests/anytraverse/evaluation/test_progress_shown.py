@@ -52,6 +52,15 @@ def test_a_terminal_gets_a_bar_that_is_gone_at_the_end() -> None:
     assert stream.getvalue().endswith("\r\x1b[K")
 
 
+def test_many_steps_at_once_and_a_note_are_shown() -> None:
+    stream = io.StringIO()
+    progress = Progress(100, "steps", stream, Clock())
+    for _ in range(4):
+        progress.step(25, ", loss 0.5")
+    assert stream.getvalue().splitlines()[0] == "25/100 steps, 1 s, 3 s left, loss 0.5"
+    assert stream.getvalue().count("\n") == 4
+
+
 def test_a_bar_is_not_drawn_more_often_than_anyone_sees() -> None:
     stream = Terminal()
     progress = Progress(1000, "frames", stream, Clock(tick=0.01))

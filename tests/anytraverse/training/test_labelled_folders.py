@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.errors import TrainingError
+from anytraverse.evaluation.labels import DatasetError
 from anytraverse.training.classes import CLASSES, UNKNOWN, UNLABELLED, class_of, translation
 from anytraverse.training.folders import BLOCK, GAP, Folder, Labelled, Split, read_folder, suggested
 
@@ -58,17 +59,39 @@ def test_a_block_cannot_be_for_validation_and_for_the_test() -> None:
 def test_a_split_is_suggested_only_where_a_drive_can_be_kept() -> None:
     assert suggested(made_up([1, 101, 201, 301])).validation == (2,)
     assert suggested(made_up([1, 101])).validation == (0,)
+    assert suggested(made_up([1, 101, 201]), test=(2,)) == Split((0,), (2,))
     with pytest.raises(TrainingError, match="a hundred of its own"):
         suggested(made_up([1, 2, 3]))
+    with pytest.raises(TrainingError, match="a hundred of its own"):
+        suggested(made_up([1, 101]), test=(1,))
 
 
-def test_a_folder_without_names_or_frames_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match=r"classes\.json"):
+def test_what_the_folder_leaves_unlabelled_teaches_nothing(tmp_path: Path, tiny_folder: Path) -> None:
+    shutil.copytree(tiny_folder, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "classes.json").write_text(
+        json.dumps({"classes": ["sky", "grass", "smooth_trail"], "ignore": 1})
+    )
+    labels = read_folder(tmp_path).frames[0].labels
+    assert set(np.unique(labels)) == {CLASSES.index("sky"), CLASSES.index("smooth trail"), UNLABELLED}
+
+
+def test_a_torn_frame_is_told_and_left_out(tmp_path: Path, tiny_folder: Path) -> None:
+    shutil.copytree(tiny_folder, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "0003.jpg").write_bytes((tmp_path / "0003.jpg").read_bytes()[:-200])
+    told: list[str] = []
+    assert len(read_folder(tmp_path, torn=told.append)) == 24
+    assert len(told) == 1
+    assert "0003.jpg" in told[0]
+
+
+def test_a_folder_without_names_or_frames_is_refused(tmp_path: Path, tiny_folder: Path) -> None:
+    with pytest.raises(DatasetError, match=r"classes\.json"):
         read_folder(tmp_path)
     (tmp_path / "classes.json").write_text(json.dumps({"classes": ["grass"]}))
-    with pytest.raises(TrainingError, match=r"no frame NNNN\.jpg"):
+    with pytest.raises(DatasetError, match=r"no picture NNNN\.jpg"):
         read_folder(tmp_path)
-    (tmp_path / "classes.json").write_text(json.dumps({"classes": ["gnome"]}))
+    shutil.copytree(tiny_folder, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "classes.json").write_text(json.dumps({"classes": ["gnome", "elf", "troll"]}))
     with pytest.raises(TrainingError, match=r"no label of .* is known"):
         read_folder(tmp_path)
 
@@ -78,5 +101,5 @@ def test_a_label_image_of_another_size_is_refused(tmp_path: Path, tiny_folder: P
 
     folder = Path(shutil.copytree(tiny_folder, tmp_path / "copy"))
     cv2.imwrite(str(folder / "0003.png"), np.zeros((10, 10), np.uint8))
-    with pytest.raises(TrainingError, match="0003"):
+    with pytest.raises(DatasetError, match="0003"):
         read_folder(folder)

@@ -1,0 +1,162 @@
+"""What `anytraverse fit` does: read, split, train, compare, and write or refuse."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from shlex import quote
+
+import numpy as np
+
+from anytraverse.errors import TrainingError
+from anytraverse.evaluation.progress import Progress
+from anytraverse.perception.ground import SHIPPED
+from anytraverse.training.classes import DRIVABLE
+from anytraverse.training.fit import Fitted, check_out, details, fit, fit_on, stored, write
+from anytraverse.training.fitting import Options
+from anytraverse.training.folders import Folder, Split, read_folder, suggested
+from anytraverse.training.held_out import Comparison, Model, compare
+from anytraverse.training.refitting import REFIT
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """What a fit begins with.
+
+    start: the network to train on from, or None. replaced: the file that the fit must not be worse than, and
+    what it holds.
+    """
+
+    real: Folder
+    made: Folder
+    split: Split
+    options: Options
+    start: Path | None
+    replaced: tuple[Path, Model]
+
+
+def run_fit(given: argparse.Namespace) -> int:
+    """The exit code: 1 when the fit is worse than what it would replace. Raises AnyTraverseError, OSError."""
+    try:
+        work = prepared(given)
+        fitted = trained(work)
+        _say("scoring on the drives that were held out")
+        return _ended(given, work, fitted)
+    except KeyboardInterrupt:
+        _say("stopped: nothing was written")
+        raise
+
+
+def prepared(given: argparse.Namespace) -> Work:
+    """All that can be refused before the training. Raises AnyTraverseError, OSError."""
+    check_out(given.out)
+    start = None if given.start == "scratch" else SHIPPED if given.start == "builtin" else Path(given.start)
+    replaced = given.out if given.out.exists() else SHIPPED
+    model = stored(replaced)
+    if start is not None:
+        stored(start)
+    options = REFIT if start else Options()
+    steps = options.steps if given.steps is None else given.steps
+    if given.threads < 1 or steps < (0 if start else 1):
+        raise TrainingError("--threads and --steps begin at 1; --steps 0 needs a network to begin from")
+    options = replace(options, steps=steps, seed=given.seed, threads=given.threads)
+    real = read_folder(given.folder, torn=_torn)
+    if strange := {*(given.validation or ()), *given.test} - set(real.blocks):
+        raise TrainingError(
+            f"{given.folder} has no drive {min(strange)}: its blocks of a hundred numbers are "
+            f"{', '.join(map(str, real.blocks))}"
+        )
+    made = Folder(tuple(f for path in given.made for f in read_folder(path, torn=_torn).frames))
+    test = tuple(given.test)
+    split = Split(tuple(given.validation), test) if given.validation else suggested(real, test)
+    training, validation, _ = split.parts(real)
+    for name, part in (("to train on", training), ("held out", validation)):
+        if not any(np.isin(frame.labels, DRIVABLE).any() for frame in part.frames):
+            raise TrainingError(
+                f"nothing on the drives {name} is labelled drivable: label the ground that may be driven as "
+                "trail, rough trail or grass"
+            )
+    return Work(real, made, split, options, start, (replaced, model))
+
+
+def trained(work: Work) -> Fitted:
+    """The fit, with a progress bar. Raises TrainingError."""
+    bar, shown = Progress(work.options.steps, "steps"), 0
+
+    def tell(done: int, _steps: int, loss: float, _left: float) -> None:
+        nonlocal shown
+        bar.step(done - shown, f", loss {loss:.3f}")
+        shown = done
+
+    try:
+        if work.start is None:
+            return fit(work.real, work.made, work.split, work.options, tell)
+        return fit_on(work.start, work.real, work.made, work.split, work.options, tell)
+    finally:
+        bar.close()
+
+
+def _ended(given: argparse.Namespace, work: Work, fitted: Fitted) -> int:
+    training, validation, test = work.split.parts(work.real)
+    (replaced, before), model = work.replaced, fitted.model
+    compared = compare(model, before, validation, chosen_here=True)
+    tested = compare(model, before, test, chosen_here=False) if len(test) else None
+    refusal = compared.refusal()
+    figures = {
+        "written": refusal is None,
+        **compared.figures(),
+        "test": tested.figures() if tested else None,
+        "trained_on": len(training),
+        "folder": str(given.folder),
+        "from": given.start,
+        "steps": work.options.steps,
+        "seed": work.options.seed,
+        "out": str(given.out),
+        "replaces": "builtin" if replaced == SHIPPED else str(replaced),
+    }
+    if not given.json:
+        print(f"{given.folder}: {len(training)} frames trained on; {figures['replaces']} is what it replaces")
+        _show("drives that chose its calibration", compared, details(model, validation, training))
+        if tested:
+            _show("test drives, only reported", tested, details(model, test, training))
+    if refusal is None:
+        write(fitted, given.out)
+        if not given.json:
+            print(_next(given.out))
+    else:
+        _say(
+            f"anytraverse fit: refused, worse than what it would replace: {refusal} on the drives held out. "
+            "Nothing was written. Label more drives, or try another --seed"
+            + (
+                ", or fit the calibration only: --steps 0"
+                if work.start and compared.calibrating_helps
+                else ""
+            )
+        )
+    print(json.dumps(figures, allow_nan=False))
+    return 0 if refusal is None else 1
+
+
+def _show(what: str, compared: Comparison, more: list[str]) -> None:
+    print("\n".join([f"  {what}", *compared.table(), *(f"    {line}" for line in more)]))
+
+
+def _next(out: Path) -> str:
+    name = f"builtin:{out.resolve()}"
+    return (
+        f"{out} and {out.with_suffix('.npz').name} are written; keep them together\n"
+        f"  try   anytraverse look PICTURE --perceiver {quote(name)} "
+        '--prompts "trail: 1; grass: 1; bush: -1" --out panel.png\n'
+        f'  use   name = "{name}" under [perceiver] in companion.toml'
+    )
+
+
+def _torn(what: str) -> None:
+    _say(f"{what}, skipped")
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

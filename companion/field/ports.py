@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+from collections.abc import Callable
 from typing import Any
 
 from companion.field.router import Parser
@@ -29,13 +30,16 @@ class UdpPort:
     def number(self) -> int:
         return int(self.socket.getsockname()[1])
 
-    def read(self) -> list[Any]:
-        """The MAVLink frames that wait, a bounded number, so that the caller gets on; rubbish is left out."""
+    def read(self, overhear: Callable[[bytes], None] | None = None) -> list[Any]:
+        """The MAVLink frames that wait, a bounded number, so that the caller gets on; rubbish is left out.
+        `overhear` gets every datagram as it came."""
         frames = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             for _ in range(MAX_DATAGRAMS_A_READ):
                 datagram, sender = self.socket.recvfrom(MAX_DATAGRAM)
                 self.bytes_in += len(datagram)
+                if overhear is not None:
+                    overhear(datagram)
                 heard = self.parser.frames(datagram)
                 if heard:
                     self._peer = sender

@@ -1,0 +1,336 @@
+--[[
+AnyTraverse on the autopilot: stops the rover when its companion computer is dead. ArduPilot Rover 4.3 or newer.
+
+When in a guarded mode, armed, the companion (component 191 of this vehicle) is silent for ATS_TIMEOUT, reports a
+fault, or the obstacle feed that the autopilot avoids by is dead, the mode becomes HOLD and a text says why. This
+script arms nothing and resumes nothing; the only mode it sets is HOLD, and never over MANUAL, RTL or a failsafe's mode.
+
+The human's mode wins. A loss is held once: whoever then sets a guarded mode again, by transmitter or ground
+station, has read the text and drives without the companion, until it has been well for 5 s or the rover is disarmed.
+On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
+
+Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 65536 or more;
+SCR_VM_I_COUNT 10000 (the default) or more; reboot. The parameters ATS_* are there when it runs, "Companion heard"
+is its first text; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
+Test it on blocks: in AUTO, armed, pull the companion's cable. The wheels stop.
+
+| parameter   | default | unit | meaning                                                                           |
+|-------------|---------|------|-----------------------------------------------------------------------------------|
+| ATS_ENABLE  | 1       |      | 0: the script does nothing and repeats no texts                                   |
+| ATS_TIMEOUT | 1.5     | s    | silence that counts as dead, 1.2 to 10. Heartbeats come once a second: below 2.1  |
+|             |         |      | one that is lost stops the rover. 0.5 s more are 1 m more at 2 m/s                |
+| ATS_MODES   | 33792   | bits | guarded modes, 2^mode added up: AUTO 1024 and GUIDED 32768, the default; FOLLOW   |
+|             |         |      | 64, DOCK 256, CIRCLE 512. Bits of other modes count for nothing                   |
+| ATS_NEED    | 0       |      | 1: a companion is demanded from the start. No arming without it, where arming     |
+|             |         |      | checks are on; one never heard counts as dead, and so does one switched off       |
+| ATS_FAULT   | 1       |      | 1: the companion's state "fault" holds too. 0: only its silence does              |
+| ATS_PRX     | 0.5     | s    | obstacle feed dead so long holds, 0.1 to 10, after the 0.5 s that ArduPilot takes |
+|             |         |      | to notice; 0: never. It must be in use: a proximity sensor is set up, and         |
+|             |         |      | AVOID_ENABLE has bit 2 or OA_TYPE is not 0, and it worked once since boot (or     |
+|             |         |      | ATS_NEED is 1)                                                                    |
+| ATS_ECHO    | 1       |      | 1: the companion's texts of severity ERROR or worse (calls, holds) are said again |
+|             |         |      | as the autopilot's own, for ground stations that hide those of component 191      |
+| ATS_RC      | 0       |      | 300 to 307: the switch with this RCn_OPTION, when high, switches the script off   |
+
+A companion that its operator switched off (state "off") is no loss; one that restarts is one, until it sees again.
+Restart of scripting with ATS_NEED 1: reboot before arming, ArduPilot 4.6 and older keep the old refusal.
+--]]
+
+local KEY, PREFIX = 191, "ATS_" -- the table's key is ours among all scripts, and stored
+local DEFAULT_MODES = 33792
+local PARAMETERS = {
+  { "ENABLE", 1 }, { "TIMEOUT", 1.5 }, { "MODES", DEFAULT_MODES }, { "NEED", 0 },
+  { "FAULT", 1 }, { "PRX", 0.5 }, { "ECHO", 1 }, { "RC", 0 },
+}
+local CYCLE_MS, LONGEST_MS = 100, 100000
+local QUEUE, IDS = 20, 4 -- where no other script was first
+local MAX_CHECKED = 4 -- checksums a cycle: they cost most of SCR_VM_I_COUNT
+local COMPANION, ONBOARD_CONTROLLER = 191, 18
+local HEARTBEAT, STATUSTEXT = 0, 253
+local CRC_EXTRA = { [HEARTBEAT] = 50, [STATUSTEXT] = 83 }
+local STARTING, FAULT, OFF = 0, 5, 6 -- states, in the low byte of the heartbeat's custom_mode
+local HOLD = 4
+local GUARDABLE = { [6] = "FOLLOW", [8] = "DOCK", [9] = "CIRCLE", [10] = "AUTO", [15] = "GUIDED" }
+local BY_HUMAN = { [1] = true, [2] = true, [42] = true, [53] = true } -- RC, GCS, FrSky, RC auxiliary switch
+local ALERT, CRITICAL, ERROR, WARNING, INFO = 1, 2, 3, 4, 6
+local TRIES, RETRY_MS = 3, 1000
+local STEADY_MS = 5000
+local GOOD = 2 -- proximity:get_status()
+
+local own_system, avoid, path_planner
+local settings = {}
+local seen, watched, state, silent_ms = false, false, STARTING, 0
+local feed_seen, feed_dead_ms = false, 0
+local held, held_from, accepted, warned = false, nil, false, nil
+local tries, wait_ms, well_ms = 0, 0, 0
+local running, auth_id
+local told, told_ms = nil, 0
+local echoed, echoed_ms = nil, LONGEST_MS
+local failures, resorted = 0, false
+local last = millis()
+
+local function setting(name, low, high, default)
+  local value = settings[name]:get()
+  if not value or value ~= value then return default end
+  return math.max(low, math.min(high, value))
+end
+
+local function is_on(name) return setting(name, 0, 1, 1) >= 0.5 end
+
+local function later(ms, dt) return math.min(ms + dt, LONGEST_MS) end
+
+-- Listening --------------------------------------------------------------------------------------------------------
+
+local function checksum(bytes) -- CRC-16/MCRF4XX
+  local sum = 0xFFFF
+  for i = 1, #bytes do
+    local byte = bytes:byte(i) ~ (sum & 0xFF)
+    byte = (byte ~ (byte << 4)) & 0xFF
+    sum = (sum >> 8) ~ (byte << 8) ~ (byte << 3) ~ (byte >> 4)
+  end
+  return sum
+end
+
+-- A mavlink_message_t, as long as system ids had 8 bits (291 bytes) and since they may have 32 (299).
+local function header(raw)
+  local sum, magic, length, incompat, compat, seq = string.unpack("<I2BBBBB", raw)
+  local layout = #raw >= 299 and "<I4BI3" or "<BBI3"
+  local system, component, id, start = string.unpack(layout, raw, 8)
+  return { sum = sum, magic = magic, length = length, incompat = incompat, compat = compat, seq = seq,
+           system = system, component = component, id = id, start = start }
+end
+
+-- Frames that were damaged on the way reach scripts, and so does every other vehicle's.
+local function payload(raw, h)
+  local content = raw:sub(h.start, h.start + h.length - 1)
+  local sent
+  if h.magic == 0xFE then
+    sent = string.pack("<BBBBB", h.length, h.seq, h.system, h.component, h.id)
+  else
+    sent = string.pack("<BBBBBBI3", h.length, h.incompat, h.compat, h.seq, h.system, h.component, h.id)
+  end
+  if checksum(sent .. content .. string.char(CRC_EXTRA[h.id])) ~= h.sum then return nil end
+  return content .. string.rep("\0", 60 - #content) -- MAVLink 2 leaves out zeros at the end
+end
+
+local function is_companions(h)
+  return h.system == own_system and h.component == COMPANION and CRC_EXTRA[h.id] ~= nil
+    and (h.magic == 0xFE and h.id < 256 or h.magic == 0xFD and h.incompat & 0xFE == 0)
+end
+
+local function hear_heartbeat(content, age_ms)
+  local custom_mode, kind = string.unpack("<I4B", content)
+  if kind ~= ONBOARD_CONTROLLER then return end
+  local now = custom_mode & 0xFF
+  -- One that starts has no eyes yet: after a crash it must not pass for the one that drove.
+  if now == STARTING and (watched or is_on("NEED")) then return end
+  if not seen then gcs:send_text(INFO, "Companion heard: its loss will be held") end
+  seen, state, silent_ms = true, now, age_ms
+  watched = watched or now ~= STARTING
+end
+
+local function hear_text(content)
+  local text = content:sub(2, 51)
+  text = text:sub(1, (text:find("\0", 1, true) or 51) - 1):gsub("%c", " ")
+  local again = text == echoed and echoed_ms < 2000 -- it came by two ways
+  if text == "" or again or echoed_ms < 500 then return end
+  echoed, echoed_ms = text, 0
+  gcs:send_text(content:byte(1), text)
+end
+
+local function listen()
+  local echo, checked = is_on("ECHO") and is_on("ENABLE"), 0
+  for _ = 1, QUEUE do
+    if checked == MAX_CHECKED then return end
+    local raw, _, at = mavlink:receive_chan()
+    if not raw then return end
+    local h = header(raw)
+    local wanted = h.id == HEARTBEAT or echo and raw:byte(h.start) <= ERROR
+    if is_companions(h) and wanted then
+      checked = checked + 1
+      local content = payload(raw, h)
+      if content and h.id == HEARTBEAT then
+        local age_ms = (millis() - at):toint()
+        hear_heartbeat(content, (age_ms < 0 or age_ms > LONGEST_MS) and LONGEST_MS or age_ms)
+      elseif content then
+        hear_text(content)
+      end
+    end
+  end
+end
+
+-- Judging ----------------------------------------------------------------------------------------------------------
+
+local function is_set(parameter, mask)
+  local value = parameter and parameter:get() or 0
+  return math.floor(value) & mask ~= 0
+end
+
+local function watch_feed(dt)
+  local in_use = proximity and proximity:num_sensors() > 0 and (is_set(avoid, 2) or is_set(path_planner, 0xFF))
+  if not in_use or proximity:get_status() == GOOD then
+    feed_seen, feed_dead_ms = in_use or false, 0
+  elseif feed_seen or is_on("NEED") then
+    feed_dead_ms = later(feed_dead_ms, dt)
+  end
+end
+
+local function trouble()
+  local need = is_on("NEED")
+  if state == OFF and seen then return need and "companion is off" or nil end
+  if not seen then return need and "no companion" or nil end
+  if silent_ms > 1000 * setting("TIMEOUT", 1.2, 10, 1.5) then return "companion silent" end
+  -- A state that a later companion may know and this script does not is no reason to drive on.
+  if is_on("FAULT") and (state == FAULT or state > OFF) then return "companion fault" end
+  local patience = setting("PRX", 0, 10, 0.5)
+  if patience > 0 and feed_dead_ms > 1000 * patience then return "obstacle feed dead" end
+end
+
+local function is_guarded(mode)
+  local modes = math.floor(setting("MODES", 0, 65535, DEFAULT_MODES))
+  return GUARDABLE[mode] ~= nil and modes >> mode & 1 == 1
+end
+
+-- Acting -----------------------------------------------------------------------------------------------------------
+
+local function allow_arming(reason)
+  if not auth_id and reason and is_on("NEED") then auth_id = arming:get_aux_auth_id() end
+  if not auth_id then return end
+  if reason and is_on("NEED") then
+    arming:set_aux_auth_failed(auth_id, reason .. ": fix it or ATS_NEED 0")
+  else
+    arming:set_aux_auth_passed(auth_id)
+  end
+end
+
+local function hold(reason, mode, dt)
+  wait_ms = wait_ms - dt
+  if wait_ms > 0 then return ALERT, "HOLD REFUSED, " .. reason .. ": take over" end
+  vehicle:set_mode(HOLD)
+  if vehicle:get_mode() == HOLD then
+    held, held_from, tries, wait_ms = true, GUARDABLE[mode], 0, 0
+    return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind"
+  end
+  tries = tries + 1
+  if tries < TRIES then return nil end
+  wait_ms = RETRY_MS
+  return ALERT, "HOLD REFUSED, " .. reason .. ": take over"
+end
+
+-- What there is to say about this trouble, having done what can be done about it.
+local function answer(reason, dt)
+  local mode = vehicle:get_mode()
+  if not arming:is_armed() then
+    held, accepted, tries, wait_ms = false, false, 0, 0
+  elseif not is_guarded(mode) then
+    tries, wait_ms = 0, 0
+    if held and mode == HOLD then return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind" end
+    if not held and warned ~= reason then
+      warned = reason
+      gcs:send_text(WARNING, reason .. ": guarded modes will be held")
+    end
+  elseif accepted or held and BY_HUMAN[vehicle:get_control_mode_reason()] then
+    accepted = true
+    return WARNING, GUARDABLE[mode] .. " without companion" .. (mode == 15 and ": send target again" or "")
+  else
+    return hold(reason, mode, dt)
+  end
+end
+
+local function is_running()
+  local switch = math.floor(setting("RC", 0, 307, 0))
+  return is_on("ENABLE") and not (switch >= 300 and rc:get_aux_cached(switch) == 2)
+end
+
+local function tell(dt, severity, text)
+  told_ms = later(told_ms, dt)
+  if text and (text ~= told or told_ms >= (severity == ALERT and 5000 or 30000)) then
+    gcs:send_text(severity, text)
+    told_ms = 0
+  end
+  told = text
+end
+
+local function guard(dt)
+  watch_feed(dt)
+  local was_running = running
+  running = is_running()
+  if not running then
+    held, accepted, warned, tries, wait_ms = false, false, nil, 0, 0
+    allow_arming(nil)
+    return tell(dt, WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil)
+  end
+  local reason = trouble()
+  allow_arming(reason)
+  well_ms = reason and 0 or later(well_ms, dt)
+  if well_ms >= STEADY_MS then accepted = false end
+  if reason then return tell(dt, answer(reason, dt)) end
+  if held or warned then gcs:send_text(INFO, "Companion is back: nothing resumes by itself") end
+  held, warned, tries, wait_ms = false, nil, 0, 0
+  tell(dt)
+end
+
+-- Running ----------------------------------------------------------------------------------------------------------
+
+-- A script that cannot judge any more is as dead as the companion it watches.
+local function last_resort()
+  if resorted or not arming:is_armed() then return end
+  local mode = vehicle:get_mode()
+  local knows, guarded = pcall(is_guarded, mode)
+  if not knows then guarded = DEFAULT_MODES >> mode & 1 == 1 end
+  if not guarded then return end
+  vehicle:set_mode(HOLD)
+  resorted = vehicle:get_mode() == HOLD
+end
+
+local function complain(problem)
+  pcall(tell, CYCLE_MS, ALERT, ("anytraverse.lua: " .. tostring(problem):gsub("^.*:%d+: ", "")):sub(1, 50))
+end
+
+local function update()
+  local now = millis()
+  local dt = (now - last):toint()
+  last = now
+  if dt < 0 or dt > LONGEST_MS then dt = LONGEST_MS end
+  silent_ms, echoed_ms = later(silent_ms, dt), later(echoed_ms, dt)
+  local hears, deaf = pcall(listen)
+  local sound, problem = pcall(guard, dt)
+  failures = sound and 0 or failures + 1
+  if failures >= TRIES then pcall(last_resort) end
+  if sound then resorted = false end
+  if not sound or not hears then complain(problem or deaf) end
+  return update, CYCLE_MS
+end
+
+local function optional(name)
+  local parameter = Parameter()
+  return parameter:init(name) and parameter or nil
+end
+
+local function set_up()
+  assert(param:add_table(KEY, PREFIX, #PARAMETERS), "table 191 is another script's")
+  for i, row in ipairs(PARAMETERS) do
+    assert(param:add_param(KEY, i, row[1], row[2]), "no room for ATS_" .. row[1])
+    settings[row[1]] = Parameter(PREFIX .. row[1])
+  end
+  own_system = assert(param:get("MAV_SYSID") or param:get("SYSID_THISMAV"), "no system id")
+  avoid, path_planner = optional("AVOID_ENABLE"), optional("OA_TYPE")
+  mavlink:init(QUEUE, IDS)
+  mavlink:register_rx_msgid(HEARTBEAT)
+  pcall(function() mavlink:register_rx_msgid(STATUSTEXT) end)
+end
+
+-- Without its parameters or its ears it guards nothing: better not to drive at all than to believe it does.
+local function broken(problem)
+  local id = arming:get_aux_auth_id()
+  local function refuse()
+    if id then arming:set_aux_auth_failed(id, "anytraverse.lua failed: see messages") end
+    complain(problem)
+    return refuse, 1000
+  end
+  return refuse()
+end
+
+local ready, problem = pcall(set_up)
+if not ready then return broken(problem) end
+return update, CYCLE_MS

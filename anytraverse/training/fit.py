@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,18 +12,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from anytraverse.errors import TrainingError
-from anytraverse.frame import Image
 from anytraverse.perception.ground_net import Calibration, network_input
-from anytraverse.perception.runtime import Runtime, open_session
+from anytraverse.perception.ground_running import open_network
+from anytraverse.perception.runtime import Runtime
 from anytraverse.training.calibration import calibrated, plain, tap_background
 from anytraverse.training.classes import CLASSES
-from anytraverse.training.export import INPUT, OUTPUTS, as_network, export
+from anytraverse.training.export import LARGEST, as_network, export
 from anytraverse.training.fitting import Options, Progress, train
 from anytraverse.training.folders import Folder, Split
 from anytraverse.training.net import FEATURES, GroundNet
 from anytraverse.training.refitting import read_back, refit
 from anytraverse.training.scenes import cosines, fitted_scene, scene_auroc
-from anytraverse.training.scores import VIEWS, Floats, Network, class_ranks, outputs, score
+from anytraverse.training.scores import VIEWS, Network, class_ranks, outputs, score
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,21 +87,20 @@ def details(model: tuple[Network, Calibration], folder: Folder, others: Folder) 
 
 
 def check_out(path: Path) -> None:
-    """Refuse at once where `write` could not write later. Raises TrainingError, OSError."""
+    """Refuse at once where `write` could not write later. Raises TrainingError."""
     if path.suffix != ".onnx":
         raise TrainingError(f"{path.name}: a network's file ends in .onnx")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=path.parent, prefix=".fit-") as room:
-        (Path(room) / path.name).write_bytes(bytes(2_000_000))
+    with _room_beside(path) as room:
+        (room / path.name).write_bytes(bytes(2 * LARGEST))
 
 
 def write(fitted: Fitted, path: Path) -> None:
     """The network at `path`, ending in .onnx, and its calibration beside it, ending in .npz: both or none.
 
-    Raises TrainingError, OSError.
+    Raises TrainingError.
     """
-    with TemporaryDirectory(dir=path.parent, prefix=".fit-") as room:
-        network = Path(room) / path.name
+    with _room_beside(path) as room:
+        network = room / path.name
         numbers = network.with_suffix(".npz")
         export(fitted.net, network)
         fitted.calibration.save(numbers)
@@ -107,15 +108,24 @@ def write(fitted: Fitted, path: Path) -> None:
         network.replace(path)
 
 
+@contextmanager
+def _room_beside(path: Path) -> Iterator[Path]:
+    """A folder on the same disk, which is gone at the end."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=path.parent, prefix=".fit-") as room:
+            yield Path(room)
+    except OSError as error:
+        raise TrainingError(
+            f"{path} cannot be written ({(error.strerror or str(error)).lower()}): "
+            "make room there or give another --out. Nothing was written"
+        ) from error
+
+
 def stored(path: Path) -> tuple[Network, Calibration]:
     """A network and calibration that were written before. Raises PerceiverError, TrainingError."""
-    session = open_session(path, Runtime(threads=1))
+    run = open_network(path, Runtime(threads=1))
     calibration = Calibration.load(path.with_suffix(".npz"))
     if calibration.classes != CLASSES:
         raise TrainingError(f"{path.name} knows other classes than a fit: give another network")
-
-    def run(image: Image) -> tuple[Floats, Floats]:
-        logits, features = session.run(list(OUTPUTS), {INPUT: network_input(image)})
-        return logits[0], features[0]
-
-    return run, calibration
+    return (lambda image: run(network_input(image))), calibration

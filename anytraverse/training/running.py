@@ -11,7 +11,7 @@ from shlex import quote
 
 import numpy as np
 
-from anytraverse.errors import TrainingError
+from anytraverse.errors import AnyTraverseError, TrainingError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.perception.ground import SHIPPED
 from anytraverse.training.classes import DRIVABLE
@@ -55,7 +55,13 @@ def prepared(given: argparse.Namespace) -> Work:
     check_out(given.out)
     start = None if given.start == "scratch" else SHIPPED if given.start == "builtin" else Path(given.start)
     replaced = given.out if given.out.exists() else SHIPPED
-    model = stored(replaced)
+    try:
+        model = stored(replaced)
+    except AnyTraverseError as error:
+        raise TrainingError(
+            f"{replaced} is there, and no fit can be compared with it ({error}): "
+            "remove it or give another --out"
+        ) from error
     if start is not None:
         stored(start)
     options = REFIT if start else Options()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from anytraverse.cli import main
+from anytraverse.errors import TrainingError
 from anytraverse.perception import Prompt, make_perceiver
 from anytraverse.training.folders import read_folder
 
@@ -114,7 +115,8 @@ def test_a_folder_that_teaches_nothing_is_refused_before_the_training(
         (["--from", "scratch", "--steps", "0"], "--steps 0 needs a network to begin from"),
         (["--from", "nowhere.onnx"], "nowhere.onnx"),
         (["--threads", "0"], "--threads"),
-        (["--out", "classes.json/mine.onnx"], "classes.json"),
+        (["--out", "classes.json/mine.onnx"], "classes.json/mine.onnx cannot be written"),
+        (["--out", "torn.onnx"], "remove it or give another --out"),
     ],
 )
 def test_options_that_cannot_be_used_are_refused_before_the_training(
@@ -127,6 +129,7 @@ def test_options_that_cannot_be_used_are_refused_before_the_training(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "classes.json").touch()
+    (tmp_path / "torn.onnx").write_bytes(b"torn")
     assert main(["fit", str(tiny_folder), *words]) == 2
     assert told in capsys.readouterr().err
 
@@ -160,7 +163,7 @@ def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.M
     write(Fitted(GroundNet(wide=0.5), plain()), out)
     written = [(path.name, path.read_bytes()) for path in sorted(tmp_path.iterdir())]
     monkeypatch.setattr(Calibration, "save", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(TrainingError, match=r"no space left.*make room .*Nothing was written"):
         write(Fitted(GroundNet(wide=0.5), plain()), out)
     assert [(path.name, path.read_bytes()) for path in sorted(tmp_path.iterdir())] == written
     assert np.isfinite(Calibration.load(out.with_suffix(".npz")).gamma)

@@ -69,7 +69,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     pace = Pace(ready.step, 1.0 / config.camera.rate, engine.settings.freshness)
     numbers = call_numbers(config, engine.settings)
     wants_hold = numbers.policy is Policy.HOLD
-    refusal = _refusal(config, pace, notices, wants_hold=wants_hold)
+    refusal = _refusal(config, pace, engine.settings.thresholds.tile, notices, wants_hold=wants_hold)
     if wants_hold and refusal is not None:
         numbers = replace(numbers, policy=Policy.REPORT)
     elif wants_hold and isinstance(stopping, str):
@@ -106,9 +106,14 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     eyes.start()
     keeper.restore_call_frame(calls, eyes)
     _run(daemon, keeper, stop)
-def _refusal(config: Config, pace: Pace, notices: list[str], *, wants_hold: bool) -> Refusal | None:
+    return 0
+
+
+def _refusal(
+    config: Config, pace: Pace, tile: float | None, notices: list[str], *, wants_hold: bool
+) -> Refusal | None:
     """Why the vehicle may not be held; told to who wants it to be, as is what could not be checked."""
-    stopping = judge(config, pace.step)
+    stopping = judge(config, pace.step, tile)
     refusal = hold_refusal(pace, stopping)
     if wants_hold and refusal is not None:
         log.error("%s", refusal.why)
@@ -118,7 +123,16 @@ def _refusal(config: Config, pace: Pace, notices: list[str], *, wants_hold: bool
     return refusal
 
 
-    return 0
+def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, notices: list[str]) -> ShadowBook:
+    """The counts of shadow policy as they were left; what stood under another policy stands no more."""
+    book, notice = ShadowBook.restored(saved, calls.shadow, model, now, time.time())
+    if notice:
+        log.warning("%s", notice)
+        notices.append(notice)
+    if calls.policy is not Policy.SHADOW:
+        for over in calls.shadow.leave(now):
+            book.ended(over)
+    return book
 
 
 def _open_camera(config: Config, first_id: int) -> CameraThread:

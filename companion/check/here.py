@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.pace import Pace
@@ -40,21 +40,30 @@ def status(folder: Path) -> dict[str, Any] | None:
     return said if isinstance(said, dict) else None
 
 
-def check_perceiver(config: Config) -> tuple[Finding, float]:
-    """Loaded and timed as the daemon does it, which takes seconds; with what it takes for a frame, in s."""
+class Perceives(NamedTuple):
+    """step: s that the perceiver takes for a frame. tile: the worst tile's threshold, None: not judged."""
+
+    finding: Finding
+    step: float = 0.0
+    tile: float | None = None
+
+
+def check_perceiver(config: Config) -> Perceives:
+    """Loaded and timed as the daemon does it, which takes seconds."""
     from companion.model import Model
     from companion.readiness import get_ready, too_slow
 
     try:
         ready = get_ready(config, None)
     except AnyTraverseError as error:
-        return failed("perceiver", str(error)), 0.0
+        return Perceives(failed("perceiver", str(error)))
+    tile = ready.engine.settings.thresholds.tile
     pace = Pace(ready.step, 1.0 / config.camera.rate, config.freshness)
     if not pace.keeps:
         told = failed if config.call.policy == "hold" else warned
-        return told("perceiver", too_slow(pace)), ready.step
+        return Perceives(told("perceiver", too_slow(pace)), ready.step, tile)
     what = f"{Model.of(ready.engine.perceiver)}, {1e3 * ready.step:.0f} ms a frame"
-    return passed("perceiver", what), ready.step
+    return Perceives(passed("perceiver", what), ready.step, tile)
 
 
 def check_journal(folder: Path, *, running: bool) -> Finding:

@@ -8,7 +8,7 @@ from typing import Any
 
 from companion.check.autopilot import CHECK, ask
 from companion.check.finding import Finding, Verdict, failed, passed, warned
-from companion.check.here import check_disk, check_journal, check_perceiver, state_folder, status
+from companion.check.here import Perceives, check_disk, check_journal, check_perceiver, state_folder, status
 from companion.check.stopping import judge
 from companion.config import Config, ConfigError, load_config
 
@@ -36,8 +36,8 @@ def _findings(file: str, link: str | None) -> Iterator[Finding]:
     yield passed("config", f"{file}, policy {config.call.policy}")
     folder = state_folder(config)
     running = status(folder)
-    perceiver, step = check_perceiver(config)
-    yield perceiver
+    perceives = check_perceiver(config)
+    yield perceives.finding
     yield check_journal(folder, running=running is not None)
     yield check_disk(folder)
     speed = None
@@ -47,7 +47,7 @@ def _findings(file: str, link: str | None) -> Iterator[Finding]:
         asked = ask(config, link or config.link.url)
         yield from asked.findings
         speed = asked.speed
-    yield check_stopping(config, step, speed)
+    yield check_stopping(config, perceives, speed)
 
 
 def _of_the_running(said: dict[str, Any]) -> Finding:
@@ -59,10 +59,10 @@ def _of_the_running(said: dict[str, Any]) -> Finding:
     return warned(CHECK, f"not asked: {state}: stop it first, or give the check a way of its own with --link")
 
 
-def check_stopping(config: Config, step: float, speed: tuple[str, float] | None) -> Finding:
+def check_stopping(config: Config, perceives: Perceives, speed: tuple[str, float] | None) -> Finding:
     """Whether the vehicle stops before what it sees. speed: the autopilot's, by its parameter."""
     name, fastest = speed if speed is not None else ("", None)
-    judged = judge(config, step, fastest)
+    judged = judge(config, perceives.step, perceives.tile, fastest)
     if isinstance(judged, str):
         return warned("stopping", f"not checked: {judged}")
     configured = config.stopping.speed

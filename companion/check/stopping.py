@@ -1,7 +1,7 @@
 """Whether the vehicle stops before what its camera shows it. Pure: figures in, figures and a sentence out.
 
-A pinhole over level ground. A thing calls once it fills the uppermost tile of the region of interest, so that
-is how far the companion sees, not the upper row itself.
+A pinhole over level ground. A thing calls once it fills enough of the uppermost tile of the region of
+interest, so that is how far the companion sees, not the upper row itself.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ FARTHEST = 20.0
 WIDEST = 120.0
 """Degrees: a wider view is no pinhole's."""
 _SLOWEST = 0.05
+_LEAST_UNCERTAIN = 0.5
+"""Of a thing without a word, on the mean of its pixels."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,14 @@ class Stopping:
         )
 
 
-def judge(config: Config, step: float = 0.0, speed: float | None = None) -> Stopping | str:
+def judge(
+    config: Config, step: float = 0.0, tile: float | None = None, speed: float | None = None
+) -> Stopping | str:
     """The judgement on what is configured, or why there is none and what to do.
 
-    step: seconds that the perceiver takes for a frame. speed: m/s that the autopilot is known to drive, which
-    counts where it is greater than the configured one.
+    step: seconds that the perceiver takes for a frame. tile: the worst tile's threshold in force, None where
+    tiles are not judged. speed: m/s that the autopilot is known to drive, which counts where it is greater
+    than the configured one.
 
     Time to react: a frame is judged, the votes come in, and then, at worst, the eyes fail: T passes, and the
     order reaches the brakes.
@@ -124,12 +129,13 @@ def judge(config: Config, step: float = 0.0, speed: float | None = None) -> Stop
     if config.camera.view > WIDEST:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
     outlook = Outlook(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
-    tile = roi.tile_share * (roi.right - roi.left) * mount.aspect
-    sees = outlook.distance(min(roi.top + tile, roi.bottom))
+    filled = min(1.0, tile / _LEAST_UNCERTAIN) if tile is not None else 1.0
+    rows = filled * roi.tile_share * (roi.right - roi.left) * mount.aspect
+    sees = outlook.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)
     react = step + call.window * interval + config.freshness + stopping.delay
     judged = Stopping(fastest, stopping.braking, react, min(sees, FARTHEST))
-    top = outlook.row(judged.needs) - tile
+    top = outlook.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 
 

@@ -30,9 +30,11 @@ CONFIG = Config(
 )
 
 
-def judged(config: Config, step: float = 0.0, speed: float | None = None) -> Stopping:
+def judged(
+    config: Config, step: float = 0.0, tile: float | None = None, speed: float | None = None
+) -> Stopping:
     """A judgement that there is."""
-    found = judge(config, step, speed)
+    found = judge(config, step, tile, speed)
     assert isinstance(found, Stopping), found
     return found
 
@@ -108,6 +110,14 @@ def test_a_thing_is_seen_where_it_fills_a_tile_and_not_at_the_upper_row() -> Non
     outlook = Outlook(1.0, 7.0, 75.0, 1.333)
     assert judged(CONFIG).sees == pytest.approx(outlook.distance(0.5 + 0.25 * 0.3 * 1.333))
     assert judged(CONFIG).sees < outlook.distance(0.5)
+
+
+def test_a_lower_threshold_of_the_tile_sees_farther_as_less_of_it_must_be_filled() -> None:
+    outlook = Outlook(1.0, 7.0, 75.0, 1.333)
+    half = 0.5 * 0.25 * 0.3 * 1.333
+    assert judged(CONFIG, tile=0.25).sees == pytest.approx(outlook.distance(0.5 + half))
+    for high in (0.5, 0.6, None):
+        assert judged(CONFIG, tile=high).sees == judged(CONFIG).sees
 
 
 def test_a_region_above_the_horizon_is_believed_no_farther_than_it_should() -> None:

@@ -18,12 +18,14 @@ from companion.calls.decisions import (
     HoldStarted,
     SetMode,
     WouldHold,
+    WouldResume,
 )
 from companion.calls.hold import HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.keeper import Keeper
 from companion.link.link import Link
 from companion.mishaps import Mishaps
+from companion.shadow_teller import ShadowTeller
 from companion.wire import texts
 from companion.wire.ids import Kind, Outcome
 
@@ -49,6 +51,7 @@ class Acting:
         mishaps: Mishaps,
         words: Callable[[], Preferences],
         place: Callable[[], Place],
+        shadow: ShadowTeller,
     ) -> None:
         self._link = link
         self._calls = calls
@@ -57,6 +60,7 @@ class Acting:
         self._mishaps = mishaps
         self._words = words
         self._place = place
+        self._shadow = shadow
 
     def carry_out(self, decisions: Iterable[Decision], now: float) -> None:
         """Do all of them, in order."""
@@ -86,9 +90,10 @@ class Acting:
                 self._hold_moved(decision, now)
             case GoLapsed(number):
                 self._link.say(texts.go_lapsed(self._calls.kind, number), WARNING, now)
-            case WouldHold(reasons):
-                log.warning("shadow: would have held for %s", ", ".join(sorted(r.value for r in reasons)))
-                self._link.say(texts.shadow(self._calls.kind, self._calls.current_id), WARNING, now)
+            case WouldHold():
+                self._shadow.began(decision, now)
+            case WouldResume():
+                self._shadow.ended(decision)
 
     def _hold_moved(self, moved: HoldMoved, now: float) -> None:
         hold, autopilot = moved.hold, self._calls.autopilot.autopilot

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.perception import Perceiver
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor
 from companion.calls.numbers import Numbers
+from companion.calls.policies import Policies
+from companion.calls.switch import OffSwitch, Side
 from companion.config import Config
 from companion.wire.ids import Policy
 
@@ -53,3 +57,12 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
         fault_ends_hold=call.fault_ends_hold,
         px4_hold=call.px4_hold,
     )
+
+
+def restored_policies(config: Config, policy: Policy, saved: Any, now: float) -> Policies:
+    """`policy`, unless it was off before the restart; with the off switch that is configured."""
+    call = config.call
+    switch = OffSwitch(call.off_channel, Side(call.off_side), now) if call.off_channel else None
+    policies = Policies(policy, switch)
+    policies.restore(saved)
+    return policies

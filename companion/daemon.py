@@ -18,17 +18,17 @@ from companion.cameras.newest import CameraThread
 from companion.conversation import Conversation, Heard, unremembered
 from companion.eyes import Applied, Eyes, Judged
 from companion.keeper import Keeper
-from companion.link.heard import AnswerRequest, ParameterRequest, Vehicle, VehicleHeard
+from companion.link.heard import AnswerRequest, ParameterRequest, PolicyRequest, Pulses, Vehicle, VehicleHeard
 from companion.link.heard import Heard as LinkHeard
 from companion.link.link import Link
 from companion.mishaps import Mishaps
 from companion.model import Model
 from companion.odometer import Odometer
 from companion.settings_desk import SettingsDesk
+from companion.shadow_teller import ShadowTeller
 from companion.tasks import Liveness
 from companion.telling import summary
 from companion.watch import Watch
-from companion.trial import Trial
 from companion.weak_words import WeakWords
 from companion.wire import texts
 from companion.wire.ids import Policy, State
@@ -77,8 +77,16 @@ class Daemon:
         self._odometer = Odometer()
         self._mishaps = Mishaps(lambda now: link.say(texts.mishap(), ERROR, now))
         self._watch = Watch(liveness, link, camera, eyes, calls, keeper)
+        self._shadow = ShadowTeller(desk.book, calls, link, keeper)
         self._acting = Acting(
-            link, calls, keeper, self._announcement, self._mishaps, lambda: conversation.words, self.place
+            link,
+            calls,
+            keeper,
+            self._announcement,
+            self._mishaps,
+            lambda: conversation.words,
+            self.place,
+            self._shadow,
         )
         self._replies: list[Heard] = []
 
@@ -89,7 +97,6 @@ class Daemon:
         for heard in self._link.poll(now):
             with self._mishaps.survived(type(heard).__name__, now):
                 self._hear(heard, now)
-        self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, self.place)
         for result in self._eyes.results():
             with self._mishaps.survived(type(result).__name__, now):
                 if isinstance(result, Judged):
@@ -97,6 +104,8 @@ class Daemon:
                 else:
                     self._applied(result, now)
         self._watch.look(now)
+        self._desk.policy.tick(now)
+        self._shadow.tick(now)
         self._acting.carry_out(self._calls.tick(now), now)
         self._link.stand_still(on=self._calls.holding.streams)
         self._speak(now)
@@ -104,12 +113,12 @@ class Daemon:
 
     def leave(self) -> None:
         """The daemon ends in good order: a hold that stands on our setpoints is handed to the autopilot."""
+        self._shadow.last()
         until = time.monotonic() + _LEAVING
         self._calls.holding.leave(time.monotonic())
         while self._calls.holding.handover is not None and time.monotonic() < until:
             self.turn()
 
-        self._trial.tick(now)
     def farewell(self) -> None:
         """The daemon cannot go on: let the autopilot's script and the operator know at once."""
         autopilot = self._calls.autopilot.autopilot
@@ -130,6 +139,8 @@ class Daemon:
             "reasons": sorted(reason.value for reason in self._calls.sight.reasons(now)),
             "current_id": self._calls.current_id,
             "policy": self._calls.policy.name.lower(),
+            "switches": self._desk.policy.figures(),
+            "shadow": self._desk.book.figures(self._calls.shadow),
             "words": self._conversation.words.format(),
             "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
             "similarity": newest.similarity if newest else None,
@@ -154,7 +165,6 @@ class Daemon:
         readable = [number for number in (self._link.fileno(), self._eyes.fileno()) if number is not None]
         patience = min(TICK, self._link.wait(time.monotonic()))
         try:
-            "test_call": self._trial.status,
             select.select(readable, [], [], patience)
         except (OSError, ValueError):  # a device that has just gone
             time.sleep(patience)
@@ -167,6 +177,10 @@ class Daemon:
                 self._take(self._conversation.hear(heard, now), now)
             case ParameterRequest():
                 self._take(self._desk.set(heard, now), now)
+            case PolicyRequest():
+                self._acting.carry_out(self._desk.policy.command(heard, now), now)
+            case Pulses():
+                self._acting.carry_out(self._desk.policy.hear(heard, now), now)
 
     def _hear_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
@@ -177,8 +191,6 @@ class Daemon:
         self._acting.carry_out(decisions, now)
 
     def _judged(self, judged: Judged, now: float) -> None:
-            case AnswerRequest() if self._trial.hear(heard, now):
-                pass
         seen = judged.assessment
         self._took = judged.took
         self._keeper.save_memory(judged.memory)
@@ -232,7 +244,11 @@ class Daemon:
     def _speak(self, now: float) -> None:
         replies = [reply for heard in self._replies for reply in heard.replies]
         self._replies.clear()
-        kept = self._keeper.save_calls(self._calls, replies)
+        beside = {
+            "policy": self._desk.policy.saved(),
+            "shadow": self._desk.book.saved(self._calls.shadow, now),
+        }
+        kept = self._keeper.save_calls(self._calls, replies, beside)
         for reply in replies:
             acknowledgement = reply.acknowledgement if kept else unremembered(reply.acknowledgement)
             self._link.acknowledge(reply.request, acknowledgement, now)
@@ -242,7 +258,7 @@ class Daemon:
                 acknowledgement.result.name,
                 acknowledgement.text,
             )
-        self._link.set_state(self._calls.state(now), self._calls.current_id or self._trial.id)
+        self._link.set_state(self._calls.state(now), self._calls.current_id)
         place = self.place()
         said = self._announcement.now(
             self._conversation.words, place, self._keeper.call_picture, self._watch.silent(now), now
@@ -250,9 +266,9 @@ class Daemon:
         if said is not None:
             self._link.announce(said.data, said.text, now, quiet=said.quiet, severity=said.severity)
         elif self._calls.policy is Policy.OFF:
-            self._link.announce(None, texts.off(), now)
+            self._link.announce(None, texts.off(self._desk.policy.off_by), now)
         else:
-            self._link.announce(None, self._desk.reminder, now, quiet=True, severity=WARNING)
+            self._link.announce(None, self._desk.policy.reminder, now, quiet=True, severity=WARNING)
         self._desk.tell_changes(self._conversation.words, now)
 
     def place(self) -> Place:
@@ -268,5 +284,3 @@ def stop_on_signals() -> Callable[[], bool]:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda caught, _: told.append(caught))
     return lambda: bool(told)
-        elif self._trial.id:
-            self._trial.announce(now)

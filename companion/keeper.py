@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from anytraverse.assessment import Assessment
@@ -29,6 +30,7 @@ from companion.wire.ids import State
 log = logging.getLogger(__name__)
 
 _CALL_FRAME = object()
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 _LONGEST_NAME = 60
 _RECENT = 1200
 _REPLIES = 16
@@ -59,11 +61,6 @@ class Keeper:
 
     @property
     def failing(self) -> bool:
-    @property
-    def folder(self) -> Path:
-        """Where all of it is kept."""
-        return self._status.parent
-
         """Whether something that must survive could not be written at the last try."""
         return bool(self._failed_at)
 
@@ -73,15 +70,18 @@ class Keeper:
             self._memory = memory
         return memory is self._memory
 
-    def save_calls(self, calls: OperatorCalls, replies: Sequence[Reply] = ()) -> bool:
-        """Whether the journal holds the open call, the hold, the counter and `replies`, all or nothing.
+    def save_calls(
+        self, calls: OperatorCalls, replies: Sequence[Reply] = (), beside: Mapping[str, Any] = _NOTHING
+    ) -> bool:
+        """Whether the journal holds the open call, the hold, the counter, `replies` and what stands `beside`
+        them, all or nothing.
 
         With its reply in the journal an answer that comes again after a restart is known.
         """
         for reply in replies:
             if not reply.again:
                 self._answered(reply)
-        state = snapshot(calls)
+        state = {**snapshot(calls), **beside}
         self._frame_id = max(self._frame_id, calls.call.frame_id if calls.call else 0)
         state["frame_id"] = self._frame_id
         state["replies"] = [kept.saved() for kept in self._replies]

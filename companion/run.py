@@ -18,7 +18,7 @@ from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
 from companion.check.stopping import judge
 from companion.config import Config
-from companion.configured import call_numbers
+from companion.configured import call_numbers, restored_policies
 from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.eyes import Eyes
@@ -31,6 +31,7 @@ from companion.model import Model
 from companion.readiness import get_ready
 from companion.refusal import Refusal, hold_refusal
 from companion.settings_desk import SettingsDesk, setting_values
+from companion.shadow_book import ShadowBook
 from companion.tasks import Liveness, tasks
 from companion.wire import parameters, texts
 from companion.wire.ids import Policy, State
@@ -72,23 +73,24 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     refusal = _refusal(config, pace, engine.settings.thresholds.tile, notices, wants_hold=wants_hold)
     if wants_hold and refusal is not None:
         numbers = replace(numbers, policy=Policy.REPORT)
-    elif wants_hold and isinstance(stopping, str):
-        log.warning("stopping distance was not checked: %s", stopping)
-        notices.append(texts.stopping_unchecked())
+    policies = restored_policies(config, numbers.policy, supervision.get("policy"), now)
+    numbers = replace(numbers, policy=policies.in_force)
     calls = OperatorCalls(numbers, now)
     if supervision:
         _restore(calls, supervision, now, notices)
+    book = _open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, notices)
     last_frame = _whole(supervision.get("frame_id"))
     replies = saved_replies(supervision.get("replies"))
-    folder = config.journal.path
-    album = Album(folder / "pictures", config.pictures.keep, engine.settings.region)
-    keeper = Keeper(journal, album, folder / "status.json", last_frame, replies)
+    album = Album(config.journal.path / "pictures", config.pictures.keep, engine.settings.region)
+    keeper = Keeper(journal, album, config.journal.path / "status.json", last_frame, replies)
     camera = _open_camera(config, last_frame + 1)
     closing.callback(camera.close)
     eyes = Eyes(engine, camera, pace.period)
     closing.callback(eyes.stop)
     conversation = Conversation(calls, eyes, engine.memory.preferences, replies)
-    desk = SettingsDesk(listed, link, eyes, calls, conversation, refusal, wants_hold=wants_hold)
+    desk = SettingsDesk(
+        listed, link, eyes, calls, conversation, refusal, wants_hold=wants_hold, policies=policies, book=book
+    )
     for name, value in setting_values(engine.settings.thresholds, numbers.policy).items():
         link.set_parameter(name, value, now)
     liveness = Liveness(tasks(numbers), now)
@@ -101,8 +103,8 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
         log.warning("%s", notice)
         link.say(texts.fit(notice), 4, now)
     log.info("perceiver: %s, %.0f ms a frame", model, 1e3 * pace.step)
-    url, policy = config.link.url, numbers.policy.name.lower()
-    log.info("ready: camera %s, link %s, policy %s", config.camera.source, url, policy)
+    where = f"camera {config.camera.source}, link {config.link.url}"
+    log.info("ready: %s, policy %s", where, numbers.policy.name.lower())
     eyes.start()
     keeper.restore_call_frame(calls, eyes)
     _run(daemon, keeper, stop)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,16 +11,20 @@ from anytraverse.errors import SettingsError
 from anytraverse.judging import Thresholds
 from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
+from companion.calls.policies import Policies
 from companion.conversation import Conversation, Heard
 from companion.eyes import Eyes
 from companion.link.heard import ParameterRequest
 from companion.link.link import Link
+from companion.policy_desk import PolicyDesk
 from companion.refusal import Refusal
+from companion.shadow_book import ShadowBook
 from companion.wire import texts
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
     NOT_IN_USE,
     POLICY,
+    SHADOW_HOLDS,
     THR_ROI,
     THR_SCENE,
     THR_TILE,
@@ -26,6 +32,7 @@ from companion.wire.parameters import (
     Parameter,
 )
 
+log = logging.getLogger(__name__)
 _THRESHOLDS = {THR_ROI: "roi", THR_SCENE: "scene", THR_TILE: "tile", THR_TRAV: "trav"}
 _WARNING = 4
 
@@ -57,8 +64,13 @@ class SettingsDesk:
         refusal: Refusal | None,
         *,
         wants_hold: bool = False,
+        policies: Policies | None = None,
+        book: ShadowBook | None = None,
     ) -> None:
-        """refusal: why the vehicle may not be held. wants_hold: the config asks for it."""
+        """refusal: why the vehicle may not be held. wants_hold: the config asks for it.
+
+        policies: what is in force, by default the state machine's. book: shadow policy's counts.
+        """
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._told = {parameter.name: parameter.value for parameter in parameters}
         self._link = link
@@ -67,8 +79,14 @@ class SettingsDesk:
         self._conversation = conversation
         self.hold_refused = refusal.short if refusal is not None else ""
         """Why the vehicle may not be held, "" where it may."""
-        self.reminder = refusal.reminder if refusal is not None and wants_hold else ""
-        """To be repeated: the owner believes in a hold that is refused. "" once a policy was set."""
+        self.policy = PolicyDesk(
+            link,
+            calls,
+            policies or Policies(calls.policy),
+            hold_refused=self.hold_refused,
+            reminder=refusal.reminder if refusal is not None and wants_hold else "",
+        )
+        self.book = book or ShadowBook()
 
     def set(self, request: ParameterRequest, now: float) -> Heard:
         """A value, already in range. A word's weight is echoed once the eyes have applied it."""
@@ -79,20 +97,21 @@ class SettingsDesk:
                 self._link.say(texts.refused("the eyes are busy, set it again"), _WARNING, now)
             return Heard()
         if request.name == POLICY:
-            return self._set_policy(Policy(int(request.value)), now)
-        self._set_threshold(request, now)
+            _, decisions = self.policy.set(Policy(int(request.value)), request.sender, now)
+            return Heard(decisions=decisions)
+        if request.name == SHADOW_HOLDS:
+            self._count_anew(request, now)
+        else:
+            self._set_threshold(request, now)
         return Heard()
 
-    def _set_policy(self, policy: Policy, now: float) -> Heard:
-        if policy is Policy.HOLD and self.hold_refused:
-            self._echo(POLICY, float(self._calls.policy), now)
-            self._link.say(self.hold_refused, _WARNING, now)
-            return Heard()
-        self.reminder = ""
-        decisions = self._calls.set_policy(policy, now)
-        self._link.say(texts.policy(policy), _WARNING, now)
-        self._echo(POLICY, float(policy), now)
-        return Heard(decisions=decisions)
+    def _count_anew(self, request: ParameterRequest, now: float) -> None:
+        if request.value == 0:
+            log.warning("shadow counts begin anew, by %d/%d", *request.sender)
+            self.book.begin_anew(self._calls.shadow, time.time())
+        else:
+            self._link.say(texts.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
+        self._echo(SHADOW_HOLDS, float(self._calls.shadow.count), now)
 
     def _set_threshold(self, request: ParameterRequest, now: float) -> None:
         judging = self._calls.numbers.judging
@@ -116,7 +135,10 @@ class SettingsDesk:
         self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
 
     def tell_changes(self, words: Preferences, now: float) -> None:
-        """Tell the ground every weight that changed by an answer or a remembered scene."""
+        """Tell the ground every weight that changed by itself, and what was counted."""
+        for name, value in self.book.values(self._calls.shadow).items():
+            if value != self._told[name]:
+                self._echo(name, value, now)
         for name, word in self._words.items():
             value = words.get(word, NOT_IN_USE)
             if value != self._told[name]:

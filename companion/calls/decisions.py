@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from anytraverse.assessment import Assessment, Reason
 from companion.calls.acceptance import Acceptance
@@ -106,9 +106,33 @@ class GoLapsed:
 
 @dataclass(frozen=True)
 class WouldHold:
-    """Shadow policy: a hold would have started now."""
+    """Shadow policy: a hold would have started now, the `number`-th."""
 
-    reasons: frozenset[Reason] = field(default_factory=frozenset)
+    reasons: frozenset[Reason]
+    number: int
 
 
-Decision = SetMode | CallOpened | CallClosed | HoldStarted | HoldMoved | HoldRenamed | GoLapsed | WouldHold
+@dataclass(frozen=True)
+class WouldResume:
+    """Shadow policy: the would-be hold is over, `lasted` seconds after it began.
+
+    by_hand: frames did not end it, but a human, or another policy.
+    """
+
+    reasons: frozenset[Reason]
+    number: int
+    lasted: float
+    by_hand: bool
+
+
+Decision = (
+    SetMode
+    | CallOpened
+    | CallClosed
+    | HoldStarted
+    | HoldMoved
+    | HoldRenamed
+    | GoLapsed
+    | WouldHold
+    | WouldResume
+)

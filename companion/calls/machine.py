@@ -21,11 +21,11 @@ from companion.calls.decisions import (
     Decision,
     HoldMoved,
     HoldRenamed,
-    WouldHold,
 )
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.holding import Holding, Vehicle
 from companion.calls.numbers import Numbers
+from companion.calls.shadow import Shadow
 from companion.calls.sight import CALLS_FOR_WORDS, Sight
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 
@@ -41,7 +41,7 @@ class OperatorCalls:
         self.holding = Holding(numbers)
         self.call: Call | None = None
         self._reasons: frozenset[Reason] = frozenset()
-        self._would_hold = False
+        self.shadow = Shadow()
 
     def assessed(self, seen: Assessment, now: float) -> list[Decision]:
         """A frame was judged."""
@@ -80,9 +80,16 @@ class OperatorCalls:
         return self._settle(now)
 
     def set_policy(self, policy: Policy, now: float) -> list[Decision]:
-        """Report, shadow, hold or off. Without `hold` nothing is commanded any more, nor is the way back."""
-        self.policy, self._would_hold = policy, False
-        decisions: list[Decision] = []
+        """Report, shadow, hold or off. Without `hold` nothing is commanded any more, nor is the way back.
+
+        Switched on again it begins with nothing open and nothing accepted.
+        """
+        if policy is self.policy:
+            return []
+        decisions: list[Decision] = [*self.shadow.leave(now)]
+        if self.policy is Policy.OFF:
+            self.sight.acceptance = None
+        self.policy = policy
         if policy is not Policy.HOLD:
             self.holding.leave(now)
             dropped = self.holding.end()
@@ -156,6 +163,10 @@ class OperatorCalls:
         """What the current id names."""
         return Kind.CALL if self.call is not None else Kind.HOLD
 
+    def take_id(self) -> int:
+        """An id of the one counter for what is no call and no hold."""
+        return self._next_id()
+
     def stage(self) -> Stage:
         """Where the current call or hold stands; CLOSED when there is none."""
         if self.current_id == 0:
@@ -163,10 +174,6 @@ class OperatorCalls:
         answered = self.call is not None and self.call.answered
         if self.call is not None and not answered and self.call.gone_since is None:
             return Stage.OPEN
-    def take_id(self) -> int:
-        """An id of the one counter for what is no call and no hold."""
-        return self._next_id()
-
         if self.go_at is not None:
             return Stage.ANSWERED
         if self.hold is not None and not self._reasons and self.sight.ok_run >= self.numbers.ok_frames:
@@ -201,7 +208,7 @@ class OperatorCalls:
             return handed_over
         decisions = handed_over + self._settle_call(reasons, now)
         if self.policy is Policy.SHADOW:
-            decisions += self._settle_shadow(reasons, now)
+            decisions += self._look_in_the_shadow(reasons, now)
         if self.policy is Policy.HOLD and reasons and self.hold is None and self.holding.drives_itself(now):
             number = self.call.id if self.call is not None else self._next_id()
             decisions.append(self.holding.start(number, reasons, now))
@@ -226,13 +233,16 @@ class OperatorCalls:
             decisions.append(self._close(Outcome.PASSED))
         return decisions
 
-    def _settle_shadow(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
-        if self._would_hold:
-            self._would_hold = bool(reasons) or self.sight.ok_run < self.numbers.ok_frames
-        elif reasons and (self.autopilot.mode is None or self.holding.drives_itself(now)):
-            self._would_hold = True
-            return [WouldHold(reasons)]
-        return []
+    def _look_in_the_shadow(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
+        """Without any autopilot it is watched as if one drove: so pictures of a drive can be judged."""
+        drives = self.holding.drives_itself(now)
+        return self.shadow.look(
+            reasons,
+            now,
+            watching=self.autopilot.mode is None or drives,
+            taken=self.holding.heard(now) and not drives,
+            clear=self.sight.ok_run >= self.numbers.ok_frames,
+        )
 
     def _end_hold(self, event: HoldEvent, now: float) -> list[Decision]:
         """A hold is over: resumed by us, or taken over by a human, whose judgement is accepted."""

@@ -62,7 +62,7 @@ def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
     if call is not None and hold is not None and call.id != hold.id:
         raise ValueError(f"call {call.id} and hold {hold.id} cannot both be open")
     calls.last_id = last_id
-    calls.call = call
+    calls.call = call if calls.policy is not Policy.OFF else None
     calls.holding.hold = hold if calls.policy is Policy.HOLD else None
     calls.holding.vehicle = Vehicle(mode)
 

@@ -93,7 +93,6 @@ class Vehicle(Section):
 
 
 @dataclass(frozen=True)
-@dataclass(frozen=True)
 class Mount(Section):
     """Where on the vehicle the camera sits. Without it nobody can say whether the vehicle stops in time."""
 
@@ -116,6 +115,7 @@ class Stopping(Section):
     delay: float = setting(0.5, number(0, 10), "s from an order to hold until the brakes act")
 
 
+@dataclass(frozen=True)
 class Roi(Section):
     """The region of interest, in fractions of the image's width and height."""
 
@@ -157,6 +157,8 @@ class Call(Section):
     """When the operator is called, and what may be done to the vehicle."""
 
     policy: str = setting("report", choice("report", "shadow", "hold"), "report, shadow or hold")
+    off_channel: int = setting(0, whole(0, 18), "RC channel that switches all of it off, 0: none")
+    off_side: str = setting("high", choice("high", "low"), "the channel's end that is off: high or low")
     votes: int = setting(2, whole(1, 60), "a reason counts after this many bad frames ...")
     window: int = setting(3, whole(1, 60), "... of the last this many")
     margin: float = setting(0.03, number(0, 0.5), "a figure is good again this far on the good side")
@@ -245,10 +247,10 @@ SECTIONS: Mapping[str, type[Section]] = {
     "camera": Camera,
     "perceiver": Perceiver,
     "vehicle": Vehicle,
-    "roi": Roi,
-    "corridor": Corridor,
     "mount": Mount,
     "stopping": Stopping,
+    "roi": Roi,
+    "corridor": Corridor,
     "thresholds": Thresholds,
     "call": Call,
     "link": Link,
@@ -274,10 +276,10 @@ class Config:
     words: Mapping[str, float] = field(default_factory=dict)
     vocabulary: tuple[str, ...] = ()
     aliases: Mapping[str, str] = field(default_factory=dict)
-    roi: Roi = field(default_factory=Roi)
-    corridor: Corridor = field(default_factory=Corridor)
     mount: Mount = field(default_factory=Mount)
     stopping: Stopping = field(default_factory=Stopping)
+    roi: Roi = field(default_factory=Roi)
+    corridor: Corridor = field(default_factory=Corridor)
     thresholds: Thresholds = field(default_factory=Thresholds)
     call: Call = field(default_factory=Call)
     link: Link = field(default_factory=Link)

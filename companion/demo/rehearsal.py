@@ -60,7 +60,7 @@ class _Rehearsal:
         self._auto = auto
         self._status: dict[str, Any] = {}
         self._asked_at: dict[int, float] = {}
-        self._calls = self._would_hold = 0
+        self._calls = 0
         self._started = time.monotonic()
 
     def follow(self) -> dict[str, Any]:
@@ -70,7 +70,7 @@ class _Rehearsal:
         return {
             "frames": self._status.get("frames", 0),
             "calls": self._calls,
-            "would_hold": self._would_hold,
+            "would_hold": self._status.get("shadow", {}).get("would_hold", 0),
             "seconds": round(self._seconds, 1),
         }
 
@@ -110,10 +110,8 @@ class _Rehearsal:
             self._calls += 1
         elif name == "closed":
             self._asked_at.pop(event["id"], None)
-        elif name == "text" and "would have held" in event["text"]:
-            self._would_hold += 1
-            if self._auto:
-                self._story.tell(self._seconds, f"the rover would have been held: {event['text']}")
+        elif name == "text" and " would hold: " in event["text"] and self._auto:
+            self._story.tell(self._seconds, event["text"])
 
     def _answer(self) -> None:
         now = time.monotonic()

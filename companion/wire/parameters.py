@@ -26,6 +26,19 @@ THR_SCENE = "AT_THR_SCENE"
 THR_TILE = "AT_THR_TILE"
 THR_TRAV = "AT_THR_TRAV"
 POLICY = "AT_POLICY"
+SHADOW_HOLDS = "AT_SHD_HOLDS"
+"""Would-be holds in shadow policy. Set to 0, all the counts begin anew."""
+SHADOW_HOURS = "AT_SHD_HOURS"
+"""Hours in which they were counted."""
+SHADOW_REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        "unknown_scene": "AT_SHD_SCENE",
+        "unknown_object": "AT_SHD_OBJECT",
+        "blocked": "AT_SHD_BLOCKED",
+        "fault": "AT_SHD_FAULT",
+    }
+)
+"""Reason -> how many of them began for it."""
 WORD_PREFIX = "AT_W_"
 _ROOM = MAX_NAME - len(WORD_PREFIX)
 _ALIAS = re.compile(r"[A-Z0-9_]+")
@@ -75,6 +88,14 @@ _SETTINGS = (
 )
 
 
+_MANY = 1e6
+_COUNTS = (
+    Parameter(SHADOW_HOLDS, 0.0, 0.0, _MANY, whole=True),
+    Parameter(SHADOW_HOURS, 0.0, 0.0, _MANY, read_only=True),
+    *(Parameter(name, 0.0, 0.0, _MANY, whole=True, read_only=True) for name in SHADOW_REASONS.values()),
+)
+
+
 def word_parameter(word: str, alias: str | None = None) -> str:
     """The name of a word's weight: "dry grass" -> "AT_W_DRY_GRASS". Raises ParameterError."""
     if alias is not None:
@@ -95,7 +116,7 @@ def build(
     *,
     aliases: Mapping[str, str] = _NO_ALIASES,
 ) -> tuple[Parameter, ...]:
-    """The fixed list: the settings, then a weight for every word of the configured vocabulary.
+    """The fixed list: settings, a weight for every word of the configured vocabulary, shadow policy's counts.
 
     weights: of the words in use; the others get -2. settings: values by parameter name (AT_THR_ROI, ...);
     those not named keep their defaults. aliases: word -> what follows AT_W_ where the plain one does not do.
@@ -116,7 +137,7 @@ def build(
         owners[name] = word
         weight = Parameter(name, NOT_IN_USE, -1.0, 1.0, special=NOT_IN_USE, word=word)
         listed.append(_with_value(weight, weights.get(word, NOT_IN_USE)))
-    return tuple(listed)
+    return (*listed, *_COUNTS)
 
 
 def _with_value(parameter: Parameter, value: float) -> Parameter:

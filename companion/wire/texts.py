@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
 
@@ -18,6 +19,13 @@ _OUTCOMES = {
     Outcome.TAKEN_OVER: "a human took over",
     Outcome.RECOVERED: "fault is gone",
     Outcome.SWITCHED_OFF: "companion switched off",
+}
+
+_REASONS = {
+    "unknown_scene": "new place",
+    "unknown_object": "unknown thing",
+    "blocked": "way blocked",
+    "fault": "fault",
 }
 
 
@@ -74,14 +82,6 @@ def trial_call(call: int) -> str:
     return fit(f"C{call} TEST call, nothing is wrong: {_ANSWERS}")
 
 
-def still_unknown(call: int, uncertainty: float | None) -> str:
-    """The answer did not cover the thing."""
-    return fit(f"C{call} stays open: still unknown {percent(uncertainty)}")
-
-
-def still_new(call: int, similarity: float | None) -> str:
-    """The answer did not cover the place."""
-    return fit(f"C{call} stays open: still a new place{_similarity(similarity)}")
 def trial_answered(number: int, system: int, component: int, seconds: float | None) -> str:
     """A test call's way to the ground and back."""
     return fit(f"C{number} TEST answered by {system}/{component} after {_seconds(seconds)}")
@@ -97,6 +97,14 @@ def trial_cut_short(number: int) -> str:
     return fit(f"C{number} TEST over: a real call came")
 
 
+def still_unknown(call: int, uncertainty: float | None) -> str:
+    """The answer did not cover the thing."""
+    return fit(f"C{call} stays open: still unknown {percent(uncertainty)}")
+
+
+def still_new(call: int, similarity: float | None) -> str:
+    """The answer did not cover the place."""
+    return fit(f"C{call} stays open: still a new place{_similarity(similarity)}")
 
 
 def answered_waiting(kind: Kind, number: int) -> str:
@@ -134,9 +142,18 @@ def closed(kind: Kind, number: int, outcome: Outcome) -> str:
     return fit(f"{name(kind, number)} closed: {_OUTCOMES[outcome]}")
 
 
-def shadow(kind: Kind, number: int) -> str:
-    """Shadow policy: what a hold policy would have done."""
-    return fit(f"{name(kind, number)} shadow: would have held here")
+def would_hold(number: int, reasons: Iterable[str]) -> str:
+    """Shadow policy: what the hold policy would have held now, the `number`-th."""
+    named = [_REASONS[reason] for reason in reasons]
+    more = f" +{len(named) - 2}" if len(named) > 2 else ""
+    return fit(f"S{number} would hold: {', '.join(named[:2])}{more}")
+
+
+def shadow_so_far(count: int, hours: float, most: str) -> str:
+    """Shadow policy, summed up. most: the reason of the most."""
+    rate = f" ({count / hours:.1f}/h)" if count and hours >= 0.1 else ""
+    named = f", most {_REASONS.get(most, most)}" if most else ""
+    return fit(f"Shadow: {count} holds in {hours:.1f} h{rate}{named}")
 
 
 def holding(kind: Kind, number: int) -> str:
@@ -174,14 +191,34 @@ def unknown_autopilot() -> str:
     return "Autopilot of unknown kind: it is never held"
 
 
-def off() -> str:
-    """Nobody watches the trail."""
-    return "Companion OFF: nobody watches the trail"
+def off(by: str = "") -> str:
+    """Nobody watches the trail. by: who switched off, "RC7" or "255/190"."""
+    return fit(f"Companion OFF{f' by {by}' if by else ''}: nobody watches the trail")
 
 
-def policy(value: Policy) -> str:
-    """What the companion may do, after it changed."""
-    return fit(f"Companion policy: {value.name.lower()}")
+def policy(value: Policy, by: str) -> str:
+    """What the companion may do, after `by` changed it."""
+    return fit(f"Companion policy: {value.name.lower()} (by {by})")
+
+
+def switch_wins(switch: str) -> str:
+    """A command wants to switch on, and the remote control says off."""
+    return fit(f"Refused: {switch} says off, switch it on there")
+
+
+def still_off(switch: str, by: str) -> str:
+    """The remote control says on, and a command has said off."""
+    return fit(f"{switch} is on, {by} said off: set AT_POLICY")
+
+
+def switch_lost(switch: str, *, off: bool) -> str:
+    """The off switch is not heard: its last position stands."""
+    return fit(f"Off switch {switch} not heard: stays {'OFF' if off else 'on'}")
+
+
+def switch_heard(switch: str, *, off: bool) -> str:
+    """The off switch is heard again."""
+    return fit(f"Off switch {switch} heard: {'OFF' if off else 'on'}")
 
 
 def hold_refused(seconds: float | None) -> str:
@@ -192,11 +229,6 @@ def hold_refused(seconds: float | None) -> str:
 def only_reports(seconds: float | None) -> str:
     """The owner configured policy hold, and the perceiver is too slow for it."""
     return fit(f"Only reports: {_seconds(seconds)} a frame, slow for HOLD")
-
-
-def int8_idle() -> str:
-    """The bundle carries an int8 variant, and fp32 runs."""
-    return "Runs fp32, not the bundle's int8: log says why"
 
 
 def hold_outruns(speed: float | None, fits: float | None) -> str:
@@ -212,6 +244,11 @@ def only_reports_outrunning(speed: float | None, fits: float | None) -> str:
 def stopping_unchecked() -> str:
     """Policy hold without the figures that say whether the vehicle stops in time."""
     return "Stopping distance not checked: see the log"
+
+
+def int8_idle() -> str:
+    """The bundle carries an int8 variant, and fp32 runs."""
+    return "Runs fp32, not the bundle's int8: log says why"
 
 
 def stale(number: int) -> str:

@@ -40,7 +40,7 @@ def test_shadow_calls_and_tells_once_what_would_have_been_held() -> None:
     scene.run(1.0)
     scene.run(5.0, DRUM)
     assert scene.opened() == [1]
-    assert scene.all(WouldHold) == [WouldHold(frozenset({Reason.UNKNOWN_OBJECT}))]
+    assert scene.all(WouldHold) == [WouldHold(frozenset({Reason.UNKNOWN_OBJECT}), 1)]
 
 
 def test_shadow_counts_the_next_stop_after_five_ok_frames() -> None:

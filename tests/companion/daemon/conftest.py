@@ -21,8 +21,8 @@ def make_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeRi
     monkeypatch.setattr("companion.daemon.TICK", 0.0)
     made: list[Rig] = []
 
-    def make(policy: Policy = Policy.HOLD, pictures: int = 0) -> Rig:
-        rig = Rig(tmp_path, clock, policy, pictures)
+    def make(policy: Policy = Policy.HOLD, pictures: int = 0, switch: int | None = None) -> Rig:
+        rig = Rig(tmp_path, clock, policy, pictures, switch)
         made.append(rig)
         rig.see(1.0)
         return rig

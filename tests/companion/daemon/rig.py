@@ -20,6 +20,8 @@ from companion import run
 from companion.album import Album
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
+from companion.calls.policies import Policies
+from companion.calls.switch import OffSwitch, Side
 from companion.cameras.newest import CameraState, CameraStatus, CameraThread
 from companion.conversation import Conversation
 from companion.daemon import Daemon
@@ -81,10 +83,20 @@ def picture(thing: str = "", ground: str = "grass", scene: int = 0) -> np.ndarra
 class Rig:
     """`see` shows frames and lets time pass; `texts`, `acks` and `state` are what the ground heard."""
 
-    def __init__(self, folder: Path, clock: Clock, policy: Policy = Policy.HOLD, pictures: int = 0) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        clock: Clock,
+        policy: Policy = Policy.HOLD,
+        pictures: int = 0,
+        switch: int | None = None,
+    ) -> None:
         self.folder, self.clock, self.policy, self.pictures = folder, clock, policy, pictures
         self.frame_id = 0
+        self._pulses_at = 0.0
         self.hung = False
+        self.switch = switch
+        """The pulse of channel 7 in us; given, it is the off switch, and told five times a second."""
         self.step_time = 0.02
         self.start()
 
@@ -102,10 +114,13 @@ class Rig:
         self.perceiver = Painted()
         memory = self.journal.load_memory() or first_memory(self.perceiver.model_id, WORDS)
         judging = Settings()
-        self.calls = OperatorCalls(Numbers(policy=self.policy, judging=judging), now)
+        self.policies = Policies(self.policy, OffSwitch(7, Side.HIGH, now) if self.switch else None)
+        self.policies.restore(supervision.get("policy"))
+        self.calls = OperatorCalls(Numbers(policy=self.policies.in_force, judging=judging), now)
         notices: list[str] = []
         if supervision:
             run._restore(self.calls, supervision, now, notices)
+        book = run._open_book(self.perceiver.model_id, self.calls, supervision.get("shadow"), now, notices)
         assert notices == []
         replies = saved_replies(supervision.get("replies"))
         album = Album(self.folder / "pictures", self.pictures, judging.region)
@@ -123,8 +138,10 @@ class Rig:
             self.conversation,
             hold_refusal(Pace(self.step_time, PERIOD, judging.freshness), "not configured"),
             wants_hold=self.policy is Policy.HOLD,
+            policies=self.policies,
+            book=book,
         )
-        for name, value in setting_values(judging.thresholds, self.policy).items():
+        for name, value in setting_values(judging.thresholds, self.policies.in_force).items():
             self.stage.link.set_parameter(name, value, now)
         liveness = Liveness(tasks(self.calls.numbers), now)
         self.daemon = Daemon(
@@ -220,6 +237,10 @@ class Rig:
         if stage.vehicle is not None and stage.now >= stage._heartbeat_at:
             stage.heartbeat(stage.vehicle)
             stage._heartbeat_at = stage.now + 1.0
+        if self.switch is not None and stage.now >= self._pulses_at:
+            self._pulses_at = stage.now + 0.2
+            widths = [1500] * 6 + [self.switch] + [1500] * 11
+            stage.send(mavlink.MAVLink_rc_channels_message(0, 16, *widths, 255), (1, 1))
         before = len(stage.frames)
         self.daemon.turn()
         stage._collect()

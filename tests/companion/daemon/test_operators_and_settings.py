@@ -130,7 +130,7 @@ def test_a_threshold_that_cannot_be_is_refused_and_the_old_one_stays(rig: Rig, n
 def test_a_policy_without_holds_lets_go_of_the_hold_and_says_so(held: Rig) -> None:
     held.set("AT_POLICY", float(Policy.REPORT))
     held.see(2.0, "drum")
-    assert "Companion policy: report" in held.texts
+    assert "Companion policy: report (by 255/190)" in held.texts
     assert "C1 let go: drive on by hand" in held.texts
     assert held.state == ("CALLING", 1), "the question stays"
     held.answer(1, Motion.GO)
@@ -143,7 +143,7 @@ def test_switched_off_everything_is_over_and_said_again_and_again(held: Rig) -> 
     held.see(20.0, "drum")
     assert closed(held) == [(Kind.CALL, 1, Outcome.SWITCHED_OFF)]
     assert held.state == ("OFF", 0)
-    assert held.texts.count("Companion OFF: nobody watches the trail") == 2
+    assert held.texts.count("Companion OFF by 255/190: nobody watches the trail") == 2
 
 
 def test_a_hold_that_goes_on_as_a_call_is_told_to_be_over(rig: Rig) -> None:

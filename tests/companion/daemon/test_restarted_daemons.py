@@ -111,6 +111,8 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "reasons",
         "current_id",
         "policy",
+        "switches",
+        "shadow",
         "words",
         "roi_uncertainty",
         "similarity",

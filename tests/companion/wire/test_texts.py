@@ -6,18 +6,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anytraverse.assessment import Reason
 from companion.wire import texts
 from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
 
 NUMBER = st.integers(0, 0xFFFF)
 FIGURE = st.none() | st.floats()
-FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text"}
+FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text", "most"}
 ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "call": NUMBER,
     "number": NUMBER,
     "kind": st.sampled_from(Kind),
     "outcome": st.sampled_from(Outcome),
     "value": st.sampled_from(Policy),
+    "by": st.sampled_from(["", "RC18", "255/191"]),
+    "switch": st.sampled_from(["RC7", "RC18"]),
+    "off": st.booleans(),
+    "count": NUMBER,
+    "hours": st.floats(0, 1e4),
+    "reasons": st.permutations([reason.value for reason in Reason]).flatmap(
+        lambda names: st.integers(1, len(names)).map(lambda many: names[:many])
+    ),
     "system": st.integers(0, 255),
     "component": st.integers(0, 255),
     **dict.fromkeys(("uncertainty", "similarity", "drivable", "share", "seconds", "speed", "fits"), FIGURE),

@@ -1,0 +1,114 @@
+"""What may be done to the vehicle, and who says so: a parameter, a command or the remote control."""
+
+from __future__ import annotations
+
+import logging
+
+from companion.calls.decisions import Decision
+from companion.calls.machine import OperatorCalls
+from companion.calls.policies import Policies
+from companion.link.heard import PolicyRequest, Pulses, Sender
+from companion.link.link import Link
+from companion.wire import texts
+from companion.wire.ids import Policy
+from companion.wire.parameters import POLICY
+
+log = logging.getLogger(__name__)
+_WARNING, _ERROR = 4, 3
+
+
+class PolicyDesk:
+    """The one way to change the policy, so that off is the same whoever said it: logged and told with who."""
+
+    def __init__(
+        self,
+        link: Link,
+        calls: OperatorCalls,
+        policies: Policies,
+        *,
+        hold_refused: str = "",
+        reminder: str = "",
+    ) -> None:
+        """hold_refused: why the vehicle may not be held, "" where it may. reminder: to be repeated."""
+        self._link = link
+        self._calls = calls
+        self._policies = policies
+        self._hold_refused = hold_refused
+        self._reminder = reminder
+        self._lost = False
+        if policies.switch is not None:
+            link.ask_for_pulses()
+
+    @property
+    def off_by(self) -> str:
+        """Who keeps it off."""
+        return self._policies.off_by
+
+    @property
+    def reminder(self) -> str:
+        """What is repeated while nothing is open, "" for nothing."""
+        switch = self._policies.switch
+        if switch is not None and self._lost:
+            return texts.switch_lost(switch.name, off=switch.off)
+        return self._reminder
+
+    def saved(self) -> dict[str, object]:
+        """For the journal: what a restart must not switch on."""
+        return self._policies.saved()
+
+    def figures(self) -> dict[str, object]:
+        """For the status file."""
+        switch = self._policies.switch
+        told: dict[str, object] = {"in_force": self._calls.policy.name.lower(), "off_by": self.off_by or None}
+        if switch is None:
+            return told
+        return {**told, "switch": switch.name, "switch_us": switch.width, "switch_heard": not self._lost}
+
+    def set(self, policy: Policy, sender: Sender, now: float) -> tuple[bool, list[Decision]]:
+        """A ground station asks for a policy. Whether it gets it; if not, a text says why."""
+        who = f"{sender[0]}/{sender[1]}"
+        refusal = self._hold_refused if policy is Policy.HOLD else ""
+        if not refusal and not self._policies.ask(policy, who):
+            refusal = texts.switch_wins(self._policies.off_by)
+        if refusal:
+            log.warning("policy %s asked for by %s: %s", policy.name.lower(), who, refusal)
+            self._link.say(refusal, _WARNING, now)
+        else:
+            self._reminder = ""
+        return not refusal, self._put_in_force(who, now, said=not refusal)
+
+    def command(self, request: PolicyRequest, now: float) -> list[Decision]:
+        """The same by command."""
+        accepted, decisions = self.set(request.policy, request.sender, now)
+        self._link.acknowledge_policy(request, now, accepted=accepted)
+        return decisions
+
+    def hear(self, pulses: Pulses, now: float) -> list[Decision]:
+        """The remote control speaks."""
+        switch = self._policies.switch
+        if switch is None or not switch.hear(pulses.of(switch.channel), now):
+            return []
+        log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
+        if not switch.off and self._policies.asked is Policy.OFF:
+            self._link.say(texts.still_off(switch.name, self._policies.off_by), _WARNING, now)
+            return []
+        return self._put_in_force(switch.name, now, said=True)
+
+    def tick(self, now: float) -> None:
+        """Tell a switch that is not heard any more: nobody should trust it then."""
+        switch = self._policies.switch
+        if switch is None or switch.heard(now) is not self._lost:
+            return
+        self._lost = not self._lost
+        text = (texts.switch_lost if self._lost else texts.switch_heard)(switch.name, off=switch.off)
+        log.warning("%s", text)
+        self._link.say(text, _ERROR if self._lost else _WARNING, now)
+
+    def _put_in_force(self, who: str, now: float, *, said: bool) -> list[Decision]:
+        policy = self._policies.in_force
+        decisions = self._calls.set_policy(policy, now)
+        if said:
+            log.warning("policy %s, set by %s", policy.name.lower(), who)
+            self._link.say(texts.policy(policy, who), _WARNING, now)
+        self._link.set_parameter(POLICY, float(policy), now)
+        return decisions

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
+
+from companion.field.lens import FIELD_OF_VIEW, HEIGHT, PITCH
+from companion.field.rover import Body
 
 _MARK = "# Written by `companion demo`."
 _TEXT = """\
@@ -11,10 +15,10 @@ _TEXT = """\
 [camera]
 source = {camera}
 rate = 10
-
+{view}
 [vehicle]
 file = ""
-
+{stopping}
 [link]
 url = {link}
 
@@ -27,10 +31,10 @@ keep = 200
 [call]
 policy = {policy}
 
-# At 2.5 m/s the rover needs 3 m to stop: its ROI reaches 8 m ahead.
+# At 2.5 m/s the rover needs 6 m from seeing a thing to standstill: `companion check` has the figures.
 [roi]
 left = 0.35
-top = 0.5
+top = 0.47
 right = 0.65
 bottom = 0.95
 
@@ -47,16 +51,49 @@ top = 0.12
 """
 
 
+_STOPPING = """
+# The simulated rover, as it is.
+[mount]
+height = {height:g}
+tilt = {tilt:g}
+front = {front:g}
+
+[stopping]
+speed = {speed:g}
+braking = {braking:g}
+delay = {delay:g}
+"""
+_TO_THE_BRAKES = 0.05
+"""Seconds from an order to the simulated actuators, over the loopback."""
+
+
 def written_by_demo(path: Path) -> bool:
     """Whether this configuration is an earlier demo's, and nobody's work."""
     return path.is_file() and path.read_bytes().startswith(_MARK.encode())
 
 
-def write_config(out: Path, *, camera: str, link: str, policy: str) -> Path:
-    """companion.toml in `out`, with the state beside it."""
+def write_config(out: Path, *, camera: str, link: str, policy: str, speed: float | None = None) -> Path:
+    """companion.toml in `out`, with the state beside it.
+
+    speed: of the simulated rover, m/s; None where it is a camera of one's own, whose mount nobody knows.
+    """
     path = out / "companion.toml"
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
     # What JSON makes of a string is a TOML string too, whatever is in a path.
-    text = _TEXT.format(mark=_MARK, **{name: json.dumps(value) for name, value in values.items()})
-    path.write_text(text, encoding="utf-8")
+    quoted = {name: json.dumps(value) for name, value in values.items()}
+    view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\n"
+    stopping = "" if speed is None else _of_the_field(speed)
+    path.write_text(_TEXT.format(mark=_MARK, view=view, stopping=stopping, **quoted), encoding="utf-8")
     return path
+
+
+def _of_the_field(speed: float) -> str:
+    body = Body()
+    return _STOPPING.format(
+        height=HEIGHT,
+        tilt=math.degrees(PITCH),
+        front=body.radius,
+        speed=speed,
+        braking=(body.brake_force + body.rolling_force) / body.mass,
+        delay=body.reaction + _TO_THE_BRAKES,
+    )

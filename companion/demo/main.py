@@ -19,6 +19,8 @@ from companion.demo.sheet import write_sheet
 from companion.demo.story import Story
 from companion.field.control import FieldControl, FieldError
 
+SPEED = 2.5
+"""m/s that the simulated rover drives."""
 _OLD = ("state", "logs", "contact-sheet.png")
 
 
@@ -91,10 +93,13 @@ def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
 
     try:
         field = keep(
-            Child("field", ["companion.field", "--seed", str(seed), "--speed", "2.5"], logs / "field.log")
+            Child(
+                "field", ["companion.field", "--seed", str(seed), "--speed", str(SPEED)], logs / "field.log"
+            )
         )
         ports = json.loads(field.first_line(20.0))
-        config = write_config(out, camera=f"field:{ports['frames']}", link=ports["companion"], policy="hold")
+        camera, link = f"field:{ports['frames']}", ports["companion"]
+        config = write_config(out, camera=camera, link=link, policy="hold", speed=SPEED)
         daemon = keep(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
         operator = keep(start_operator(ports["gcs"], logs, auto=auto))
         host, _, port = ports["control"].rpartition(":")

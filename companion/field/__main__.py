@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from companion.field.server import FieldServer, Options
+from companion.field.server import AUTOPILOTS, FieldServer, Options
 
 Number = TypeVar("Number", int, float)
 
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     server = FieldServer(
         world,
         camera,
-        Options(args.seed, args.fps, args.speed, args.autostart, args.duration),
+        Options(args.seed, args.fps, args.speed, args.autostart, args.duration, autopilot=args.autopilot),
     )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.stop())
@@ -63,6 +63,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--width", type=_between(int, 64, 1920), default=320, help="pixels (default 320)")
     parser.add_argument("--height", type=_between(int, 48, 1080), default=240, help="pixels (default 240)")
+    parser.add_argument(
+        "--autopilot", choices=list(AUTOPILOTS), default="ardupilot", help="whose rover (default ardupilot)"
+    )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")
     return parser

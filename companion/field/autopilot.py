@@ -7,17 +7,18 @@ whether anybody was there to send to.
 
 from __future__ import annotations
 
+import enum
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.field import telemetry
 from companion.field.commands import Commands
 from companion.field.modes import Mode
-from companion.field.parameters import Parameter, Parameters
+from companion.field.parameters import ARDUPILOT, Parameter, Parameters, Row
 from companion.field.router import Port, Router
 from companion.field.rover import Drive, Rover
 
@@ -34,23 +35,34 @@ class ModeChange:
     """An entry of the mode log: rover time in s, the new mode, and "companion", "gcs" or "hand"."""
 
     t: float
-    mode: Mode
+    mode: enum.IntEnum
     by: str
 
 
 class Autopilot:
-    """Boots disarmed in HOLD. Accepts HOLD in every mode, whoever asks."""
+    """Boots disarmed in HOLD. Accepts HOLD in every mode, whoever asks.
+
+    Another kind is a class below this one. It says otherwise in the class variables and in the methods from
+    `find_mode` to `_beat`; the rest is the same for all.
+    """
+
+    modes: ClassVar[type[enum.IntEnum]] = Mode
+    boots_in: ClassVar[enum.IntEnum] = Mode.HOLD
+    mission: ClassVar[enum.IntEnum] = Mode.AUTO
+    parameter_table: ClassVar[Sequence[Row]] = ARDUPILOT
+    speeds: ClassVar[tuple[str, ...]] = ("WP_SPEED", "CRUISE_SPEED")
+    """Parameters of the speed along the trail: the first that is not 0 counts; the last is set at first."""
 
     def __init__(self, rover: Rover, send: Callable[[Port, bytes], bool]) -> None:
         self.rover = rover
-        self.parameters = Parameters()
-        self.parameters.set("CRUISE_SPEED", rover.cruise_speed)
-        self.mode = Mode.HOLD
+        self.parameters = Parameters(self.parameter_table)
+        self.parameters.set(self.speeds[-1], rover.cruise_speed)
+        self.mode = self.boots_in
         self.armed = False
         self.mode_log: deque[ModeChange] = deque(maxlen=LOGGED_MODES)
         self.bytes_from_companion = 0
         self.router = Router(SYSTEM, COMPONENT)
-        self.streams = {port: telemetry.Streams() for port in Port}
+        self.streams = {port: telemetry.Streams(self.periods()) for port in Port}
         self._send = send
         self._mav = {port: mavlink.MAVLink(None, SYSTEM, COMPONENT) for port in Port}
         self._commands = Commands(self)
@@ -71,10 +83,10 @@ class Autopilot:
         """Say what is due at `now` (s, any steady clock): heartbeat, streams, parameters being listed."""
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + telemetry.HEARTBEAT_PERIOD
-            self._beat()
+            self._say_heartbeat()
         for port, streams in self.streams.items():
             for number in streams.due(now):
-                self.say(port, telemetry.MESSAGES[number][0](self.rover))
+                self.say(port, self.message(number))
             if self._listing[port] and now >= self._next_listed[port]:
                 self._next_listed[port] = now + PARAMETER_GAP
                 self.say_parameter(port, self._listing[port].popleft())
@@ -94,9 +106,9 @@ class Autopilot:
             ),
         )
 
-    def set_mode(self, mode: Mode, by: str) -> None:
-        """Enter `mode`; the heartbeat tells both ports at once."""
-        if mode is Mode.AUTO and self.mode is not Mode.AUTO and self.parameters["MIS_RESTART"]:
+    def set_mode(self, mode: enum.IntEnum, by: str) -> None:
+        """Enter `mode`, and tell both ports."""
+        if mode is self.mission and self.mode is not self.mission and self.restarts_mission():
             self.rover.restart_mission()
         changed = mode is not self.mode
         self.mode = mode
@@ -116,16 +128,51 @@ class Autopilot:
     def set_parameter(self, name: str, value: float) -> Parameter | None:
         """As `Parameters.set`; what the rover drives by takes effect at once."""
         row = self.parameters.set(name, value)
-        self.rover.cruise_speed = self.parameters["WP_SPEED"] or self.parameters["CRUISE_SPEED"]
+        self.rover.cruise_speed = next((v for name in self.speeds if (v := self.parameters[name])), 0.0)
         return row
 
-    def _apply(self) -> None:
-        drives = {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}
-        self.rover.drive = drives.get(self.mode, Drive.BRAKE) if self.armed else Drive.OFF
+    def find_mode(self, custom: int, _sub: int) -> enum.IntEnum | None:
+        """The mode that a command asks for; None when there is none."""
+        return Mode(custom) if custom in {int(mode) for mode in Mode} else None
+
+    def may_enter(self, _mode: enum.IntEnum) -> bool:
+        """Whether a command for the mode is obeyed now."""
+        return True
+
+    def restarts_mission(self) -> bool:
+        """Whether the mission begins anew each time its mode is entered."""
+        return bool(self.parameters["MIS_RESTART"])
+
+    def results(self, _command: int, result: int) -> list[int]:
+        """The acknowledgements that a command gets, in order."""
+        return [result]
+
+    def periods(self) -> dict[int, float]:
+        """Every message that can be streamed, and its period in s unless somebody asks; inf: never."""
+        return {number: period for number, (_, period) in telemetry.MESSAGES.items()}
+
+    def message(self, number: int) -> Any:
+        """One of `periods` as it would be said now; None when there is no such message."""
+        known = telemetry.MESSAGES.get(number)
+        return None if known is None else known[0](self.rover)
+
+    def heartbeat(self) -> Any:
+        return telemetry.heartbeat(Mode(self.mode), armed=self.armed)
+
+    def drives(self) -> Drive:
+        """What the mode asks of the motors of an armed rover."""
+        return {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}.get(Mode(self.mode), Drive.BRAKE)
 
     def _beat(self) -> None:
+        """Mode or arming has changed: the heartbeat tells it at once."""
+        self._say_heartbeat()
+
+    def _apply(self) -> None:
+        self.rover.drive = self.drives() if self.armed else Drive.OFF
+
+    def _say_heartbeat(self) -> None:
         for port in Port:
-            self.say(port, telemetry.heartbeat(self.mode, armed=self.armed))
+            self.say(port, self.heartbeat())
 
     def _tell(self, text: str) -> None:
         for port in Port:

@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.field import telemetry
-from companion.field.modes import Mode
-
 if TYPE_CHECKING:
     from companion.field.autopilot import Autopilot
     from companion.field.router import Port
@@ -42,8 +39,10 @@ class Commands:
     def run(self, port: Port, frame: Any) -> None:
         """Obey the command in `frame`; NaN where a number is needed is DENIED."""
         handler = self._handlers.get(frame.command)
-        result = UNSUPPORTED if handler is None else handler(port, [frame.param1, frame.param2])
-        self.acknowledge(port, frame, frame.command, result)
+        asked = [frame.param1, frame.param2, frame.param3]
+        result = UNSUPPORTED if handler is None else handler(port, asked)
+        for told in self._autopilot.results(frame.command, result):
+            self.acknowledge(port, frame, frame.command, told)
 
     def acknowledge(self, port: Port, frame: Any, command: int, result: int) -> None:
         self._autopilot.say(
@@ -54,13 +53,15 @@ class Commands:
         )
 
     def set_mode(self, port: Port, asked: Sequence[float]) -> int:
-        """`asked`: base mode, which must carry the custom-mode bit, and the custom mode."""
+        """`asked`: base mode, which must carry the custom-mode bit, custom mode and, with some, sub mode."""
         base, custom = _whole(asked[0]), _whole(asked[1])
         if base is None or custom is None or not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return DENIED
-        if custom not in {int(mode) for mode in Mode}:
+        sub = _whole(asked[2]) if len(asked) > 2 else 0
+        mode = self._autopilot.find_mode(custom, sub or 0)
+        if mode is None or not self._autopilot.may_enter(mode):
             return FAILED
-        self._autopilot.set_mode(Mode(custom), by=port.value)
+        self._autopilot.set_mode(mode, by=port.value)
         return ACCEPTED
 
     def _arm(self, _port: Port, asked: Sequence[float]) -> int:
@@ -78,9 +79,10 @@ class Commands:
         number = _whole(asked[0])
         if number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             return self._capabilities(port, asked)
-        if number not in telemetry.MESSAGES:
+        message = None if number is None else self._autopilot.message(number)
+        if message is None:
             return FAILED
-        self._autopilot.say(port, telemetry.MESSAGES[number][0](self._autopilot.rover))
+        self._autopilot.say(port, message)
         return ACCEPTED
 
     def _capabilities(self, port: Port, _asked: Sequence[float]) -> int:

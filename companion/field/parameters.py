@@ -7,6 +7,7 @@ CRUISE_SPEED and MIS_RESTART change how the rover drives.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -29,7 +30,10 @@ class Parameter:
     high: float
 
 
-_DEFAULTS: tuple[tuple[str, int, float, float, float], ...] = (
+Row = tuple[str, int, float, float, float]
+"""Name, MAV_PARAM_TYPE, value, lowest and highest."""
+
+ARDUPILOT: tuple[Row, ...] = (
     ("SYSID_THISMAV", INT16, 1, 1, 255),
     ("SYSID_MYGCS", INT16, 255, 1, 255),
     ("FRAME_CLASS", INT8, 1, 0, 3),
@@ -62,10 +66,10 @@ _DEFAULTS: tuple[tuple[str, int, float, float, float], ...] = (
 class Parameters:
     """Reading by name or index; a set that makes no sense leaves the old value standing."""
 
-    def __init__(self) -> None:
+    def __init__(self, table: Sequence[Row] = ARDUPILOT) -> None:
         self._rows = [
             Parameter(name, i, kind, float(v), low, high)
-            for i, (name, kind, v, low, high) in enumerate(_DEFAULTS)
+            for i, (name, kind, v, low, high) in enumerate(table)
         ]
         self._index = {row.name: row.index for row in self._rows}
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from companion.field.autopilot import HAND
 from companion.field.control import FieldError
-from companion.field.modes import Mode
 from companion.field.simulation import Simulation
 from companion.field.telemetry import RC_CHANNELS
 
@@ -55,13 +54,15 @@ class Requests:
     def start(self) -> None:
         """Arm and drive the trail, by hand."""
         self._simulation.autopilot.arm(on=True)
-        self._simulation.autopilot.set_mode(Mode.AUTO, HAND)
+        autopilot = self._simulation.autopilot
+        autopilot.set_mode(autopilot.mission, HAND)
 
     def _mode(self, request: Request) -> None:
         name = request.get("mode")
-        if not isinstance(name, str) or name not in Mode.__members__:
-            raise FieldError(f'"mode" is one of {", ".join(Mode.__members__)}')
-        self._simulation.autopilot.set_mode(Mode[name], HAND)
+        modes = self._simulation.autopilot.modes.__members__
+        if not isinstance(name, str) or name not in modes:
+            raise FieldError(f'"mode" is one of {", ".join(modes)}')
+        self._simulation.autopilot.set_mode(modes[name], HAND)
 
     def _move(self, request: Request) -> None:
         thing = self._thing(request)

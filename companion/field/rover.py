@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 STEP = 0.02
 STANDSTILL = 0.02  # m/s; slower counts as standing
+OVERRUN = 2.5  # m that it runs on before it turns back to a point
+RETURN_SPEED = 1.0
+ARRIVED = 0.5  # m
 
 
 class Drive(enum.Enum):
@@ -25,6 +28,8 @@ class Drive(enum.Enum):
 
     FOLLOW = "follow"  # along the trail at cruise speed
     BRAKE = "brake"  # to standstill, and stay
+    CIRCLE = "circle"  # run on, then back to where it was asked for, and stay
+    HOME = "home"  # straight to the start of the trail, and stay
     HAND = "hand"  # the hand's throttle and steering
     OFF = "off"  # motors off: coast
 
@@ -70,7 +75,9 @@ class Rover:
     def __init__(self, trail: Trail, *, cruise_speed: float = 2.5, body: Body | None = None) -> None:
         self.body = body or Body()
         self.cruise_speed = cruise_speed
-        self.drive = Drive.OFF
+        self._drive = Drive.OFF
+        self._circled_from: tuple[float, float] | None = None
+        self._ran_on = False
         self.hand = Hand()
         self._trail = trail
         start = trail.pose(trail.start)
@@ -92,6 +99,17 @@ class Rover:
         from companion.field.trail import Pose
 
         return Pose(self.x, self.y, self.heading)
+
+    @property
+    def drive(self) -> Drive:
+        """What it is asked to do now."""
+        return self._drive
+
+    @drive.setter
+    def drive(self, drive: Drive) -> None:
+        if drive is not self._drive:
+            self._circled_from, self._ran_on = (self.x, self.y), self.speed < STANDSTILL
+        self._drive = drive
 
     @property
     def laps(self) -> int:
@@ -148,12 +166,33 @@ class Rover:
             return Order(force=self._force_for(self.cruise_speed), steering=self._pursuit())
         if self.drive is Drive.BRAKE:
             return Order(brake=True)
+        if self.drive is Drive.CIRCLE:
+            return self._circle()
+        if self.drive is Drive.HOME:
+            home = self._trail.pose(self._trail.start)
+            return self._towards(home.x, home.y, self.cruise_speed)
         if self.drive is Drive.HAND:
             hand, body = self.hand, self.body
             spent = hand.throttle * self.speed > 0 and abs(self.speed) >= body.top_speed
             force = 0.0 if spent else hand.throttle * body.drive_force
             return Order(force=force, steering=hand.steering * body.max_steering)
         return Order()
+
+    def _circle(self) -> Order:
+        """As a rover with car steering loiters: it cannot turn on the spot, so it passes the point first."""
+        x, y = self._circled_from or (self.x, self.y)
+        if not self._ran_on:
+            self._ran_on = math.hypot(x - self.x, y - self.y) >= OVERRUN
+            return Order(force=self._force_for(max(RETURN_SPEED, self.speed - 1.0)), steering=0.0)
+        return self._towards(x, y, RETURN_SPEED)
+
+    def _towards(self, x: float, y: float, speed: float) -> Order:
+        """To a point, and stay there; once there it does not set out again."""
+        if math.hypot(x - self.x, y - self.y) < ARRIVED:
+            self._circled_from = self.x, self.y
+            return Order(brake=True)
+        slowly = min(speed, max(ARRIVED, math.hypot(x - self.x, y - self.y)))
+        return Order(force=self._force_for(slowly), steering=self._steering_to(x, y, 2.4))
 
     def _force_for(self, wanted: float) -> float:
         body = self.body
@@ -168,11 +207,14 @@ class Rover:
             goal = self._trail.pose(self._trail.start)
             if math.hypot(goal.x - self.x, goal.y - self.y) < ahead:
                 self._rejoining = False
-        bearing = _wrapped(math.atan2(goal.y - self.y, goal.x - self.x) - self.heading)
-        reach = max(0.5, math.hypot(goal.x - self.x, goal.y - self.y))
+        return self._steering_to(goal.x, goal.y, 2.0 * ahead)
+
+    def _steering_to(self, x: float, y: float, longest: float) -> float:
+        bearing = _wrapped(math.atan2(y - self.y, x - self.x) - self.heading)
+        reach = max(0.5, math.hypot(x - self.x, y - self.y))
         # A goal behind the rover has no arc in front of it: turn as hard as the wheels allow.
         bearing = _clamp(bearing, math.pi / 2)
-        return math.atan2(2.0 * self.body.wheelbase * math.sin(bearing), min(reach, 2.0 * ahead))
+        return math.atan2(2.0 * self.body.wheelbase * math.sin(bearing), min(reach, longest))
 
 
 def _clamp(value: float, limit: float) -> float:

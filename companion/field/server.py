@@ -5,15 +5,18 @@ from __future__ import annotations
 import selectors
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.field.autopilot import Autopilot
 from companion.field.control import ControlServer
 from companion.field.frames import CapturedFrame, FrameServer
 from companion.field.ports import UdpPort
+from companion.field.px4 import Px4
 from companion.field.requests import Requests
 from companion.field.router import Port
 from companion.field.simulation import Simulation
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
     from companion.field.trail import Pose
 
 TICK = 0.02
+AUTOPILOTS: Mapping[str, type[Autopilot]] = {"ardupilot": Autopilot, "px4": Px4}
 
 
 class Renders(Protocol):
@@ -33,13 +37,15 @@ class Renders(Protocol):
 
 @dataclass(frozen=True)
 class Options:
-    """`fps` of the camera, `speed` in m/s; `duration` in s, None: until told to stop."""
+    """`fps` of the camera, `speed` in m/s; `duration` in s, None: until told to stop;
+    `autopilot` is one of `AUTOPILOTS`."""
 
     seed: int = 1
     fps: float = 12.0
     speed: float = 2.5
     autostart: bool = False
     duration: float | None = None
+    autopilot: str = "ardupilot"
 
 
 class FieldServer:
@@ -53,7 +59,9 @@ class FieldServer:
         self._failure: Exception | None = None
         self._drawn = 0
         self._ports = {port: UdpPort() for port in Port}
-        self._simulation = Simulation(world, self._send, cruise_speed=options.speed)
+        self._simulation = Simulation(
+            world, self._send, cruise_speed=options.speed, autopilot=AUTOPILOTS[options.autopilot]
+        )
         self._frames = FrameServer()
         self._selector = selectors.DefaultSelector()
         requests = Requests(self._simulation, status=self.status, freeze=self._freeze, stop=self.stop)

@@ -28,12 +28,17 @@ class Simulation:
     """
 
     def __init__(
-        self, world: World, send: Callable[[Port, bytes], bool], *, cruise_speed: float = 2.5
+        self,
+        world: World,
+        send: Callable[[Port, bytes], bool],
+        *,
+        cruise_speed: float = 2.5,
+        autopilot: type[Autopilot] = Autopilot,
     ) -> None:
         self.world = world
         self.lock = threading.Lock()
         self.rover = Rover(world.trail, cruise_speed=cruise_speed)
-        self.autopilot = Autopilot(self.rover, send)
+        self.autopilot = autopilot(self.rover, send)
         self.contacts: deque[dict[str, Any]] = deque(maxlen=MAX_CONTACTS)
         self._touching: set[str] = set()
         self._places: dict[tuple[str, float, float], tuple[float, float]] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -94,18 +94,20 @@ MESSAGES: dict[int, tuple[Callable[[Rover], Any], float]] = {
 class Streams:
     """When each message is due on one port."""
 
-    def __init__(self) -> None:
-        self._periods = {number: period for number, (_, period) in MESSAGES.items()}
-        self._due = dict.fromkeys(MESSAGES, 0.0)
+    def __init__(self, periods: Mapping[int, float]) -> None:
+        """periods: s of every message there is, when nobody has asked for another; inf: only when asked."""
+        self._defaults = dict(periods)
+        self._periods = {number: period for number, period in periods.items() if math.isfinite(period)}
+        self._due = dict.fromkeys(periods, 0.0)
 
     def set_interval(self, number: int, microseconds: float) -> bool:
         """MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops the message, 0 is its default rate. False: refused."""
-        if number not in MESSAGES or not math.isfinite(microseconds):
+        if number not in self._defaults or not math.isfinite(microseconds):
             return False
         if microseconds < 0:
             self._periods.pop(number, None)
         elif microseconds == 0:
-            self._periods[number] = MESSAGES[number][1]
+            self._periods[number] = self._defaults[number]
         else:
             self._periods[number] = min(SLOWEST_PERIOD, max(FASTEST_PERIOD, microseconds / 1e6))
         self._due[number] = 0.0

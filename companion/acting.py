@@ -100,6 +100,8 @@ class Acting:
         kind = Kind.CALL if hold.id == self._announcement.last_call else Kind.HOLD
         log.info("hold %d: %s", hold.id, moved.event.value)
         ended = _ENDS.get(moved.event)
+        if ended is not None:
+            self._link.forget_mode()
         if ended is not None and kind is Kind.HOLD:
             self._close_hold(hold.id, ended, now)
         match moved.event:

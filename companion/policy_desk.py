@@ -106,6 +106,8 @@ class PolicyDesk:
 
     def _put_in_force(self, who: str, now: float, *, said: bool) -> list[Decision]:
         policy = self._policies.in_force
+        if policy is not Policy.HOLD:
+            self._link.forget_mode()
         decisions = self._calls.set_policy(policy, now)
         if said:
             log.warning("policy %s, set by %s", policy.name.lower(), who)

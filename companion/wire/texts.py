@@ -153,7 +153,7 @@ def shadow_so_far(count: int, hours: float, most: str) -> str:
     """Shadow policy, summed up. most: the reason of the most."""
     rate = f" ({count / hours:.1f}/h)" if count and hours >= 0.1 else ""
     named = f", most {_REASONS.get(most, most)}" if most else ""
-    return fit(f"Shadow: {count} holds in {hours:.1f} h{rate}{named}")
+    return fit(f"Shadow: {count} in {hours:.1f} h{rate}{named}")
 
 
 def holding(kind: Kind, number: int) -> str:

@@ -114,7 +114,7 @@ class Rig:
         self.perceiver = Painted()
         memory = self.journal.load_memory() or first_memory(self.perceiver.model_id, WORDS)
         judging = Settings()
-        self.policies = Policies(self.policy, OffSwitch(7, Side.HIGH, now) if self.switch else None)
+        self.policies = Policies(self.policy, None if self.switch is None else OffSwitch(7, Side.HIGH, now))
         self.policies.restore(supervision.get("policy"))
         self.calls = OperatorCalls(Numbers(policy=self.policies.in_force, judging=judging), now)
         notices: list[str] = []

@@ -17,13 +17,15 @@ from anytraverse.training.fitting import Options, Progress, batch, class_weights
 from anytraverse.training.folders import Folder
 from anytraverse.training.net import STEM, GroundNet
 
-REFIT = Options(steps=150, rate=5e-4)
+REFIT = Options(steps=150, rate=1e-3)
 """What suits a network that sees already."""
+_KEPT = ("luminance", "stem", "quarter", "eighth", "bottom")
+"""Parts that see edges, colours and textures: few frames would only make them forget others."""
 _HOME = 1e-3  # of the squared way from where it began, added to the loss
 
 
 class Settled(GroundNet):
-    """The network with its normalisation left as it is: few frames cannot measure it anew."""
+    """The network with its first parts and all normalisation left as they are."""
 
     def train(self, mode: bool = True) -> Settled:
         """As of any module, but for the normalisation."""
@@ -95,14 +97,19 @@ def _set(conv: nn.Conv2d, norm: nn.BatchNorm2d | None, weight: Tensor, bias: lis
 def refit(
     start: GroundNet, real: Folder, made: Folder, options: Options, progress: Progress | None = None
 ) -> GroundNet:
-    """The averaged network after training on from `start`, which is used up; itself after no steps."""
+    """The averaged network after training the last parts of `start` on; itself after no steps.
+
+    It is drawn back to where it began (Li et al., L2-SP, 2018). `start` is used up.
+    """
+    torch.set_num_threads(options.threads)
     if not options.steps:
         return start
-    torch.set_num_threads(options.threads)
     torch.manual_seed(options.seed)
     torch.use_deterministic_algorithms(mode=True)
     rng = np.random.default_rng([options.seed, 6])
     net = start.to(memory_format=torch.channels_last)
+    for name, part in net.named_children():
+        part.requires_grad_(requires_grad=name not in _KEPT)
     learnt = [p for p in net.parameters() if p.requires_grad]
     home = [p.detach().clone() for p in learnt]
     average = AveragedModel(net, multi_avg_fn=get_ema_multi_avg_fn(0.98))

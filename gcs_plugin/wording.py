@@ -9,6 +9,7 @@ from pathlib import Path
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Kind, Outcome, Reasons, Result, Stage, State
 from companion.wire.packing import Fractions
+from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
 from gcs_plugin.rovers import Rover
@@ -190,7 +191,19 @@ def status_lines(rover: Rover, now: float) -> list[str]:
             f"  link     {counters.summaries} summaries, {counters.summaries_lost} lost; "
             f"picture {summary.frame_age_ms} ms old when sent"
         )
+    if rover.parameters.get(SHADOW_HOLDS) or rover.parameters.get(SHADOW_HOURS):
+        lines.append(f"  shadow   {shadow(rover)}")
     return lines
+
+
+def shadow(rover: Rover) -> str:
+    """What shadow policy would have held, as far as the rover's parameters tell."""
+    told = rover.parameters
+    holds, hours = told.get(SHADOW_HOLDS, 0.0), told.get(SHADOW_HOURS, 0.0)
+    rate = f", {holds / hours:.1f} an hour" if hours else ""
+    counts = {reason.replace("_", " "): told.get(name, 0.0) for reason, name in SHADOW_REASONS.items()}
+    named = ", ".join(f"{reason} {count:.0f}" for reason, count in counts.items() if count)
+    return f"{holds:.0f} would-be holds in {hours:.1f} h{rate}" + (f" ({named})" if named else "")
 
 
 def words_lines(rover: Rover) -> list[str]:

@@ -164,6 +164,10 @@ class FieldControl:
     def mode(self, mode: str) -> None:
         self.ask("mode", mode=mode)
 
+    def rc(self, channel: int, pwm: int) -> None:
+        """Move a switch of the remote control: channel 5 up, pulse width in us."""
+        self.ask("rc", channel=channel, pwm=pwm)
+
     def remove(self, thing: str) -> None:
         self.ask("remove", id=thing)
 

@@ -1,0 +1,29 @@
+"""What an operator reads of shadow policy's counts."""
+
+from __future__ import annotations
+
+from gcs_plugin.rovers import Rover
+from gcs_plugin.wording import shadow, status_lines
+
+
+def test_the_status_sums_up_what_shadow_policy_would_have_held() -> None:
+    rover = Rover(1)
+    told = {
+        "AT_SHD_HOLDS": 7,
+        "AT_SHD_HOURS": 3.2,
+        "AT_SHD_OBJECT": 5,
+        "AT_SHD_BLOCKED": 2,
+        "AT_SHD_FAULT": 0,
+    }
+    for name, value in told.items():
+        rover.hear_parameter(name, value)
+    assert shadow(rover) == "7 would-be holds in 3.2 h, 2.2 an hour (unknown object 5, blocked 2)"
+    assert f"  shadow   {shadow(rover)}" in status_lines(rover, 0.0)
+
+
+def test_nothing_counted_yet_has_no_rate_and_no_line() -> None:
+    rover = Rover(1)
+    rover.hear_parameter("AT_SHD_HOLDS", 0.0)
+    rover.hear_parameter("AT_SHD_HOURS", 0.0)
+    assert shadow(rover) == "0 would-be holds in 0.0 h"
+    assert not any("shadow" in line for line in status_lines(rover, 0.0))

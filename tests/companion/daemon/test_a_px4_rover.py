@@ -1,0 +1,218 @@
+"""The whole daemon on the simulated PX4 rover, in virtual time: only camera and radio are played."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.field.px4 import Mode, Px4
+from companion.field.router import Parser, Port
+from companion.field.rover import Rover
+from companion.field.trail import Trail
+from companion.wire.ids import Motion, Policy
+from tests.companion.daemon.rig import Clock, Rig
+
+TRAIL = Trail(1)
+STEP = 0.02
+
+
+class Px4Rig(Rig):
+    """A rig whose autopilot is the field's: it drives in MISSION."""
+
+    def __init__(self, folder: Path, clock: Clock, px4_hold: str) -> None:
+        self.px4_hold = px4_hold
+        self.rover = Rover(TRAIL)
+        self.px4 = Px4(self.rover, self._from_px4)
+        self.to_ground: list[Any] = []
+        self._obeyed = 0
+        self._stepped_at = clock.now
+        super().__init__(folder, clock)
+        self.px4.arm(on=True)
+        self.px4.set_mode(Mode.MISSION, "hand")
+
+    def start(self, *, mode: int = 0, forget_frame: bool = False) -> None:
+        super().start(mode=mode, forget_frame=forget_frame)
+        self.stage.vehicle = None
+        self._obeyed = 0
+        self.calls.numbers = replace(self.calls.numbers, px4_hold=self.px4_hold)
+
+    def _from_px4(self, port: Port, frame: bytes) -> bool:
+        if port is Port.COMPANION:
+            self.stage.far.write(frame)
+        else:
+            self.to_ground += Parser().frames(frame)
+        return True
+
+    def _turn(self) -> None:
+        while self._stepped_at + STEP <= self.clock.now:
+            self._stepped_at += STEP
+            self.rover.step(STEP)
+            self.px4.poll(self._stepped_at)
+        self.stage.now = self.clock.now
+        self.daemon.turn()
+        self.deliver()
+
+    def deliver(self) -> None:
+        """What the daemon has sent arrives at the autopilot."""
+        self.stage._collect()
+        for frame in self.stage.frames[self._obeyed :]:
+            self.px4.receive(Port.COMPANION, frame.message)
+        self._obeyed = len(self.stage.frames)
+
+    def leave(self) -> None:
+        """As SIGTERM ends it, with the world going on meanwhile."""
+        turn = self.daemon.turn
+
+        def turn_in_the_world() -> None:
+            self.clock.now += STEP
+            self.rover.step(STEP)
+            self._stepped_at += STEP
+            self.px4.poll(self._stepped_at)
+            turn()
+            self.deliver()
+
+        self.daemon.turn = turn_in_the_world  # type: ignore[method-assign]
+        self.daemon.leave()
+        self.daemon.turn = turn  # type: ignore[method-assign]
+
+    @property
+    def modes(self) -> list[tuple[str, str]]:
+        """Every mode that was entered, and by whom."""
+        return [(change.mode.name, change.by) for change in self.px4.mode_log]
+
+
+MakePx4 = Callable[[str], Px4Rig]
+
+
+@pytest.fixture
+def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakePx4]:
+    """Rigs that drive over grass in MISSION."""
+    import time
+
+    clock = Clock()
+    monkeypatch.setattr(time, "monotonic", clock)
+    monkeypatch.setattr("companion.daemon.TICK", 0.0)
+    made: list[Px4Rig] = []
+
+    def build(px4_hold: str) -> Px4Rig:
+        rig = Px4Rig(tmp_path, clock, px4_hold)
+        made.append(rig)
+        rig.see(4.0)
+        assert rig.rover.speed > 2.0
+        return rig
+
+    yield build
+    for rig in made:
+        rig.kill()
+
+
+ways = pytest.mark.parametrize(("px4_hold", "mode"), [("loiter", "LOITER"), ("offboard", "OFFBOARD")])
+
+
+@ways
+def test_it_is_held_before_a_thing_and_its_mission_goes_on_after_a_go(
+    make: MakePx4, px4_hold: str, mode: str
+) -> None:
+    rig = make(px4_hold)
+    rig.see(15.0, "drum")
+    assert rig.modes == [("MISSION", "hand"), (mode, "companion")]
+    assert rig.rover.speed == 0.0
+    assert rig.state == ("CALLING", 1)
+    rig.word(1, "drum", 1.0, Motion.GO)
+    rig.see(4.0, "drum")
+    assert rig.modes[2:] == [("MISSION", "companion")]
+    assert rig.rover.speed > 1.5
+    assert any("resumed MISSION" in text for text in rig.texts)
+    assert not any("GUIDED" in text for text in rig.texts)
+
+
+def test_the_operator_is_told_that_loiter_circles(make: MakePx4) -> None:
+    rig = make("loiter")
+    rig.see(3.0, "drum")
+    assert "C1 holding: circles back before it stands" in rig.texts
+
+
+def test_offboard_stops_it_within_braking_distance_and_a_second(make: MakePx4) -> None:
+    rig = make("offboard")
+    before, since = rig.rover.distance, rig.clock.now
+    while rig.rover.speed > 0.02 and rig.clock.now - since < 10:
+        rig.see(0.1, "drum")
+    assert rig.clock.now - since < 3.5
+    assert rig.rover.distance - before < 6.0
+
+
+@ways
+def test_a_human_takes_over_and_the_setpoints_stop(make: MakePx4, px4_hold: str, mode: str) -> None:
+    rig = make(px4_hold)
+    rig.see(4.0, "drum")
+    assert rig.px4.mode.name == mode
+    rig.px4.set_mode(Mode.MANUAL, "hand")
+    rig.see(1.5, "drum")
+    assert rig.calls.hold is None
+    before = len(rig.stage.sent("SET_POSITION_TARGET_LOCAL_NED"))
+    rig.see(5.0, "drum")
+    assert len(rig.stage.sent("SET_POSITION_TARGET_LOCAL_NED")) == before
+    assert rig.px4.mode is Mode.MANUAL
+    assert any("taken over by hand: MANUAL" in text for text in rig.texts)
+
+
+@pytest.mark.parametrize("px4_hold", ["loiter", "offboard"])
+def test_a_daemon_that_ends_in_good_order_leaves_it_standing_and_its_successor_resumes(
+    make: MakePx4, px4_hold: str
+) -> None:
+    rig = make(px4_hold)
+    rig.see(15.0, "drum")
+    rig.leave()
+    assert rig.px4.mode is Mode.LOITER
+    rig.kill()
+    rig.clock.now += 5.0
+    rig.start()
+    rig.see(3.0, "drum")
+    assert rig.px4.mode is Mode.LOITER
+    assert rig.calls.current_id == 1
+    rig.word(1, "drum", 1.0, Motion.GO)
+    rig.see(4.0, "drum")
+    assert rig.px4.mode.name == "MISSION"
+
+
+def test_killed_while_it_stands_on_setpoints_it_drives_home_and_the_call_is_closed(make: MakePx4) -> None:
+    rig = make("offboard")
+    rig.see(10.0, "drum")
+    rig.kill()
+    for _ in range(250):
+        rig.clock.now += STEP
+        rig._stepped_at += STEP
+        rig.rover.step(STEP)
+        rig.px4.poll(rig._stepped_at)
+    assert rig.px4.mode is Mode.RTL
+    assert rig.rover.speed > 0.5
+    rig.start()
+    rig.see(3.0, "drum")
+    assert rig.px4.mode is Mode.RTL
+    assert any("taken over by hand: RTL" in text for text in rig.texts)
+
+
+@pytest.mark.parametrize("px4_hold", ["loiter", "offboard"])
+def test_switched_off_it_is_left_standing(make: MakePx4, px4_hold: str) -> None:
+    rig = make(px4_hold)
+    rig.see(10.0, "drum")
+    rig.set("AT_POLICY", float(Policy.OFF))
+    rig.see(5.0, "drum")
+    assert rig.px4.mode is Mode.LOITER
+    assert rig.state[0] == "OFF"
+    assert not rig.calls.holding.streams
+
+
+def test_an_autopilot_of_another_kind_is_told_once_and_never_commanded(make: MakePx4) -> None:
+    rig = make("loiter")
+    rig.px4.heartbeat = lambda: mavlink.MAVLink_heartbeat_message(10, 4, 129, 4, 4, 3)  # type: ignore[method-assign]
+    rig.see(10.0, "drum")
+    assert rig.modes == [("MISSION", "hand")]
+    assert [text for text in rig.texts if "unknown kind" in text] == [
+        "Autopilot of unknown kind: it is never held"
+    ]

@@ -34,8 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     server = FieldServer(
         world,
         camera,
-        Options(args.seed, args.fps, args.speed, args.autostart, args.duration, autopilot=args.autopilot),
+        Options(args.seed, args.fps, args.speed, args.autostart, args.duration, args.script, args.autopilot),
     )
+    if server.no_script:
+        print(f"the script on the autopilot is not running: {server.no_script}", file=sys.stderr)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.stop())
     _announce(json.dumps(server.addresses()))
@@ -68,6 +70,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")
+    parser.add_argument(
+        "--no-script",
+        dest="script",
+        action="store_false",
+        help="do not run config/ardupilot/anytraverse.lua on the autopilot",
+    )
     return parser
 
 

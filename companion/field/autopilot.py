@@ -11,7 +11,7 @@ import enum
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -21,6 +21,9 @@ from companion.field.modes import Mode
 from companion.field.parameters import ARDUPILOT, Parameter, Parameters, Row
 from companion.field.router import Port, Router
 from companion.field.rover import Drive, Rover
+
+if TYPE_CHECKING:
+    from companion.field.scripting import Scripting
 
 SYSTEM = 1
 COMPONENT = 1
@@ -32,7 +35,7 @@ HAND = "hand"
 
 @dataclass(frozen=True)
 class ModeChange:
-    """An entry of the mode log: rover time in s, the new mode, and "companion", "gcs" or "hand"."""
+    """An entry of the mode log: rover time in s, the new mode, and "companion", "gcs", "hand" or "script"."""
 
     t: float
     mode: enum.IntEnum
@@ -58,7 +61,10 @@ class Autopilot:
         self.parameters = Parameters(self.parameter_table)
         self.parameters.set(self.speeds[-1], rover.cruise_speed)
         self.mode = self.boots_in
+        self.mode_by = ""
         self.armed = False
+        self.script: Scripting | None = None
+        self.obstacles_at: float | None = None
         self.mode_log: deque[ModeChange] = deque(maxlen=LOGGED_MODES)
         self.bytes_from_companion = 0
         self.router = Router(SYSTEM, COMPONENT)
@@ -71,8 +77,15 @@ class Autopilot:
         self._next_listed = dict.fromkeys(Port, 0.0)
         self._apply()
 
+    def overhear(self, port: Port, datagram: bytes) -> None:
+        """What came in on `port`, before anybody checks it: scripts hear damaged frames too."""
+        if self.script is not None:
+            self.script.hear(datagram, channel=list(Port).index(port))
+
     def receive(self, port: Port, frame: Any) -> None:
         """Route and obey one parsed frame that came in on `port`."""
+        if frame.get_type() == "OBSTACLE_DISTANCE":
+            self.obstacles_at = self.rover.time
         route = self.router.decide(port, frame)
         if route.forward:
             self._forward(port.other, frame)
@@ -80,7 +93,10 @@ class Autopilot:
             self._execute(port, frame)
 
     def poll(self, now: float) -> None:
-        """Say what is due at `now` (s, any steady clock): heartbeat, streams, parameters being listed."""
+        """Say what is due at `now` (s, any steady clock): heartbeat, streams, parameters being listed.
+        A script runs by the rover's time."""
+        if self.script is not None:
+            self.script.poll()
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + telemetry.HEARTBEAT_PERIOD
             self._say_heartbeat()
@@ -114,16 +130,24 @@ class Autopilot:
         self.mode = mode
         self._apply()
         if changed:
+            self.mode_by = by
             self.mode_log.append(ModeChange(self.rover.time, mode, by))
             self._beat()
 
-    def arm(self, *, on: bool) -> None:
+    def arm(self, *, on: bool) -> bool:
+        """False: a script forbids it. Only where arming checks are on (ARMING_CHECK) it is asked."""
+        if on and self.script is not None and self.parameters["ARMING_CHECK"]:
+            why = self.script.forbids_arming()
+            if why:
+                self.tell(f"Arm: {why}"[:50].encode(), mavlink.MAV_SEVERITY_CRITICAL)
+                return False
         changed = on is not self.armed
         self.armed = on
         self._apply()
         if changed:
             self._beat()
-            self._tell("Throttle armed" if on else "Throttle disarmed")
+            self.tell(b"Throttle armed" if on else b"Throttle disarmed", mavlink.MAV_SEVERITY_INFO)
+        return True
 
     def set_parameter(self, name: str, value: float) -> Parameter | None:
         """As `Parameters.set`; what the rover drives by takes effect at once."""
@@ -174,9 +198,10 @@ class Autopilot:
         for port in Port:
             self.say(port, self.heartbeat())
 
-    def _tell(self, text: str) -> None:
+    def tell(self, text: bytes, severity: int) -> None:
+        """A text of at most 50 bytes, on both ports."""
         for port in Port:
-            self.say(port, mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, text.encode()))
+            self.say(port, mavlink.MAVLink_statustext_message(severity, text))
 
     def _forward(self, port: Port, frame: Any) -> None:
         raw = bytes(frame.get_msgbuf())

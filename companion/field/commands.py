@@ -18,6 +18,8 @@ FAILED = int(mavlink.MAV_RESULT_FAILED)
 UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
 VERSION_4_6_0 = 0x040600FF
 NOTHING = bytes(8)
+MAV_CMD_SCRIPTING = 42701
+SCRIPTING_RESTART = 3
 
 Handler = Callable[["Port", Sequence[float]], int]
 
@@ -34,6 +36,7 @@ class Commands:
             int(mavlink.MAV_CMD_REQUEST_MESSAGE): self._request,
             int(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES): self._capabilities,
             int(mavlink.MAV_CMD_PREFLIGHT_STORAGE): self._store,
+            MAV_CMD_SCRIPTING: self._scripting,
         }
 
     def run(self, port: Port, frame: Any) -> None:
@@ -67,8 +70,7 @@ class Commands:
     def _arm(self, _port: Port, asked: Sequence[float]) -> int:
         if asked[0] not in (0.0, 1.0):
             return DENIED
-        self._autopilot.arm(on=asked[0] == 1.0)
-        return ACCEPTED
+        return ACCEPTED if self._autopilot.arm(on=asked[0] == 1.0) else FAILED
 
     def _set_interval(self, port: Port, asked: Sequence[float]) -> int:
         number = _whole(asked[0])
@@ -93,6 +95,13 @@ class Commands:
                 able, VERSION_4_6_0, 0, 0, 0, NOTHING, NOTHING, NOTHING, 0, 0, 0
             ),
         )
+        return ACCEPTED
+
+    def _scripting(self, _port: Port, asked: Sequence[float]) -> int:
+        script = self._autopilot.script
+        if script is None or asked[0] != SCRIPTING_RESTART:
+            return FAILED
+        script.restart()
         return ACCEPTED
 
     def _store(self, _port: Port, _asked: Sequence[float]) -> int:

@@ -1,4 +1,4 @@
-"""The autopilot's parameters: a fixed, ordered table of names that ArduPilot Rover uses.
+"""The autopilot's parameters: an ordered table of names that ArduPilot Rover uses; a script adds its own.
 
 Values travel as floats whatever their type, as ArduPilot sends them. Most only sit there to be read;
 CRUISE_SPEED and MIS_RESTART change how the rover drives.
@@ -59,7 +59,13 @@ ARDUPILOT: tuple[Row, ...] = (
     ("FS_GCS_ENABLE", INT8, 0, 0, 2),
     ("FS_GCS_TIMEOUT", REAL32, 5.0, 2.0, 120.0),
     ("FS_TIMEOUT", REAL32, 1.5, 1.0, 100.0),
+    ("PRX1_TYPE", INT8, 0, 0, 17),
+    ("OA_TYPE", INT8, 0, 0, 3),
+    ("RC7_OPTION", INT16, 0, 0, 400),
+    ("RC8_OPTION", INT16, 0, 0, 400),
     ("SCR_ENABLE", INT8, 0, 0, 1),
+    ("SCR_HEAP_SIZE", INT32, 65536, 1024, 1 << 20),
+    ("SCR_VM_I_COUNT", INT32, 10_000, 1000, 1_000_000),
 )
 
 
@@ -86,6 +92,13 @@ class Parameters:
         """By index when it is >= 0, else by name; None when there is no such parameter."""
         at = self._index.get(name, -1) if index < 0 else index
         return self._rows[at] if 0 <= at < len(self._rows) else None
+
+    def add(self, name: str, kind: int, default: float) -> None:
+        """One more at the end; one that is there keeps its value, as one that was stored does."""
+        if name not in self._index:
+            limit = float(1 << 24)
+            self._index[name] = len(self._rows)
+            self._rows.append(Parameter(name, len(self._rows), kind, default, -limit, limit))
 
     def set(self, name: str, value: float) -> Parameter | None:
         """The row as it is afterwards: changed, or as before when `value` is not finite or out of range."""

@@ -29,7 +29,7 @@ class Requests:
         self._simulation = simulation
         self._status = status
         self._known: dict[str, Callable[[Request], None]] = {
-            "arm": lambda request: simulation.autopilot.arm(on=_flag(request, "on")),
+            "arm": lambda request: self._arm(on=_flag(request, "on")),
             "freeze_camera": lambda request: freeze(_flag(request, "on")),
             "light": lambda request: simulation.light(_number(request, "level", 0.0, 1.0)),
             "mode": self._mode,
@@ -53,9 +53,13 @@ class Requests:
 
     def start(self) -> None:
         """Arm and drive the trail, by hand."""
-        self._simulation.autopilot.arm(on=True)
+        self._arm(on=True)
         autopilot = self._simulation.autopilot
         autopilot.set_mode(autopilot.mission, HAND)
+
+    def _arm(self, *, on: bool) -> None:
+        if not self._simulation.autopilot.arm(on=on):
+            raise FieldError("the script on the autopilot forbids arming: it wants a companion (ATS_NEED)")
 
     def _mode(self, request: Request) -> None:
         name = request.get("mode")

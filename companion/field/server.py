@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from companion.field.autopilot import Autopilot
 from companion.field.control import ControlServer
 from companion.field.frames import CapturedFrame, FrameServer
+from companion.field.onboard import install
 from companion.field.ports import UdpPort
 from companion.field.px4 import Px4
 from companion.field.requests import Requests
@@ -37,14 +38,15 @@ class Renders(Protocol):
 
 @dataclass(frozen=True)
 class Options:
-    """`fps` of the camera, `speed` in m/s; `duration` in s, None: until told to stop;
-    `autopilot` is one of `AUTOPILOTS`."""
+    """`fps` of the camera, `speed` in m/s; `duration` in s, None: until told to stop; `script`: whether the
+    autopilot runs the shipped script; `autopilot` is one of `AUTOPILOTS`."""
 
     seed: int = 1
     fps: float = 12.0
     speed: float = 2.5
     autostart: bool = False
     duration: float | None = None
+    script: bool = True
     autopilot: str = "ardupilot"
 
 
@@ -62,6 +64,11 @@ class FieldServer:
         self._simulation = Simulation(
             world, self._send, cruise_speed=options.speed, autopilot=AUTOPILOTS[options.autopilot]
         )
+        self.no_script = "--no-script"
+        if options.autopilot == "px4":
+            self.no_script = "PX4 runs none"
+        elif options.script:
+            self.no_script = install(self._simulation.autopilot)
         self._frames = FrameServer()
         self._selector = selectors.DefaultSelector()
         requests = Requests(self._simulation, status=self.status, freeze=self._freeze, stop=self.stop)
@@ -78,6 +85,7 @@ class FieldServer:
             "gcs": f"udpout:127.0.0.1:{self._ports[Port.GCS].number}",
             "frames": "{}:{}".format(*self._frames.address),
             "control": "{}:{}".format(*self._control.address),
+            "script": f"not running: {self.no_script}" if self.no_script else "running",
             "seed": self._options.seed,
         }
 
@@ -133,8 +141,9 @@ class FieldServer:
         return self._ports[port].send(frame)
 
     def _listen(self, port: Port) -> None:
-        for frame in self._ports[port].read():
-            self._simulation.autopilot.receive(port, frame)
+        autopilot = self._simulation.autopilot
+        for frame in self._ports[port].read(lambda datagram: autopilot.overhear(port, datagram)):
+            autopilot.receive(port, frame)
 
     def _freeze(self, on: bool) -> None:
         if on:

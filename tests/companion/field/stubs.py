@@ -24,6 +24,7 @@ class Said:
     t: float
     severity: int
     text: str
+    raw: bytes
 
 
 class Board:
@@ -69,7 +70,7 @@ class Board:
     def send_text(self, severity: int, text: bytes) -> None:
         self._break("send_text")
         assert len(text) <= 50, text
-        self.said.append(Said(self.t, severity, text.decode()))
+        self.said.append(Said(self.t, severity, text.decode(errors="replace"), text))
 
     def parameter(self, name: str) -> float | None:
         self._break("parameter")

@@ -53,7 +53,7 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 @pytest.fixture(scope="module")
 def addresses() -> Iterator[dict[str, Any]]:
-    process = start("--seed", "2")
+    process = start("--seed", "2", "--no-script")
     try:
         yield first_line(process)
     finally:
@@ -125,7 +125,7 @@ def ground(addresses: dict[str, Any]) -> Iterator[Peer]:
 
 
 def test_the_first_line_names_every_address_and_the_seed(addresses: dict[str, Any]) -> None:
-    assert sorted(addresses) == ["companion", "control", "frames", "gcs", "seed"]
+    assert sorted(addresses) == ["companion", "control", "frames", "gcs", "script", "seed"]
     assert addresses["seed"] == 2
     ports = {host_and_port(addresses[name])[1] for name in ("companion", "gcs", "frames", "control")}
     assert len(ports) == 4
@@ -295,3 +295,13 @@ def test_an_option_out_of_range_is_refused_by_name(option: tuple[str, str]) -> N
     )
     assert done.returncode == 2
     assert option[0] in done.stderr
+
+
+def test_it_says_whether_the_script_for_the_autopilot_runs() -> None:
+    pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
+    for options, said in (((), "running"), (("--no-script",), "not running: --no-script")):
+        process = start(*options)
+        try:
+            assert first_line(process)["script"] == said
+        finally:
+            end(process)

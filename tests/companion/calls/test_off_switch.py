@@ -127,7 +127,7 @@ def test_off_by_command_outlives_a_restart_and_still_says_who(switch: OffSwitch)
 
 def test_off_by_the_remote_control_outlives_a_restart_until_it_is_heard(switch: OffSwitch) -> None:
     again = restarted(Policies(Policy.HOLD, off(switch)), Policy.HOLD)
-    assert again.in_force is Policy.OFF
+    assert again.off_by == "RC7"
     assert again.switch is not None
     heard(again.switch, ON, ON, ON, start=100.0)
     assert again.in_force is Policy.HOLD

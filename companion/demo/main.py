@@ -98,6 +98,8 @@ def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
             )
         )
         ports = json.loads(field.first_line(20.0))
+        if ports["script"] != "running":
+            print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
         camera, link = f"field:{ports['frames']}", ports["companion"]
         config = write_config(out, camera=camera, link=link, policy="hold", speed=SPEED)
         daemon = keep(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))

@@ -35,6 +35,7 @@ class Scene:
         self.ground = mavlink.MAVLink(None, 255, 190)
         self.state: int | None = State.OK
         self._beat_at = 0.0
+        self.pass_time(0.2)
 
     def _send(self, port: Port, frame: bytes) -> bool:
         if port is Port.GCS:
@@ -100,9 +101,11 @@ def test_a_companion_that_dies_in_auto_is_stopped_in_time_and_metres(speed: floa
     scene.set_parameter("ATS_TIMEOUT", timeout)
     scene.drive()
     scene.state = None
+    died = scene.rover.time
     seconds, metres = scene.standstill()
-    assert scene.is_in(Mode.HOLD)
-    assert scene.autopilot.mode_log[-1].by == "script"
+    held = scene.autopilot.mode_log[-1]
+    assert (held.mode, held.by) == (Mode.HOLD, "script")
+    assert timeout - 1.0 <= held.t - died <= timeout + 0.2
     braking = 0.15 + speed / 1.4  # reaction and brakes of the field's rover
     assert seconds <= timeout + 0.2 + braking + 0.1
     assert metres <= speed * (timeout + 0.4) + speed**2 / 2.8 + 0.2

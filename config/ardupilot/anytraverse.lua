@@ -3,7 +3,7 @@ AnyTraverse on the autopilot: stops the rover when its companion computer is dea
 
 When in a guarded mode, armed, the companion (component 191 of this vehicle) is silent for ATS_TIMEOUT, reports a
 fault, or the obstacle feed that the autopilot avoids by is dead, the mode becomes HOLD and a text says why. This
-script arms nothing and resumes nothing; the only mode it sets is HOLD, and never over MANUAL, RTL or a failsafe's mode.
+script arms nothing and resumes nothing. The only mode it sets is HOLD, never over MANUAL, RTL or a failsafe's.
 
 The human's mode wins. A loss is held once: whoever then sets a guarded mode again, by transmitter or ground
 station, has read the text and drives without the companion, until it has been well for 5 s or the rover is disarmed.
@@ -11,8 +11,9 @@ On the wire a program's mode change looks like a person's: one that insists on A
 It knows nothing of the companion's policy: where nothing may command the rover yet, ATS_ENABLE 0.
 
 Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 65536 or more;
-SCR_VM_I_COUNT 10000 (the default) or more, a flood of frames takes 5300; reboot. The parameters ATS_* are there when it runs, "Companion heard"
-is its first text; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
+SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5300; reboot. The parameters ATS_* are
+there when it runs, "Companion heard" is its first text; without a companion it stays silent and harmless, unless
+ATS_NEED asks for one.
 Test it on blocks: in AUTO, armed, pull the companion's cable. The wheels stop.
 
 | parameter   | default | unit | meaning                                                                           |

@@ -6,7 +6,7 @@ fault, or the obstacle feed that the autopilot avoids by is dead, the mode becom
 script arms nothing and resumes nothing. The only mode it sets is HOLD, never over MANUAL, RTL or a failsafe's.
 
 The human's mode wins. A loss is held once: whoever then sets a guarded mode again, by transmitter or ground
-station, has read the text and drives without the companion, until it has been well for 5 s or the rover is disarmed.
+station, is taken to have read the text: no hold until the companion was well for 5 s or the rover was disarmed.
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 It knows nothing of the companion's policy: where nothing may command the rover yet, ATS_ENABLE 0.
 

@@ -69,7 +69,7 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard)
     wrong = parameters.judge(autopilot.kind, facts, holds=config.call.policy == "hold")
     if not wrong:
-        wrong = [passed(CHECK, f"{who}: {len(values)} parameters asked, none makes a hold unsafe")]
+        wrong = [passed(CHECK, f"{who}: {len(values)} parameters told, none makes a hold unsafe")]
     return Asked(wrong, parameters.speed(autopilot.kind, values))
 
 

@@ -16,8 +16,8 @@ FARTHEST = 20.0
 WIDEST = 120.0
 """Degrees: a wider view is no pinhole's."""
 _SLOWEST = 0.05
-_LEAST_UNCERTAIN = 0.5
-"""Of a thing without a word, on the mean of its pixels."""
+_UNEXPLAINED = 0.8
+"""Uncertainty of a thing without a word, on the mean of its pixels."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def judge(
     if config.camera.view > WIDEST:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
     outlook = Outlook(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
-    filled = min(1.0, tile / _LEAST_UNCERTAIN) if tile is not None else 1.0
+    filled = min(1.0, tile / _UNEXPLAINED) if tile is not None else 1.0
     rows = filled * roi.tile_share * (roi.right - roi.left) * mount.aspect
     sees = outlook.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)

@@ -34,13 +34,13 @@ policy = {policy}
 # At 2.5 m/s the rover needs 6 m from seeing a thing to standstill: `companion check` has the figures.
 [roi]
 left = 0.35
-top = 0.47
+top = 0.44
 right = 0.65
 bottom = 0.95
 
 [corridor]
 bottom = 0.3
-top = 0.12
+top = 0.06
 
 [words]
 "grass" = 1.0

@@ -115,8 +115,8 @@ def test_a_thing_is_seen_where_it_fills_a_tile_and_not_at_the_upper_row() -> Non
 def test_a_lower_threshold_of_the_tile_sees_farther_as_less_of_it_must_be_filled() -> None:
     outlook = Outlook(1.0, 7.0, 75.0, 1.333)
     half = 0.5 * 0.25 * 0.3 * 1.333
-    assert judged(CONFIG, tile=0.25).sees == pytest.approx(outlook.distance(0.5 + half))
-    for high in (0.5, 0.6, None):
+    assert judged(CONFIG, tile=0.4).sees == pytest.approx(outlook.distance(0.5 + half))
+    for high in (0.8, 0.9, None):
         assert judged(CONFIG, tile=high).sees == judged(CONFIG).sees
 
 

@@ -28,6 +28,7 @@ from companion.settings_desk import SettingsDesk
 from companion.shadow_teller import ShadowTeller
 from companion.tasks import Liveness
 from companion.telling import summary
+from companion.trial import Trial
 from companion.watch import Watch
 from companion.weak_words import WeakWords
 from companion.wire import texts
@@ -88,6 +89,7 @@ class Daemon:
             self.place,
             self._shadow,
         )
+        self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, self.place)
         self._replies: list[Heard] = []
 
     def turn(self) -> None:
@@ -107,6 +109,7 @@ class Daemon:
         self._desk.policy.tick(now)
         self._shadow.tick(now)
         self._acting.carry_out(self._calls.tick(now), now)
+        self._trial.tick(now)
         self._link.stand_still(on=self._calls.holding.streams)
         self._speak(now)
         self._link.tick(now)
@@ -151,6 +154,7 @@ class Daemon:
                 "step_ms": round(1e3 * self._took, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
             },
+            "test_call": self._trial.status,
             "hold_refused": self._desk.hold_refused,
             "camera": {
                 "state": camera.state.value,
@@ -173,6 +177,8 @@ class Daemon:
         match heard:
             case VehicleHeard(vehicle):
                 self._hear_vehicle(vehicle, now)
+            case AnswerRequest() if self._trial.hear(heard, now):
+                pass
             case AnswerRequest():
                 self._take(self._conversation.hear(heard, now), now)
             case ParameterRequest():
@@ -258,13 +264,15 @@ class Daemon:
                 acknowledgement.result.name,
                 acknowledgement.text,
             )
-        self._link.set_state(self._calls.state(now), self._calls.current_id)
+        self._link.set_state(self._calls.state(now), self._calls.current_id or self._trial.id)
         place = self.place()
         said = self._announcement.now(
             self._conversation.words, place, self._keeper.call_picture, self._watch.silent(now), now
         )
         if said is not None:
             self._link.announce(said.data, said.text, now, quiet=said.quiet, severity=said.severity)
+        elif self._trial.id:
+            self._trial.announce(now)
         elif self._calls.policy is Policy.OFF:
             self._link.announce(None, texts.off(self._desk.policy.off_by), now)
         else:

@@ -60,6 +60,11 @@ class Keeper:
         """Name of the open call's picture, or its path where that is short enough for the wire."""
 
     @property
+    def folder(self) -> Path:
+        """Where all of it is kept."""
+        return self._status.parent
+
+    @property
     def failing(self) -> bool:
         """Whether something that must survive could not be written at the last try."""
         return bool(self._failed_at)

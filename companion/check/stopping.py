@@ -117,8 +117,8 @@ def judge(
     tiles are not judged. speed: m/s that the autopilot is known to drive, which counts where it is greater
     than the configured one.
 
-    Time to react: a frame is judged, the votes come in, and then, at worst, the eyes fail: T passes, and the
-    order reaches the brakes.
+    Time to react: a frame is judged and the votes come in, or the eyes fail just then and T passes, whichever
+    takes longer; then the order reaches the brakes. That both happen at once is not reckoned with.
     """
     mount, stopping, roi, call = config.mount, config.stopping, config.roi, config.call
     fastest = max((one for one in (stopping.speed, speed) if one is not None), default=None)
@@ -133,7 +133,7 @@ def judge(
     rows = filled * roi.tile_share * (roi.right - roi.left) * mount.aspect
     sees = outlook.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)
-    react = step + call.window * interval + config.freshness + stopping.delay
+    react = max(step + call.window * interval, config.freshness) + stopping.delay
     judged = Stopping(fastest, stopping.braking, react, min(sees, FARTHEST))
     top = outlook.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged

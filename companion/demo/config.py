@@ -31,16 +31,16 @@ keep = 200
 [call]
 policy = {policy}
 
-# At 2.5 m/s the rover needs 6 m from seeing a thing to standstill: `companion check` has the figures.
+# At 2.5 m/s the rover needs 5 m from seeing a thing to standstill: `companion check` has the figures.
 [roi]
 left = 0.35
-top = 0.44
+top = 0.46
 right = 0.65
 bottom = 0.95
 
 [corridor]
 bottom = 0.3
-top = 0.06
+top = 0.08
 
 [words]
 "grass" = 1.0

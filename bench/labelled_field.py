@@ -1,6 +1,7 @@
 """Renders labelled frames of the simulated trail to a folder: NNNN.jpg, NNNN.png, classes.json.
 
-Every world has a hundred numbers of its own. Surprises are left out unless they are asked for by kind.
+Every zone of every world, a place, has a hundred numbers of its own. Surprises are left out unless they are
+asked for by kind.
 Run: python -m bench.labelled_field OUT --seeds 100 101 [--surprises drum] [--frames 24] [--light 0.5 1.6]
 """
 
@@ -20,21 +21,22 @@ from companion.field.things import World
 def render(
     folder: Path, seeds: list[int], surprises: list[str], frames: int, light: tuple[float, float]
 ) -> int:
-    """Write `frames` (at most 75) frames a seed along its lap, in changing light; how many in all."""
+    """Write `frames` (at most 75) frames a zone along each seed's lap, in changing light; how many in all."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "classes.json").write_text(json.dumps({"ignore": 255, "classes": list(LABELS)}))
-    for place, seed in enumerate(seeds):
+    for number, seed in enumerate(seeds):
         rng = np.random.default_rng([seed, 77])
         world = World(seed, surprises)
         cameras = [Camera(world, 320, 240, seed), Camera(world, 400, 225, seed)]
-        for index, s in enumerate(np.linspace(0.0, world.trail.length, frames, endpoint=False)):
-            world.light = float(np.exp(rng.uniform(np.log(light[0]), np.log(light[1]))))
-            pose = world.trail.pose(float(s + rng.uniform(0, world.trail.length / frames)))
-            image, labels = cameras[index % len(cameras)].render(pose, float(rng.uniform(0, 300)))
-            stem = folder / f"{100 * place + index:04d}"
-            cv2.imwrite(f"{stem}.jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])
-            cv2.imwrite(f"{stem}.png", labels)
-    return frames * len(seeds)
+        for zone, (begin, end) in enumerate(world.trail.borders.values()):
+            for index, s in enumerate(np.linspace(begin, end, frames, endpoint=False)):
+                world.light = float(np.exp(rng.uniform(np.log(light[0]), np.log(light[1]))))
+                pose = world.trail.pose(float(s + rng.uniform(0, (end - begin) / frames)))
+                image, labels = cameras[index % len(cameras)].render(pose, float(rng.uniform(0, 300)))
+                stem = folder / f"{100 * (3 * number + zone) + index:05d}"
+                cv2.imwrite(f"{stem}.jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])
+                cv2.imwrite(f"{stem}.png", labels)
+    return 3 * frames * len(seeds)
 
 
 def main() -> None:

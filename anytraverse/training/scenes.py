@@ -20,8 +20,8 @@ from anytraverse.training.scores import Floats, Network, auroc
 SIZE = 32
 _VISITS = 3  # changed views of each frame
 _RIDGE = 0.1  # of the total variance, added to that within places
-_STEADY = 0.8  # of neighbouring frames that are surely still one place
-_MADE = 2.5  # times that their variation counts: along a drive places vary more than one frame in other light
+_MADE = 8.0  # times that their variation counts: driving on changes a frame more than another light does
+_EVENED = 0.35  # 0: directions count by how well they tell places apart; 0.5: all alike
 _OTHERS = 0.10  # share of pairs of different drives that may pass for one place
 _REVISITS = 0.97  # share of revisits that should pass, where both cannot be had
 
@@ -44,7 +44,7 @@ def fitted_scene(
 ) -> Calibration:
     """Projection from `filmed` and `made` frames, threshold from `validation`.
 
-    A place is a filmed frame in changed views, or neighbouring frames of a made drive.
+    A place is a filmed frame in changed views, or a block of made frames.
     """
     rng = np.random.default_rng([seed, 5])
     visits = _visits(network, filmed, rng)
@@ -53,7 +53,7 @@ def fitted_scene(
     everything = [middles]
     if len(made) > SIZE:
         passes = np.stack([scene_summary(network(frame.image)[1]) for frame in made.frames])
-        within = np.concatenate([within, _MADE * _steps(passes, made)])
+        within = np.concatenate([within, _MADE * _strays(passes, made)])
         everything.append(passes)
     total = np.concatenate(everything)
     mean, spread = total.mean(axis=0), total.std(axis=0) + 1e-4
@@ -102,13 +102,13 @@ def _visits(network: Network, folder: Folder, rng: np.random.Generator) -> NDArr
     ).astype(np.float64)
 
 
-def _steps(passes: Floats, made: Folder) -> NDArray[np.float64]:
-    """Differences of neighbouring frames, without the largest: there the place does change."""
+def _strays(passes: Floats, made: Folder) -> NDArray[np.float64]:
+    """How the frames of each block differ from its mean, the half way to the next place among them."""
     blocks = np.array([frame.number // BLOCK for frame in made.frames])
-    steps = (passes[1:] - passes[:-1])[blocks[1:] == blocks[:-1]].astype(np.float64) / np.sqrt(2)
-    size = np.linalg.norm(steps / (steps.std(axis=0) + 1e-6), axis=1)
-    kept: NDArray[np.float64] = steps[size <= np.quantile(size, _STEADY)]
-    return kept
+    every = [passes[blocks == block].astype(np.float64) for block in np.unique(blocks)]
+    return np.concatenate(
+        [(own - own.mean(axis=0)) * np.sqrt(len(own) / (len(own) - 1)) for own in every if len(own) > 1]
+    )
 
 
 def _discriminant(within: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -120,8 +120,7 @@ def _discriminant(within: NDArray[np.float64], total: NDArray[np.float64]) -> ND
     outer = whitening @ (total.T @ total / len(total)) @ whitening
     spreads, directions = np.linalg.eigh(outer)
     chosen = directions[:, ::-1][:, :SIZE]
-    # Equal spread in every direction: else the first few rule the cosine.
-    scale = np.maximum(spreads[::-1][:SIZE], 1e-6) ** -0.25
+    scale = np.maximum(spreads[::-1][:SIZE], 1e-6) ** -_EVENED
     return np.asarray((chosen * scale).T @ whitening)
 
 

@@ -18,6 +18,7 @@ from anytraverse.training.folders import Labels
 
 Rng = np.random.Generator
 Floats = NDArray[np.float32]
+Window = tuple[slice, slice]
 
 _GROUND = tuple(CLASSES.index(name) for name in ("smooth trail", "rough trail", "grass", "low vegetation"))
 EDGE = 1  # pixels around a thing that are left unlabelled
@@ -32,35 +33,55 @@ def paste_unknowns(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Label
 
 
 def move_patches(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]:
-    """One to three patches of ground or plants from elsewhere in the frame, with their labels.
+    """One to four patches of ground or plants from elsewhere in the frame, with their labels.
 
     A tuft on a trail differs from what is around it as a thing does: standing out must not make it unknown.
+    But its edge is ragged, which that of a thing is not.
     """
     picture, names = image.copy(), labels.copy()
     rows, columns = labels.shape
-    for _ in range(int(rng.integers(1, 4))):
+    for _ in range(int(rng.integers(1, 5))):
         size = rows * math.exp(rng.uniform(math.log(0.06), math.log(0.4))) * np.exp(rng.normal(0.0, 0.4, 2))
         centre = rng.uniform(0, columns), rng.uniform(0.4, 1.0) * rows
         mask = _shape((rows, columns), centre, (float(size[0]), float(size[1])), rng) > 0.5
         left, top, wide, high = cv2.boundingRect(mask.astype(np.uint8))
         if min(wide, high) < 3:
             continue
-        x, y = int(rng.integers(0, columns - wide + 1)), int(rng.integers(0, rows - high + 1))
-        there, here = (
-            (slice(y, y + high), slice(x, x + wide)),
-            (slice(top, top + high), slice(left, left + wide)),
-        )
-        inside = mask[here]
-        if np.isin(labels[there][inside], _GROUND).mean() > 0.9:
+        here = slice(top, top + high), slice(left, left + wide)
+        inside = mask[here] & _ragged((high, wide), rng)
+        there = _another_ground(labels, here, inside, rng)
+        if there:
             picture[here][inside] = image[there][inside]
             names[here][inside] = labels[there][inside]
     return np.asarray(cv2.GaussianBlur(picture, (3, 3), 0.5), dtype=np.uint8), names
 
 
+def _another_ground(labels: Labels, here: Window, inside: NDArray[np.bool_], rng: Rng) -> Window | None:
+    """A window of the size of `here` that shows ground or plants, others than here if there are any."""
+    rows, columns = labels.shape
+    high, wide = inside.shape
+    found = None
+    for _ in range(4):
+        x, y = int(rng.integers(0, columns - wide + 1)), int(rng.integers(0, rows - high + 1))
+        there = slice(y, y + high), slice(x, x + wide)
+        if inside.any() and np.isin(labels[there][inside], _GROUND).mean() > 0.9:
+            found = there
+            if (labels[there][inside] != labels[here][inside]).mean() > 0.7:
+                break
+    return found
+
+
+def _ragged(shape: tuple[int, int], rng: Rng) -> NDArray[np.bool_]:
+    """Lumps and gaps of a few pixels, (rows, columns)."""
+    coarse = rng.uniform(size=tuple(max(2, side // int(rng.integers(2, 9))) for side in shape))
+    lumps = cv2.resize(coarse.astype(np.float32), shape[::-1], interpolation=cv2.INTER_CUBIC)
+    return np.asarray(lumps > rng.uniform(0.2, 0.5), dtype=np.bool_).reshape(shape)
+
+
 def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:
     rows, columns = names.shape
     high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)))
-    wide = high * math.exp(rng.normal(0.0, 0.5))
+    wide = high * math.exp(rng.normal(0.0, 0.5 if rng.random() < 0.7 else 1.2))
     foot = np.clip(rng.normal(0.62, 0.2), 0.2, 1.1) * rows
     centre = rng.uniform(0, columns), foot - high / 2
     mask = _shape((rows, columns), centre, (wide, high), rng)

@@ -95,19 +95,29 @@ def posteriors(logits: Floats, calibration: Calibration) -> Floats:
 
 
 def attention(
-    probabilities: Floats, covers: Floats, own: Floats, gamma: float, fits: Floats | None = None
+    probabilities: Floats,
+    covers: Floats,
+    own: Floats,
+    gamma: float,
+    fits: Floats | None = None,
+    reach: Floats | None = None,
 ) -> Floats:
     """Attention of N words, (N, h, w) in [0, 1], from the posteriors (C, h, w).
 
     covers (N, C): 1 where a word explains a class, else 0. own (N, C): how much a class speaks for a word
     when words compete. fits (N, h, w) or None: how well a point's colours suit each word, to the same end.
+    reach (N, h, w) or None: how much of what it covers each word explains at each point; None is all of it.
     K = (sum of the posteriors of all covered classes)^gamma is how well the words explain a point together.
     A word gets K times its own evidence over that of the best word. So 1 - max is 1 - K, a synonym explains
     nothing twice, and what no asked word means stays low in all of them.
     """
     if not len(own):
         return np.zeros((0, *probabilities.shape[1:]), dtype=np.float32)
-    explained = np.clip(np.tensordot(covers.max(axis=0), probabilities, 1), 0.0, 1.0) ** gamma
+    if reach is None:
+        share = np.tensordot(covers.max(axis=0), probabilities, 1)
+    else:
+        share = ((covers[:, :, None, None] * reach[:, None]).max(axis=0) * probabilities).sum(axis=0)
+    explained = np.clip(share, 0.0, 1.0) ** gamma
     evidence = np.tensordot(own, probabilities, 1)
     if fits is not None:
         evidence *= fits

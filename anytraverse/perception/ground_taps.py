@@ -17,16 +17,22 @@ from anytraverse.frame import Image
 from anytraverse.perception.ground_net import Calibration, Floats
 from anytraverse.regions import Box
 
+Mask = NDArray[np.bool_]
+
 COLOURS = 5
 """Numbers about colour and texture that are added to the network's features."""
 _DIM = 0.08  # of the mean light: what ratios of dark pixels are damped by, against sensor noise
 _FLAT = 0.03  # local contrast below which everything is equally smooth
 _LEAST_CELLS = 3
 _PURE = 0.5  # of the box's cells, those most alike, are the thing: a box holds some background too
+_STRANGE, _STRANGEST = 0.3, 0.9  # a box holds something strange when a tenth of it is stranger than this
 _LOWEST, _HIGHEST = 0.35, 0.8  # between which the threshold stays: 0 is background, 1 the tapped thing itself
 _BACKGROUND = 0.99  # quantile of the tapped frame's background that must stay below the threshold
 _BETWEEN = 0.4  # of the way from that background to the thing lies the threshold
 _SOFT = 0.06
+_LIKENESS = 0.92  # of the cosine that most cells of the thing reach: below lie other things
+_ALMOST_ALL = 0.3  # quantile of the thing's cells that is meant by most
+_SOFT_LIKENESS = 0.03
 
 VIEWS: tuple[tuple[float, float, float], ...] = (
     (1.0, 1.0, 1.0),
@@ -67,14 +73,21 @@ def tap_cells(features: Floats, frame: Floats) -> Floats:
     return np.concatenate([features.transpose(1, 2, 0), colours], axis=-1).astype(np.float32)
 
 
-def learn_tap(views: Sequence[Floats], box: Box, calibration: Calibration) -> Floats:
-    """What the box shows, (T + 1,): a direction w and the threshold on w z of whitened cells z.
+def learn_tap(
+    views: Sequence[Floats], box: Box, calibration: Calibration, strange: Floats | None = None
+) -> Floats:
+    """What the box shows, (T + 2,): a direction w, and thresholds on w z and on the cosine of w and z, of
+    whitened cells z. The first tells the thing from the background, the second from other things that are
+    as far from the background.
 
-    views: `tap_cells` of the frame's `changed_views`. Raises ExampleError when the box is too small.
+    views: `tap_cells` of the frame's `changed_views`. strange: how little is known of each cell by name,
+    (h, w) in [0, 1]. Raises ExampleError when the box is too small.
     """
     inside = box.mask(*views[0].shape[:2])
     if inside.sum() < _LEAST_CELLS:
         raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
+    if strange is not None:
+        inside = _strange_part(inside, strange)
     whitened = [_whitened(cells, calibration) for cells in views]
     direction = _direction(np.mean([white[inside].mean(axis=0) for white in whitened], axis=0))
     alike = np.mean([white[inside] @ direction for white in whitened], axis=0)
@@ -84,7 +97,16 @@ def learn_tap(views: Sequence[Floats], box: Box, calibration: Calibration) -> Fl
     scores = [white[outside] @ direction for white in whitened]
     background = float(np.quantile(np.concatenate(scores), _BACKGROUND)) if outside.any() else _LOWEST
     threshold = np.clip(background + _BETWEEN * (1.0 - background), _LOWEST, _HIGHEST)
-    return np.append(direction, threshold).astype(np.float32)
+    cosines = np.concatenate([_cosine(white[inside][pure], direction) for white in whitened])
+    likeness = _LIKENESS * np.quantile(cosines, _ALMOST_ALL)
+    return np.array([*direction, threshold, likeness], dtype=np.float32)
+
+
+def _strange_part(inside: Mask, strange: Floats) -> Mask:
+    """Where a box holds something strange beside known ground, that is what was meant."""
+    most = float(np.quantile(strange[inside], _STRANGEST))
+    part: Mask = inside & (strange >= 0.5 * most)
+    return part if most >= _STRANGE and part.sum() >= _LEAST_CELLS else inside
 
 
 def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibration: Calibration) -> Floats:
@@ -92,9 +114,21 @@ def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibr
     white = _whitened(cells, calibration)
     found = np.zeros(cells.shape[:2], dtype=np.float32)
     for example in examples:
-        score = white @ example[:-1]
-        np.maximum(found, 1 / (1 + np.exp(np.clip((example[-1] - score) / _SOFT, -30, 30))), out=found)
+        direction, threshold, likeness = example[:-2], example[-2], example[-1]
+        surely = _step((white @ direction - threshold) / _SOFT)
+        surely *= _step((_cosine(white, direction) - likeness) / _SOFT_LIKENESS)
+        np.maximum(found, surely, out=found)
     return found
+
+
+def _step(x: Floats) -> Floats:
+    """From 0 to 1 around 0."""
+    return np.asarray(1 / (1 + np.exp(np.clip(-x, -30, 30))), dtype=np.float32)
+
+
+def _cosine(white: Floats, direction: Floats) -> Floats:
+    lengths = np.linalg.norm(white, axis=-1) * np.linalg.norm(direction)
+    return np.asarray(white @ direction / np.maximum(lengths, 1e-6), dtype=np.float32)
 
 
 def _whitened(cells: Floats, calibration: Calibration) -> Floats:

@@ -59,7 +59,7 @@ def drive(
     world = World(seed, surprises)
     world.light = light
     camera = Camera(world, *size)
-    engines = {zone: _engine(perceiver, words) for zone, words in WORDS.items()}
+    engines = {zone: engine_of(perceiver, words) for zone, words in WORDS.items()}
     trail = world.trail
     for s in np.arange(trail.start, trail.start + trail.length, STEP):
         image, _ = camera.render(trail.pose(float(s)), float(s) / SPEED)
@@ -128,7 +128,7 @@ def laps(perceiver: Perceiver, seed: int, size: tuple[int, int]) -> list[list[st
     """
     world = World(seed)
     camera = Camera(world, *size)
-    engine = _engine(perceiver, WORDS["meadow"])
+    engine = engine_of(perceiver, WORDS["meadow"])
     trail, calls, flags = world.trail, [], [False, False]
     for lap in range(2):
         calls.append(list[str]())
@@ -163,7 +163,7 @@ def _away(pose: Pose, thing: Thing) -> float:
     return math.hypot(thing.x - pose.x, thing.y - pose.y)
 
 
-def _engine(perceiver: Perceiver, words: str) -> AnyTraverse:
+def engine_of(perceiver: Perceiver, words: str) -> AnyTraverse:
     settings = Settings(
         region=REGION, thresholds=Thresholds.of(perceiver.defaults), corridor=Corridor(bottom=0.3, top=0.12)
     )

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.perception import Prompt
-from anytraverse.perception.builtin import Builtin
 from anytraverse.perception.ground_features import FEATURES, ground_features
+from anytraverse.perception.lexicon import Lexicon
 from anytraverse.pooling import weighted_max
 from anytraverse.preferences import Preferences
 
@@ -70,7 +70,7 @@ def statistics(grids: Floats, labels: Labels, names: list[str]) -> None:
 
 def shipped(grids: Floats) -> tuple[Floats, Floats]:
     """Signed maps (n, h, w) and attention (n, words, h, w) of the lexicon as it stands."""
-    words, perceiver = Preferences.parse(WORDS), Builtin()
+    words, perceiver = Preferences.parse(WORDS), Lexicon()
     weights = np.array(list(words.values()), dtype=np.float32)
     attention = np.stack([perceiver.attend(grid, [Prompt(word) for word in words]) for grid in grids])
     return np.stack([weighted_max(maps, weights) for maps in attention]), attention

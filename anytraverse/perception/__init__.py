@@ -113,7 +113,7 @@ KINDS: dict[str, tuple[str, str]] = {
 }
 """Kind -> (module, what makes one of (argument, runtime)). Imported only when the kind is chosen."""
 
-NAMED = ("builtin", "builtin:lexicon", "builtin:net")
+NAMED = ("builtin", "builtin:lexicon")
 """Perceivers that come with this package; what follows the kind is a name here, and a path in all others."""
 
 

@@ -1,86 +1,28 @@
-"""The built-in perceivers, of which this is the smaller one: a lexicon of ground words.
-
-It knows them by colour, light, roughness and height in the image. It needs a few milliseconds a frame.
-Grass, paths, vegetation and sky are its strong words; water, rock and log are weak: tap such things rather
-than naming them. Places are told apart only by the colour and roughness of their ground.
-"""
+"""The built-in perceivers: what a rover sees with before anything is downloaded."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from anytraverse.errors import PerceiverError, UnknownWordError
-from anytraverse.frame import Image, check_image
-from anytraverse.perception import NAMED, DefaultThresholds, Example, Perceiver, Prompt
-from anytraverse.perception.ground_features import Grid, ground_features
-from anytraverse.perception.lexicon import LOOKS, VOCABULARY, meaning
-from anytraverse.perception.looks import Look, attention
+from anytraverse.errors import PerceiverError
+from anytraverse.perception import NAMED, Perceiver
 from anytraverse.perception.runtime import Runtime
-from anytraverse.perception.scene import SAME_PLACE, scene_vector
-from anytraverse.perception.tapped import learn_look, look_of, vector_of
-from anytraverse.regions import Box
-
-MODEL_ID = "builtin-lexicon-1"
 
 
 def make_builtin(argument: str, runtime: Runtime) -> Perceiver:
-    """ "" or "lexicon": the lexicon; "net": the package's network; FILE.onnx: a network of the user's own.
+    """ "": the package's network; FILE.onnx: one of the user's own; "lexicon": colours alone, no network.
 
     Raises PerceiverError for anything else, and for a network that cannot be loaded.
     """
-    if argument in {"", "lexicon"}:
-        return Builtin()
-    if argument != "net" and not argument.endswith(".onnx"):
+    if argument == "lexicon":
+        from anytraverse.perception.lexicon import Lexicon
+
+        return Lexicon()
+    if argument and not argument.endswith(".onnx"):
         raise PerceiverError(
             f'there is no "builtin:{argument}": choose {", ".join(NAMED)} '
             "or builtin:FILE.onnx for a network of your own"
         )
     from anytraverse.perception.ground import SHIPPED, GroundNetwork
 
-    return GroundNetwork(SHIPPED if argument == "net" else Path(argument).expanduser(), runtime)
-
-
-class Builtin:
-    """A `Perceiver` that knows some forty words. Stateless: its features are the grid of measurements."""
-
-    model_id = MODEL_ID
-    vocabulary = VOCABULARY
-    defaults = DefaultThresholds(roi=0.3, scene=SAME_PLACE, tile=0.25)
-
-    def meaning(self, word: str) -> str:
-        """The concept under which synonyms meet. Raises UnknownWordError."""
-        return meaning(word)
-
-    def encode(self, image: Image) -> Grid:
-        """The measurements of an RGB frame: see `ground_features`."""
-        check_image(image)
-        return ground_features(image)
-
-    def attend(self, features: Grid, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
-        """Attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
-        return attention(features, [self._looks(prompt) for prompt in prompts])
-
-    def embed(self, features: Grid) -> NDArray[np.float32]:
-        """The scene, a unit vector: see `scene_vector`."""
-        return scene_vector(features)
-
-    def example(self, features: Grid, box: Box) -> Example:
-        """The look of the thing in the box. Raises ExampleError when the box is too small."""
-        return Example(self.model_id, vector_of(learn_look(features, box)))
-
-    def _looks(self, prompt: Prompt) -> tuple[Look, ...]:
-        """What the prompt looks for: the looks of its word, if it is a known one, and of its examples."""
-        try:
-            named = LOOKS[self.meaning(prompt.word)]
-        except UnknownWordError:
-            if not prompt.examples:
-                raise
-            named = ()
-        return (*named, *(self._tapped(example) for example in prompt.examples))
-
-    def _tapped(self, example: Example) -> Look:
-        return look_of(example.vector_for(self.model_id))
+    return GroundNetwork(Path(argument).expanduser() if argument else SHIPPED, runtime)

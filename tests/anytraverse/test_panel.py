@@ -28,7 +28,7 @@ from anytraverse.frame import Frame, Image
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.panel import contact_sheet, draw_panel, draw_state
-from anytraverse.perception.builtin import Builtin
+from anytraverse.perception.lexicon import Lexicon
 from anytraverse.preferences import Preferences
 
 WORDS = "grass: 1; dirt: 1; sky: -0.5; bush: -1; tree: -1"
@@ -46,7 +46,7 @@ def picture(height: int = 120, width: int = 160) -> Image:
 
 def assess(image: Image, words: str = WORDS, *, late: bool = False) -> tuple[Assessment, Settings]:
     """The judged picture and its settings; `late` makes it a fault."""
-    perceiver, settings = Builtin(), Settings()
+    perceiver, settings = Lexicon(), Settings()
     engine = AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
     return engine.step(Frame(1, 0.0, image), 99.0 if late else 0.0), settings
 
@@ -80,7 +80,7 @@ def test_a_panel_without_words_or_with_a_fault_is_drawn_all_the_same() -> None:
 
 def test_a_frame_that_could_not_be_judged_gets_its_tile_with_the_fault_named() -> None:
     settings = Settings()
-    engine = AnyTraverse(Builtin(), settings, first_memory("builtin-lexicon-1", Preferences.parse(WORDS)))
+    engine = AnyTraverse(Lexicon(), settings, first_memory("builtin-lexicon-1", Preferences.parse(WORDS)))
     fault = engine.step(Frame(1, 0.0, np.zeros((4, 4), np.uint8)), 0.0)
     assert fault.maps is None
     tile = draw_state(picture(), fault, "fault", VERMILION, region=settings.region)

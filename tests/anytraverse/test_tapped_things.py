@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from anytraverse.errors import ExampleError
 from anytraverse.frame import Image
 from anytraverse.perception import Prompt
-from anytraverse.perception.builtin import Builtin
+from anytraverse.perception.lexicon import Lexicon
 from anytraverse.regions import Box
 
 COLOURS = {"orange": (222, 118, 28), "blue": (36, 78, 168), "red": (176, 44, 36), "pale": (168, 182, 204)}
@@ -33,7 +33,7 @@ def picture(colour: tuple[int, int, int], where: Box, *, light: float = 1.0, see
 
 def found(taught: Image, tap: Box, shown: Image) -> NDArray[np.float32]:
     """Attention in `shown` to what `tap` showed in `taught`, beside words for the ground."""
-    perceiver = Builtin()
+    perceiver = Lexicon()
     example = perceiver.example(perceiver.encode(taught), tap)
     prompts = [Prompt("grass"), Prompt("dirt path"), Prompt("sky"), Prompt("thing", (example,))]
     maps: NDArray[np.float32] = perceiver.attend(perceiver.encode(shown), prompts)[3]
@@ -83,7 +83,7 @@ def test_a_tap_on_plain_ground_teaches_the_ground() -> None:
 
 
 def test_a_known_word_with_a_tap_finds_both() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     features = perceiver.encode(picture(COLOURS["orange"], FAR))
     example = perceiver.example(features, FAR)
     both = perceiver.attend(features, [Prompt("grass", (example,))])[0]
@@ -92,7 +92,7 @@ def test_a_known_word_with_a_tap_finds_both() -> None:
 
 
 def test_of_several_taps_each_is_found() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     examples = tuple(
         perceiver.example(perceiver.encode(picture(COLOURS[colour], FAR)), FAR)
         for colour in ("orange", "blue")
@@ -104,13 +104,13 @@ def test_of_several_taps_each_is_found() -> None:
 
 
 def test_a_box_too_small_to_teach_anything_is_refused() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     with pytest.raises(ExampleError, match="too small"):
         perceiver.example(perceiver.encode(picture(COLOURS["red"], FAR)), Box(0.5, 0.5, 0.505, 0.505))
 
 
 def test_a_box_over_the_whole_picture_teaches_something_finite() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     example = perceiver.example(perceiver.encode(picture(COLOURS["red"], FAR)), Box(0.0, 0.0, 1.0, 1.0))
     assert example.model_id == perceiver.model_id
     assert np.isfinite(example.vector).all()

@@ -270,7 +270,7 @@ def test_the_journal_lies_where_systemd_says_unless_config_says(
     ("name", "meant"),
     [
         ("builtin", "builtin"),
-        ("builtin:net", "builtin:net"),
+        ("builtin:lexicon", "builtin:lexicon"),
         ("builtin:mine.onnx", "builtin:{folder}/mine.onnx"),
         ("clipseg:/opt/bundle", "clipseg:/opt/bundle"),
         ("clipseg:models/clipseg", "clipseg:{folder}/models/clipseg"),

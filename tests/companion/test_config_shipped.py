@@ -6,8 +6,7 @@ import re
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
 
-import pytest
-
+from anytraverse.perception import make_perceiver
 from companion.config import format_config, load_config
 from companion.config.schema import SECTIONS
 from companion.resources import resource
@@ -30,8 +29,9 @@ def test_the_shipped_files_load() -> None:
 
 
 def test_the_shipped_words_are_known_to_the_built_in_perceiver() -> None:
-    builtin = pytest.importorskip("anytraverse.perception.builtin").Builtin()
-    for word in load_config(resource("config/companion.toml")).vocabulary:
+    shipped = load_config(resource("config/companion.toml"))
+    builtin = make_perceiver(shipped.perceiver.name)
+    for word in shipped.vocabulary:
         builtin.meaning(word)
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from anytraverse.errors import ExampleError, PerceiverError, UnknownWordError
 from anytraverse.frame import Image
 from anytraverse.perception import Example, Prompt, make_perceiver
-from anytraverse.perception.builtin import Builtin
 from anytraverse.perception.ground_features import GRID, ground_features
-from anytraverse.perception.lexicon import LOOKS
+from anytraverse.perception.lexicon import Lexicon
+from anytraverse.perception.lexicon_words import LOOKS
 from anytraverse.regions import Box
 
 SKY, GRASS, DIRT, GRAVEL = (150, 185, 235), (84, 116, 48), (148, 118, 84), (158, 156, 152)
@@ -51,7 +51,7 @@ def scene(
 
 def attend(image: Image, *words: str) -> dict[str, NDArray[np.float32]]:
     """Attention of words on a picture."""
-    perceiver = Builtin()
+    perceiver = Lexicon()
     maps = perceiver.attend(perceiver.encode(image), [Prompt(word) for word in words])
     return dict(zip(words, maps, strict=True))
 
@@ -62,7 +62,7 @@ def inside(values: NDArray[np.float32], box: Box) -> NDArray[np.float32]:
 
 
 def test_maps_are_float32_in_0_to_1_at_one_resolution_in_the_order_of_the_prompts() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     features = perceiver.encode(scene())
     maps = perceiver.attend(features, [Prompt(word) for word in WORDS])
     assert maps.dtype == np.float32
@@ -74,7 +74,7 @@ def test_maps_are_float32_in_0_to_1_at_one_resolution_in_the_order_of_the_prompt
 
 
 def test_no_prompts_give_no_maps() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     assert perceiver.attend(perceiver.encode(scene()), []).shape == (0, 72, GRID)
 
 
@@ -115,7 +115,7 @@ def test_attention_hardly_changes_with_the_light() -> None:
 
 
 def test_synonyms_meet_under_one_name_and_look_alike() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     assert perceiver.meaning("path") == perceiver.meaning("Trail") == "trail"
     assert perceiver.meaning("dirt path") == perceiver.meaning("earth") == "dirt"
     assert perceiver.meaning("puddle") == perceiver.meaning("water")
@@ -128,7 +128,7 @@ def test_synonyms_meet_under_one_name_and_look_alike() -> None:
 
 
 def test_every_word_of_the_vocabulary_can_be_grounded() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     features = perceiver.encode(scene())
     assert {perceiver.meaning(word) for word in perceiver.vocabulary} == set(LOOKS)
     asked = [Prompt(word) for word in perceiver.vocabulary]
@@ -136,7 +136,7 @@ def test_every_word_of_the_vocabulary_can_be_grounded() -> None:
 
 
 def test_a_word_that_is_not_known_is_refused_by_name_with_what_is_known() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     with pytest.raises(UnknownWordError, match=r'"gnome".*knows: .*grass.*tap'):
         perceiver.meaning("gnome")
     with pytest.raises(UnknownWordError, match="gnome"):
@@ -144,7 +144,7 @@ def test_a_word_that_is_not_known_is_refused_by_name_with_what_is_known() -> Non
 
 
 def test_the_scene_is_a_unit_vector_that_tells_kinds_of_ground_apart_but_not_light_or_things() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     meadow = perceiver.embed(perceiver.encode(scene()))
     assert meadow.dtype == np.float32
     assert float(meadow @ meadow) == pytest.approx(1.0, abs=1e-5)
@@ -162,7 +162,7 @@ def test_the_scene_is_a_unit_vector_that_tells_kinds_of_ground_apart_but_not_lig
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (2, 3), (3, 900), (900, 3), (17, 31), (480, 640)])
 def test_pictures_of_any_size_are_judged(shape: tuple[int, int]) -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     image = np.full((*shape, 3), 90, dtype=np.uint8)
     features = perceiver.encode(image)
     maps = perceiver.attend(features, [Prompt("grass")])
@@ -173,7 +173,7 @@ def test_pictures_of_any_size_are_judged(shape: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("level", [0, 255])
 def test_black_and_white_pictures_stay_finite(level: int) -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     features = perceiver.encode(np.full((24, 32, 3), level, dtype=np.uint8))
     assert np.isfinite(features).all()
     assert np.isfinite(perceiver.embed(features)).all()
@@ -183,7 +183,7 @@ def test_what_is_no_picture_is_refused() -> None:
     pictures: list[Any] = [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((0, 4, 3), np.uint8)]
     for wrong in pictures:
         with pytest.raises(PerceiverError, match="RGB"):
-            Builtin().encode(wrong)
+            Lexicon().encode(wrong)
 
 
 def test_features_are_the_same_for_a_picture_twice_as_bright() -> None:
@@ -193,16 +193,16 @@ def test_features_are_the_same_for_a_picture_twice_as_bright() -> None:
 
 
 def test_an_example_of_another_model_is_refused() -> None:
-    perceiver = Builtin()
+    perceiver = Lexicon()
     stranger = Example("another-1", np.zeros(8, dtype=np.float32))
     with pytest.raises(ExampleError, match="another-1"):
         perceiver.attend(perceiver.encode(scene()), [Prompt("drum", (stranger,))])
 
 
 def test_it_is_made_by_name_and_another_name_is_refused_with_the_choices() -> None:
-    assert make_perceiver("builtin").model_id == "builtin-lexicon-1"
     assert make_perceiver("builtin:lexicon").model_id == "builtin-lexicon-1"
-    with pytest.raises(PerceiverError, match=r"builtin:lexicon, builtin:net or builtin:FILE\.onnx"):
+    assert make_perceiver("builtin").model_id.startswith("builtin-net-")
+    with pytest.raises(PerceiverError, match=r"builtin, builtin:lexicon or builtin:FILE\.onnx"):
         make_perceiver("builtin:large")
 
 

@@ -1,0 +1,177 @@
+"""Whether the built-in perceiver calls for everything that lies on simulated trails, and for little else.
+
+Two laps a seed at 2.5 m/s and 10 frames/s in changing light, with an operator who names each place, taps each
+thing that is called for and takes it away. A thing is missed when the rover reaches it. A call is false on
+trail that is familiar: more than 10 m from a thing and from a change of scene.
+Run: python -m bench.field_goal [--perceiver builtin] [--seeds 1 2 3] [--size 320x240]
+The last line is one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import dataclass, field
+
+import cv2
+
+from anytraverse.answers import Changes, Tap
+from anytraverse.assessment import Assessment, Reason
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from anytraverse.perception import Perceiver, make_perceiver
+from anytraverse.perception.runtime import Runtime
+from anytraverse.preferences import Preferences
+from bench.builtin_field import WORDS, engine_of
+from companion.field.render import Camera
+from companion.field.things import DEFAULT_SURPRISES, Thing, World
+
+SPEED = 2.5  # m/s
+STEP = SPEED / 10  # m between two frames
+LAPS = 2
+FAMILIAR = 10.0  # m
+REACHED = 0.8  # m from the rover's middle to a thing's, along the trail
+NEAR = 7.0  # m, within which a call is about the thing
+CALLS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
+
+
+@dataclass
+class Tally:
+    """called: kind and metres left of each thing that was called for. blocked: of each that was taken for one
+    named before and not drivable, which holds the rover too. false: where, and why.
+    """
+
+    called: list[tuple[str, float]] = field(default_factory=list)
+    blocked: list[tuple[str, float]] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
+    false: list[str] = field(default_factory=list)
+    places: int = 0
+    familiar: int = 0
+    frames: int = 0
+
+
+class Drive:
+    """One seed's laps. Each kind of thing lies in another zone from seed to seed."""
+
+    def __init__(self, perceiver: Perceiver, seed: int, size: tuple[int, int]) -> None:
+        turn = seed % len(DEFAULT_SURPRISES)
+        self.world = World(seed, DEFAULT_SURPRISES[turn:] + DEFAULT_SURPRISES[:turn])
+        self.camera = Camera(self.world, *size)
+        self.engine: AnyTraverse = engine_of(perceiver, WORDS["meadow"])
+        self.tally = Tally()
+        self._flags: list[bool] = []
+        self._blocked: list[bool] = []
+        self._calls = 0
+
+    def run(self) -> Tally:
+        """All laps."""
+        trail, travelled = self.world.trail, 0.0
+        while travelled < LAPS * trail.length:
+            self._frame((trail.start + travelled) % trail.length, travelled / SPEED)
+            travelled += STEP
+        return self.tally
+
+    def _frame(self, s: float, now: float) -> None:
+        self.world.light = 1 + 0.4 * math.sin(now / 7)
+        self.tally.frames += 1
+        familiar = self._is_familiar(s)
+        self.tally.familiar += familiar
+        image, _ = self.camera.render(self.world.trail.pose(s), now)
+        judged = self.engine.step(Frame(self.tally.frames, now, image), now)
+        self._flags.append(bool(judged.reasons & CALLS))
+        ahead = self._ahead(s)
+        if judged.match is None and self._flags[-1] and sum(self._flags[-3:]) >= 2:
+            self._call(judged, s, now, ahead, familiar=familiar)
+        self._blocked.append(Reason.BLOCKED in judged.reasons)
+        if sum(self._blocked[-3:]) >= 2 and self._blocked[-1]:
+            self._hold(s, ahead, familiar=familiar)
+        if ahead is not None and self._left(ahead, s) <= REACHED and ahead.id in self.world.things:
+            self.tally.missed.append(ahead.kind)
+            self.world.remove(ahead.id)
+
+    def _call(self, judged: Assessment, s: float, now: float, ahead: Thing | None, *, familiar: bool) -> None:
+        left = self._left(ahead, s) if ahead is not None else math.inf
+        if ahead is not None and left < NEAR and judged.roi:
+            changes = Changes(taps=(Tap(judged.frame.id, judged.roi.worst_tile.box, ahead.kind, -1.0),))
+            self.tally.called.append((ahead.kind, round(left, 1)))
+            self.world.remove(ahead.id)
+        else:
+            changes = Changes(weights=dict(Preferences.parse(WORDS[self.world.trail.zone(s + 4.0)])))
+            self.tally.places += 1
+        if familiar:
+            why = "+".join(sorted(reason.value for reason in judged.reasons & CALLS))
+            self.tally.false.append(f"{self.world.trail.zone(s)} {s:.0f} m {why}")
+        self._calls += 1
+        self.engine.answer(changes, now, call=judged.observation, call_id=self._calls, go=True)
+        self._flags.clear()
+
+    def _hold(self, s: float, ahead: Thing | None, *, familiar: bool) -> None:
+        left = self._left(ahead, s) if ahead is not None and ahead.id in self.world.things else math.inf
+        if ahead is not None and left < NEAR:
+            self.tally.blocked.append((ahead.kind, round(left, 1)))
+            self.world.remove(ahead.id)
+        elif familiar:
+            self.tally.false.append(f"{self.world.trail.zone(s)} {s:.0f} m blocked")
+        self._blocked.clear()
+
+    def _ahead(self, s: float) -> Thing | None:
+        """The nearest surprise ahead."""
+        things = [thing for thing in self.world.things.values() if thing.surprise]
+        return min(things, key=lambda thing: self._left(thing, s), default=None)
+
+    def _left(self, thing: Thing, s: float) -> float:
+        trail = self.world.trail
+        return (trail.nearest(thing.x, thing.y)[0] - s) % trail.length
+
+    def _is_familiar(self, s: float) -> bool:
+        trail = self.world.trail
+        marks = [trail.nearest(t.x, t.y)[0] for t in self.world.things.values() if t.surprise]
+        marks += [begin for begin, _ in trail.borders.values()]
+        return all(abs(math.remainder(mark - s, trail.length)) > FAMILIAR for mark in marks)
+
+
+def main() -> None:
+    """A line a seed, then all of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--perceiver", default="builtin")
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 21)))
+    parser.add_argument("--size", default="320x240")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    perceiver = make_perceiver(options.perceiver, Runtime(threads=1))
+    width, height = (int(part) for part in options.size.split("x"))
+    tallies = []
+    for seed in options.seeds:
+        tally = Drive(perceiver, seed, (width, height)).run()
+        tallies.append(tally)
+        called, blocked = (
+            ", ".join(f"{kind} {left} m" for kind, left in found) or "none"
+            for found in (tally.called, tally.blocked)
+        )
+        missed, false = ", ".join(tally.missed) or "none", "; ".join(tally.false) or "none"
+        print(
+            f"seed {seed}: called for {called}; blocked by {blocked}; missed {missed}; "
+            f"places {tally.places}; false {false} ({tally.familiar} familiar frames)",
+            flush=True,
+        )
+    wrong, familiar = sum(len(t.false) for t in tallies), sum(t.familiar for t in tallies)
+    print(
+        json.dumps(
+            {
+                "seeds": len(tallies),
+                "things": sum(len(t.called) + len(t.blocked) + len(t.missed) for t in tallies),
+                "missed": sum(len(t.missed) for t in tallies),
+                "called": sum(len(t.called) for t in tallies),
+                "nearest": min((left for t in tallies for _, left in t.called + t.blocked), default=None),
+                "false_calls": wrong,
+                "familiar_frames": familiar,
+                "false_per_100": round(100 * wrong / max(familiar, 1), 3),
+                "calls_for_places": sum(t.places for t in tallies),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""The field as a process, with the rover anywhere on the trail: `python -m bench.stopping.field`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+
+import cv2
+
+from companion.field.render import Camera
+from companion.field.server import FieldServer, Options
+from companion.field.things import DEFAULT_SURPRISES, World
+
+FPS = 12.0
+SIZE = 320, 240
+
+
+def main() -> None:
+    """Print the addresses as one line of JSON, then serve until SIGTERM or SIGINT."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--at", type=float, default=0.0, help="m along the trail")
+    parser.add_argument("--speed", type=float, default=2.5, help="m/s")
+    parser.add_argument("--surprises", action="store_true", help="a drum, a rock and a log on the way")
+    parser.add_argument("--no-script", dest="script", action="store_false")
+    given = parser.parse_args()
+    cv2.setNumThreads(1)
+    world = World(given.seed, DEFAULT_SURPRISES if given.surprises else ())
+    world.trail.start = given.at
+    camera = Camera(world, *SIZE, seed=given.seed)
+    server = FieldServer(
+        world, camera, Options(seed=given.seed, fps=FPS, speed=given.speed, script=given.script)
+    )
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: server.stop())
+    print(json.dumps(server.addresses()), flush=True)
+    server.run()
+
+
+if __name__ == "__main__":
+    main()

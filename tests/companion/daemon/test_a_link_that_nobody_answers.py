@@ -10,6 +10,7 @@ import pytest
 
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
+from companion.link.heard import Vehicle
 from companion.tasks import Liveness, tasks
 from companion.watch import ALONE_AFTER, Watch
 
@@ -43,7 +44,7 @@ def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.Log
 
 
 def test_an_autopilot_that_is_heard_is_no_matter_for_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    watch = _watch(_link(object()))
+    watch = _watch(_link(Vehicle(1, autopilot=3, custom_mode=0, armed=False, heard_at=0.0, type=10)))
     with caplog.at_level(logging.INFO, "companion.watch"):
         for now in (0.0, ALONE_AFTER + 1):
             watch.look(now)

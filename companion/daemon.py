@@ -127,7 +127,7 @@ class Daemon:
         autopilot = self._calls.autopilot.autopilot
         if autopilot is not None and self._calls.holding.streams:
             self._link.set_mode(autopilot.rest_mode, time.monotonic())
-        self._link.set_state(State.FAULT, self._calls.current_id)
+        self._link.set_state(State.FAULT, self._calls.current_id, self._calls.policy)
         self._link.say(texts.dying(), ALERT, time.monotonic())
         for _ in range(_FAREWELL):
             self._link.tick(time.monotonic())
@@ -264,7 +264,8 @@ class Daemon:
                 acknowledgement.result.name,
                 acknowledgement.text,
             )
-        self._link.set_state(self._calls.state(now), self._calls.current_id or self._trial.id)
+        open_id = self._calls.current_id or self._trial.id
+        self._link.set_state(self._calls.state(now), open_id, self._calls.policy)
         place = self.place()
         said = self._announcement.now(
             self._conversation.words, place, self._keeper.call_picture, self._watch.silent(now), now

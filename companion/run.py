@@ -59,7 +59,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     supervision = journal.load_supervision() or {}
     link = Link(config.link.settings(), listed, time.monotonic())
     closing.callback(link.close)
-    link.set_state(State.STARTING, open_id(supervision))
+    link.set_state(State.STARTING, open_id(supervision), first_policy(config, supervision))
     ready = load(partial(get_ready, config, journal.load_memory()), link, stop)
     if ready is None:
         return 0
@@ -156,6 +156,12 @@ def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
         raise
     daemon.leave()
     keeper.write_status(daemon.status(), last=True)
+
+
+def first_policy(config: Config, saved: Mapping[str, Any]) -> Policy:
+    """What will be in force unless holding is refused: the autopilot's script goes by it from the start."""
+    configured = Policy[config.call.policy.upper()]
+    return restored_policies(config, configured, saved.get("policy"), time.monotonic()).in_force
 
 
 def open_id(saved: Mapping[str, Any]) -> int:

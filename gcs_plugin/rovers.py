@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from statistics import median
 
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Outcome, Result, Stage, State, read_heartbeat_mode
+from companion.wire.ids import Kind, Outcome, Policy, Result, Stage, State, read_heartbeat_mode
 from companion.wire.parameters import WORD_PREFIX
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin import events as ev
@@ -74,6 +74,7 @@ class Rover:
         self.system = system
         self.state: State | None = None
         self.current_id = 0
+        self.policy: Policy | None = None
         self.vehicle: Vehicle | None = None
         self.summary: Summary | None = None
         self.calls: dict[int, Call] = {}
@@ -132,7 +133,7 @@ class Rover:
 
     def hear_state(self, custom_mode: int, now: float) -> list[ev.Event]:
         """Raises ValueError for a state that this version does not know."""
-        state, current_id = read_heartbeat_mode(custom_mode)
+        state, current_id, self.policy = read_heartbeat_mode(custom_mode)
         told: list[ev.Event] = []
         if (state, current_id) != (self.state, self.current_id):
             told.append(ev.StateChanged(self.system, state, current_id))

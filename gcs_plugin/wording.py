@@ -181,12 +181,13 @@ def status_lines(rover: Rover, now: float) -> list[str]:
     drives = "vehicle unknown" if rover.vehicle is None else rover.vehicle.text
     doing = "state unknown" if rover.state is None else state(rover.state, rover.current_id)
     lines = [f"rover {rover.system}: {heard}, {doing}, {drives}"]
+    if rover.policy is not None:
+        lines.append(f"  policy   {rover.policy.name.lower()}")
     summary, counters = rover.summary, rover.counters
     if summary is not None:
         place = "" if summary.similarity is None else f", {summary.similarity:.2f} like the known place"
         drivable, unknown = percent(summary.roi_traversability), percent(summary.roi_uncertainty)
         lines.append(f"  ahead    {drivable} drivable, {unknown} unexplained{place}")
-        lines.append(f"  policy   {summary.policy.name.lower()}")
         lines.append(
             f"  link     {counters.summaries} summaries, {counters.summaries_lost} lost; "
             f"picture {summary.frame_age_ms} ms old when sent"

@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.autopilots import ModeCommand
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MAX_TEXT, State, heartbeat_mode
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MAX_TEXT, Policy, State, heartbeat_mode
 from companion.wire.parameters import Parameter
 
 _VELOCITY_ONLY = 0b1101_1100_0111
@@ -24,13 +24,13 @@ _STATUS = {
 }
 
 
-def heartbeat(state: State, current_id: int) -> Any:
+def heartbeat(state: State, current_id: int, policy: Policy) -> Any:
     """base_mode stays 0: anything else changes mode displays at the ground."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,
         0,
-        heartbeat_mode(state, current_id),
+        heartbeat_mode(state, current_id, policy),
         _STATUS[state],
         3,
     )

@@ -25,7 +25,7 @@ from companion.link.telling import Telling
 from companion.link.transport import Transport, check_installed, open_transport
 from companion.link.vehicle import VehicleTracker
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL, State
+from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
@@ -155,9 +155,9 @@ class Link:
         self._asking.tick(self.vehicle, self._tracker.returns, now)
         self._sender.tick(now)
 
-    def set_state(self, state: State, current_id: int) -> None:
-        """The heartbeat's state and open id (0 for none)."""
-        self._telling.set_state(state, current_id)
+    def set_state(self, state: State, current_id: int, policy: Policy) -> None:
+        """The heartbeat's state, open id (0 for none) and policy in force."""
+        self._telling.set_state(state, current_id, policy)
 
     def summary(self, summary: Summary, now: float) -> None:
         """The newest figures; told at the table's rate, sequence and dropped filled in here."""

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from companion.link import encode
 from companion.link.sender import Sender
-from companion.wire.ids import TUNNEL_SUMMARY, State
+from companion.wire.ids import TUNNEL_SUMMARY, Policy, State
 from companion.wire.messages import MESSAGES, NUMBERS, SUMMARY_PERIOD_WHILE_CALLING
 from companion.wire.payloads import Summary
 
@@ -36,7 +36,7 @@ class Telling:
     def __init__(self, outbox: Sender, now: float) -> None:
         self._outbox = outbox
         self._started = now
-        self._content = (State.STARTING, 0)
+        self._content = (State.STARTING, 0, Policy.REPORT)
         self._heartbeat_at = -math.inf
         self._heartbeat_now = False
         self._summary: tuple[Summary, float] | None = None
@@ -48,10 +48,10 @@ class Telling:
         step = _period("number") / len(NUMBERS)
         self._number_due = {name: now + place * step for place, name in enumerate(NUMBERS)}
 
-    def set_state(self, state: State, current_id: int) -> None:
+    def set_state(self, state: State, current_id: int, policy: Policy) -> None:
         """The heartbeat's content; a change is told at once."""
-        if (state, current_id) != self._content:
-            self._content = (state, current_id)
+        if (state, current_id, policy) != self._content:
+            self._content = (state, current_id, policy)
             self._heartbeat_now = True
 
     def hurry(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 from enum import IntEnum, IntFlag
+from typing import NamedTuple
 
 COMPONENT_ID = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
@@ -122,14 +123,22 @@ class Policy(IntEnum):
     OFF = 3
 
 
-def heartbeat_mode(state: State, current_id: int) -> int:
-    """custom_mode of the heartbeat: the state in the low byte, the open call's or hold's id above it."""
-    return int(state) | (current_id & 0xFFFF) << 8
+class HeartbeatMode(NamedTuple):
+    """What the companion's heartbeat says. current_id: of the open call or hold, 0 for none."""
+
+    state: State
+    current_id: int
+    policy: Policy
 
 
-def read_heartbeat_mode(custom_mode: int) -> tuple[State, int]:
-    """State and id from a heartbeat's custom_mode. Raises ValueError for a state of a later version."""
-    return State(custom_mode & 0xFF), custom_mode >> 8 & 0xFFFF
+def heartbeat_mode(state: State, current_id: int, policy: Policy) -> int:
+    """custom_mode of the heartbeat: bits 0-7 state, 8-23 id of the open call or hold, 24-25 policy."""
+    return int(state) | (current_id & 0xFFFF) << 8 | int(policy) << 24
+
+
+def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
+    """The parts of a heartbeat's custom_mode. Raises ValueError for a state of a later version."""
+    return HeartbeatMode(State(custom_mode & 0xFF), custom_mode >> 8 & 0xFFFF, Policy(custom_mode >> 24 & 3))
 
 
 def words_hash(weights: Mapping[str, float]) -> int:

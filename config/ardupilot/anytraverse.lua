@@ -5,16 +5,19 @@ When in a guarded mode, armed, the companion (component 191 of this vehicle) is 
 fault, or the obstacle feed that the autopilot avoids by is dead, the mode becomes HOLD and a text says why. This
 script arms nothing and resumes nothing. The only mode it sets is HOLD, never over MANUAL, RTL or a failsafe's.
 
+It acts only where the companion may: when the last policy that its heartbeat told is "hold". One that was heard in
+policy hold and falls silent is a loss; in report, shadow or off its silence and its faults stop nobody, nor does
+the feed. ATS_POLICY 1 has it act in report and shadow too, ATS_NEED 1 in every policy and without any.
+
 The human's mode wins. A loss is held once: whoever then sets a guarded mode again, by transmitter or ground
 station, is taken to have read the text: no hold until the companion was well for 5 s or the rover was disarmed.
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
-It knows nothing of the companion's policy: where nothing may command the rover yet, ATS_ENABLE 0.
 
 Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 65536 or more;
 SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5300; reboot. The parameters ATS_* are
-there when it runs, "Companion heard" is its first text; without a companion it stays silent and harmless, unless
-ATS_NEED asks for one.
-Test it on blocks: in AUTO, armed, pull the companion's cable. The wheels stop.
+there when it runs, "Policy hold: loss of companion will be held" (or the like) is its first text, said again when
+the policy changes; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
+Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The wheels stop.
 
 | parameter   | default | unit | meaning                                                                           |
 |-------------|---------|------|-----------------------------------------------------------------------------------|
@@ -23,8 +26,8 @@ Test it on blocks: in AUTO, armed, pull the companion's cable. The wheels stop.
 |             |         |      | one that is lost stops the rover. 0.5 s more are 1 m more at 2 m/s                |
 | ATS_MODES   | 33792   | bits | guarded modes, 2^mode added up: AUTO 1024 and GUIDED 32768, the default; FOLLOW   |
 |             |         |      | 64, DOCK 256, CIRCLE 512. Bits of other modes count for nothing                   |
-| ATS_NEED    | 0       |      | 1: a companion is demanded from the start. No arming without it, where arming     |
-|             |         |      | checks are on; one never heard counts as dead, and so does one switched off       |
+| ATS_NEED    | 0       |      | 1: a companion is demanded from the start, in every policy. No arming without it, |
+|             |         |      | where arming checks are on; one never heard or switched off counts as dead        |
 | ATS_FAULT   | 1       |      | 1: the companion's state "fault" holds too. 0: only its silence does              |
 | ATS_PRX     | 0.5     | s    | obstacle feed dead so long holds, 0.1 to 10, after the 0.5 s that ArduPilot takes |
 |             |         |      | to notice; 0: never. It must be in use: a proximity sensor is set up, and         |
@@ -33,8 +36,10 @@ Test it on blocks: in AUTO, armed, pull the companion's cable. The wheels stop.
 | ATS_ECHO    | 1       |      | 1: the companion's texts of severity ERROR or worse (calls, holds) are said again |
 |             |         |      | as the autopilot's own, for ground stations that hide those of component 191      |
 | ATS_RC      | 0       |      | 300 to 307: the switch with this RCn_OPTION, when high, switches the script off   |
+| ATS_POLICY  | 0       |      | 1: acts in the policies report and shadow too, not only in hold; never in off     |
 
-A companion that its operator switched off (state "off") is no loss; one that restarts is one, until it sees again.
+One that restarts is a loss, until it sees again. After a restart of scripting companion and policy are forgotten
+until the next heartbeat: one that died meanwhile is not missed, unless ATS_NEED is 1.
 Restart of scripting with ATS_NEED 1: reboot before arming, ArduPilot 4.6 and older keep the old refusal.
 --]]
 
@@ -42,7 +47,7 @@ local KEY, PREFIX = 191, "ATS_" -- the table's key is ours among all scripts, an
 local DEFAULT_MODES = 33792
 local PARAMETERS = {
   { "ENABLE", 1 }, { "TIMEOUT", 1.5 }, { "MODES", DEFAULT_MODES }, { "NEED", 0 },
-  { "FAULT", 1 }, { "PRX", 0.5 }, { "ECHO", 1 }, { "RC", 0 },
+  { "FAULT", 1 }, { "PRX", 0.5 }, { "ECHO", 1 }, { "RC", 0 }, { "POLICY", 0 }, -- places are stored: append
 }
 local CYCLE_MS, LONGEST_MS = 100, 100000
 local QUEUE, IDS = 20, 4 -- where no other script was first
@@ -51,6 +56,8 @@ local COMPANION, ONBOARD_CONTROLLER = 191, 18
 local HEARTBEAT, STATUSTEXT = 0, 253
 local CRC_EXTRA = { [HEARTBEAT] = 50, [STATUSTEXT] = 83 }
 local STARTING, FAULT, OFF = 0, 5, 6 -- states, in the low byte of the heartbeat's custom_mode
+local POLICIES = { [0] = "report", "shadow", "hold", "off" } -- in its bits 24 and 25
+local REPORT, MAY_HOLD, SWITCHED_OFF = 0, 2, 3
 local HOLD = 4
 local GUARDABLE = { [6] = "FOLLOW", [8] = "DOCK", [9] = "CIRCLE", [10] = "AUTO", [15] = "GUIDED" }
 local BY_HUMAN = { [1] = true, [2] = true, [42] = true, [53] = true } -- RC, GCS, FrSky, RC auxiliary switch
@@ -62,6 +69,7 @@ local GOOD = 2 -- proximity:get_status()
 local own_system, avoid, path_planner
 local settings = {}
 local seen, watched, state, silent_ms = false, false, STARTING, 0
+local policy, told_policy, asked, guarding = REPORT, nil, false, false
 local feed_seen, feed_dead_ms = false, 0
 local held, held_from, accepted, warned = false, nil, false, nil
 local tries, wait_ms, well_ms = 0, 0, 0
@@ -126,8 +134,7 @@ local function hear_heartbeat(content, age_ms)
   local now = custom_mode & 0xFF
   -- One that starts has no eyes yet: after a crash it must not pass for the one that drove.
   if now == STARTING and (watched or is_on("NEED")) then return end
-  if not seen then gcs:send_text(INFO, "Companion heard: its loss will be held") end
-  seen, state, silent_ms = true, now, age_ms
+  seen, state, policy, silent_ms = true, now, custom_mode >> 24 & 3, age_ms
   watched = watched or now ~= STARTING
 end
 
@@ -177,10 +184,20 @@ local function watch_feed(dt)
   end
 end
 
+local function is_off() return state == OFF or policy == SWITCHED_OFF end
+
+local function is_hold_policy() return seen and policy == MAY_HOLD and not is_off() end
+
+-- Whether the companion's loss is held: one that may not hold while it lives may not when it is dead.
+local function guards()
+  asked = is_on("NEED") or is_on("POLICY") and seen and not is_off()
+  return asked or is_hold_policy()
+end
+
 local function trouble()
-  local need = is_on("NEED")
-  if state == OFF and seen then return need and "companion is off" or nil end
-  if not seen then return need and "no companion" or nil end
+  if not guarding then return nil end
+  if not seen then return "no companion" end
+  if is_off() then return "companion is off" end
   if silent_ms > 1000 * setting("TIMEOUT", 1.2, 10, 1.5) then return "companion silent" end
   -- A state that a later companion may know and this script does not is no reason to drive on.
   if is_on("FAULT") and (state == FAULT or state > OFF) then return "companion fault" end
@@ -194,6 +211,13 @@ local function is_guarded(mode)
 end
 
 -- Acting -----------------------------------------------------------------------------------------------------------
+
+local function tell_policy()
+  if not seen or policy == told_policy then return end
+  told_policy = policy
+  gcs:send_text(INFO, "Policy " .. POLICIES[policy] .. ": loss of companion "
+    .. (guarding and "will be held" or "is not held"))
+end
 
 local function allow_arming(reason)
   if not auth_id and reason and is_on("NEED") then auth_id = arming:get_aux_auth_id() end
@@ -257,11 +281,13 @@ local function guard(dt)
   watch_feed(dt)
   local was_running = running
   running = is_running()
+  guarding = running and guards()
   if not running then
     held, accepted, warned, tries, wait_ms = false, false, nil, 0, 0
     allow_arming(nil)
     return tell(dt, WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil)
   end
+  tell_policy()
   local reason = trouble()
   allow_arming(reason)
   well_ms = reason and 0 or later(well_ms, dt)
@@ -276,7 +302,9 @@ end
 
 -- A script that cannot judge any more is as dead as the companion it watches.
 local function last_resort()
-  if resorted or not arming:is_armed() then return end
+  if resorted or running == false or not arming:is_armed() then return end
+  pcall(guards) -- where parameters cannot be read, what they said last counts
+  if not (asked or is_hold_policy()) then return end
   local mode = vehicle:get_mode()
   local knows, guarded = pcall(is_guarded, mode)
   if not knows then guarded = DEFAULT_MODES >> mode & 1 == 1 end

@@ -98,7 +98,7 @@ class TinyRover:
 
     def heartbeat(self) -> bytes:
         state = ids.State.CALLING if self.current_id else ids.State.OK
-        mode = ids.heartbeat_mode(state, self.current_id)
+        mode = ids.heartbeat_mode(state, self.current_id, ids.Policy.HOLD)
         return self.companion.frame(mavlink.MAVLink_heartbeat_message(18, 8, 0, mode, 4, 3))
 
     def vehicle(self, mode: int = 10, base_mode: int = 0x81) -> bytes:

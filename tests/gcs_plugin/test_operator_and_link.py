@@ -48,7 +48,7 @@ class Both:
 def both(thing_call: CallData, quiet_summary: Summary) -> Callable[..., Both]:
     def made(sender: tuple[int, int] = (255, 190)) -> Both:
         pair = Both(sender)
-        pair.link.link.set_state(ids.State.CALLING, thing_call.id)
+        pair.link.link.set_state(ids.State.CALLING, thing_call.id, ids.Policy.HOLD)
         pair.link.link.summary(quiet_summary, 0.0)
         pair.link.link.announce(thing_call, "C7 unknown thing ahead 38%: ok/stay/word", 0.0)
         pair.run(3.0)

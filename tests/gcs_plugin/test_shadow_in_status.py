@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from companion.wire.ids import Policy, State, heartbeat_mode
 from gcs_plugin.rovers import Rover
 from gcs_plugin.wording import shadow, status_lines
 
@@ -27,3 +28,10 @@ def test_nothing_counted_yet_has_no_rate_and_no_line() -> None:
     rover.hear_parameter("AT_SHD_HOURS", 0.0)
     assert shadow(rover) == "0 would-be holds in 0.0 h"
     assert not any("shadow" in line for line in status_lines(rover, 0.0))
+
+
+def test_the_policy_is_known_from_the_heartbeat_alone() -> None:
+    rover = Rover(1)
+    assert not any("policy" in line for line in status_lines(rover, 0.0))
+    rover.hear_state(heartbeat_mode(State.OK, 0, Policy.SHADOW), 0.0)
+    assert "  policy   shadow" in status_lines(rover, 0.0)

@@ -223,8 +223,13 @@ class Rig:
     @property
     def state(self) -> tuple[str, int]:
         """State and open id of the newest heartbeat."""
-        state, number = read_heartbeat_mode(self.stage.sent("HEARTBEAT")[-1].custom_mode)
+        state, number, _ = read_heartbeat_mode(self.stage.sent("HEARTBEAT")[-1].custom_mode)
         return state.name, number
+
+    @property
+    def told_policy(self) -> Policy:
+        """The policy in the newest heartbeat."""
+        return read_heartbeat_mode(self.stage.sent("HEARTBEAT")[-1].custom_mode).policy
 
     def echoes(self, name: str) -> list[float]:
         """The values of a parameter that were told."""

@@ -183,7 +183,7 @@ def test_a_perceiver_that_cannot_keep_t_only_reports_and_says_so(
     config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Slow(0.1))
-    status = run_until_status(config)
+    status = run_until_status(config, lambda status: status["link"]["sent"]["unsolicited"] > 100)
     assert status["policy"] == "report"
     assert status["hold_refused"] == "HOLD refused: 0.1 s a frame is too slow"
     assert b"Only reports: 0.1 s a frame, slow for HOLD" in heard(radio)
@@ -208,7 +208,8 @@ def test_a_vehicle_that_outruns_its_eyes_only_reports_and_says_which_speed_would
     config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
-    status = run_until_status(mounted(config, 4.0))
+    slow = mounted(config, 4.0)
+    status = run_until_status(slow, lambda status: status["link"]["sent"]["unsolicited"] > 100)
     assert status["policy"] == "report"
     assert status["hold_refused"] == "HOLD refused: 4.0 m/s outruns eyes, 1.3 fits"
     assert b"Only reports: 4.0 m/s outruns eyes, 1.3 fits" in heard(radio)
@@ -255,6 +256,7 @@ def test_the_ground_may_not_set_hold_with_too_slow_a_perceiver(make_rig: MakeRig
     rig.set("AT_POLICY", float(Policy.HOLD))
     rig.see(1.0)
     assert rig.daemon.status()["policy"] == "report"
+    assert rig.told_policy is Policy.REPORT
     assert rig.echoes("AT_POLICY")[-1] == float(Policy.REPORT)
     assert "HOLD refused: 0.6 s a frame is too slow" in rig.texts
     rig.set("AT_POLICY", float(Policy.SHADOW))

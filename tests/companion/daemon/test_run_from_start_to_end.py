@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,7 @@ from companion.journal import Journal
 from companion.link.rehearsal import Rehearsal
 from companion.loading import load
 from companion.wire.answers import Acknowledgement, AnswerMessage
-from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Result
+from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
 
@@ -158,3 +159,14 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
     stage._collect()
     (told,) = [Acknowledgement.unpack(payload) for payload in stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
     assert (told.transaction, told.result, told.text) == (5, Result.BUSY, "starting: send it again")
+
+
+@pytest.mark.parametrize(
+    ("saved", "policy"),
+    [({}, Policy.HOLD), ({"policy": {"off_by": "255/190"}}, Policy.OFF)],
+    ids=["as configured", "as it was switched off"],
+)
+def test_while_it_starts_it_tells_the_policy_that_will_be_in_force(
+    config: Config, saved: dict[str, object], policy: Policy
+) -> None:
+    assert run.first_policy(replace(config, call=replace(config.call, policy="hold")), saved) is policy

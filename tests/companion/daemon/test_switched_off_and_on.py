@@ -49,6 +49,20 @@ def test_the_switch_drops_the_hold_closes_the_call_and_leaves_the_rover_as_it_is
     assert switched.echoes("AT_POLICY")[-1] == Policy.OFF
 
 
+def test_the_heartbeat_tells_the_policy_in_force_at_once(switched: Rig) -> None:
+    switched.see(1.0)
+    told = [switched.told_policy]
+    for policy in (Policy.SHADOW, Policy.OFF, Policy.REPORT):
+        command(switched, policy)
+        switched.see(0.5)
+        told.append(switched.told_policy)
+    switched.switch = OFF
+    switched.see(1.0)
+    assert [*told, switched.told_policy] == [
+        Policy.HOLD, Policy.SHADOW, Policy.OFF, Policy.REPORT, Policy.OFF
+    ]  # fmt: skip
+
+
 def test_one_bad_frame_of_the_remote_control_does_nothing(switched: Rig) -> None:
     switched.switch = OFF
     switched.see(0.2)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.field.scripting import Scripting
 from companion.resources import resource
-from companion.wire.ids import State, heartbeat_mode
+from companion.wire.ids import Policy, State, heartbeat_mode
 
 SOURCE = resource("config/ardupilot/anytraverse.lua").read_text()
 MANUAL, HOLD, AUTO, RTL, GUIDED = 0, 4, 10, 11, 15
@@ -30,7 +30,7 @@ class Said:
 class Board:
     """An autopilot in AUTO, armed, as its scripts see it, and the script on it. `pass_time` moves it."""
 
-    def __init__(self, *, start_ms: int = 0, **parameters: float) -> None:
+    def __init__(self, *, start_ms: int = 0, policy: Policy = Policy.HOLD, **parameters: float) -> None:
         self.parameters = {"SYSID_THISMAV": 1.0, "AVOID_ENABLE": 3.0, "OA_TYPE": 0.0, **parameters}
         self.ms = self._start_ms = start_ms
         self.mode_now, self.reason, self.armed = AUTO, BY_GCS, True
@@ -40,7 +40,7 @@ class Board:
         self.switches: dict[int, int] = {}
         self.said: list[Said] = []
         self.set_modes: list[tuple[float, int, int, bool]] = []
-        self.silent_for = float("inf")
+        self.policy = policy
         self.companion = mavlink.MAVLink(None, 1, 191)
         self.scripting = Scripting(SOURCE, "anytraverse.lua", self)
         self.pass_time(CYCLE)
@@ -100,8 +100,8 @@ class Board:
         return [said.text for said in self.said if said.severity <= severity]
 
     def beat(self, state: int = State.OK, *, mav: Any = None, kind: int = 18, call: int = 7) -> None:
-        """A heartbeat arrives, from the companion unless `mav` is another."""
-        mode = int(state) | heartbeat_mode(State.STARTING, call)
+        """A heartbeat arrives, in `policy`, from the companion unless `mav` is another."""
+        mode = int(state) | heartbeat_mode(State.STARTING, call, self.policy)
         self.hear(mavlink.MAVLink_heartbeat_message(kind, 8, 0, mode, 4, 3).pack(mav or self.companion))
 
     def tell(self, text: bytes, severity: int = 3, *, mav: Any = None) -> None:
@@ -127,9 +127,9 @@ class Board:
             raise RuntimeError(f"{name} is broken")
 
 
-def driving(start_ms: int = 0, **parameters: float) -> Board:
+def driving(start_ms: int = 0, *, policy: Policy = Policy.HOLD, **parameters: float) -> Board:
     """In AUTO, armed, with a companion that is well, which has just been heard."""
-    board = Board(start_ms=start_ms, **parameters)
+    board = Board(start_ms=start_ms, policy=policy, **parameters)
     board.pass_time(3.0, state=State.OK)
     board.beat()
     board.pass_time(CYCLE)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from companion.wire.ids import State
+from companion.wire.ids import Policy, State
 from tests.companion.field.stubs import (
     AUTO,
     BY_GCS,
@@ -47,7 +47,7 @@ def test_a_companion_that_is_well_is_left_in_peace() -> None:
     for state in (State.OK, State.CALLING, State.HOLDING, State.BLOCKED, State.OFF):
         board.pass_time(5.0, state=state)
     assert board.set_modes == []
-    assert board.texts() == ["Companion heard: its loss will be held"]
+    assert board.texts() == ["Policy hold: loss of companion will be held"]
 
 
 @pytest.mark.parametrize(("mode", "name"), [(AUTO, "AUTO"), (GUIDED, "GUIDED")])
@@ -249,6 +249,86 @@ class TestNeed:
         assert board.scripting.forbids_arming() == "Too many auxiliary authorisers"
 
 
+class TestPolicy:
+    @pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW, Policy.OFF])
+    def test_where_the_companion_may_not_hold_its_silence_and_its_faults_stop_nobody(
+        self, policy: Policy
+    ) -> None:
+        board = driving(policy=policy)
+        board.pass_time(5.0, state=State.FAULT)
+        board.pass_time(60.0)
+        assert board.set_modes == []
+        assert board.texts() == [f"Policy {policy.name.lower()}: loss of companion is not held"]
+
+    def test_the_policy_heard_last_counts_and_each_is_told_once(self) -> None:
+        board = driving(policy=Policy.SHADOW)
+        board.policy = Policy.HOLD
+        board.pass_time(2.0, state=State.OK)
+        assert until_held(board) <= 1.5
+        assert board.texts(6)[:2] == [
+            "Policy shadow: loss of companion is not held",
+            "Policy hold: loss of companion will be held",
+        ]
+
+    def test_one_that_leaves_policy_hold_may_go(self) -> None:
+        board = driving()
+        board.policy = Policy.REPORT
+        board.pass_time(1.0, state=State.OK)
+        board.pass_time(60.0)
+        assert board.set_modes == []
+
+    def test_one_that_restarts_with_less_is_a_loss_until_it_sees_and_then_may_go(self) -> None:
+        board = driving()
+        board.policy = Policy.REPORT
+        board.pass_time(4.0, state=State.STARTING)
+        assert board.texts(2) == [HELD]
+        board.pass_time(1.0, state=State.OK)
+        board.human_sets(AUTO)
+        board.pass_time(60.0)
+        assert board.mode_now == AUTO
+        assert board.texts(6)[-1] == "Companion is back: nothing resumes by itself"
+
+    @pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW])
+    def test_an_owner_may_ask_for_the_stop_in_these_policies_too(self, policy: Policy) -> None:
+        silent, faulty = (driving(policy=policy, ATS_POLICY=1) for _ in range(2))
+        assert until_held(silent) <= 1.5 + 2 * CYCLE
+        faulty.pass_time(0.5, state=State.FAULT)
+        assert faulty.texts(2) == ["HOLD: companion fault. AUTO again = go blind"]
+
+    def test_but_never_in_policy_off(self) -> None:
+        board = driving(policy=Policy.OFF, ATS_POLICY=1)
+        board.pass_time(60.0)
+        assert board.set_modes == []
+
+    @pytest.mark.parametrize("policy", Policy)
+    def test_one_that_is_demanded_is_demanded_in_every_policy(self, policy: Policy) -> None:
+        board = driving(policy=policy, ATS_NEED=1)
+        assert until_held(board) <= 1.5 + 2 * CYCLE
+
+    def test_after_a_restart_of_scripting_the_policy_is_unknown_until_it_is_heard(self) -> None:
+        board = driving()
+        board.scripting.restart()
+        board.pass_time(30.0)
+        assert board.set_modes == []
+        board.pass_time(1.0, state=State.OK)
+        assert until_held(board) <= 1.5
+
+    def test_a_script_that_fails_holds_nobody_either(self) -> None:
+        board, demanded = driving(policy=Policy.SHADOW), driving(policy=Policy.SHADOW, ATS_NEED=1)
+        for one in (board, demanded):
+            one.broken = {"parameter"}
+            one.pass_time(5.0)
+        assert (board.set_modes, demanded.mode_now) == ([], HOLD)
+
+    def test_nor_does_one_that_is_switched_off_or_without_a_companion(self) -> None:
+        for board in (driving(ATS_ENABLE=0), Board()):
+            board.broken = {"is_armed"}
+            board.pass_time(2.0)
+            board.broken = {"parameter"}
+            board.pass_time(2.0)
+            assert board.set_modes == []
+
+
 class TestObstacleFeed:
     def feeding(self, **parameters: Any) -> Board:
         board = driving(**parameters)
@@ -263,7 +343,9 @@ class TestObstacleFeed:
         assert board.texts(2) == ["HOLD: obstacle feed dead. AUTO again = go blind"]
 
     @pytest.mark.parametrize(
-        "parameters", [{"ATS_PRX": 0}, {"AVOID_ENABLE": 1}], ids=["switched off", "not avoided by"]
+        "parameters",
+        [{"ATS_PRX": 0}, {"AVOID_ENABLE": 1}, {"policy": Policy.SHADOW}],
+        ids=["switched off", "not avoided by", "not to be held"],
     )
     def test_a_feed_that_is_not_in_use_may_die(self, parameters: dict[str, Any]) -> None:
         board = self.feeding(**parameters)

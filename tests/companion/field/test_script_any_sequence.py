@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.wire.ids import State
+from companion.wire.ids import Policy, State
 from tests.companion.field.stubs import AUTO, BY_GCS, CYCLE, GUIDED, HOLD, MANUAL, MISSION_COMMAND, RTL, Board
 
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
@@ -26,14 +26,15 @@ steps = st.one_of(
     st.tuples(st.just("obeys"), st.sampled_from([0.0, 1.0])),
     st.tuples(st.just("feed"), st.sampled_from([0.0, 1.0, 2.0])),
 )
+policies = st.tuples(st.just("policy"), st.sampled_from([float(policy) for policy in Policy]))
 
 
 class Witness:
     """Follows a board and knows when the rover may not drive by itself any more."""
 
-    def __init__(self, *, need: bool) -> None:
-        self.board = Board(ATS_NEED=float(need))
-        self.need = need
+    def __init__(self, *, need: bool, every_policy: bool = False) -> None:
+        self.board = Board(ATS_NEED=float(need), ATS_POLICY=float(every_policy))
+        self.need, self.every_policy = need, every_policy
         self.watched = need
         self.last_beat: float | None = -1.0 if need else None
         self.off = False
@@ -44,6 +45,8 @@ class Witness:
         board = self.board
         if do == "beat":
             self._beat(State(int(value)))
+        elif do == "policy":
+            board.policy = Policy(int(value))
         elif do == "arm":
             board.armed = bool(value)
             self.since = board.t
@@ -63,8 +66,14 @@ class Witness:
     def _beat(self, state: State) -> None:
         self.board.beat(state)
         if state is not State.STARTING or not self.watched:
-            self.last_beat, self.off = self.board.t, state is State.OFF and not self.need
+            self.last_beat, self.off = self.board.t, self._lets_go(state, self.board.policy)
         self.watched |= state is not State.STARTING
+
+    def _lets_go(self, state: State, policy: Policy) -> bool:
+        if self.need:
+            return False
+        off = policy is Policy.OFF or state is State.OFF
+        return off or not (self.every_policy or policy is Policy.HOLD)
 
     def check(self) -> None:
         board = self.board
@@ -78,15 +87,40 @@ class Witness:
 
 
 @settings(max_examples=150)
-@given(sequence=st.lists(steps, max_size=30), need=st.booleans())
+@given(sequence=st.lists(steps, max_size=30), need=st.booleans(), every_policy=st.booleans())
 def test_it_sets_hold_alone_in_guarded_modes_alone_while_armed_and_never_too_late(
-    sequence: list[Step], need: bool
+    sequence: list[Step], need: bool, every_policy: bool
 ) -> None:
-    witness = Witness(need=need)
+    witness = Witness(need=need, every_policy=every_policy)
     for do, value in sequence:
         witness.take(do, value)
     assert witness.board.scripting.ended == ""
     assert not [text for text in witness.board.texts() if "anytraverse.lua" in text]
+
+
+@settings(max_examples=100)
+@given(sequence=st.lists(st.one_of(steps, policies), max_size=30), every_policy=st.booleans())
+def test_nor_is_it_late_when_the_policy_changes_on_the_way(sequence: list[Step], every_policy: bool) -> None:
+    witness = Witness(need=False, every_policy=every_policy)
+    for do, value in sequence:
+        witness.take(do, value)
+    assert witness.board.scripting.ended == ""
+
+
+@settings(max_examples=100)
+@given(
+    sequence=st.lists(steps, max_size=30),
+    policy=st.sampled_from([Policy.REPORT, Policy.SHADOW, Policy.OFF]),
+)
+def test_a_rover_whose_companion_may_not_hold_it_is_never_held_by_the_script(
+    sequence: list[Step], policy: Policy
+) -> None:
+    witness = Witness(need=False)
+    witness.board.policy = policy
+    for do, value in sequence:
+        witness.take(do, value)
+    assert witness.board.set_modes == []
+    assert witness.board.scripting.forbids_arming() == ""
 
 
 @settings(max_examples=60)

@@ -13,12 +13,13 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.field import scripting
 from companion.field.rawframes import raw_frames
-from companion.wire.ids import State
+from companion.wire.ids import Policy, State, heartbeat_mode
 from tests.companion.field.stubs import AUTO, CYCLE, HOLD, MANUAL, SOURCE, Board, driving
 
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 
 CALL = b"C7 unknown thing ahead 38%: ok/stay/word"
+MODE = heartbeat_mode(State.OK, 7, Policy.HOLD)
 
 
 def beat(
@@ -27,7 +28,7 @@ def beat(
     mav = mavlink.MAVLink(None, system, component)
     if key:
         mav.signing.secret_key, mav.signing.sign_outgoing = key, True
-    message = mavlink.MAVLink_heartbeat_message(kind, 8, 0, 7 << 8 | State.OK, 4, 3)
+    message = mavlink.MAVLink_heartbeat_message(kind, 8, 0, MODE, 4, 3)
     return bytes(message.pack(mav, force_mavlink1=v1))
 
 
@@ -98,7 +99,7 @@ def test_a_structure_is_laid_out_as_in_the_c_library() -> None:
     checksum, magic, length = struct.unpack_from("<HBB", raw)
     assert (magic, length, raw[7], raw[8]) == (0xFD, 9, 1, 191)
     assert checksum.to_bytes(2, "little") == beat()[-2:] == raw[276:278]
-    assert struct.unpack_from("<I", raw, 12)[0] == 7 << 8 | State.OK
+    assert struct.unpack_from("<I", raw, 12)[0] == MODE
     assert (raw[16], raw[17]) == (18, 8)
 
 
@@ -115,7 +116,7 @@ def test_any_bytes_are_survived_and_hold_nothing_up(datagrams: list[bytes], cut:
     board.pass_time(0.5)
     board.pass_time(1.0, state=State.OK)
     assert board.scripting.ended == ""
-    assert board.texts()[-1] == "Companion heard: its loss will be held"
+    assert board.texts()[-1] == "Policy hold: loss of companion will be held"
 
 
 class TestEcho:

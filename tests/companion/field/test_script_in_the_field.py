@@ -15,7 +15,7 @@ from companion.field.requests import Requests
 from companion.field.router import Parser, Port
 from companion.field.simulation import Simulation
 from companion.field.things import World
-from companion.wire.ids import State
+from companion.wire.ids import Policy, State, heartbeat_mode
 
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 
@@ -33,7 +33,8 @@ class Scene:
         assert install(self.autopilot) == ""
         self.companion = mavlink.MAVLink(None, 1, 191)
         self.ground = mavlink.MAVLink(None, 255, 190)
-        self.state: int | None = State.OK
+        self.state: State | None = State.OK
+        self.policy = Policy.HOLD
         self._beat_at = 0.0
         self.pass_time(0.2)
 
@@ -48,8 +49,9 @@ class Scene:
         for frame in Parser().frames(datagram):
             self.autopilot.receive(port, frame)
 
-    def beat(self, state: int) -> bytes:
-        return bytes(mavlink.MAVLink_heartbeat_message(18, 8, 0, state, 4, 3).pack(self.companion))
+    def beat(self, state: State) -> bytes:
+        mode = heartbeat_mode(state, 0, self.policy)
+        return bytes(mavlink.MAVLink_heartbeat_message(18, 8, 0, mode, 4, 3).pack(self.companion))
 
     def pass_time(self, seconds: float) -> None:
         for _ in range(round(seconds / TICK)):
@@ -119,6 +121,30 @@ def test_a_fault_of_the_companion_stops_sooner(scene: Scene) -> None:
     seconds, metres = scene.standstill()
     assert seconds < 2.3
     assert metres < 3.2
+
+
+@pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW, Policy.OFF])
+def test_a_rover_whose_companion_may_not_hold_it_drives_on_when_that_dies(
+    scene: Scene, policy: Policy
+) -> None:
+    scene.policy = policy
+    scene.drive()
+    scene.state = State.FAULT
+    scene.pass_time(3.0)
+    scene.state = None
+    scene.pass_time(20.0)
+    assert scene.is_in(Mode.AUTO)
+    assert not [change for change in scene.autopilot.mode_log if change.by == "script"]
+
+
+def test_one_that_is_told_to_hold_while_it_drives_is_guarded_from_then_on(scene: Scene) -> None:
+    scene.policy = Policy.SHADOW
+    scene.drive()
+    scene.policy = Policy.HOLD
+    scene.pass_time(1.1)
+    scene.state = None
+    scene.standstill()
+    assert scene.is_in(Mode.HOLD)
 
 
 def test_damaged_heartbeats_and_rubbish_do_not_keep_it_driving(scene: Scene) -> None:

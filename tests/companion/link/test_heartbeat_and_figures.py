@@ -52,22 +52,22 @@ def test_a_heartbeat_flips_no_display_of_arming_or_mode() -> None:
 )
 def test_the_heartbeat_tells_the_state_and_the_open_id(state: State, status: int) -> None:
     stage = Rehearsal()
-    stage.link.set_state(state, 513)
+    stage.link.set_state(state, 513, Policy.HOLD)
     stage.run(0.3)
     heartbeat = stage.sent("HEARTBEAT")[-1]
     assert heartbeat.system_status == status
-    assert read_heartbeat_mode(heartbeat.custom_mode) == (state, 513)
+    assert read_heartbeat_mode(heartbeat.custom_mode) == (state, 513, Policy.HOLD)
 
 
 def test_a_change_of_state_is_told_at_once_but_flapping_is_not() -> None:
     stage = Rehearsal()
     stage.run(1.5)
-    stage.link.set_state(State.FAULT, 0)
+    stage.link.set_state(State.FAULT, 0, Policy.REPORT)
     stage.run(0.02)
     assert stage.sent("HEARTBEAT")[-1].system_status == 6
     before = len(stage.frames)
     for step in range(100):
-        stage.link.set_state(State.OK if step % 2 else State.FAULT, 0)
+        stage.link.set_state(State.OK if step % 2 else State.FAULT, 0, Policy.REPORT)
         stage.run(0.01)
     assert len(stage.frames) - before <= 5
 

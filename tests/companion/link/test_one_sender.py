@@ -86,7 +86,7 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
                 stage.link.summary(SUMMARY, stage.now)
                 stage.link.numbers({"AT_TRAV": 0.5, "AT_UNC": 0.5}, stage.now)
             case "state":
-                stage.link.set_state(State(number % 7), number)
+                stage.link.set_state(State(number % 7), number, Policy.REPORT)
             case "list":
                 stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
         stage.run(pause, step=0.03)
@@ -121,7 +121,7 @@ def test_no_frame_is_longer_than_its_row_says() -> None:
     stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=0.0))
     stage.link.announce(CALL, "x" * 60, stage.now)
     stage.link.say("y" * 60, 6, stage.now)
-    stage.link.set_state(State.FAULT, 0xFFFF)
+    stage.link.set_state(State.FAULT, 0xFFFF, Policy.HOLD)
     stage.link.numbers({"AT_TRAV": 0.123, "AT_CALL": 1e9}, stage.now)
     stage.run(5)
     limits = {"HEARTBEAT": 21, "STATUSTEXT": 63, "TUNNEL": 145, "NAMED_VALUE_FLOAT": 27, "COMMAND_LONG": 45}

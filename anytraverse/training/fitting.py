@@ -39,7 +39,7 @@ class Options:
     batch: int = 16
     rate: float = 4e-3
     wide: float = 1.25
-    made_share: float = 0.22
+    made_share: float = 0.3
     drivable: float = 1.0
     decay: float = 0.998
     threads: int = 1

@@ -16,12 +16,13 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
-from companion.check.stopping import judge
+from companion.check.stopping import Stopping, judge
 from companion.config import Config
 from companion.configured import call_numbers, restored_policies
 from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.eyes import Eyes
+from companion.frozen import is_moving
 from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.kept import saved_replies
@@ -96,7 +97,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     liveness = Liveness(tasks(numbers), now)
     model, view = Model.of(engine.perceiver), round(config.camera.view)
     daemon = Daemon(link, camera, eyes, calls, keeper, conversation, desk, liveness, model, view)
-    eyes.place = daemon.place
+    eyes.place, eyes.moving = daemon.place, partial(is_moving, link, calls)
     if model.int8_idle and config.perceiver.precision == "auto":
         notices.append(texts.int8_idle())
     for notice in notices:
@@ -122,6 +123,10 @@ def _refusal(
     elif wants_hold and isinstance(stopping, str):
         log.warning("stopping distance was not checked: %s", stopping)
         notices.append(texts.stopping_unchecked())
+    elif wants_hold and isinstance(stopping, Stopping):
+        log.info("stopping: %s", stopping.told())
+        if config.call.px4_hold == "loiter":
+            log.info("a PX4 rover held in LOITER runs on; `companion check` reckons with it, this did not")
     return refusal
 
 

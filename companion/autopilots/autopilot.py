@@ -20,7 +20,7 @@ class Autopilot:
     lead: seconds of that stream before such a mode is taken.
     rest_mode: stands without a stream: what a hold in a streamed mode is left in when the stream must end.
     tells_late: HEARTBEAT shows a change up to a second later; CURRENT_MODE, asked for, tells it sooner.
-    circles: hold_mode drives on and turns back before it stands; the operator is told.
+    overrun: m that hold_mode drives on, beyond the way of braking, before it circles back and stands.
     """
 
     name: str
@@ -33,7 +33,12 @@ class Autopilot:
     streamed: frozenset[int] = frozenset()
     lead: float = 0.0
     tells_late: bool = False
-    circles: bool = False
+    overrun: float = 0.0
+
+    @property
+    def circles(self) -> bool:
+        """hold_mode drives on and turns back before it stands: the operator is told."""
+        return self.overrun > 0.0
 
     def mode_name(self, mode: int) -> str:
         """ "AUTO"; "mode 99" for one that the table does not know."""

@@ -39,7 +39,7 @@ LOITERING = Autopilot(
     streamed=frozenset({OFFBOARD}),
     lead=0.7,
     tells_late=True,
-    circles=True,
+    overrun=2.5,
     names={
         custom_mode(1): "MANUAL",
         custom_mode(2): "ALTITUDE",
@@ -55,4 +55,4 @@ LOITERING = Autopilot(
         custom_mode(_AUTO, 6): "LAND",
     },
 )
-OFFBOARD_HOLD = replace(LOITERING, hold_mode=OFFBOARD, circles=False)
+OFFBOARD_HOLD = replace(LOITERING, hold_mode=OFFBOARD, overrun=0.0)

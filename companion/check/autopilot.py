@@ -25,10 +25,14 @@ _TICK = 0.02
 
 @dataclass
 class Asked:
-    """findings: of autopilot and link. speed: which parameter says how fast it drives, and its m/s."""
+    """findings: of autopilot and link. speed: which parameter says how fast it drives, and its m/s.
+
+    overrun: m that it drives on in the mode that holds it.
+    """
 
     findings: list[Finding] = field(default_factory=list)
     speed: tuple[str, float] | None = None
+    overrun: float = 0.0
 
 
 def ask(config: Config, url: str) -> Asked:
@@ -57,20 +61,22 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
         return Asked([failed(CHECK, _silence(url, interview))])
     name = NAMES.get(autopilot.kind, f"autopilot of kind {autopilot.kind}")
     who = f"{name}, system {autopilot.system_id}"
-    if known_autopilot(autopilot.kind, autopilot.vehicle) is None:
+    known = known_autopilot(autopilot.kind, autopilot.vehicle, config.call.px4_hold)
+    if known is None:
         return Asked(
             [failed(CHECK, f"{who}, vehicle type {autopilot.vehicle}: no ArduPilot or PX4 rover, never held")]
         )
     if not values:
         return Asked(
-            [failed(CHECK, f"{who}: it answers none of our questions: check that the link goes both ways")]
+            [failed(CHECK, f"{who}: it answers none of our questions: check that the link goes both ways")],
+            overrun=known.overrun,
         )
     offboard = config.call.px4_hold == "offboard"
     facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard)
     wrong = parameters.judge(autopilot.kind, facts, holds=config.call.policy == "hold")
     if not wrong:
         wrong = [passed(CHECK, f"{who}: {len(values)} parameters told, none makes a hold unsafe")]
-    return Asked(wrong, parameters.speed(autopilot.kind, values))
+    return Asked(wrong, parameters.speed(autopilot.kind, values), known.overrun)
 
 
 def _silence(url: str, interview: Interview) -> str:

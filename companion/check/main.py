@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from companion.check.autopilot import CHECK, ask
+from companion.check.autopilot import CHECK, Asked, ask
 from companion.check.finding import Finding, Verdict, failed, passed, warned
 from companion.check.here import Perceives, check_disk, check_journal, check_perceiver, state_folder, status
 from companion.check.stopping import judge
@@ -40,14 +40,13 @@ def _findings(file: str, link: str | None) -> Iterator[Finding]:
     yield perceives.finding
     yield check_journal(folder, running=running is not None)
     yield check_disk(folder)
-    speed = None
+    asked = Asked()
     if running is not None and link is None:
         yield _of_the_running(running)
     else:
         asked = ask(config, link or config.link.url)
         yield from asked.findings
-        speed = asked.speed
-    yield check_stopping(config, perceives, speed)
+    yield check_stopping(config, perceives, asked)
 
 
 def _of_the_running(said: dict[str, Any]) -> Finding:
@@ -59,10 +58,10 @@ def _of_the_running(said: dict[str, Any]) -> Finding:
     return warned(CHECK, f"not asked: {state}: stop it first, or give the check a way of its own with --link")
 
 
-def check_stopping(config: Config, perceives: Perceives, speed: tuple[str, float] | None) -> Finding:
-    """Whether the vehicle stops before what it sees. speed: the autopilot's, by its parameter."""
-    name, fastest = speed if speed is not None else ("", None)
-    judged = judge(config, perceives.step, perceives.tile, fastest)
+def check_stopping(config: Config, perceives: Perceives, asked: Asked) -> Finding:
+    """Whether the vehicle stops before what it sees. asked: what is known of the autopilot."""
+    name, fastest = asked.speed if asked.speed is not None else ("", None)
+    judged = judge(config, perceives.step, perceives.tile, fastest, asked.overrun)
     if isinstance(judged, str):
         return warned("stopping", f"not checked: {judged}")
     configured = config.stopping.speed

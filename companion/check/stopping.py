@@ -65,6 +65,7 @@ class Stopping:
 
     react: from the moment that a thing may be seen until the brakes act. sees: where a thing is seen.
     top: the ROI's upper side that would be enough at this speed; None where none would.
+    overrun: driven on in the autopilot's hold mode, taken to come on top of braking.
     """
 
     speed: float
@@ -72,17 +73,18 @@ class Stopping:
     react: float
     sees: float
     top: float | None = None
+    overrun: float = 0.0
 
     @property
     def needs(self) -> float:
         """The way to standstill from the moment that a thing may be seen."""
-        return self.speed * self.react + self.speed**2 / (2.0 * self.braking)
+        return self.speed * self.react + self.speed**2 / (2.0 * self.braking) + self.overrun
 
     @property
     def fits(self) -> float:
         """The speed whose way to standstill is just what is seen."""
         lost = self.braking * self.react
-        return math.sqrt(lost**2 + 2.0 * self.braking * self.sees) - lost
+        return math.sqrt(lost**2 + 2.0 * self.braking * max(0.0, self.sees - self.overrun)) - lost
 
     @property
     def enough(self) -> bool:
@@ -91,9 +93,10 @@ class Stopping:
 
     def told(self) -> str:
         """The judgement and, where it is bad, what to do."""
+        circling = f", then {self.overrun:g} m on in LOITER" if self.overrun else ""
         way = (
             f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop ({self.react:.1f} s to react, then "
-            f"{self.braking:g} m/s2), and a thing is seen {self.sees:.1f} m ahead"
+            f"{self.braking:g} m/s2{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"
@@ -102,20 +105,25 @@ class Stopping:
         higher = (
             f", or raise [roi] top to {math.floor(100 * self.top) / 100:.2f}" if self.top is not None else ""
         )
+        other = ', or set [call] px4_hold = "offboard"' if self.overrun else ""
         return (
-            f"{way}: {speed}{higher}, or mount the camera higher or tilted less, "
+            f"{way}: {speed}{higher}{other}, or mount the camera higher or tilted less, "
             "or judge more often (a quicker perceiver, [camera] rate, a smaller [call] freshness)"
         )
 
 
 def judge(
-    config: Config, step: float = 0.0, tile: float | None = None, speed: float | None = None
+    config: Config,
+    step: float = 0.0,
+    tile: float | None = None,
+    speed: float | None = None,
+    overrun: float = 0.0,
 ) -> Stopping | str:
     """The judgement on what is configured, or why there is none and what to do.
 
     step: seconds that the perceiver takes for a frame. tile: the worst tile's threshold in force, None where
     tiles are not judged. speed: m/s that the autopilot is known to drive, which counts where it is greater
-    than the configured one.
+    than the configured one. overrun: as in `Stopping`, where the autopilot is known.
 
     Time to react: a frame is judged and the votes come in, or the eyes fail just then and T passes, whichever
     takes longer; then the order reaches the brakes. That both happen at once is not reckoned with.
@@ -134,7 +142,7 @@ def judge(
     sees = outlook.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)
     react = max(step + call.window * interval, config.freshness) + stopping.delay
-    judged = Stopping(fastest, stopping.braking, react, min(sees, FARTHEST))
+    judged = Stopping(fastest, stopping.braking, react, min(sees, FARTHEST), overrun=overrun)
     top = outlook.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 

@@ -192,6 +192,20 @@ def test_a_copter_is_no_rover() -> None:
     assert "no ArduPilot or PX4 rover" in found(talk)[0].text
 
 
+@pytest.mark.parametrize(
+    ("kind", "px4_hold", "overrun"),
+    [(PX4, "loiter", 2.5), (PX4, "offboard", 0.0), (ARDUPILOT, "loiter", 0.0)],
+)
+def test_what_it_drives_on_in_the_mode_that_holds_it_is_known_with_the_autopilot(
+    kind: int, px4_hold: str, overrun: float
+) -> None:
+    talk = Talk(answering({"RO_SPEED_LIM": 2.0}, kind))
+    talk.say(heartbeat(kind))
+    talk.run()
+    config = replace(HOLDS, call=replace(HOLDS.call, px4_hold=px4_hold))
+    assert judged(config, "", talk.interview).overrun == overrun
+
+
 def test_px4_s_whole_numbers_are_read_bytewise_and_ardupilot_s_as_floats() -> None:
     def message(value: float, kind: int) -> Any:
         sent = mavlink.MAVLink_param_value_message(b"MAV_1_FORWARD", value, kind, 1, 0)

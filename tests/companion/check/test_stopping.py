@@ -151,6 +151,18 @@ def test_what_outruns_its_eyes_is_told_the_speed_and_the_row_that_would_do() -> 
     assert "fits up to 2.11" in judged(CONFIG).told()
 
 
+def test_what_is_driven_on_in_the_mode_that_holds_comes_on_top_and_has_a_remedy_of_its_own() -> None:
+    straight, circling = judged(CONFIG), judge(CONFIG, overrun=2.5)
+    assert isinstance(circling, Stopping)
+    assert circling.needs == pytest.approx(straight.needs + 2.5)
+    assert replace(circling, speed=circling.fits * 0.999).enough
+    assert not replace(circling, speed=circling.fits * 1.05).enough
+    assert "then 2.5 m on in LOITER" in circling.told()
+    assert 'px4_hold = "offboard"' in replace(circling, speed=3.0).told()
+    assert "LOITER" not in straight.told() + replace(straight, speed=5.0).told()
+    assert at(1.0, sees=2.0).fits > 0.0 == replace(at(1.0, sees=2.0), overrun=2.5).fits
+
+
 def test_what_stands_before_nothing_can_be_seen_is_not_told_a_speed_of_nought() -> None:
     blind = replace(CONFIG, mount=Mount(1.0, 80.0, front=3.0))
     assert judged(blind).sees == 0.0

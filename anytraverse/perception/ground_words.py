@@ -63,7 +63,11 @@ GROUND_WORDS: dict[str, GroundWord] = {
 
 
 def word_tables(concepts: Sequence[str], classes: Sequence[str]) -> tuple[Floats, Floats]:
-    """`covers` and `own` of these concepts for `attention`, (N, C) each. KeyError for an unknown one."""
+    """`covers` and `own` of these concepts for `attention`, (N, C) each. KeyError for an unknown one.
+
+    Where several of them cover a class, it speaks for the nearest of them alone: grass for "grass" and not
+    also for "vegetation", which else would outweigh it where plants of both kinds may stand.
+    """
     covers = np.zeros((len(concepts), len(classes)), dtype=np.float32)
     own = np.zeros_like(covers)
     for row, concept in enumerate(concepts):
@@ -71,7 +75,7 @@ def word_tables(concepts: Sequence[str], classes: Sequence[str]) -> tuple[Floats
         for name in word.covers:
             covers[row, classes.index(name)] = 1.0
             own[row, classes.index(name)] = word.own.get(name, 1.0)
-    return covers, own
+    return covers, np.where(own == own.max(axis=0, initial=0.0), own, np.float32(0))
 
 
 def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:

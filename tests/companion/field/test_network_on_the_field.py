@@ -87,6 +87,27 @@ def test_a_tapped_thing_is_found_nearer_and_in_other_light(eyes: GroundNetwork, 
         assert ground < 0.05
 
 
+@pytest.mark.parametrize(("tapped", "other"), [("drum", "log"), ("drum", "rock"), ("log", "drum")])
+def test_a_tapped_thing_is_not_found_in_another_strange_thing(
+    eyes: GroundNetwork, tapped: str, other: str
+) -> None:
+    image, labels, _ = before(tapped, 31, 4.0)
+    example = eyes.example(eyes.encode(image), thing_box(labels, tapped))
+    for seed in (31, 32):
+        image, labels, _ = before(other, seed, 3.5)
+        found = eyes.attend(eyes.encode(image), [Prompt("named", (example,))])[0]
+        assert parts(found, labels, other)[0] < 0.3
+
+
+def test_a_weak_word_that_was_tapped_means_what_was_tapped(eyes: GroundNetwork) -> None:
+    image, labels, _ = before("log", 31, 4.0)
+    example = eyes.example(eyes.encode(image), thing_box(labels, "log"))
+    image, labels, _ = before("rock", 31, 3.5)
+    uncertain = 1 - asked(eyes, image, Prompt("obstacle", (example,))).max(axis=0)
+    assert parts(1 - asked(eyes, image, Prompt("obstacle")).max(axis=0), labels, "rock")[0] < 0.5
+    assert parts(uncertain, labels, "rock")[0] > 0.4
+
+
 def test_several_taps_of_one_word_add_up(eyes: GroundNetwork) -> None:
     examples = []
     for kind in ("drum", "log"):

@@ -16,7 +16,7 @@ from anytraverse.errors import AnyTraverseError, PerceiverError
 from anytraverse.frame import Frame, Image
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
-from anytraverse.perception import make_perceiver
+from anytraverse.perception import Perceiver, make_perceiver, weak_words
 from anytraverse.preferences import Preferences
 
 DEFAULT_PROMPTS = "trail: 1; grass: 1; bush: -1; tree: -1; sky: -0.5"
@@ -45,7 +45,8 @@ def run(options: argparse.Namespace) -> int:
     """Judge `options.image`, print the figures, write the panel to `options.out`. Returns 0."""
     words = Preferences.parse(options.prompts)
     image = read_picture(options.image)
-    assessment, settings, milliseconds = judge(image, words, options.perceiver)
+    perceiver = make_perceiver(options.perceiver)
+    assessment, settings, milliseconds = judge(image, words, perceiver)
     if options.out:
         from anytraverse.drawing import write_png
         from anytraverse.panel import draw_panel
@@ -54,6 +55,8 @@ def run(options: argparse.Namespace) -> int:
         write_png(options.out, draw_panel(image, assessment, settings.region, title))
     if not options.json or options.out:
         print(_text(options.image, assessment, settings, milliseconds, options.out))
+        if weak := weak_words(perceiver, words):
+            print(f"  weak words   {', '.join(weak)}: guesses of this perceiver, tap such things instead")
     if options.json:
         print(json.dumps(_figures(assessment, milliseconds), allow_nan=False))
     return 0
@@ -80,9 +83,8 @@ def read_picture(path: str) -> Image:
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def judge(image: Image, words: Preferences, perceiver_name: str) -> tuple[Assessment, Settings, float]:
+def judge(image: Image, words: Preferences, perceiver: Perceiver) -> tuple[Assessment, Settings, float]:
     """One picture alone, with no scene to compare with: the assessment, its settings, milliseconds taken."""
-    perceiver = make_perceiver(perceiver_name)
     settings = Settings(thresholds=Thresholds.of(perceiver.defaults))
     engine = AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, words))
     begin = time.perf_counter()

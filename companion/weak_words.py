@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 from anytraverse.errors import UnknownWordError
 from anytraverse.memory import Memory
-
-WEAK = "weak"
+from anytraverse.perception import WEAK
 
 Trust = Callable[[str], str]
 """How far a word can be trusted, as a perceiver with a `trust` says it. Raises UnknownWordError."""

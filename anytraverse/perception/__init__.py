@@ -7,7 +7,7 @@ encode(image) -> features; attend(features, prompts) -> maps; embed(features) ->
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -104,6 +104,19 @@ class Perceiver(Protocol):
 
     def example(self, features: Features, box: Box) -> Example:
         """An example of what the box shows. Raises ExampleError when it is too small to teach anything."""
+
+
+WEAK = "weak"
+"""The trust in a word that is a guess: such a thing is better tapped than named."""
+
+
+def weak_words(perceiver: Perceiver, words: Iterable[str]) -> tuple[str, ...]:
+    """Those of the words that the perceiver finds badly by name, where it says so of its words.
+
+    A perceiver that does has `trust(word)`, which raises UnknownWordError.
+    """
+    trust = getattr(perceiver, "trust", None)
+    return tuple(word for word in words if trust is not None and trust(word) == WEAK)
 
 
 KINDS: dict[str, tuple[str, str]] = {

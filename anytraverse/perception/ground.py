@@ -15,7 +15,7 @@ import numpy as np
 
 from anytraverse.errors import PerceiverError, UnknownWordError
 from anytraverse.frame import Image, check_image
-from anytraverse.perception import DefaultThresholds, Example, Prompt
+from anytraverse.perception import WEAK, DefaultThresholds, Example, Prompt
 from anytraverse.perception.ground_net import (
     GREATEST_HEIGHT,
     WIDTH,
@@ -28,7 +28,7 @@ from anytraverse.perception.ground_net import (
 from anytraverse.perception.ground_running import open_network
 from anytraverse.perception.ground_scene import SAME_PLACE, scene_vector
 from anytraverse.perception.ground_taps import COLOURS, changed_views, learn_tap, tap_attention, tap_cells
-from anytraverse.perception.ground_words import GROUND_WORDS, WEAK, colour_fits, reach, word_tables
+from anytraverse.perception.ground_words import GROUND_WORDS, colour_fits, reach, word_tables
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.vocabulary import concept_of, words_for
 from anytraverse.regions import Box

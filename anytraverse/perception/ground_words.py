@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from anytraverse.perception import WEAK
 from anytraverse.perception.ground_net import Floats
 
-GOOD, FAIR, WEAK = "good", "fair", "weak"
-"""Trust: found where it stands; found, but mixed up with its like; a guess: tap such a thing instead."""
+GOOD, FAIR = "good", "fair"
+"""Trust: found where it stands; found, but mixed up with its like; and `WEAK`, a guess."""
 
 _NEUTRAL = 0.5  # how well colours suit a word that is of no colour
 _LEAST = 0.05

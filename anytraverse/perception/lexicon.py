@@ -16,7 +16,7 @@ from anytraverse.errors import UnknownWordError
 from anytraverse.frame import Image, check_image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.ground_features import Grid, ground_features
-from anytraverse.perception.lexicon_words import LOOKS, VOCABULARY, meaning
+from anytraverse.perception.lexicon_words import LOOKS, TRUST, VOCABULARY, meaning
 from anytraverse.perception.looks import Look, attention
 from anytraverse.perception.scene import SAME_PLACE, scene_vector
 from anytraverse.perception.tapped import learn_look, look_of, vector_of
@@ -35,6 +35,10 @@ class Lexicon:
     def meaning(self, word: str) -> str:
         """The concept under which synonyms meet. Raises UnknownWordError."""
         return meaning(word)
+
+    def trust(self, word: str) -> str:
+        """How far the word can be trusted, "good" or "weak". Raises UnknownWordError."""
+        return TRUST.get(meaning(word), "good")
 
     def encode(self, image: Image) -> Grid:
         """The measurements of an RGB frame: see `ground_features`."""

@@ -6,6 +6,7 @@ and meadows (`bench/fit_lexicon.py`), rounded and widened by hand for other came
 
 from __future__ import annotations
 
+from anytraverse.perception import WEAK
 from anytraverse.perception.looks import Look
 from anytraverse.perception.vocabulary import concept_of, words_for
 
@@ -53,6 +54,9 @@ LOOKS: dict[str, tuple[Look, ...]] = {
     "sky": _SKY,
 }
 """Concept -> its looks."""
+
+TRUST = {"water": WEAK, "rock": WEAK, "log": WEAK, "mud": WEAK, "sand": WEAK}
+"""Concept -> how far it can be trusted, where not "good"."""
 
 VOCABULARY: tuple[str, ...] = words_for(LOOKS)
 

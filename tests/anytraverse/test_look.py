@@ -52,6 +52,13 @@ def test_without_json_a_person_can_read_it(photo: Path, capsys: Out) -> None:
     assert "photo.png: unknown object" in text
     assert "uncertainty" in text
     assert "trail: 1" in text
+    assert "weak words" not in text
+
+
+@pytest.mark.parametrize("perceiver", ["builtin", "builtin:lexicon"])
+def test_words_that_are_guesses_are_told(photo: Path, capsys: Out, perceiver: str) -> None:
+    assert main(["look", str(photo), "--perceiver", perceiver, "--prompts", "grass: 1; stone: -1"]) == 0
+    assert "weak words   stone: guesses" in capsys.readouterr().out
 
 
 def test_a_panel_is_written_only_where_asked(photo: Path, tmp_path: Path, capsys: Out) -> None:

@@ -26,6 +26,7 @@ from companion.model import Model
 from companion.odometer import Odometer
 from companion.settings_desk import SettingsDesk
 from companion.shadow_teller import ShadowTeller
+from companion.slumber import Slumber
 from companion.tasks import Liveness
 from companion.telling import summary
 from companion.trial import Trial
@@ -90,12 +91,14 @@ class Daemon:
             self._shadow,
         )
         self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, self.place)
+        self._slumber = Slumber(link, calls, time.monotonic())
         self._replies: list[Heard] = []
 
     def turn(self) -> None:
         """Hear everything, decide, carry out, keep, then say: nothing is said that is not kept."""
         self._wait()
         now = time.monotonic()
+        self._slumber.look(now)
         for heard in self._link.poll(now):
             with self._mishaps.survived(type(heard).__name__, now):
                 self._hear(heard, now)

@@ -16,13 +16,14 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from anytraverse.answers import AnswerOutcome, Changes
-from anytraverse.assessment import Assessment, Observation, Reason
+from anytraverse.assessment import Assessment, Finding, Observation, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.history import Place
 from anytraverse.judging import Settings, check_age
 from anytraverse.memory import Memory
+from companion.frozen import FrozenPicture
 
 log = logging.getLogger(__name__)
 
@@ -84,6 +85,9 @@ class Eyes:
         self._period = period
         self.place: Callable[[], Place] = Place
         """Asked for what goes with a remembered scene."""
+        self.moving: Callable[[], bool] = lambda: False
+        """Asked whether the vehicle moves, so that no picture can be the same as the one before."""
+        self._frozen = FrozenPicture()
         self._jobs: queue.Queue[Callable[[], Result | None]] = queue.Queue(MAX_JOBS)
         self._results: deque[Result] = deque()
         self._wake_reader, self._wake_writer = os.pipe()
@@ -229,7 +233,8 @@ class Eyes:
             self._log_failure(frame)
             assessment = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
         now = time.monotonic()
-        dated = _dated(assessment, now, self._engine.settings.freshness)
+        still = self._frozen.seconds(frame.image, started, moving=self.moving())
+        dated = _dated(assessment, now, self._engine.settings.freshness, still)
         return Judged(dated, self._engine.memory, now, now - started)
 
     def _log_failure(self, frame: Frame) -> None:
@@ -240,8 +245,13 @@ class Eyes:
             log.exception("frame %d could not be judged", frame.id)
 
 
-def _dated(seen: Assessment, now: float, freshness: float) -> Assessment:
-    """With its age after judging: what took too long to judge is no fresh view, however young it was."""
+def _dated(seen: Assessment, now: float, freshness: float, still: float) -> Assessment:
+    """With its age after judging: what took too long to judge is no fresh view, however young it was.
+
+    Nor is a picture that has not changed for longer than T while the vehicle moved, `still` seconds.
+    """
     age = now - seen.frame.captured_at
-    late = () if Reason.FAULT in seen.reasons else check_age(age, freshness)
+    late = [] if Reason.FAULT in seen.reasons else check_age(age, freshness)
+    if still > freshness:
+        late.append(Finding.fault("camera frozen"))
     return replace(seen, age=age, findings=(*seen.findings, *late))

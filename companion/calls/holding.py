@@ -6,7 +6,7 @@ autopilot is heard. Only our own hold is undone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from anytraverse.assessment import Reason
 from companion.autopilots import Autopilot
@@ -59,6 +59,10 @@ class Holding:
         if before.heard_at is None:
             self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
         return self.hold.vehicle(vehicle.mode, now, self.numbers)
+
+    def forget(self) -> None:
+        """The mode that was told is not known to be the mode any more."""
+        self.vehicle = replace(self.vehicle, heard_at=None)
 
     def heard(self, now: float) -> bool:
         """Whether the mode is known: it was told within `vehicle_silence`."""

@@ -30,6 +30,7 @@ from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
 READS_PER_POLL = 32
+READS_AT_MOST = 4096
 MODE_LIFETIME = 1.0
 
 
@@ -133,6 +134,12 @@ class Link:
                 if event is not None:
                     heard.append(event)
         return heard
+
+    def skip(self, now: float) -> None:
+        """Throw away what waits to be read."""
+        for _ in range(READS_AT_MOST):
+            if not self._connection.read(now):
+                break
 
     def tick(self, now: float) -> None:
         """Send what is due, within pace and budgets."""

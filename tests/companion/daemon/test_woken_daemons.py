@@ -1,0 +1,73 @@
+"""Rule 12 after SIGSTOP and SIGCONT: what waited in the socket is old, and a human may have taken over."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.link.link import READS_PER_POLL
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
+
+RTL = 11
+
+
+def sleep(rig: Rig, seconds: float, *told: int) -> None:
+    """Stopped, while the autopilot tells these modes and stays in the last."""
+    rig.clock.now += seconds
+    rig.stage.now = rig.clock.now
+    for mode in told:
+        rig.stage.mode = mode
+        for _ in range(READS_PER_POLL):  # what streams meanwhile is more than one turn reads
+            rig.stage.heartbeat(1)
+
+
+def orders(rig: Rig) -> int:
+    return sum(message.command == 176 for message in rig.stage.sent("COMMAND_LONG"))
+
+
+@pytest.mark.parametrize("mode", [MANUAL, RTL])
+@pytest.mark.parametrize("seconds", [1.2, 3.0, 30.0])
+def test_a_human_who_took_over_meanwhile_is_not_overruled_by_old_news(
+    rig: Rig, mode: int, seconds: float
+) -> None:
+    sleep(rig, seconds, AUTO, AUTO, mode)
+    rig.wait(3.0)
+    assert orders(rig) == 0
+    assert rig.stage.mode == mode
+
+
+def test_one_who_took_over_unheard_is_not_either(rig: Rig) -> None:
+    sleep(rig, 2.0, AUTO)
+    rig.stage._heartbeat_at = rig.clock.now + 0.9
+    rig.stage.mode = MANUAL
+    rig.wait(0.8)
+    assert orders(rig) == 0
+    rig.wait(3.0)
+    assert orders(rig) == 0
+
+
+def test_a_vehicle_that_still_drives_itself_is_held_with_its_next_heartbeat(rig: Rig) -> None:
+    sleep(rig, 4.0, AUTO)
+    rig.wait(1.3)
+    assert rig.stage.mode == HOLD
+
+
+def test_a_hold_outlasts_the_sleep_and_is_ended_by_whom_it_was_ended_by(held: Rig) -> None:
+    sleep(held, 4.0, HOLD)
+    held.see(2.0, "drum")
+    assert held.state == ("CALLING", 1)
+    sleep(held, 4.0, HOLD, MANUAL)
+    held.see(2.0, "drum")
+    assert held.calls.hold is None
+    assert held.stage.mode == MANUAL
+
+
+def test_an_answer_sent_meanwhile_must_be_sent_again(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    rig.see(3.0, "drum")
+    sleep(rig, 4.0, HOLD)
+    rig.word(1, "drum", 1.0)
+    rig.see(0.5, "drum")
+    assert rig.acks == []
+    rig.word(1, "drum", 1.0)
+    rig.see(0.5, "drum")
+    assert len(rig.acks) == 1

@@ -1,1 +1,1 @@
-"""Does the rover stop? Faults made on purpose while it drives the simulated trail, by seed; `make bench-stopping`."""
+"""Does the rover stop? Faults made on purpose while it drives the simulated trail, by seed."""

@@ -7,14 +7,20 @@ import json
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.stopping import eyes
+from bench.stopping.ground import Ground
+from bench.stopping.lens import Lens
 from bench.stopping.limits import Limit, braking, script_timeout
+from bench.stopping.wire import Wire
 from companion.config import load_config
 from companion.demo.child import Child
 from companion.demo.config import write_config
+from companion.field.autopilot import HAND
 from companion.field.control import FieldControl
 from companion.field.rover import STANDSTILL
 
@@ -48,14 +54,14 @@ class Plan:
     """How a stage is set. at: m along the trail. speed: m/s at most.
 
     quiet: no word is missing and no place is new, so that nothing but a fault can stop the rover.
+    breakable: with the perceiver that `Stage.break_eyes` breaks.
     """
 
     seed: int
     at: float
     speed: float = 2.5
     policy: str = "hold"
-    perceiver: str = "builtin"
-    module: str = "companion"
+    breakable: bool = False
     quiet: bool = True
     surprises: bool = False
     script: bool = True
@@ -65,16 +71,21 @@ class Plan:
 class Stop:
     """From a fault to standstill: by the simulation's clock and way. by: who changed the mode, "" nobody.
 
-    limit, seconds: s. metres: m. speed: m/s at the fault.
+    stands: in HOLD, late or not. limit, seconds: s. metres: m. speed: m/s at the fault.
     """
 
-    stopped: bool
+    stands: bool
     seconds: float
     metres: float
     limit: float
     speed: float
     zone: str
     by: str
+
+    @property
+    def stopped(self) -> bool:
+        """Within the limit."""
+        return self.stands and self.seconds <= self.limit
 
 
 class Stage:
@@ -83,7 +94,8 @@ class Stage:
     def __init__(self, out: Path, plan: Plan, cancelled: threading.Event) -> None:
         self.out, self.plan = out, plan
         self._cancelled = cancelled
-        self._children: list[Child] = []
+        self._closing = ExitStack()
+        self.speed = plan.speed
         out.mkdir(parents=True, exist_ok=True)
         try:
             self._set()
@@ -96,12 +108,16 @@ class Stage:
         asked = ["--seed", str(plan.seed), "--at", f"{plan.at:.1f}", "--speed", f"{plan.speed:.2f}"]
         asked += ["--surprises"] * plan.surprises + ["--no-script"] * (not plan.script)
         field = self._child("field", ["bench.stopping.field", *asked])
-        self.ports: dict[str, Any] = json.loads(field.first_line(READY_WITHIN))
-        if plan.script and self.ports["script"] != "running":
-            raise RuntimeError(f"the script on the autopilot is {self.ports['script']}")
-        host, _, port = self.ports["control"].rpartition(":")
-        self.control = FieldControl(host, int(port))
-        self.config = self._write_config(f"field:{self.ports['frames']}", self.ports["companion"])
+        ports: dict[str, Any] = json.loads(field.first_line(READY_WITHIN))
+        if plan.script and ports["script"] != "running":
+            raise RuntimeError(f"the script on the autopilot is {ports['script']}")
+        host, _, port = ports["control"].rpartition(":")
+        self.control = self._closing.enter_context(FieldControl(host, int(port)))
+        self.wire = self._closing.enter_context(closing(Wire(int(ports["companion"].rpartition(":")[2]))))
+        self.lens = self._closing.enter_context(closing(Lens(ports["frames"])))
+        self.ground = self._closing.enter_context(closing(Ground(ports["gcs"])))
+        self.config = self._write_config(self.lens.source, self.wire.url)
+        eyes.register()
         self.freshness = load_config(str(self.config)).freshness
         self.start_daemon()
 
@@ -113,17 +129,28 @@ class Stage:
 
     def close(self) -> None:
         """End all processes, whatever state they are in."""
-        for child in reversed(self._children):
-            child.process.kill()
-        for child in self._children:
-            child.stop()
-        if hasattr(self, "control"):
-            self.control.close()
+        self._closing.close()
 
     def start_daemon(self) -> None:
         """A companion on the configuration; an earlier one must be dead."""
         (self.out / "state" / "status.json").unlink(missing_ok=True)
-        self.daemon = self._child("daemon", [self.plan.module, "run", "--config", str(self.config)])
+        module = "bench.stopping.eyes" if self.plan.breakable else "companion"
+        self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)])
+
+    def break_eyes(self, how: str) -> None:
+        """How the perceiver is broken from now on: see bench.stopping.eyes; "" not at all."""
+        part = self.out / "fault.part"
+        part.write_text(how, encoding="utf-8")
+        part.replace(self.out / "fault")
+
+    def cover(self, *, on: bool) -> None:
+        """The camera delivers nothing."""
+        self.control.ask("freeze_camera", on=on)
+
+    def set_speed(self, speed: float) -> None:
+        """m/s along the trail from now on, at most the plan's."""
+        self.speed = speed
+        self.ground.set_speed(speed)
 
     def status(self) -> dict[str, Any]:
         """The field's."""
@@ -172,7 +199,7 @@ class Stage:
         status = self.status()
         if status["mode"] != "AUTO":
             raise Disturbed(f"it was held: {status['mode_log'][-1]}")
-        return bool(status["speed"] > 0.95 * self.plan.speed)
+        return bool(status["speed"] > 0.95 * self.speed)
 
     def measure(self, fault: Callable[[], None]) -> Stop:
         """What comes of a fault that begins now."""
@@ -185,21 +212,11 @@ class Stage:
                 raise KeyboardInterrupt
             time.sleep(LOOK)
             after = self.status()
-        seconds = after["t"] - before["t"]
-        held = [change for change in after["mode_log"] if change["t"] >= before["t"]]
-        return Stop(
-            stopped=after["speed"] <= STANDSTILL and after["mode"] == "HOLD" and seconds <= limit,
-            seconds=seconds,
-            metres=after["distance"] - before["distance"],
-            limit=limit,
-            speed=before["speed"],
-            zone=before["zone"],
-            by=held[0]["by"] if held else "",
-        )
+        return stopped(before, after, limit)
 
     def _child(self, name: str, arguments: list[str]) -> Child:
         child = Child(name, arguments, self.out / f"{name}.log")
-        self._children.append(child)
+        self._closing.callback(_end, child)
         return child
 
     def _write_config(self, camera: str, link: str) -> Path:
@@ -208,6 +225,27 @@ class Stage:
         text = path.read_text(encoding="utf-8")
         if plan.quiet:
             text = text.partition("[words]")[0].replace("top = 0.46", "top = 0.44") + _QUIET
-        text += f'\n[perceiver]\nname = "{plan.perceiver}"\nthreads = 1\n'
+        name = f"broken:{self.out / 'fault'}" if plan.breakable else "builtin"
+        text += f"\n[perceiver]\nname = {json.dumps(name)}\nthreads = 1\n"
         path.write_text(text, encoding="utf-8")
         return path
+
+
+def stopped(before: dict[str, Any], after: dict[str, Any], limit: float) -> Stop:
+    """What lies between two of the field's statuses."""
+    held = [change for change in after["mode_log"] if change["t"] >= before["t"] and change["by"] != HAND]
+    return Stop(
+        stands=after["speed"] <= STANDSTILL and after["mode"] == "HOLD",
+        seconds=after["t"] - before["t"],
+        metres=after["distance"] - before["distance"],
+        limit=limit,
+        speed=before["speed"],
+        zone=before["zone"],
+        by=held[0]["by"] if held else "",
+    )
+
+
+def _end(child: Child) -> None:
+    """Whatever state it is in."""
+    child.process.kill()
+    child.stop()

@@ -1,0 +1,57 @@
+"""Faults that must stop a driving rover: how each begins, and how it ends where its companion goes on."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from bench.stopping.stage import Stage
+
+Act = Callable[[Stage], None]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """end: None where nothing can be mended: it is the last on its stage."""
+
+    begin: Act
+    end: Act | None
+
+
+def _signal(number: signal.Signals) -> Act:
+    return lambda stage: stage.daemon.process.send_signal(number)
+
+
+def _cut(*, on: bool) -> Act:
+    return lambda stage: setattr(stage.wire, "cut", on)
+
+
+def _freeze(*, on: bool) -> Act:
+    return lambda stage: setattr(stage.lens, "frozen", on)
+
+
+def _cover(*, on: bool) -> Act:
+    return lambda stage: stage.cover(on=on)
+
+
+def _break(how: str) -> Act:
+    return lambda stage: stage.break_eyes(how)
+
+
+CAMERA: Mapping[str, Fault] = {
+    "frozen_camera": Fault(_freeze(on=True), _freeze(on=False)),
+    "silent_camera": Fault(_cover(on=True), _cover(on=False)),
+}
+SILENCE: Mapping[str, Fault] = {
+    "sigstop": Fault(_signal(signal.SIGSTOP), _signal(signal.SIGCONT)),
+    "dead_link": Fault(_cut(on=True), _cut(on=False)),
+    "kill_9": Fault(_signal(signal.SIGKILL), None),
+}
+BREAKABLE: Mapping[str, Fault] = {
+    "nan_maps": Fault(_break("nan"), _break("")),
+    "hung_perceiver": Fault(_break("hang"), None),
+}
+"""On a companion whose perceiver was made to break."""
+FAINT = {"nan_maps": Fault(_break("one nan"), _break(""))}
+"""The same in its smallest form, on every other seed."""

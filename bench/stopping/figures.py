@@ -1,0 +1,64 @@
+"""What the runs come to."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from bench.stopping.runs import Run
+
+NEVER_STOPS = ("report",)
+
+
+def line(run: Run) -> str:
+    """One run for a reader."""
+    told = f"{run.kind:14} seed {run.seed:3}"
+    if run.stop is not None:
+        stop = run.stop
+        told += (
+            f"  {stop.speed:.1f} m/s in the {stop.zone:6}  {stop.seconds:5.2f} s of {stop.limit:.2f}"
+            f"  {stop.metres:5.2f} m  by {stop.by or 'nobody'}"
+        )
+    if run.disturbed:
+        told += f"  (begun anew {run.disturbed} x)"
+    return told + (f"  WRONG: {run.wrong}" if run.wrong else "")
+
+
+def figures(runs: Sequence[Run]) -> dict[str, Any]:
+    """runs, stopped: of those that had to stop. Seconds, metres: the worst; limit_seconds: the longest."""
+    due = [run for run in runs if run.kind not in NEVER_STOPS]
+    return {
+        "runs": len(due),
+        "stopped": sum(run.stop is not None and run.stop.stopped for run in due),
+        **_worst(due),
+        "limit_seconds": _most(run.stop.limit for run in due if run.stop is not None),
+        "commanded_in_report_policy": sum(run.commanded for run in runs),
+        "kinds": {kind: _of_kind(runs, kind) for kind in dict.fromkeys(run.kind for run in runs)},
+    }
+
+
+def good(runs: Sequence[Run]) -> bool:
+    """Whether every run ended as it should."""
+    return bool(runs) and not any(run.wrong or run.commanded for run in runs)
+
+
+def _of_kind(runs: Sequence[Run], kind: str) -> dict[str, Any]:
+    own = [run for run in runs if run.kind == kind]
+    counted = {"runs": len(own), "wrong": sum(bool(run.wrong) for run in own)}
+    disturbed = sum(run.disturbed for run in own)
+    told = {**counted, "begun_anew": disturbed} if disturbed else counted
+    stops = [run.stop for run in own if run.stop is not None]
+    return {**told, **_worst(own), "by": dict(Counter(stop.by for stop in stops))} if stops else told
+
+
+def _worst(runs: Sequence[Run]) -> dict[str, float]:
+    stops = [run.stop for run in runs if run.stop is not None]
+    return {
+        "worst_seconds": _most(stop.seconds for stop in stops),
+        "worst_metres": _most(stop.metres for stop in stops),
+    }
+
+
+def _most(values: Any) -> float:
+    return round(max(values, default=0.0), 2)

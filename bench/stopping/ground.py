@@ -1,0 +1,41 @@
+"""A person at a ground station: answers calls, and sets how fast the rover drives."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion
+
+ROVER, AUTOPILOT = 1, 1
+GROUND = 255, 190
+REAL32 = 9
+
+
+class Ground:
+    """Speaks to the autopilot's second port; what comes back nobody reads."""
+
+    def __init__(self, url: str) -> None:
+        """url: as the field prints it, udpout:HOST:PORT."""
+        _, host, port = url.split(":")
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect((host, int(port)))
+        self._mav = mavlink.MAVLink(None, *GROUND)
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def set_speed(self, speed: float) -> None:
+        """m/s along the trail."""
+        self._send(mavlink.MAVLink_param_set_message(ROVER, AUTOPILOT, b"CRUISE_SPEED", speed, REAL32))
+
+    def go(self, number: int) -> None:
+        """Answer go to the call or hold of this id."""
+        params = (float(number), float(Motion.GO), 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._send(mavlink.MAVLink_command_long_message(ROVER, COMPONENT_ID, ANSWER_COMMAND, 0, *params))
+
+    def _send(self, message: Any) -> None:
+        self._socket.send(bytes(message.pack(self._mav)))
+        self._mav.seq = (self._mav.seq + 1) % 256

@@ -1,0 +1,95 @@
+"""A human who takes over is left alone, whatever the companion is about."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Mapping
+from random import Random
+from typing import Any
+
+from bench.stopping.stage import Disturbed, Stage
+
+SOON = 10.0
+FAILED = 20.0
+IN_FLIGHT = 0.3
+"""Seconds in which an order may still be on its way that was given before the human's mode was heard."""
+WATCHED = 3.0
+READ = 2.2
+"""Seconds until an answer counts as one to what was announced."""
+
+
+def _mode(stage: Stage) -> Any:
+    return stage.status()["mode"]
+
+
+def _requested(stage: Stage, random: Random) -> str:
+    """It asks for the hold, and the autopilot does not hear."""
+    stage.wire.deaf = True
+    stage.cover(on=True)
+    stage.wait("a hold that is asked for", lambda: bool(stage.wire.commands), SOON)
+    _pass(stage, random.uniform(0.0, 4.0))
+    return random.choice(["MANUAL", "RTL"])
+
+
+def _standing(stage: Stage, random: Random) -> str:
+    """It holds; it sees again, but nobody said go."""
+    stage.cover(on=True)
+    stage.wait("a hold", lambda: _mode(stage) == "HOLD", SOON)
+    _pass(stage, random.uniform(0.0, 2.0))
+    stage.cover(on=False)
+    stage.wait_until_well()
+    return random.choice(["MANUAL", "AUTO", "GUIDED", "RTL"])
+
+
+def _resuming(stage: Stage, random: Random) -> str:
+    """It was told to go, asks for AUTO, and the autopilot does not hear."""
+    _standing(stage, random)
+    _pass(stage, READ)
+    stage.wire.deaf = True
+    asked = len(stage.wire.commands)
+    stage.ground.go(int(stage.told()["current_id"]))
+    stage.wait("the way back", lambda: len(stage.wire.commands) > asked, SOON)
+    _pass(stage, random.uniform(0.0, 1.5))
+    return random.choice(["MANUAL", "RTL"])
+
+
+def _asleep(stage: Stage, random: Random) -> str:
+    """It stands still itself; when it wakes, what it hears first is old."""
+    stage.daemon.process.send_signal(signal.SIGSTOP)
+    _pass(stage, random.uniform(1.5, 4.0))
+    return random.choice(["MANUAL", "RTL"])
+
+
+STATES: Mapping[str, Callable[[Stage, Random], str]] = {
+    "requested": _requested,
+    "standing": _standing,
+    "resuming": _resuming,
+    "asleep": _asleep,
+}
+
+
+def take_over(stage: Stage, state: str, random: Random) -> str:
+    """Bring the companion to a state, take over by hand; what it commanded after that, "" for nothing."""
+    mode = STATES[state](stage, random)
+    if state == "standing" and _mode(stage) != "HOLD":
+        raise Disturbed("it did not stand")
+    stage.control.mode(mode)
+    if state == "asleep":
+        _pass(stage, random.uniform(0.5, 1.5))
+        asked = len(stage.wire.commands)
+        stage.daemon.process.send_signal(signal.SIGCONT)
+    else:
+        _pass(stage, IN_FLIGHT)
+        asked = len(stage.wire.commands)
+    stage.wire.deaf = False
+    _pass(stage, WATCHED)
+    wrong = stage.wire.commands[asked:]
+    if wrong or _mode(stage) != mode:
+        return f"{state}, {mode} by hand: {', '.join(wrong) or _mode(stage)}"
+    return ""
+
+
+def _pass(stage: Stage, seconds: float) -> None:
+    until = time.monotonic() + seconds
+    stage.wait("time", lambda: time.monotonic() >= until, seconds + SOON)

@@ -1,0 +1,220 @@
+"""What is run for one seed, group by group: each group sets its own stage."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+
+from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, Fault
+from bench.stopping.humans import STATES, take_over
+from bench.stopping.limits import Limit, braking, script_timeout
+from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage, Stop, stopped
+from companion.field.rover import STANDSTILL
+from companion.field.trail import Trail
+
+SLOW, FAST = 1.0, 2.5
+RUSH = 5.0
+"""m/s of a rover that is only looked after."""
+LAP_WITHIN = 60.0
+TRIES = 3
+LATE = "too late"
+"""It stands, but took longer than its limit."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run. wrong: what went wrong, "" nothing, LATE where that is all. stop: where one was due.
+
+    commanded: orders in report policy. disturbed: how often it was begun anew because the rover was not
+    driving when it should have been.
+    """
+
+    kind: str
+    seed: int
+    wrong: str = ""
+    stop: Stop | None = None
+    commanded: int = 0
+    disturbed: int = 0
+
+
+@dataclass
+class Job:
+    """A seed, where its files go, and how to give up."""
+
+    seed: int
+    out: Path
+    cancelled: threading.Event
+
+    def __post_init__(self) -> None:
+        self.trail = Trail(self.seed)
+        self._stages = 0
+
+    def random(self, *what: object) -> Random:
+        """The same for the same seed and purpose."""
+        return Random(f"{self.seed} {what}")
+
+    def plan(self, random: Random) -> Plan:
+        """Somewhere on the trail, not as fast as it may get."""
+        return Plan(self.seed, random.uniform(0.0, self.trail.length), FAST)
+
+    def stage(self, plan: Plan, out: Path | None = None) -> Stage:
+        """A new one, in a folder of its own."""
+        self._stages += 1
+        return Stage(out or self.out / f"{self.seed}-{self._stages}", plan, self.cancelled)
+
+
+def blind(job: Job) -> Iterator[Run]:
+    """The camera fails the companion as it ships."""
+    yield from _faults(job, CAMERA, job.random("blind"), breakable=False)
+
+
+def dead(job: Job) -> Iterator[Run]:
+    """The companion as it ships is silent, one way after the other, killed at last."""
+    yield from _faults(job, SILENCE, job.random("dead"), breakable=False)
+
+
+def broken(job: Job) -> Iterator[Run]:
+    """Of a companion whose perceiver breaks."""
+    named = {**BREAKABLE, **FAINT} if job.seed % 2 else BREAKABLE
+    yield from _faults(job, named, job.random("broken"), breakable=True)
+
+
+def _faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: bool) -> Iterator[Run]:
+    kinds = sorted(named, key=lambda kind: (named[kind].end is None, random.random()))
+    disturbed = 0
+    while kinds:
+        plan = replace(job.plan(random), breakable=breakable)
+        try:
+            with job.stage(plan) as stage:
+                while kinds:
+                    stop = _one_fault(stage, named[kinds[0]], random)
+                    yield Run(kinds.pop(0), job.seed, _verdict(stop), stop, 0, disturbed)
+                    disturbed = 0
+        except Disturbed as why:
+            disturbed += 1
+            if disturbed == TRIES:
+                yield Run(kinds.pop(0), job.seed, str(why), disturbed=disturbed)
+                disturbed = 0
+
+
+def _one_fault(stage: Stage, fault: Fault, random: Random) -> Stop:
+    stage.set_speed(random.uniform(SLOW, FAST))
+    stage.wait_until_well()
+    stage.drive(random.uniform(0.0, 1.5))
+    stop = stage.measure(lambda: fault.begin(stage))
+    if fault.end is not None:
+        fault.end(stage)
+    return stop
+
+
+def human(job: Job) -> Iterator[Run]:
+    """Takes over in one state, by seed; then a fault of the next drive holds again."""
+    state = list(STATES)[job.seed % len(STATES)]
+
+    def run(random: Random) -> Run:
+        with job.stage(replace(job.plan(random), script=False)) as stage:
+            stage.set_speed(random.uniform(SLOW, FAST))
+            stage.wait_until_well()
+            stage.drive(random.uniform(0.0, 1.0))
+            wrong = take_over(stage, state, random)
+            if wrong:
+                return Run("human", job.seed, wrong)
+            stage.cover(on=False)
+            stage.wait_until_well()
+            stage.drive()
+            stop = stage.measure(lambda: stage.cover(on=True))
+            return Run("human", job.seed, _verdict(stop), stop)
+
+    yield _retried(job, "human", run)
+
+
+def alien(job: Job) -> Iterator[Run]:
+    """A journal from one place, restarted in another: it asks, and the rover does not get away."""
+
+    def run(random: Random) -> Run:
+        zones = list(job.trail.borders.values())
+        random.shuffle(zones)
+        here, there = (begin + random.uniform(0.35, 0.65) * (end - begin) for begin, end in zones[:2])
+        plan = Plan(job.seed, here, random.uniform(SLOW, FAST), quiet=False)
+        out = job.out / f"{job.seed}-alien-{random.random()}"
+        with job.stage(plan, out) as stage:
+            stage.wait_until_well()
+        with job.stage(replace(plan, at=there), out) as stage:
+            stage.wait("a companion that sees", lambda: stage.told().get("frames", {}) != {}, 60.0)
+            return _asks(job, stage)
+
+    yield _retried(job, "alien_place", run)
+
+
+def _asks(job: Job, stage: Stage) -> Run:
+    limit = Limit(stage.freshness, script_timeout(), braking(stage.speed)[0]).seconds
+    stage.control.start()
+    before = after = stage.status()
+    asks = False
+    while after["t"] - before["t"] < limit + BEYOND:
+        after, told = stage.status(), stage.told()
+        asks = told.get("state") == "calling" and "unknown_scene" in told["reasons"]
+        if asks and after["mode"] == "HOLD" and after["speed"] <= STANDSTILL:
+            break
+        time.sleep(LOOK)
+    stop = stopped(before, after, limit)
+    return Run("alien_place", job.seed, _verdict(stop) if asks else f"no call in the {after['zone']}", stop)
+
+
+def report(job: Job) -> Iterator[Run]:
+    """A lap in report policy, past things without a word, for a while without eyes or a link."""
+
+    def run(random: Random) -> Run:
+        plan = replace(
+            job.plan(random), speed=RUSH, policy="report", quiet=False, surprises=True, script=False
+        )
+        with job.stage(plan) as stage:
+            stage.set_speed(random.uniform(0.8 * RUSH, RUSH))
+            stage.wait("a companion that sees", lambda: bool(stage.told()), 60.0)
+            stage.control.start()
+            doings = [*CAMERA.values(), SILENCE["dead_link"]]
+            for part, fault in enumerate(doings, start=1):
+                _drive_to(stage, job.trail.length * (part - random.random()) / 3)
+                fault.begin(stage)
+                _drive_to(stage, stage.status()["distance"] + 10.0)
+                if fault.end is not None:
+                    fault.end(stage)
+            _drive_to(stage, job.trail.length)
+            status = stage.status()
+            by_companion = [change for change in status["mode_log"] if change["by"] != "hand"]
+            commanded = max(len(stage.wire.commands), len(by_companion))
+            wrong = ", ".join(stage.wire.commands) or ("" if commanded == 0 else str(by_companion))
+            return Run("report", job.seed, wrong, None, commanded)
+
+    yield _retried(job, "report", run)
+
+
+def _drive_to(stage: Stage, distance: float) -> None:
+    stage.wait(f"{distance:.0f} m driven", lambda: stage.status()["distance"] >= distance, LAP_WITHIN)
+
+
+def _retried(job: Job, kind: str, run: Callable[[Random], Run], disturbed: int = 0) -> Run:
+    try:
+        return replace(run(job.random(kind, disturbed)), disturbed=disturbed)
+    except Disturbed as why:
+        if disturbed + 1 == TRIES:
+            return Run(kind, job.seed, str(why), disturbed=TRIES)
+    return _retried(job, kind, run, disturbed + 1)
+
+
+def _verdict(stop: Stop) -> str:
+    return "not stopped" if not stop.stands else "" if stop.stopped else LATE
+
+
+GROUPS: Mapping[str, Callable[[Job], Iterator[Run]]] = {
+    "blind": blind,
+    "dead": dead,
+    "broken": broken,
+    "human": human,
+    "alien": alien,
+    "report": report,
+}

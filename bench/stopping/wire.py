@@ -1,0 +1,88 @@
+"""The companion's cable to the autopilot, as a UDP proxy: it can be cut, and it reads what is commanded."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import threading
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.field.router import Parser
+
+_MAY_BE_SAID = {
+    "HEARTBEAT",
+    "STATUSTEXT",
+    "TUNNEL",
+    "PARAM_VALUE",
+    "NAMED_VALUE_FLOAT",
+    "COMMAND_ACK",
+}
+_MAY_BE_ASKED = {
+    int(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL),
+    int(mavlink.MAV_CMD_REQUEST_MESSAGE),
+}
+_PATIENCE = 0.2
+
+
+class Wire:
+    """Passes datagrams both ways until closed.
+
+    cut: nothing passes. deaf: what would command the vehicle gets lost on the way to it. commands: all that
+    the companion said to command the vehicle, lost or not.
+    """
+
+    def __init__(self, autopilot: int) -> None:
+        """autopilot: its UDP port of 127.0.0.1."""
+        self.cut = self.deaf = False
+        self.commands: list[str] = []
+        self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._near.bind(("127.0.0.1", 0))
+        self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._far.connect(("127.0.0.1", autopilot))
+        self._companion: tuple[str, int] | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="wire", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """For the companion's [link]."""
+        return f"udpout:127.0.0.1:{self._near.getsockname()[1]}"
+
+    def close(self) -> None:
+        self._closing.set()
+        self._thread.join(2.0)
+        self._near.close()
+        self._far.close()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            for readable in select.select([self._near, self._far], [], [], _PATIENCE)[0]:
+                with contextlib.suppress(OSError):  # one of the two is not there just now
+                    self._from_companion() if readable is self._near else self._from_autopilot()
+
+    def _from_companion(self) -> None:
+        datagram, self._companion = self._near.recvfrom(65536)
+        orders = [order for frame in Parser().frames(datagram) if (order := _ordered(frame))]
+        self.commands += orders
+        if not self.cut and not (self.deaf and orders):
+            self._far.send(datagram)
+
+    def _from_autopilot(self) -> None:
+        datagram = self._far.recv(65536)
+        if not self.cut and self._companion is not None:
+            self._near.sendto(datagram, self._companion)
+
+
+def _ordered(frame: Any) -> str:
+    """What a frame commands the vehicle to do; "" for what is known to be harmless."""
+    kind = str(frame.get_type())
+    if kind in _MAY_BE_SAID:
+        return ""
+    if kind in ("COMMAND_LONG", "COMMAND_INT"):
+        harmless = frame.command in _MAY_BE_ASKED
+        return "" if harmless else f"{kind} {frame.command} {frame.param1:g} {frame.param2:g}"
+    return kind

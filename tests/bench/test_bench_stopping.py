@@ -1,0 +1,94 @@
+"""Real processes on the simulated trail, two runs of each kind: what happened, not how quickly.
+
+How quickly is judged by `make bench-stopping`, on a machine that does nothing else.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from bench.stopping.figures import figures, good
+from bench.stopping.limits import SPARE, Limit, braking, script_timeout
+from bench.stopping.runs import GROUPS, LATE, Job, Run
+from bench.stopping.stage import Stop
+
+pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lua 5.3")
+
+SEEDS = (1, 2)
+AT_ONCE = 6
+KINDS = {
+    "frozen_camera": {"companion", "script"},
+    "silent_camera": {"companion", "script"},
+    "nan_maps": {"companion", "script"},
+    "hung_perceiver": {"companion", "script"},
+    "sigstop": {"script"},
+    "dead_link": {"script"},
+    "kill_9": {"script"},
+    "human": {"companion"},
+    "alien_place": {"companion", "script"},
+}
+"""Every kind that ends in standstill, and who may have held; the script also acts on a fault that is told."""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Run]]:
+    """All of them, side by side."""
+    out, cancelled = tmp_path_factory.mktemp("stopping"), threading.Event()
+    with pytest.MonkeyPatch.context() as patched, ThreadPoolExecutor(AT_ONCE) as pool:
+        patched.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+        jobs = [(group, Job(seed, out / name, cancelled)) for seed in SEEDS for name, group in GROUPS.items()]
+        try:
+            yield [run for found in pool.map(lambda job: list(job[0](job[1])), jobs) for run in found]
+        finally:
+            cancelled.set()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_driving_rover_is_stopped(runs: list[Run], kind: str) -> None:
+    own = [run for run in runs if run.kind == kind]
+    assert [run.seed for run in own] == list(SEEDS)
+    for run in own:
+        assert run.wrong in ("", LATE), run
+        assert run.stop is not None
+        assert run.stop.stands
+        assert run.stop.by in KINDS[kind]
+
+
+def test_a_rover_in_report_policy_is_never_commanded(runs: list[Run]) -> None:
+    own = [run for run in runs if run.kind == "report"]
+    assert [(run.seed, run.wrong, run.commanded) for run in own] == [(seed, "", 0) for seed in SEEDS]
+
+
+def test_no_kind_is_left_out(runs: list[Run]) -> None:
+    assert {run.kind for run in runs} == {*KINDS, "report"}
+
+
+def test_the_limit_is_made_of_the_script_s_own_figure_and_the_rover_s_own_brakes() -> None:
+    assert script_timeout() == 1.5
+    seconds, metres = braking(2.5)
+    assert seconds == pytest.approx(0.15 + 2.5 / 1.4, abs=0.05)
+    assert metres == pytest.approx(0.15 * 2.5 + 2.5**2 / 2.8, abs=0.1)
+    assert Limit(1.0, 1.5, 2.0).seconds == 4.5 + SPARE
+
+
+def stop(seconds: float, *, stands: bool = True) -> Stop:
+    return Stop(stands, seconds, 2.0 * seconds, limit=5.0, speed=2.0, zone="meadow", by="script")
+
+
+def test_a_rover_that_is_late_or_drives_on_or_is_commanded_spoils_the_bench() -> None:
+    well = Run("kill_9", 1, "", stop(3.0))
+    late = Run("kill_9", 2, LATE, stop(6.0))
+    gone = Run("kill_9", 3, "not stopped", stop(11.0, stands=False))
+    quiet, commanded = Run("report", 1), Run("report", 2, "COMMAND_LONG 176 1 4", None, 1)
+    assert good([well, quiet])
+    assert not any(good([well, bad]) for bad in (late, gone, commanded))
+    assert not good([])
+    found = figures([well, late, gone, quiet, commanded])
+    assert (found["runs"], found["stopped"], found["commanded_in_report_policy"]) == (3, 1, 1)
+    assert (found["worst_seconds"], found["worst_metres"], found["limit_seconds"]) == (11.0, 22.0, 5.0)
+    assert found["kinds"]["kill_9"]["wrong"] == 2

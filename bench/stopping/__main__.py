@@ -1,7 +1,7 @@
 """Faults on purpose, `--runs` of each kind by seed, several stages side by side.
 
-Prints a line a run; the last line is one JSON object. The exit code is 1 if a rover did not stop within its
-limit, a human was overruled, or a rover in report policy was commanded.
+Prints a line a run; the last line is one JSON object, also when it is ended early. The exit code is 1 if a
+rover did not stop within its limit, a human was overruled, or a rover in report policy was commanded.
 Run: make bench-stopping, or python -m bench.stopping [--runs 50] [--jobs 3] [--only faults human]
 """
 
@@ -23,7 +23,8 @@ from bench.stopping.runs import GROUPS, Job, Run
 
 def main() -> int:
     given = _arguments()
-    signal.signal(signal.SIGTERM, _end)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _end)
     cancelled = threading.Event()
     runs: list[Run] = []
     with tempfile.TemporaryDirectory(prefix="ats-", ignore_cleanup_errors=True) as folder:
@@ -40,7 +41,7 @@ def main() -> int:
         finally:
             cancelled.set()
             pool.shutdown(cancel_futures=True)
-    print(json.dumps(figures(runs)))
+            print(json.dumps(figures(runs)), flush=True)
     return 0 if good(runs) else 1
 
 
@@ -74,7 +75,4 @@ def _arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        sys.exit(130)
+    sys.exit(main())

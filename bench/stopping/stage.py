@@ -175,14 +175,18 @@ class Stage:
             time.sleep(LOOK)
 
     def wait_until_well(self) -> None:
-        """Until the companion sees, and has said so for long enough that autopilot and script know."""
-        since = time.time()
-        self.wait("a companion that is well", lambda: self._well_after(since), READY_WITHIN)
+        """Until the companion sees, and the autopilot has heard so.
+
+        A driver who sets AUTO before that is taken to want to go blind, and left alone by the script.
+        """
+        since, heard = time.time(), self.wire.well
+        self.wait("a companion that is well", lambda: self.wire.well > heard, READY_WITHIN)
+        self.wait("its status", lambda: self._well_after(since), READY_WITHIN)
 
     def _well_after(self, since: float) -> bool:
         path = self.out / "state" / "status.json"
         with contextlib.suppress(OSError):
-            return path.stat().st_mtime > since + 0.5 and self.told().get("state") in ("ok", "holding")
+            return path.stat().st_mtime > since and self.told().get("state") in ("ok", "holding")
         return False
 
     def drive(self, longer: float = 0.0) -> None:

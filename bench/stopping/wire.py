@@ -11,6 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.field.router import Parser
+from companion.wire.ids import State, read_heartbeat_mode
 
 _MAY_BE_SAID = {
     "HEARTBEAT",
@@ -31,13 +32,15 @@ class Wire:
     """Passes datagrams both ways until closed.
 
     cut: nothing passes. deaf: what would command the vehicle gets lost on the way to it. commands: all that
-    the companion said to command the vehicle, lost or not.
+    the companion said to command the vehicle, lost or not. well: heartbeats that reached the autopilot and
+    told neither a start nor a fault.
     """
 
     def __init__(self, autopilot: int) -> None:
         """autopilot: its UDP port of 127.0.0.1."""
         self.cut = self.deaf = False
         self.commands: list[str] = []
+        self.well = 0
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._near.bind(("127.0.0.1", 0))
         self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -66,15 +69,23 @@ class Wire:
 
     def _from_companion(self) -> None:
         datagram, self._companion = self._near.recvfrom(65536)
-        orders = [order for frame in Parser().frames(datagram) if (order := _ordered(frame))]
+        frames = Parser().frames(datagram)
+        orders = [order for frame in frames if (order := _ordered(frame))]
         self.commands += orders
         if not self.cut and not (self.deaf and orders):
             self._far.send(datagram)
+            self.well += sum(_is_well(frame) for frame in frames)
 
     def _from_autopilot(self) -> None:
         datagram = self._far.recv(65536)
         if not self.cut and self._companion is not None:
             self._near.sendto(datagram, self._companion)
+
+
+def _is_well(frame: Any) -> bool:
+    if frame.get_type() != "HEARTBEAT":
+        return False
+    return read_heartbeat_mode(frame.custom_mode)[0] not in (State.STARTING, State.FAULT)
 
 
 def _ordered(frame: Any) -> str:

@@ -64,6 +64,15 @@ def test_the_bench_of_networks_gets_its_own_set_up_and_options(
     assert checkout.calls[-1] == expected
 
 
+def test_the_bench_of_stopping_runs_with_the_developer_s_set_up(checkout: Checkout) -> None:
+    checkout.python()
+    done = checkout.run("make", "bench-stopping", "ARGS=--runs 2")
+    assert done.returncode == 0, done.stderr
+    (install,) = (call for call in checkout.calls if call.startswith("-m pip"))
+    assert install.endswith("-e .[dev]")
+    assert checkout.calls[-1] == "-m bench.stopping --runs 2"
+
+
 def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> None:
     checkout.python()
     checkout.run("make", "ready-rover")
@@ -74,7 +83,17 @@ def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> Non
 
 def test_make_alone_lists_every_target_with_what_it_does(checkout: Checkout) -> None:
     listed = checkout.run("make").stdout
-    for target in ("demo", "test", "lint", "types", "check", "bench-clipseg", "clean", "help"):
+    for target in (
+        "demo",
+        "test",
+        "lint",
+        "types",
+        "check",
+        "bench-clipseg",
+        "bench-stopping",
+        "clean",
+        "help",
+    ):
         assert f"make {target} " in listed
 
 

@@ -28,7 +28,7 @@ from anytraverse.perception.ground_net import (
 from anytraverse.perception.ground_running import open_network
 from anytraverse.perception.ground_scene import SAME_PLACE, scene_vector
 from anytraverse.perception.ground_taps import COLOURS, changed_views, learn_tap, tap_attention, tap_cells
-from anytraverse.perception.ground_words import GROUND_WORDS, colour_fits, reach, word_tables
+from anytraverse.perception.ground_words import GROUND_WORDS, among_kin, colour_fits, reach, word_tables
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.vocabulary import concept_of, words_for
 from anytraverse.regions import Box
@@ -173,8 +173,9 @@ class GroundNetwork:
         fits = None
         if any(GROUND_WORDS[concept].colour for concept in concepts):
             fits = colour_fits(concepts, seen.cells[..., -COLOURS:][..., :3])
-        gamma, far = self._calibration.gamma, reach(concepts, fits)
-        return attention(seen.probabilities, covers, own, gamma, fits, far)
+        far = reach(concepts, fits)
+        kinds = None if fits is None else among_kin(fits, covers)
+        return attention(seen.probabilities, covers, own, self._calibration.gamma, kinds, far)
 
     def _tapped(self, seen: Ground, prompt: Prompt) -> Floats:
         whole = len(self._calibration.tap_mean) + 3

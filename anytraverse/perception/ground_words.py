@@ -96,6 +96,15 @@ def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:
     return fits
 
 
+def among_kin(fits: Floats, covers: Floats) -> Floats:
+    """Colour fits over the best fit of all words that cover the same, (N, h, w) in (0, 1].
+
+    So colours tell kinds of ground apart and say nothing of whether it is ground.
+    """
+    kin = covers @ covers.T > 0
+    return np.asarray(fits / np.stack([fits[own].max(axis=0) for own in kin]), dtype=np.float32)
+
+
 def reach(concepts: Sequence[str], fits: Floats | None) -> Floats | None:
     """How much of what it covers each concept explains at each point, (N, h, w); None: all do all of it.
 

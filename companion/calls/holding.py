@@ -6,6 +6,7 @@ autopilot is heard. Only our own hold is undone.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from anytraverse.assessment import Reason
@@ -49,9 +50,12 @@ class Holding:
         self.vehicle = Vehicle()
         self.go_at: float | None = None
         self.handover: Handover | None = None
+        self._forgotten_at = -math.inf
 
     def hear(self, vehicle: Vehicle, now: float) -> HoldEvent | None:
         """The autopilot showed its mode, or, with the old `heard_at`, only where it is."""
+        if vehicle.heard_at is not None and vehicle.heard_at <= self._forgotten_at:
+            vehicle = replace(vehicle, heard_at=None)
         before, self.vehicle = self.vehicle, vehicle
         news = (vehicle.heard_at, vehicle.mode, vehicle.armed) != (before.heard_at, before.mode, before.armed)
         if not news or self.hold is None or vehicle.mode is None or self.handover is not None:
@@ -60,8 +64,9 @@ class Holding:
             self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
         return self.hold.vehicle(vehicle.mode, now, self.numbers)
 
-    def forget(self) -> None:
-        """The mode that was told is not known to be the mode any more."""
+    def forget(self, now: float) -> None:
+        """What was told until now is not known to be the mode any more."""
+        self._forgotten_at = now
         self.vehicle = replace(self.vehicle, heard_at=None)
 
     def heard(self, now: float) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.link import READS_PER_POLL
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
@@ -40,6 +41,19 @@ def test_one_who_took_over_unheard_is_not_either(rig: Rig) -> None:
     rig.stage._heartbeat_at = rig.clock.now + 0.9
     rig.stage.mode = MANUAL
     rig.wait(0.8)
+    assert orders(rig) == 0
+    rig.wait(3.0)
+    assert orders(rig) == 0
+
+
+def test_where_the_vehicle_is_does_not_tell_its_mode(rig: Rig) -> None:
+    position = mavlink.MAVLink_global_position_int_message(0, 470000000, 80000000, 0, 0, 100, 0, 0, 0)
+    sleep(rig, 2.0, AUTO)
+    rig.stage._heartbeat_at = rig.clock.now + 0.9
+    rig.stage.mode = MANUAL
+    for _ in range(8):
+        rig.stage.send(position, (1, 1))
+        rig.wait(0.1)
     assert orders(rig) == 0
     rig.wait(3.0)
     assert orders(rig) == 0

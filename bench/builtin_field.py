@@ -6,9 +6,9 @@ similarities within and between zones; then two laps with an operator who answer
 Run: python -m bench.builtin_field [--perceiver builtin] [--seeds 8] [--lights 0.5 1 1.6] [--size 320x240]
 
 What came out with builtin:lexicon, seeds 1 to 8, light x 0.5, 1 and 1.6: no debounced alarm on clean trail
-(worst tile at most .19 where its words apply, .28 at a puddle; the threshold is .25); drum seen from 5.1-5.6 m,
-rock from 4.6-5.6 m, log from 5.6-6.1 m; in the first lap one call for each of drum, forest, rock, gravel
-and log, in the second none. 1.8 ms a frame of 320x240, 2.5 ms of 640x480. For builtin: bench/field_goal.py.
+(worst tile at most .19 where its words apply, .28 at a puddle; the threshold is .25); drum seen from 5.1 m,
+rock from 4.6 m, log from 5.6 m; in the first lap one call for each of drum, forest, rock, gravel and log, in
+the second none. 1.8 ms a frame of 320x240, 2.5 ms of 640x480. For builtin: bench/field_goal.py.
 """
 
 from __future__ import annotations

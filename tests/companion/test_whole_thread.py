@@ -87,8 +87,12 @@ def test_a_thing_without_a_word_is_called_named_kept_off_and_passed_once_it_is_g
     assert (play.stage.out / "state" / "pictures" / Path(call["picture"]).name).is_file()
     assert play.stage.control.status()["contacts"] == []
 
-    play.stage.operator.type(f"{call['id']} tap drum -1 go")
-    acknowledgement = play.wait_for("an acknowledgement", _acknowledged(call["id"]))
+    for _ in range(3):  # a tap on a part of the drum may leave another part unknown: it says so
+        play.stage.operator.type(f"{call['id']} tap drum -1 go")
+        acknowledgement = play.wait_for("an acknowledgement", _acknowledged(call["id"]))
+        if acknowledgement["result"] == "applied":
+            break
+        assert acknowledgement["result"] == "not_covered"
     assert acknowledgement["result"] == "applied"
 
     stood_at = play.stage.control.status()["distance"]

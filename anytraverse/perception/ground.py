@@ -27,8 +27,22 @@ from anytraverse.perception.ground_net import (
 )
 from anytraverse.perception.ground_running import open_network
 from anytraverse.perception.ground_scene import SAME_PLACE, scene_vector
-from anytraverse.perception.ground_taps import COLOURS, changed_views, learn_tap, tap_attention, tap_cells
-from anytraverse.perception.ground_words import GROUND_WORDS, among_kin, colour_fits, reach, word_tables
+from anytraverse.perception.ground_taps import (
+    COLOURS,
+    changed_views,
+    learn_tap,
+    likeness,
+    tap_cells,
+    whitened,
+)
+from anytraverse.perception.ground_words import (
+    GROUND_WORDS,
+    UNKNOWN,
+    among_kin,
+    colour_fits,
+    reach,
+    word_tables,
+)
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.vocabulary import concept_of, words_for
 from anytraverse.regions import Box
@@ -36,8 +50,6 @@ from anytraverse.regions import Box
 SHIPPED = Path(__file__).parent / "data" / "builtin.onnx"
 """The network of this package; its calibration lies beside it, ending in .npz."""
 
-_UNKNOWN = "unknown"
-"""The class of what has no name."""
 _THING = (
     0.75  # quantile of a tapped box's points that surely shows the thing: its corners show what is behind
 )
@@ -102,9 +114,11 @@ class GroundNetwork:
         concepts = [self._concept(prompt) for prompt in prompts]
         known = [concept for concept in concepts if concept is not None]
         maps[[concept is not None for concept in concepts]] = self._words(features, known)
-        for each, prompt in zip(maps, prompts, strict=True):
-            if prompt.examples:
-                np.maximum(each, self._tapped(features, prompt), out=each)
+        if any(prompt.examples for prompt in prompts):
+            white, known = whitened(features.cells, self._calibration), 1 - self._strangeness(features)
+            for each, prompt in zip(maps, prompts, strict=True):
+                for example in prompt.examples:
+                    np.maximum(each, self._tapped(white, known, example), out=each)
         return maps
 
     def embed(self, features: Ground) -> Floats:
@@ -138,7 +152,7 @@ class GroundNetwork:
             numbers.scene_mean.shape: (4 * wide,),
             numbers.scene_projection.shape[1:]: (4 * wide,),
         }
-        covered = {_UNKNOWN} | {name for word in GROUND_WORDS.values() for name in word.covers}
+        covered = {UNKNOWN} | {name for word in GROUND_WORDS.values() for name in word.covers}
         if (
             classes != len(logits)
             or any(found != wanted for found, wanted in shapes.items())
@@ -177,16 +191,10 @@ class GroundNetwork:
         kinds = None if fits is None else among_kin(fits, covers)
         return attention(seen.probabilities, covers, own, self._calibration.gamma, kinds, far)
 
-    def _tapped(self, seen: Ground, prompt: Prompt) -> Floats:
-        whole = len(self._calibration.tap_mean) + 3
-        vectors = [example.vector_for(self.model_id, whole) for example in prompt.examples]
-        known = 1 - self._strangeness(seen)
-        found = [
-            tap_attention(seen.cells, [vector[:-1]], self._calibration)
-            * (1 - known * np.clip(vector[-1], 0, 1)) ** 2
-            for vector in vectors
-        ]
-        return np.asarray(np.maximum.reduce(found), dtype=np.float32)
+    def _tapped(self, white: Floats, known: Floats, example: Example) -> Floats:
+        vector = example.vector_for(self.model_id, len(self._calibration.tap_mean) + 3)
+        found = likeness(white, vector[:-1]) * (1 - known * np.clip(vector[-1], 0, 1)) ** 2
+        return np.asarray(found, dtype=np.float32)
 
     def _strangeness(self, seen: Ground) -> Floats:
         """How little all that the network knows by name explains each point, (h, w) in [0, 1].
@@ -194,7 +202,7 @@ class GroundNetwork:
         A thing that was strange when it was tapped is looked for in what is strange: the look of a brown drum
         alone is found in brown earth too. A thing that was taken for known ground is looked for anywhere.
         """
-        unknown = seen.probabilities[self._calibration.classes.index(_UNKNOWN)]
+        unknown = seen.probabilities[self._calibration.classes.index(UNKNOWN)]
         return np.asarray(1 - np.clip(1 - unknown, 0, 1) ** self._calibration.gamma, dtype=np.float32)
 
 

@@ -88,18 +88,18 @@ def learn_tap(
         raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
     if strange is not None:
         inside = _strange_part(inside, strange)
-    whitened = [_whitened(cells, calibration) for cells in views]
-    direction = _direction(np.mean([white[inside].mean(axis=0) for white in whitened], axis=0))
-    alike = np.mean([white[inside] @ direction for white in whitened], axis=0)
+    whites = [whitened(cells, calibration) for cells in views]
+    direction = _direction(np.mean([white[inside].mean(axis=0) for white in whites], axis=0))
+    alike = np.mean([white[inside] @ direction for white in whites], axis=0)
     pure = alike >= np.quantile(alike, 1 - _PURE)
-    direction = _direction(np.mean([white[inside][pure].mean(axis=0) for white in whitened], axis=0))
+    direction = _direction(np.mean([white[inside][pure].mean(axis=0) for white in whites], axis=0))
     outside = ~box.grown(0.5).mask(*inside.shape)
-    scores = [white[outside] @ direction for white in whitened]
+    scores = [white[outside] @ direction for white in whites]
     background = float(np.quantile(np.concatenate(scores), _BACKGROUND)) if outside.any() else _LOWEST
     threshold = np.clip(background + _BETWEEN * (1.0 - background), _LOWEST, _HIGHEST)
-    cosines = np.concatenate([_cosine(white[inside][pure], direction) for white in whitened])
-    likeness = _LIKENESS * np.quantile(cosines, _ALMOST_ALL)
-    return np.array([*direction, threshold, likeness], dtype=np.float32)
+    cosines = np.concatenate([_cosine(white[inside][pure], direction) for white in whites])
+    least = _LIKENESS * np.quantile(cosines, _ALMOST_ALL)
+    return np.array([*direction, threshold, least], dtype=np.float32)
 
 
 def _strange_part(inside: Mask, strange: Floats) -> Mask:
@@ -111,14 +111,19 @@ def _strange_part(inside: Mask, strange: Floats) -> Mask:
 
 def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibration: Calibration) -> Floats:
     """How surely each cell is what was tapped, (h, w) in [0, 1]; of several examples the best counts."""
-    white = _whitened(cells, calibration)
+    white = whitened(cells, calibration)
     found = np.zeros(cells.shape[:2], dtype=np.float32)
     for example in examples:
-        direction, threshold, likeness = example[:-2], example[-2], example[-1]
-        surely = _step((white @ direction - threshold) / _SOFT)
-        surely *= _step((_cosine(white, direction) - likeness) / _SOFT_LIKENESS)
-        np.maximum(found, surely, out=found)
+        np.maximum(found, likeness(white, example), out=found)
     return found
+
+
+def likeness(white: Floats, example: NDArray[np.float32]) -> Floats:
+    """How surely each whitened cell is what this one example shows, (h, w) in [0, 1]."""
+    direction, threshold, least = example[:-2], example[-2], example[-1]
+    surely = _step((white @ direction - threshold) / _SOFT)
+    surely *= _step((_cosine(white, direction) - least) / _SOFT_LIKENESS)
+    return surely
 
 
 def _step(x: Floats) -> Floats:
@@ -131,7 +136,8 @@ def _cosine(white: Floats, direction: Floats) -> Floats:
     return np.asarray(white @ direction / np.maximum(lengths, 1e-6), dtype=np.float32)
 
 
-def _whitened(cells: Floats, calibration: Calibration) -> Floats:
+def whitened(cells: Floats, calibration: Calibration) -> Floats:
+    """Cells (h, w, T) in which the background is of equal spread in every direction."""
     return np.asarray((cells - calibration.tap_mean) @ calibration.tap_whitening, dtype=np.float32)
 
 

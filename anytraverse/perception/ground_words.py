@@ -38,7 +38,8 @@ class GroundWord(NamedTuple):
     colour: Colour | None = None
 
 
-_THING = "unknown"
+UNKNOWN = "unknown"
+"""The class of what has no name."""
 _TRAIL = ("smooth trail", "rough trail")
 _TALL = ("low vegetation", "high vegetation")
 
@@ -56,9 +57,9 @@ GROUND_WORDS: dict[str, GroundWord] = {
     "vegetation": GroundWord((*_TALL, "grass"), GOOD, {"grass": 0.5}),
     "water": GroundWord(("water",), WEAK),
     "sky": GroundWord(("sky",), GOOD),
-    "obstacle": GroundWord((_THING,), WEAK),
-    "rock": GroundWord((_THING,), WEAK, colour=Colour((-0.03, 0.06), (-0.05, 0.1), (0.3, 0.6))),
-    "log": GroundWord((_THING,), WEAK, colour=Colour((0.35, 0.15), (0.5, 0.2), (-0.4, 0.5))),
+    "obstacle": GroundWord((UNKNOWN,), WEAK),
+    "rock": GroundWord((UNKNOWN,), WEAK, colour=Colour((-0.03, 0.06), (-0.05, 0.1), (0.3, 0.6))),
+    "log": GroundWord((UNKNOWN,), WEAK, colour=Colour((0.35, 0.15), (0.5, 0.2), (-0.4, 0.5))),
 }
 """Concept -> what it means. There is no snow among the frames that the network was trained on."""
 
@@ -110,7 +111,7 @@ def reach(concepts: Sequence[str], fits: Floats | None) -> Floats | None:
 
     fits: as of `colour_fits`. A rock is of stone's colour: asked for by name it does not explain a red drum.
     """
-    named = [bool(_THING in GROUND_WORDS[each].covers and GROUND_WORDS[each].colour) for each in concepts]
+    named = [bool(UNKNOWN in GROUND_WORDS[each].covers and GROUND_WORDS[each].colour) for each in concepts]
     if fits is None or not any(named):
         return None
     return np.where(np.array(named)[:, None, None], fits, np.float32(1))

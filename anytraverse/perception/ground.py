@@ -115,10 +115,11 @@ class GroundNetwork:
         known = [concept for concept in concepts if concept is not None]
         maps[[concept is not None for concept in concepts]] = self._words(features, known)
         if any(prompt.examples for prompt in prompts):
-            white, known = whitened(features.cells, self._calibration), 1 - self._strangeness(features)
+            white = whitened(features.cells, self._calibration)
+            explained = 1 - self._strangeness(features)
             for each, prompt in zip(maps, prompts, strict=True):
                 for example in prompt.examples:
-                    np.maximum(each, self._tapped(white, known, example), out=each)
+                    np.maximum(each, self._tapped(white, explained, example), out=each)
         return maps
 
     def embed(self, features: Ground) -> Floats:
@@ -191,9 +192,9 @@ class GroundNetwork:
         kinds = None if fits is None else among_kin(fits, covers)
         return attention(seen.probabilities, covers, own, self._calibration.gamma, kinds, far)
 
-    def _tapped(self, white: Floats, known: Floats, example: Example) -> Floats:
+    def _tapped(self, white: Floats, explained: Floats, example: Example) -> Floats:
         vector = example.vector_for(self.model_id, len(self._calibration.tap_mean) + 3)
-        found = likeness(white, vector[:-1]) * (1 - known * np.clip(vector[-1], 0, 1)) ** 2
+        found = likeness(white, vector[:-1]) * (1 - explained * np.clip(vector[-1], 0, 1)) ** 2
         return np.asarray(found, dtype=np.float32)
 
     def _strangeness(self, seen: Ground) -> Floats:

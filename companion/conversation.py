@@ -17,7 +17,7 @@ from companion.eyes import Applied, Eyes
 from companion.kept import Kept
 from companion.link.heard import AnswerRequest, ParameterRequest
 from companion.telling import flags
-from companion.wire import texts
+from companion.wire import notices, texts
 from companion.wire.answers import (
     Acknowledgement,
     ForgetCall,
@@ -181,7 +181,7 @@ class Conversation:
         if late and self._calls.current_id == asked.target:
             text = texts.go_lapsed(self._calls.kind, asked.target)
         if outcome is not None and outcome.dropped:
-            text = f"{text}; {texts.word_dropped(', '.join(outcome.dropped))}"
+            text = f"{text}; {notices.word_dropped(', '.join(outcome.dropped))}"
         heard = self._reply(
             asked.request,
             asked.target,

@@ -32,7 +32,7 @@ from companion.telling import summary
 from companion.trial import Trial
 from companion.watch import Watch
 from companion.weak_words import WeakWords
-from companion.wire import texts
+from companion.wire import notices, texts
 from companion.wire.ids import Policy, State
 
 log = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ class Daemon:
         self._took = 0.0
         self._announcement = Announcement(calls)
         self._odometer = Odometer()
-        self._mishaps = Mishaps(lambda now: link.say(texts.mishap(), ERROR, now))
+        self._mishaps = Mishaps(lambda now: link.say(notices.mishap(), ERROR, now))
         self._watch = Watch(liveness, link, camera, eyes, calls, keeper)
         self._shadow = ShadowTeller(desk.book, calls, link, keeper)
         self._acting = Acting(
@@ -131,7 +131,7 @@ class Daemon:
         if autopilot is not None and self._calls.holding.streams:
             self._link.set_mode(autopilot.rest_mode, time.monotonic())
         self._link.set_state(State.FAULT, self._calls.current_id, self._calls.policy)
-        self._link.say(texts.dying(), ALERT, time.monotonic())
+        self._link.say(notices.dying(), ALERT, time.monotonic())
         for _ in range(_FAREWELL):
             self._link.tick(time.monotonic())
             time.sleep(_FAREWELL_STEP)
@@ -206,16 +206,16 @@ class Daemon:
         self._conversation.words = judged.memory.preferences
         self._acting.carry_out(self._calls.assessed(seen, now), now)
         if seen.adopted is not None:
-            text = texts.known_place(seen.adopted.call_id)
+            text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
             self._link.say(text, INFO, now)
             self._keeper.picture(seen, self._calls.state(now), text)
         if self._keeper.replace_lost_frame(self._calls, seen, now):
             self._link.say(texts.frame_lost(self._calls.current_id), WARNING, now)
         if seen.dropped:
-            self._link.say(texts.out_of_use(", ".join(seen.dropped)), NOTICE, now)
+            self._link.say(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
         for word in self._weak_words.new(judged.memory):
-            self._link.say(texts.weak_word(word), NOTICE, now)
+            self._link.say(notices.weak_word(word), NOTICE, now)
         state = self._calls.state(now)
         region = self._calls.numbers.judging.region
         self._link.summary(
@@ -235,7 +235,7 @@ class Daemon:
             return
         heard = self._conversation.applied(applied, remembered=remembered, now=now)
         if heard.refused:
-            self._link.say(texts.refused(heard.refused), ERROR, now)
+            self._link.say(notices.refused(heard.refused), ERROR, now)
         self._take(heard, now)
         if isinstance(applied.token, ParameterRequest):
             self._desk.answered(applied.token, applied.memory.preferences, now)
@@ -278,7 +278,7 @@ class Daemon:
         elif self._trial.id:
             self._trial.announce(now)
         elif self._calls.policy is Policy.OFF:
-            self._link.announce(None, texts.off(self._desk.policy.off_by), now)
+            self._link.announce(None, notices.off(self._desk.policy.off_by), now)
         else:
             self._link.announce(None, self._desk.policy.reminder, now, quiet=True, severity=WARNING)
         self._desk.tell_changes(self._conversation.words, now)

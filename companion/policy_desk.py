@@ -9,7 +9,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.policies import Policies
 from companion.link.heard import PolicyRequest, Pulses, Sender
 from companion.link.link import Link
-from companion.wire import texts
+from companion.wire import notices
 from companion.wire.ids import Policy
 from companion.wire.parameters import POLICY
 
@@ -49,7 +49,7 @@ class PolicyDesk:
         """What is repeated while nothing is open, "" for nothing."""
         switch = self._policies.switch
         if switch is not None and self._lost:
-            return texts.switch_lost(switch.name, off=switch.off)
+            return notices.switch_lost(switch.name, off=switch.off)
         return self._reminder
 
     def saved(self) -> dict[str, object]:
@@ -69,7 +69,7 @@ class PolicyDesk:
         who = f"{sender[0]}/{sender[1]}"
         refusal = self._hold_refused if policy is Policy.HOLD else ""
         if not refusal and not self._policies.ask(policy, who):
-            refusal = texts.switch_wins(self._policies.off_by)
+            refusal = notices.switch_wins(self._policies.off_by)
         if refusal:
             log.warning("policy %s asked for by %s: %s", policy.name.lower(), who, refusal)
             self._link.say(refusal, _WARNING, now)
@@ -90,7 +90,7 @@ class PolicyDesk:
             return []
         log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
         if not switch.off and self._policies.asked is Policy.OFF:
-            self._link.say(texts.still_off(switch.name, self._policies.off_by), _WARNING, now)
+            self._link.say(notices.still_off(switch.name, self._policies.off_by), _WARNING, now)
             return []
         return self._put_in_force(switch.name, now, said=True)
 
@@ -100,7 +100,7 @@ class PolicyDesk:
         if switch is None or switch.heard(now) is not self._lost:
             return
         self._lost = not self._lost
-        text = (texts.switch_lost if self._lost else texts.switch_heard)(switch.name, off=switch.off)
+        text = (notices.switch_lost if self._lost else notices.switch_heard)(switch.name, off=switch.off)
         log.warning("%s", text)
         self._link.say(text, _ERROR if self._lost else _WARNING, now)
 
@@ -111,6 +111,6 @@ class PolicyDesk:
         decisions = self._calls.set_policy(policy, now)
         if said:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
-            self._link.say(texts.policy(policy, who), _WARNING, now)
+            self._link.say(notices.policy(policy, who), _WARNING, now)
         self._link.set_parameter(POLICY, float(policy), now)
         return decisions

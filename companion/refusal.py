@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from anytraverse.pace import Pace
 from companion.check.stopping import Stopping
 from companion.readiness import too_slow
-from companion.wire import texts
+from companion.wire import notices
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Refusal:
 def hold_refusal(pace: Pace, stopping: Stopping | str) -> Refusal | None:
     """None where the vehicle may be held. stopping: as judged, or why not, which refuses nothing."""
     if not pace.keeps:
-        return Refusal(too_slow(pace), texts.hold_refused(pace.step), texts.only_reports(pace.step))
+        return Refusal(too_slow(pace), notices.hold_refused(pace.step), notices.only_reports(pace.step))
     if isinstance(stopping, Stopping) and not stopping.enough:
         speed, fits = stopping.speed, stopping.fits
         why = f"policy hold is refused: {stopping.told()}"
-        return Refusal(why, texts.hold_outruns(speed, fits), texts.only_reports_outrunning(speed, fits))
+        return Refusal(why, notices.hold_outruns(speed, fits), notices.only_reports_outrunning(speed, fits))
     return None

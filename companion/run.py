@@ -34,7 +34,7 @@ from companion.refusal import Refusal, hold_refusal
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.shadow_book import ShadowBook
 from companion.tasks import Liveness, tasks
-from companion.wire import parameters, texts
+from companion.wire import notices, parameters, texts
 from companion.wire.ids import Policy, State
 
 log = logging.getLogger(__name__)
@@ -64,22 +64,22 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     ready = load(partial(get_ready, config, journal.load_memory()), link, stop)
     if ready is None:
         return 0
-    engine, notices = ready.engine, list(ready.notices)
+    engine, news = ready.engine, list(ready.notices)
     if journal.recovered_from is not None:
-        notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
+        news.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
     now = time.monotonic()
     pace = Pace(ready.step, 1.0 / config.camera.rate, engine.settings.freshness)
     numbers = call_numbers(config, engine.settings)
     wants_hold = numbers.policy is Policy.HOLD
-    refusal = _refusal(config, pace, engine.settings.thresholds.tile, notices, wants_hold=wants_hold)
+    refusal = _refusal(config, pace, engine.settings.thresholds.tile, news, wants_hold=wants_hold)
     if wants_hold and refusal is not None:
         numbers = replace(numbers, policy=Policy.REPORT)
     policies = restored_policies(config, numbers.policy, supervision.get("policy"), now)
     numbers = replace(numbers, policy=policies.in_force)
     calls = OperatorCalls(numbers, now)
     if supervision:
-        _restore(calls, supervision, now, notices)
-    book = _open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, notices)
+        _restore(calls, supervision, now, news)
+    book = _open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, news)
     last_frame = _whole(supervision.get("frame_id"))
     replies = saved_replies(supervision.get("replies"))
     album = Album(config.journal.path / "pictures", config.pictures.keep, engine.settings.region)
@@ -99,8 +99,8 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     daemon = Daemon(link, camera, eyes, calls, keeper, conversation, desk, liveness, model, view)
     eyes.place, eyes.moving = daemon.place, partial(is_moving, link, calls)
     if model.int8_idle and config.perceiver.precision == "auto":
-        notices.append(texts.int8_idle())
-    for notice in notices:
+        news.append(notices.int8_idle())
+    for notice in news:
         log.warning("%s", notice)
         link.say(texts.fit(notice), 4, now)
     log.info("perceiver: %s, %.0f ms a frame", model, 1e3 * pace.step)
@@ -113,7 +113,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
 
 
 def _refusal(
-    config: Config, pace: Pace, tile: float | None, notices: list[str], *, wants_hold: bool
+    config: Config, pace: Pace, tile: float | None, news: list[str], *, wants_hold: bool
 ) -> Refusal | None:
     """Why the vehicle may not be held; told to who wants it to be, as is what could not be checked."""
     stopping = judge(config, pace.step, tile)
@@ -122,7 +122,7 @@ def _refusal(
         log.error("%s", refusal.why)
     elif wants_hold and isinstance(stopping, str):
         log.warning("stopping distance was not checked: %s", stopping)
-        notices.append(texts.stopping_unchecked())
+        news.append(notices.stopping_unchecked())
     elif wants_hold and isinstance(stopping, Stopping):
         log.info("stopping: %s", stopping.told())
         if config.call.px4_hold == "loiter":
@@ -130,12 +130,12 @@ def _refusal(
     return refusal
 
 
-def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, notices: list[str]) -> ShadowBook:
+def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowBook:
     """The counts of shadow policy as they were left; what stood under another policy stands no more."""
     book, notice = ShadowBook.restored(saved, calls.shadow, model, now, time.time())
     if notice:
         log.warning("%s", notice)
-        notices.append(notice)
+        news.append(notice)
     if calls.policy is not Policy.SHADOW:
         for over in calls.shadow.leave(now):
             book.ended(over)
@@ -179,11 +179,11 @@ def _whole(value: Any) -> int:
     return value if isinstance(value, int) and 0 <= value <= _U32 else 0
 
 
-def _restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float, notices: list[str]) -> None:
+def _restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float, news: list[str]) -> None:
     calls.last_id = _whole(saved.get("last_id")) & 0xFFFF
     try:
         restore(calls, saved, now)
     except (KeyError, TypeError, ValueError) as error:
-        notices.append(f"open call not restored: {error!r}")
+        news.append(f"open call not restored: {error!r}")
     if calls.current_id:
         log.warning("restarted with %s %d open", calls.kind.name.lower(), calls.current_id)

@@ -19,7 +19,7 @@ from companion.link.link import Link
 from companion.policy_desk import PolicyDesk
 from companion.refusal import Refusal
 from companion.shadow_book import ShadowBook
-from companion.wire import texts
+from companion.wire import notices
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
     NOT_IN_USE,
@@ -94,7 +94,7 @@ class SettingsDesk:
         if word is not None:
             if not self._conversation.set_weight(request, word):
                 self._echo(request.name, self._told[request.name], now)
-                self._link.say(texts.refused("the eyes are busy, set it again"), _WARNING, now)
+                self._link.say(notices.refused("the eyes are busy, set it again"), _WARNING, now)
             return Heard()
         if request.name == POLICY:
             _, decisions = self.policy.set(Policy(int(request.value)), request.sender, now)
@@ -110,7 +110,7 @@ class SettingsDesk:
             log.warning("shadow counts begin anew, by %d/%d", *request.sender)
             self.book.begin_anew(self._calls.shadow, time.time())
         else:
-            self._link.say(texts.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
+            self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
         self._echo(SHADOW_HOLDS, float(self._calls.shadow.count), now)
 
     def _set_threshold(self, request: ParameterRequest, now: float) -> None:
@@ -128,7 +128,7 @@ class SettingsDesk:
                 refusal = "the eyes are busy, set it again"
         self._echo(request.name, value, now)
         if refusal:
-            self._link.say(texts.refused(refusal), _WARNING, now)
+            self._link.say(notices.refused(refusal), _WARNING, now)
 
     def answered(self, request: ParameterRequest, words: Preferences, now: float) -> None:
         """The eyes have applied a weight, or refused it: the echo says which."""

@@ -12,7 +12,7 @@ from typing import Any
 from anytraverse.assessment import Reason
 from companion.calls.decisions import WouldHold, WouldResume
 from companion.calls.shadow import Shadow
-from companion.wire import texts
+from companion.wire import notices
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 
 ENOUGH_HOURS = 0.1
@@ -126,7 +126,7 @@ class ShadowBook:
         """For the operator."""
         hours = shadow.watched / 3600
         most = max(self.counts, key=lambda name: self.counts[name].holds) if shadow.count else ""
-        return texts.shadow_so_far(shadow.count, hours, most)
+        return notices.shadow_so_far(shadow.count, hours, most)
 
     def values(self, shadow: Shadow) -> dict[str, float]:
         """Parameter name -> value; the hours in tenths, so that they are no stream of their own."""

@@ -11,7 +11,7 @@ from companion.calls.machine import OperatorCalls
 from companion.keeper import Keeper
 from companion.link.link import Link
 from companion.shadow_book import ShadowBook
-from companion.wire import texts
+from companion.wire import notices
 from companion.wire.ids import Policy
 
 log = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ class ShadowTeller:
     def began(self, hold: WouldHold, now: float) -> None:
         """A would-be hold begins; the call has its own picture, where there is one."""
         self._book.began(hold, time.time())
-        text = texts.would_hold(hold.number, sorted(reason.value for reason in hold.reasons))
+        text = notices.would_hold(hold.number, sorted(reason.value for reason in hold.reasons))
         log.warning("shadow: %s", text)
         if now - self._text_at >= TEXT_GAP:
             self._text_at = now

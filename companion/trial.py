@@ -21,7 +21,7 @@ from companion.calls.machine import OperatorCalls
 from companion.link.heard import AnswerRequest
 from companion.link.link import Link
 from companion.telling import call_data
-from companion.wire import texts
+from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Kind, Motion, Outcome, Reasons, Result, Stage, words_hash
 from companion.wire.payloads import CallData
@@ -77,9 +77,9 @@ class Trial:
         if self._open is None:
             return
         if self._calls.current_id:
-            self._end("cut short", texts.trial_cut_short(self.id), Outcome.NONE, now)
+            self._end("cut short", notices.trial_cut_short(self.id), Outcome.NONE, now)
         elif now - self._open.since >= ANSWERED_WITHIN:
-            self._end("unanswered", texts.trial_unanswered(self.id), Outcome.PASSED, now)
+            self._end("unanswered", notices.trial_unanswered(self.id), Outcome.PASSED, now)
 
     def announce(self, now: float) -> None:
         """Say it, as a call is said."""
@@ -99,7 +99,7 @@ class Trial:
         if request.target == 0 and seconds < self._calls.numbers.announce_guard:
             self._acknowledge(request, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
             return True
-        text = texts.trial_answered(number, *request.sender, seconds)
+        text = notices.trial_answered(number, *request.sender, seconds)
         self.status |= {"by": list(request.sender), "after": round(seconds, 1)}
         self._end("answered", text, Outcome.ANSWERED, now)
         result = Result.REFUSED if request.operations else Result.APPLIED

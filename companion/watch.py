@@ -13,7 +13,7 @@ from companion.keeper import Keeper
 from companion.link.link import Link
 from companion.tasks import Liveness
 from companion.telling import fault_name
-from companion.wire import texts
+from companion.wire import notices, texts
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +71,7 @@ class Watch:
             log.warning("%s", self._link_trouble or "link is back")
         if self._keeper.failing != self._unremembered:
             self._unremembered = self._keeper.failing
-            text = texts.journal_fails() if self._unremembered else texts.journal_works()
+            text = notices.journal_fails() if self._unremembered else notices.journal_works()
             self._link.say(text, WARNING, now)
 
     def _look_for_autopilot(self, now: float) -> None:
@@ -95,7 +95,7 @@ class Watch:
         elif self._stranger != (vehicle.autopilot, vehicle.type):
             self._stranger = vehicle.autopilot, vehicle.type
             log.warning("MAV_AUTOPILOT %d on MAV_TYPE %d: not known, it is never held", *self._stranger)
-            self._link.say(texts.unknown_autopilot(), WARNING, now)
+            self._link.say(notices.unknown_autopilot(), WARNING, now)
 
     def _look_at_faults(self, now: float) -> None:
         if Reason.FAULT in self._calls.sight.reasons(now):

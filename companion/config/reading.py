@@ -10,7 +10,8 @@ from typing import Any
 
 from companion.config.errors import ConfigError, Problem
 from companion.config.layers import Layer, nearest
-from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Section, Vehicle
+from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Vehicle
+from companion.config.section import Section
 from companion.config.words import read_words
 
 

@@ -9,35 +9,18 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from anytraverse.perception import KINDS, NAMED
 from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
 from companion.autopilots import PX4_HOLDS
 from companion.cameras import split_source
-from companion.config.checks import Check, checked, choice, flag, listing, number, text, whole
-from companion.link.settings import LinkSettings
-
-Complaint = tuple[tuple[str, ...], str]
-"""Keys that do not go together, and why."""
-
+from companion.config.checks import checked, choice, flag, listing, number, text, whole
+from companion.config.radio import Link
+from companion.config.section import Complaint, Section, setting
 
 LONGEST_FRESHNESS = 10.0
-
-
-def setting(default: Any, check: Check, meaning: str) -> Any:
-    """A field of a section."""
-    return field(default=default, metadata={"check": check, "meaning": meaning})
-
-
-@dataclass(frozen=True)
-class Section:
-    """A table of the file."""
-
-    def complaints(self) -> Iterator[Complaint]:
-        """What is wrong between settings that are fine one by one."""
-        yield from ()
 
 
 @dataclass(frozen=True)
@@ -180,44 +163,6 @@ class Call(Section):
     def complaints(self) -> Iterator[Complaint]:
         if self.votes > self.window:
             yield ("votes", "window"), f"votes {self.votes} must be at most window {self.window}"
-
-
-@dataclass(frozen=True)
-class Link(Section):
-    """MAVLink."""
-
-    url: str = setting(
-        "udpin:127.0.0.1:14550",
-        checked(LinkSettings),
-        "udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud",
-    )
-    system_id: int = setting(1, whole(1, 254), "ours until the autopilot's is known")
-    budget: float = setting(300.0, number(0, 1e6), "bytes/s of unsolicited traffic, 0 unlimited")
-    burst: float = setting(600.0, number(300, 1e6), "bytes at once")
-    asked_budget: float = setting(1500.0, number(0, 1e6), "bytes/s of what somebody asked for, 0 unlimited")
-    pace: float = setting(0.03, number(0, 1), "least s between frames; 0.05 behind PX4")
-    allowed_senders: tuple[int, int] = setting(
-        (245, 255), listing(whole(1, 255), 2, 2), "first and last system id that may change anything"
-    )
-
-    def complaints(self) -> Iterator[Complaint]:
-        try:
-            self.settings()
-        except ValueError as error:
-            keys = [key for key in ("budget", "asked_budget", "allowed_senders") if key in str(error)]
-            yield tuple(keys) or ("url",), str(error)
-
-    def settings(self) -> LinkSettings:
-        """As the link takes them."""
-        return LinkSettings(
-            url=self.url,
-            system_id=self.system_id,
-            budget=self.budget,
-            burst=self.burst,
-            asked_budget=self.asked_budget,
-            pace=self.pace,
-            allowed_senders=self.allowed_senders,
-        )
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from companion.link.heard import AnswerRequest, PolicyRequest, Sender
 from companion.link.parameter_server import ParameterServer
 from companion.link.sender import Sender as Outbox
 from companion.link.speaker import Speaker
-from companion.wire import texts
+from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord
 from companion.wire.ids import (
     ANSWER_COMMAND,
@@ -81,11 +81,11 @@ class AnswerDesk:
             other = bool(payload) and payload[0] != VERSION
             self._guard.rejected["version" if other else "payload"] += 1
             if other:
-                self._speaker.say(texts.other_version(), WARNING, now)
+                self._speaker.say(notices.other_version(), WARNING, now)
             return None
         if not self._guard.may_change(sender):
             self._guard.rejected["sender"] += 1
-            self._speaker.say(texts.sender_refused(sender[0]), WARNING, now)
+            self._speaker.say(notices.sender_refused(sender[0]), WARNING, now)
             self._reply(sender, _refusal(part, Result.DENIED, "this sender may not answer"), now)
             return None
         if self._known(("tunnel", sender, part.transaction), sender, now):
@@ -105,7 +105,7 @@ class AnswerDesk:
         """The answer command; always acknowledged, by the daemon or here."""
         if not self._guard.may_change(sender):
             self._guard.rejected["sender"] += 1
-            self._speaker.say(texts.sender_refused(sender[0]), WARNING, now)
+            self._speaker.say(notices.sender_refused(sender[0]), WARNING, now)
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
             return None
         if message.param2 == SET_POLICY and (policy := _whole(message.param3, 0, max(Policy))) is not None:
@@ -114,7 +114,7 @@ class AnswerDesk:
         if request is None:
             self._guard.rejected["command"] += 1
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
-            self._speaker.say(texts.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), WARNING, now)
+            self._speaker.say(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), WARNING, now)
             return None
         # The same command once more is a new wish, unless it says that it is a repetition.
         again = getattr(message, "confirmation", 0) > 0

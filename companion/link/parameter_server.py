@@ -12,7 +12,7 @@ from companion.link.guard import Guard
 from companion.link.heard import ParameterRequest, Sender
 from companion.link.sender import Sender as Outbox
 from companion.link.speaker import Speaker
-from companion.wire import texts
+from companion.wire import notices
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 
 WARNING = 4
@@ -99,13 +99,13 @@ class ParameterServer:
 
     def _refusal(self, entry: Parameter, sender: Sender, value: float) -> tuple[str, str] | None:
         if not self._guard.may_change(sender):
-            return "sender", texts.sender_refused(sender[0])
+            return "sender", notices.sender_refused(sender[0])
         if entry.read_only:
-            return "read-only", texts.read_only(entry.name)
+            return "read-only", notices.read_only(entry.name)
         # An integer's bits in the float's place read as a number next to nothing.
         disguised = 0 < abs(value) < _INTEGER_BITS
         if disguised or not entry.accepts(_rounded(value)):
-            return "range", texts.value_refused(entry.name, entry.allowed())
+            return "range", notices.value_refused(entry.name, entry.allowed())
         return None
 
 

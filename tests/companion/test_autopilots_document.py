@@ -10,7 +10,7 @@ import pytest
 from companion.check import parameters as checked
 from companion.cli import _parser
 from companion.config import load_config
-from companion.wire import parameters, texts
+from companion.wire import notices, parameters, texts
 from companion.wire.ids import Kind, State
 from tests.companion.field.stubs import AUTO, Board, driving
 
@@ -114,6 +114,6 @@ def test_what_the_autopilot_is_quoted_to_say_is_what_the_script_says() -> None:
 
 
 def test_what_the_companion_is_quoted_to_say_is_what_it_says() -> None:
-    quoted = (texts.off("RC7"), texts.holding(Kind.CALL, 3))
+    quoted = (notices.off("RC7"), texts.holding(Kind.CALL, 3))
     for text in quoted:
         assert f'"{text}"' in TEXT

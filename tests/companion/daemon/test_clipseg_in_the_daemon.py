@@ -19,7 +19,7 @@ from anytraverse.export.random_weights import TINY, random_clipseg
 from companion import run
 from companion.cli import main
 from companion.config import load_config
-from companion.wire import texts
+from companion.wire import notices
 
 PATIENCE = 10.0
 
@@ -119,7 +119,7 @@ def test_what_runs_and_why_stands_in_the_status_with_the_time_that_it_takes(
     assert "carries no int8 variant" in told["why"]
     assert told["step_ms"] > 0
     assert f"perceiver: {told['model']}, fp32: the bundle carries no int8 variant" in caplog.text
-    assert texts.int8_idle().encode() not in site.heard()
+    assert notices.int8_idle().encode() not in site.heard()
 
 
 def test_an_int8_that_is_not_used_is_told_once(site: Site, caplog: pytest.LogCaptureFixture) -> None:
@@ -128,7 +128,7 @@ def test_an_int8_that_is_not_used_is_told_once(site: Site, caplog: pytest.LogCap
     site.configure()
     statuses = site.run(judged)
     assert statuses[-1]["perceiver"]["precision"] == "fp32"
-    assert site.heard().count(texts.int8_idle().encode()) == 1
+    assert site.heard().count(notices.int8_idle().encode()) == 1
     assert "anytraverse bundle check" in caplog.text, "the log says how to get it"
 
 
@@ -136,7 +136,7 @@ def test_nothing_is_told_of_int8_to_who_asked_for_fp32(site: Site) -> None:
     site.bundle(("fp32", "int8"))
     site.configure('precision = "fp32"')
     site.run(judged)
-    assert texts.int8_idle().encode() not in site.heard()
+    assert notices.int8_idle().encode() not in site.heard()
 
 
 def test_an_int8_that_was_never_checked_cannot_be_demanded(site: Site) -> None:

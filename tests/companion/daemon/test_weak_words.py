@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.wire import texts
+from companion.wire import notices
 from companion.wire.answers import TapBox
 from companion.wire.ids import Motion
 from tests.anytraverse.conftest import AHEAD, Painted
@@ -23,13 +23,13 @@ def doubtful(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_weak_words_are_told_once_at_the_start_and_when_they_come_into_use(make_rig: MakeRig) -> None:
     rig = make_rig()
     rig.see(1.0)
-    assert rig.texts.count(texts.weak_word("rock")) == 1
-    assert texts.weak_word("drum") not in rig.texts
+    assert rig.texts.count(notices.weak_word("rock")) == 1
+    assert notices.weak_word("drum") not in rig.texts
     rig.word(0, "drum", -1.0)
     rig.see(2.0)
-    assert rig.texts.count(texts.weak_word("drum")) == 1
-    assert rig.texts.count(texts.weak_word("rock")) == 1
-    assert texts.weak_word("grass") not in rig.texts
+    assert rig.texts.count(notices.weak_word("drum")) == 1
+    assert rig.texts.count(notices.weak_word("rock")) == 1
+    assert notices.weak_word("grass") not in rig.texts
 
 
 def test_a_weak_word_that_comes_with_a_tap_is_not_told(make_rig: MakeRig) -> None:
@@ -40,4 +40,4 @@ def test_a_weak_word_that_comes_with_a_tap_is_not_told(make_rig: MakeRig) -> Non
     rig.answer(call.id, Motion.NONE, TapBox(call.frame_id, BOX, "drum", -1.0))
     rig.see(1.0, "gnome")
     assert "drum" in rig.engine.memory.preferences
-    assert texts.weak_word("drum") not in rig.texts
+    assert notices.weak_word("drum") not in rig.texts

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.assessment import Reason
-from companion.wire import texts
+from companion.wire import notices, texts
 from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
 
 NUMBER = st.integers(0, 0xFFFF)
@@ -34,8 +34,9 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
 }
 FUNCTIONS: list[Callable[..., str]] = [
     function
-    for name, function in inspect.getmembers(texts, inspect.isfunction)
-    if function.__module__ == texts.__name__ and not name.startswith("_")
+    for module in (texts, notices)
+    for name, function in inspect.getmembers(module, inspect.isfunction)
+    if function.__module__ == module.__name__ and not name.startswith("_")
 ]
 
 
@@ -91,4 +92,4 @@ def test_an_unknown_figure_shows_as_unknown(figure: float | None) -> None:
 
 
 def test_a_long_word_is_cut_between_characters() -> None:
-    assert texts.word_dropped("草" * 20) == "Too many words, out of use: " + "草" * 7
+    assert notices.word_dropped("草" * 20) == "Too many words, out of use: " + "草" * 7

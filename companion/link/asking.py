@@ -10,6 +10,7 @@ from companion.autopilots import known_autopilot
 from companion.link import encode
 from companion.link.heard import Vehicle
 from companion.link.sender import Sender
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
 POSITION_PERIOD = 0.5
@@ -58,4 +59,5 @@ class Asking:
         if now - self._asked_at.get(message_id, -math.inf) >= patience:
             self._asked_at[message_id] = now
             message = encode.ask_for(vehicle.system_id, message_id, period)
-            self._outbox.push("interval", message, now, key=message_id)
+            to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
+            self._outbox.push("interval", message, now, key=message_id, to=to)

@@ -170,10 +170,10 @@ class AnswerDesk:
 
     def _reply(self, sender: Sender, ack: Acknowledgement, now: float) -> None:
         message = encode.tunnel(TUNNEL_ACKNOWLEDGEMENT, ack.pack(), sender)
-        self._outbox.push("answer ack", message, now, key=(sender, ack.transaction))
+        self._outbox.push("answer ack", message, now, key=(sender, ack.transaction), to=sender)
 
     def _command_ack(self, sender: Sender, result: int, now: float) -> None:
-        self._outbox.push("command ack", encode.command_ack(ANSWER_COMMAND, result, sender), now)
+        self._outbox.push("command ack", encode.command_ack(ANSWER_COMMAND, result, sender), now, to=sender)
 
     def _read_command(self, sender: Sender, message: Any) -> AnswerRequest | None:
         target = _whole(message.param1, 0, MAX_ID)

@@ -25,7 +25,7 @@ from companion.link.telling import Telling
 from companion.link.transport import Transport, check_installed, open_transport
 from companion.link.vehicle import VehicleTracker
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL, Policy, State
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
@@ -215,7 +215,8 @@ class Link:
             self._guard.rejected["no autopilot for modes"] += 1
         else:
             message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
-            self._sender.push("mode", message, now, key=0, lifetime=MODE_LIFETIME)
+            to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
+            self._sender.push("mode", message, now, key=0, lifetime=MODE_LIFETIME, to=to)
 
     def stand_still(self, *, on: bool) -> None:
         """Whether zero velocity is streamed to the autopilot, at the table's rate, until told otherwise."""

@@ -97,9 +97,9 @@ class Listener:
         if message.target_component not in (0, COMPONENT_ID) or not self._guard.admits(sender, now):
             return None
         if kind == "PARAM_REQUEST_LIST":
-            self._parameters.list_all()
+            self._parameters.list_all(sender)
         elif kind == "PARAM_REQUEST_READ":
-            self._parameters.read(message, now)
+            self._parameters.read(sender, message, now)
         elif message.target_component != COMPONENT_ID or message.target_system == 0:
             self._guard.rejected["target"] += 1
         elif kind == "PARAM_SET":
@@ -123,5 +123,5 @@ class Listener:
             return self._desk.command(sender, message, now)
         saved = message.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE
         result = mavlink.MAV_RESULT_ACCEPTED if saved else mavlink.MAV_RESULT_UNSUPPORTED
-        self._sender.push("command ack", encode.command_ack(message.command, result, sender), now)
+        self._sender.push("command ack", encode.command_ack(message.command, result, sender), now, to=sender)
         return None

@@ -33,7 +33,8 @@ class ParameterServer:
         self._guard = guard
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
-        self._asked: set[str] = set()
+        self._asked: dict[str, Sender] = {}
+        self._list_to: Sender | None = None
         self._list_at = 0
         self._list_left = 0
 
@@ -41,17 +42,18 @@ class ParameterServer:
         """The parameter with this index."""
         return self._entries[index] if 0 <= index < len(self._entries) else None
 
-    def list_all(self) -> None:
+    def list_all(self, sender: Sender) -> None:
         """PARAM_REQUEST_LIST: go round once from here, so that two askers at a time cost one list."""
+        self._list_to = sender
         self._list_left = len(self._entries)
 
-    def read(self, message: Any, now: float) -> None:
+    def read(self, sender: Sender, message: Any, now: float) -> None:
         """PARAM_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
         index = self._index.get(message.param_id) if message.param_index < 0 else message.param_index
         if index is None or self.at(index) is None:
             self._guard.rejected["unknown parameter"] += 1
             return
-        self._tell("echo", index, now)
+        self._tell("echo", index, now, sender)
 
     def set(self, sender: Sender, message: Any, now: float) -> ParameterRequest | None:
         """PARAM_SET of any type; the old value is echoed when it is refused."""
@@ -65,9 +67,9 @@ class ParameterServer:
             reason, text = refusal
             self._guard.rejected[reason] += 1
             self._speaker.say(text, WARNING, now)
-            self._tell("echo", index, now)
+            self._tell("echo", index, now, sender)
             return None
-        self._asked.add(entry.name)
+        self._asked[entry.name] = sender
         return ParameterRequest(sender, entry.name, round(message.param_value, _DIGITS))
 
     def changed(self, name: str, value: float, now: float) -> None:
@@ -80,22 +82,22 @@ class ParameterServer:
             raise ParameterError(f"{name} = {value:g} cannot be told: not listed, or out of range")
         moved = self._entries[index].value != value
         self._entries[index] = replace(self._entries[index], value=value)
-        if name in self._asked:
-            self._asked.discard(name)
-            self._tell("echo", index, now)
+        asker = self._asked.pop(name, None)
+        if asker is not None:
+            self._tell("echo", index, now, None if moved else asker)
         elif moved:
             self._tell("news", index, now)
 
     def tick(self, now: float) -> None:
         """Feed the list, one at a time, so that it never fills the queue."""
         if self._list_left and not self._outbox.waiting("list"):
-            self._tell("list", self._list_at % len(self._entries), now)
+            self._tell("list", self._list_at % len(self._entries), now, self._list_to)
             self._list_at = (self._list_at + 1) % len(self._entries)
             self._list_left -= 1
 
-    def _tell(self, row: str, index: int, now: float) -> None:
+    def _tell(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
         message = encode.parameter(self._entries[index], index, len(self._entries))
-        self._outbox.push(row, message, now, key=index)
+        self._outbox.push(row, message, now, key=index, to=to)
 
     def _refusal(self, entry: Parameter, sender: Sender, value: float) -> tuple[str, str] | None:
         if not self._guard.may_change(sender):

@@ -31,6 +31,7 @@ class _Frame:
     message: Any = field(compare=False)
     size: int = field(compare=False)
     until: float = field(compare=False)
+    to: tuple[int, int] | None = field(compare=False)
 
 
 class Sender:
@@ -64,16 +65,24 @@ class Sender:
         self._mav.srcSystem = value
 
     def push(
-        self, name: str, message: Any, now: float, *, key: object = None, lifetime: float = LIFETIME
+        self,
+        name: str,
+        message: Any,
+        now: float,
+        *,
+        key: object = None,
+        lifetime: float = LIFETIME,
+        to: tuple[int, int] | None = None,
     ) -> None:
         """Queue a message of the table's row `name`; one with the same name and key takes its place.
 
         Forgotten after `lifetime` s. When the queue is full the least urgent frame is lost, and counted.
+        to: system and component id that it is meant for; None: everybody who listens.
         """
         row = MESSAGES[name]
         assert row.priority is not None, f"the companion does not send {name}"
         size = len(message.pack(self._mav))
-        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, size, now + lifetime)
+        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, size, now + lifetime, to)
         self._order += 1
         if key is not None:
             for place, waiting in enumerate(self._queue):

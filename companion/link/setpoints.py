@@ -5,6 +5,7 @@ from __future__ import annotations
 from companion.link import encode
 from companion.link.heard import Vehicle
 from companion.link.sender import Sender
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
 
@@ -27,4 +28,5 @@ class Setpoints:
         period = MESSAGES["setpoint"].period or 0.0
         self._due = max(self._due + period, now)
         message = encode.stand_still(vehicle.system_id, round((now - self._started) * 1000))
-        self._outbox.push("setpoint", message, now, key=0, lifetime=period)
+        to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
+        self._outbox.push("setpoint", message, now, key=0, lifetime=period, to=to)

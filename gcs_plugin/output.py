@@ -33,6 +33,16 @@ def _standing(call: CallData) -> _Standing:
     return call.id, call.stage, call.holding, int(call.reasons)
 
 
+class Writes(Protocol):
+    """A stream of text."""
+
+    def write(self, text: str, /) -> object:
+        """Write some of a line, or several."""
+
+    def flush(self) -> object:
+        """Let it be seen now."""
+
+
 class Output(Protocol):
     """What the session tells."""
 
@@ -117,11 +127,12 @@ class Both:
 
 
 class TextOutput:
-    """Lines with the time of day; colours only if asked for."""
+    """Lines with the time of day. before: what is typed before each answer here."""
 
-    def __init__(self, stream: TextIO, *, colours: bool) -> None:
+    def __init__(self, stream: Writes, *, colours: bool, before: str = "") -> None:
         self._stream = stream
         self._colours = colours
+        self._before = before
         self._texts: dict[tuple[int, str], float] = {}
         self._standing: dict[int, _Standing] = {}
 
@@ -162,7 +173,7 @@ class TextOutput:
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], _FAINT
             case ev.CallOpened():
                 self._standing[event.system] = _standing(event.call)
-                return wording.call_lines(event.call, event.call.age_s), _ALARM
+                return wording.call_lines(event.call, event.call.age_s, self._before), _ALARM
             case ev.CallChanged():
                 return self._news(event), _PLAIN
             case ev.CallClosed():
@@ -186,11 +197,11 @@ class TextOutput:
         call, told, now = event.call, self._standing.get(event.system), _standing(event.call)
         if told is None or told[:2] != now[:2]:
             self._standing[event.system] = now
-            return [wording.changed(call, call.age_s)]
+            return [wording.changed(call, call.age_s, self._before)]
         self._standing[event.system] = (*now[:3], told[3] | now[3])
         added = call.reasons & ~Reasons(told[3])
         if call.stage is Stage.OPEN and added:
-            return [wording.also(call, added)]
+            return [wording.also(call, added, self._before)]
         return [wording.stands(call)] * (told[2] != now[2])
 
     def _fresh(self, event: ev.TextHeard, now: float) -> bool:

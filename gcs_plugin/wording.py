@@ -88,8 +88,12 @@ def where(box: Fractions) -> str:
     return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"
 
 
-def fitting_answers(call: CallData) -> list[str]:
-    """Lines that make sense as an answer to this call now."""
+def fitting_answers(call: CallData, before: str = "") -> list[str]:
+    """Lines that make sense as an answer to this call now; `before`: what is typed before each."""
+    return [before + line for line in _fitting_lines(call)]
+
+
+def _fitting_lines(call: CallData) -> list[str]:
     if call.test:
         return ["go", "stay"]
     if call.stage is not Stage.OPEN:
@@ -111,7 +115,7 @@ def headline(call: CallData, age: float) -> str:
     return f"{name(call.kind, call.id)} {asks} [{stands}, {duration(age)}]"
 
 
-def call_lines(call: CallData, age: float) -> list[str]:
+def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
     """The headline, the box to look at, the picture if it lies on this computer, and the answers that fit."""
     lines = [headline(call, age)]
     if call.worst_tile_box and call.stage is Stage.OPEN and call.kind is Kind.CALL:
@@ -119,7 +123,7 @@ def call_lines(call: CallData, age: float) -> list[str]:
     picture = local_picture(call)
     if picture is not None:
         lines.append(f"  picture  {picture}")
-    lines.append("  answer   " + "  |  ".join(fitting_answers(call)))
+    lines.append("  answer   " + "  |  ".join(fitting_answers(call, before)))
     return lines
 
 
@@ -132,16 +136,16 @@ def local_picture(call: CallData) -> Path | None:
         return None
 
 
-def changed(call: CallData, age: float) -> str:
+def changed(call: CallData, age: float, before: str = "") -> str:
     """An open call at another stage, or with more reasons."""
-    answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call))}"
+    answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call, before))}"
     return headline(call, age) + answers
 
 
-def also(call: CallData, added: Reasons) -> str:
+def also(call: CallData, added: Reasons, before: str = "") -> str:
     """Reasons that came later; the call's figures are its own frame's, and say nothing of them."""
     named = " and ".join(text for reason, text in _LATER.items() if added & reason)
-    return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call))}"
+    return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call, before))}"
 
 
 def stands(call: CallData) -> str:

@@ -1,0 +1,148 @@
+"""What rovers ask and what they are answered, in MAVProxy: `module load gcs_plugin.mavproxy_anytraverse`.
+
+The calls of every companion on every link are printed, whichever component is the target. `at help` says what
+can be typed.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from MAVProxy.modules.lib import mp_module
+
+from companion.wire.ids import COMPONENT_ID
+from gcs_plugin.client import OperatorClient
+from gcs_plugin.output import TextOutput
+from gcs_plugin.session import Session
+
+NAMES = ("anytraverse", "at")
+CYCLE_S = 0.05
+"""Between two looks at the client: MAVProxy comes by several hundred times a second."""
+MAX_PROBLEMS = 16
+HELP = """\
+  at go | stay | look          answer the current call; `at 7 go` or `at answer 7 go` answers call 7
+  at set bush -1               a word and its weight: 1 drive over it, -1 never; also `at bush: -1, grass: 1`
+  at bush: -1, go              any change, and drive on; also `at tap drum -1 go`
+  at tap drum -1               what the call points at is a "drum"; a box: at tap drum -1 0.40 0.55 0.60 0.80
+  at forget bush               take a word out of use; `at forget call 7`: what it taught; `at new episode`
+  at rover 2 go                for one of several rovers; `at rover 2` alone stays with it
+  at status | calls | words    what is known; `anytraverse` is the long form of `at`""".splitlines()
+_BETWEEN_CHANGES = re.compile(r"(?<=\d),(?=\s)")
+_MOTIONS = ["go", "stay", "look"]
+_COMPLETIONS = [
+    "<status|calls|words|help|go|stay|look>",
+    "answer (AT_CALL) <go|stay|look>",
+    "<set|forget|tap> (AT_WORD) <1|-1>",
+]
+
+
+def typed_line(arguments: Sequence[str]) -> str:
+    """The operator's line in the words after `at`. A comma after a number is a `;`, which MAVProxy takes away."""
+    first, *rest = _BETWEEN_CHANGES.sub(";", " ".join(arguments)).split()
+    if first == "answer":
+        return " ".join(rest)
+    if first == "set" and len(rest) > 1:
+        return f"{' '.join(rest[:-1]).removesuffix(':')}: {rest[-1]}"
+    return " ".join((first, *rest))
+
+
+class _Console:
+    """MAVProxy's console, which may be replaced at any time, as a stream of whole lines."""
+
+    def __init__(self, mpstate: Any) -> None:
+        self._mpstate = mpstate
+        self._line = ""
+
+    def write(self, text: str) -> None:
+        *lines, self._line = (self._line + text).split("\n")
+        for line in lines:
+            self._mpstate.console.writeln(line)
+
+    def flush(self) -> None:
+        """Every line is seen at once."""
+
+
+class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no types
+    """Hands MAVProxy's messages to the operator's client, and the client's to the links."""
+
+    def __init__(self, mpstate: Any) -> None:
+        # Its import name: reload and unload know a module by what was loaded.
+        super().__init__(mpstate, __name__, "what rovers ask, and your answers", multi_vehicle=True)
+        self._client = OperatorClient()
+        self._output = TextOutput(_Console(mpstate), colours=False, before="at ")
+        self._session = Session(self._client, self._output)
+        self._next_at = float("-inf")
+        self._problems: set[str] = set()
+        for name in NAMES:
+            self.add_command(name, self.command, "answer what rovers ask (AnyTraverse)", _COMPLETIONS)
+        self.add_completion_function("(AT_CALL)", self._call_ids)
+        self.add_completion_function("(AT_WORD)", self._words)
+
+    def mavlink_packet(self, message: Any) -> None:
+        """Every message of every vehicle on every link."""
+        with self._telling_problems():
+            self._client.receive(message, time.monotonic())
+
+    def idle_task(self) -> None:
+        """Send what is due and tell what happened."""
+        now = time.monotonic()
+        if now < self._next_at:
+            return
+        self._next_at = now + CYCLE_S
+        with self._telling_problems():
+            for message in self._client.outgoing(now):
+                self._send(message)
+            self._session.step(now)
+
+    def command(self, arguments: Sequence[str]) -> None:
+        """`at ...`"""
+        if not arguments or list(arguments) == ["help"]:
+            self._output.say(HELP)
+        elif list(arguments) == ["quit"]:
+            self._output.problem(f"type `module unload {self.name}`")
+        else:
+            with self._telling_problems():
+                self._session.type(typed_line(arguments), time.monotonic())
+
+    def unload(self) -> None:
+        """Take the commands away; answers on their way are not sent again."""
+        for name in NAMES:
+            self.remove_command(name)
+        for name in ("(AT_CALL)", "(AT_WORD)"):
+            self.mpstate.completion_functions.pop(name, None)
+        for pending in self._client.unsettled:
+            self._output.problem(f"answer to {pending.target or 'no call'} is not acknowledged, and given up")
+        super().unload()
+
+    def _send(self, message: Any) -> None:
+        """On the links on which that companion was heard."""
+        self.mpstate.foreach_mav(message.target_system, COMPONENT_ID, lambda mav: mav.send(message))
+
+    @contextmanager
+    def _telling_problems(self) -> Iterator[None]:
+        """MAVProxy says nothing of a module's errors: each is told here, once."""
+        try:
+            yield
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            problem = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"
+            if problem not in self._problems and len(self._problems) < MAX_PROBLEMS:
+                self._problems.add(problem)
+                self._output.problem(f"this is a mistake in the module, please report it: {problem}")
+
+    def _call_ids(self, _text: str) -> list[str]:
+        rovers = self._client.rovers.values()
+        return [str(call.data.id) for rover in rovers for call in rover.open_calls()] + _MOTIONS
+
+    def _words(self, _text: str) -> list[str]:
+        return [word.lower() for rover in self._client.rovers.values() for word in rover.words()]
+
+
+def init(mpstate: Any) -> AnyTraverse:
+    """What MAVProxy calls to load it."""
+    return AnyTraverse(mpstate)

@@ -1,0 +1,242 @@
+"""The MAVProxy module, inside a stand-in for MAVProxy that has only what its modules are promised."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from companion.wire import ids
+from companion.wire.answers import ForgetWord, SetWord
+from companion.wire.payloads import CallData
+
+
+class Module:
+    """MAVProxy's base class of modules, as far as it promises anything."""
+
+    def __init__(self, mpstate: Any, name: str, _description: str, *, multi_vehicle: bool = False) -> None:
+        self.mpstate, self.name, self.multi_vehicle = mpstate, name, multi_vehicle
+
+    def add_command(self, name: str, callback: Any, _description: str, completions: list[str]) -> None:
+        self.mpstate.command_map[name] = callback
+        self.mpstate.completions[name] = completions
+
+    def remove_command(self, name: str) -> None:
+        del self.mpstate.command_map[name], self.mpstate.completions[name]
+
+    def add_completion_function(self, name: str, callback: Any) -> None:
+        self.mpstate.completion_functions[name] = callback
+
+    def unload(self) -> None:
+        self.mpstate.unloaded = True
+
+
+class Console:
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def writeln(self, line: str) -> None:
+        self.lines.append(line)
+
+
+class Wire:
+    """The sending end of one link."""
+
+    def __init__(self, ground: Any, rover: Any) -> None:
+        self.ground, self.rover = ground, rover
+        self.replies: list[bytes] = []
+
+    def send(self, message: Any) -> None:
+        self.replies += self.rover.hear(self.ground.frame(message))
+
+
+class MpState:
+    """MAVProxy with a link to each rover."""
+
+    def __init__(self, ground: Any, rovers: list[Any]) -> None:
+        self.console = Console()
+        self.command_map: dict[str, Any] = {}
+        self.completions: dict[str, list[str]] = {}
+        self.completion_functions: dict[str, Callable[[str], list[str]]] = {}
+        self.unloaded = False
+        self.wires = {(rover.system, ids.COMPONENT_ID): Wire(ground, rover) for rover in rovers}
+
+    def foreach_mav(self, system: int, component: int, closure: Callable[[Any], None]) -> None:
+        if (system, component) in self.wires:
+            closure(self.wires[system, component])
+
+
+class Proxy:
+    """The module at work, with a clock of its own."""
+
+    def __init__(self, plugin: ModuleType, monkeypatch: pytest.MonkeyPatch, ground: Any, rovers: list[Any]):
+        self.rovers, self.ground, self.now = rovers, ground, 100.0
+        monkeypatch.setattr(plugin, "time", self)
+        self.state = MpState(ground, rovers)
+        self.module = plugin.init(self.state)
+
+    def monotonic(self) -> float:
+        return self.now
+
+    @property
+    def lines(self) -> list[str]:
+        return self.state.console.lines
+
+    def run(self, seconds: float, *, silent: bool = False) -> None:
+        for _ in range(round(seconds * 10)):
+            self.now += 0.1
+            frames = [] if silent else [frame for rover in self.rovers for frame in rover.speak()]
+            for wire in self.state.wires.values():
+                frames, wire.replies = frames + wire.replies, []
+            for message in self.ground.parse(b"".join(frames)):
+                self.module.mavlink_packet(message)
+            self.module.idle_task()
+
+    def type(self, line: str) -> None:
+        name, *arguments = line.split()
+        self.state.command_map[name](arguments)
+
+
+@pytest.fixture
+def plugin(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    mp_module = ModuleType("MAVProxy.modules.lib.mp_module")
+    mp_module.MPModule = Module  # type: ignore[attr-defined]
+    for name in ("MAVProxy", "MAVProxy.modules", "MAVProxy.modules.lib"):
+        package = ModuleType(name)
+        package.mp_module = mp_module  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, name, package)
+    monkeypatch.setitem(sys.modules, mp_module.__name__, mp_module)
+    yield importlib.import_module("gcs_plugin.mavproxy_anytraverse")
+    sys.modules.pop("gcs_plugin.mavproxy_anytraverse")
+
+
+@pytest.fixture
+def proxy(
+    plugin: ModuleType,
+    monkeypatch: pytest.MonkeyPatch,
+    tiny_rover: Callable[..., Any],
+    speaker: Callable[..., Any],
+) -> Callable[..., Proxy]:
+    def made(*calls: CallData | None) -> Proxy:
+        rovers = [tiny_rover(system, call) for system, call in enumerate(calls, 1)]
+        at = Proxy(plugin, monkeypatch, speaker(255, 230), rovers)
+        at.run(1.0)
+        return at
+
+    return made
+
+
+Make = Callable[..., Proxy]
+
+
+def test_a_call_is_printed_with_what_to_type_here(proxy: Make, thing_call: CallData) -> None:
+    at = proxy(thing_call)
+    text = "\n".join(at.lines)
+    assert "C7 unknown thing ahead, 38% unexplained" in text
+    assert "at tap drum -1 go  |  at drum: -1, go  |  at go" in text
+
+
+@pytest.mark.parametrize("line", ["at go", "at answer go", "anytraverse answer 7 go", "at 7 go", "at ok"])
+def test_an_answer_reaches_the_call_in_each_of_its_spellings(
+    proxy: Make, thing_call: CallData, line: str
+) -> None:
+    at = proxy(thing_call)
+    at.type(line)
+    at.run(1.0)
+    assert at.rovers[0].applied == [(7, ids.Motion.GO, ())]
+    assert any("answer to 7: done" in line for line in at.lines)
+
+
+@pytest.mark.parametrize(
+    ("line", "word", "weight"),
+    [
+        ("at set bush -1", "bush", -1.0),
+        ("at set dirt path: 0.5", "dirt path", 0.5),
+        ("at a b: 1", "a b", 1.0),
+    ],
+)
+def test_a_word_is_set_without_a_call(proxy: Make, line: str, word: str, weight: float) -> None:
+    at = proxy(None)
+    at.type(line)
+    at.run(1.0)
+    assert at.rovers[0].applied == [(0, ids.Motion.NONE, (SetWord(word, weight),))]
+
+
+def test_a_comma_separates_changes_since_mavproxy_splits_lines_at_semicolons(proxy: Make) -> None:
+    at = proxy(None)
+    at.type("at bush: -1, dirt path: 0.5, forget rock, stones")
+    at.run(1.0)
+    operations = (SetWord("bush", -1.0), SetWord("dirt path", 0.5), ForgetWord("rock, stones"))
+    assert at.rovers[0].applied == [(0, ids.Motion.NONE, operations)]
+
+
+def test_several_rovers_on_several_links_each_get_their_own(proxy: Make, thing_call: CallData) -> None:
+    at = proxy(thing_call, thing_call)
+    at.type("at go")
+    assert "rovers 1, 2 are heard" in at.lines[-1]
+    at.type("at rover 2 go")
+    at.run(1.0)
+    assert [len(rover.applied) for rover in at.rovers] == [0, 1]
+    assert at.module.multi_vehicle, "MAVProxy hands other modules one vehicle's messages only"
+
+
+def test_nothing_is_sent_to_a_companion_that_fell_silent(proxy: Make, thing_call: CallData) -> None:
+    at = proxy(thing_call)
+    at.run(4.0, silent=True)
+    at.type("at go")
+    at.run(5.0, silent=True)
+    assert at.rovers[0].applied == []
+    assert any("waits: the companion is not heard" in line for line in at.lines)
+
+
+def test_help_and_mistakes_are_told(proxy: Make) -> None:
+    at = proxy(None)
+    at.type("at")
+    assert at.lines[-1].strip().startswith("at status")
+    for line, said in [
+        ("at quit", "module unload gcs_plugin.mavproxy_anytraverse"),
+        ("at x", "is no command"),
+    ]:
+        at.type(line)
+        assert said in at.lines[-1]
+
+
+def test_open_calls_and_words_complete(proxy: Make, thing_call: CallData) -> None:
+    at = proxy(thing_call)
+    complete = at.state.completion_functions
+    assert complete["(AT_CALL)"]("") == ["7", "go", "stay", "look"]
+    assert complete["(AT_WORD)"]("") == ["grass"]
+
+
+def test_a_mistake_inside_is_told_once_and_the_rest_goes_on(
+    proxy: Make, thing_call: CallData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = proxy(None)
+    receive = at.module._client.receive
+
+    def broken(message: Any, now: float) -> None:
+        if message.get_type() == "TUNNEL" and message.payload_type == ids.TUNNEL_SUMMARY:
+            raise RuntimeError("out of cheese")
+        receive(message, now)
+
+    monkeypatch.setattr(at.module._client, "receive", broken)
+    at.rovers[0].call = thing_call
+    at.run(2.0)
+    assert sum("RuntimeError: out of cheese" in line for line in at.lines) == 1
+    assert any("C7 unknown thing" in line for line in at.lines)
+
+
+def test_unloading_leaves_nothing_behind_and_names_what_is_given_up(
+    proxy: Make, thing_call: CallData
+) -> None:
+    at = proxy(thing_call)
+    at.run(4.0, silent=True)
+    at.type("at go")
+    at.module.unload()
+    assert (at.state.command_map, at.state.completions, at.state.completion_functions) == ({}, {}, {})
+    assert at.state.unloaded
+    assert "answer to 7 is not acknowledged" in at.lines[-1]

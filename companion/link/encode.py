@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -12,6 +13,15 @@ from companion.wire.parameters import Parameter
 
 _VELOCITY_ONLY = 0b1101_1100_0111
 """POSITION_TARGET_TYPEMASK: all but the three velocities are to be ignored."""
+
+CAPABILITIES = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_FTP
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+"""MAV_PROTOCOL_CAPABILITY; none exists for the extended parameters."""
 
 _STATUS = {
     State.STARTING: mavlink.MAV_STATE_BOOT,
@@ -58,6 +68,41 @@ def parameter(entry: Parameter, index: int, count: int) -> Any:
     return mavlink.MAVLink_param_value_message(
         entry.name.encode(), entry.value, mavlink.MAV_PARAM_TYPE_REAL32, count, index
     )
+
+
+def text_parameter(name: str, text: str, index: int, count: int) -> Any:
+    """PARAM_EXT_VALUE of a string of at most 128 bytes."""
+    return mavlink.MAVLink_param_ext_value_message(
+        name.encode(), text.encode(), mavlink.MAV_PARAM_EXT_TYPE_CUSTOM, count, index
+    )
+
+
+def text_ack(name: bytes, value: bytes, result: int) -> Any:
+    """PARAM_EXT_ACK. result: PARAM_ACK."""
+    return mavlink.MAVLink_param_ext_ack_message(name, value, mavlink.MAV_PARAM_EXT_TYPE_CUSTOM, result)
+
+
+def autopilot_version(version: str) -> Any:
+    """What we can do, and `version` ("0.1.0", anything behind it makes it a development version)."""
+    release = re.match(r"(\d+)\.(\d+)\.(\d+)$", version)
+    numbers = [min(255, int(one)) for one in re.findall(r"\d+", version)[:3]] + [0, 0, 0]
+    kind = mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL if release else mavlink.FIRMWARE_VERSION_TYPE_DEV
+    packed = numbers[0] << 24 | numbers[1] << 16 | numbers[2] << 8 | kind
+    custom = version.encode(errors="replace")[:8].ljust(8, b"\0")
+    none = bytes(8)
+    return mavlink.MAVLink_autopilot_version_message(
+        CAPABILITIES, packed, 0, 0, 0, list(custom), list(none), list(none), 0, 0, 0
+    )
+
+
+def message_interval(message_id: int, microseconds: int) -> Any:
+    """MESSAGE_INTERVAL: -1 is never, 0 is unknown."""
+    return mavlink.MAVLink_message_interval_message(message_id, microseconds)
+
+
+def file_transfer(payload: bytes, target: tuple[int, int]) -> Any:
+    """All 251 bytes of an FTP payload, to the asker."""
+    return mavlink.MAVLink_file_transfer_protocol_message(0, *target, payload)
 
 
 def command_ack(command: int, result: int, target: tuple[int, int]) -> Any:

@@ -46,7 +46,7 @@ class VehicleHeard:
 class AnswerRequest:
     """An operator's answer, whole and well-formed; `Link.acknowledge` it. transaction: None for a command.
 
-    target: id of the call or hold, 0 for the current one.
+    target: id of the call or hold, 0 for the current one. value: of AT_ANSWER, where that parameter was set.
     """
 
     sender: Sender
@@ -54,6 +54,7 @@ class AnswerRequest:
     target: int
     motion: Motion
     operations: tuple[Operation, ...]
+    value: float | None = None
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,22 @@ class ParameterRequest:
     sender: Sender
     name: str
     value: float
+
+
+@dataclass(frozen=True)
+class WordsRequest:
+    """Words to set by text, without a call; `Link.acknowledge_words` it. name: the extended parameter."""
+
+    sender: Sender
+    name: str
+    operations: tuple[Operation, ...]
+
+
+@dataclass(frozen=True)
+class ResetRequest:
+    """Words and settings shall be as configured; `Link.acknowledge_reset` it. The same again is harmless."""
+
+    sender: Sender
 
 
 @dataclass(frozen=True)
@@ -96,4 +113,5 @@ class ModeAck:
     result: int
 
 
-Heard = VehicleHeard | AnswerRequest | ParameterRequest | PolicyRequest | Pulses | ModeAck
+SetRequest = ParameterRequest | WordsRequest | ResetRequest
+Heard = VehicleHeard | AnswerRequest | SetRequest | PolicyRequest | Pulses | ModeAck

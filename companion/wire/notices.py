@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from companion.wire.ids import Policy
+from companion.wire.ids import COMPONENT_ID, Policy
 from companion.wire.texts import REASONS, fit
 
 
@@ -54,6 +54,11 @@ def unknown_autopilot() -> str:
     return "Autopilot of unknown kind: it is never held"
 
 
+def ids_taken(system: int, connection: str) -> str:
+    """Another component speaks under our ids on this connection: nothing more is said there."""
+    return fit(f"Another {system}/{COMPONENT_ID} on link {connection}: silent there")
+
+
 def off(by: str = "") -> str:
     """Nobody watches the trail. by: who switched off, "RC7" or "255/190"."""
     return fit(f"Companion OFF{f' by {by}' if by else ''}: nobody watches the trail")
@@ -94,14 +99,19 @@ def only_reports(seconds: float | None) -> str:
     return fit(f"Only reports: {_seconds(seconds)} a frame, slow for HOLD")
 
 
-def hold_outruns(speed: float | None, fits: float | None) -> str:
+def outruns(speed: float | None, fits: float | None) -> str:
     """The vehicle does not stop before what its camera shows. Both in m/s; fits: what would do."""
-    return fit(f"HOLD refused: {_fast(speed)} m/s outruns eyes, {_fast(fits)} fits")
+    return f"{_fast(speed)} m/s outruns eyes, {_fast(fits)} fits"
+
+
+def hold_outruns(speed: float | None, fits: float | None) -> str:
+    """Policy hold is refused for it."""
+    return fit(f"HOLD refused: {outruns(speed, fits)}")
 
 
 def only_reports_outrunning(speed: float | None, fits: float | None) -> str:
     """The owner configured policy hold, and the vehicle is too fast for it."""
-    return fit(f"Only reports: {_fast(speed)} m/s outruns eyes, {_fast(fits)} fits")
+    return fit(f"Only reports: {outruns(speed, fits)}")
 
 
 def stopping_unchecked() -> str:
@@ -167,6 +177,16 @@ def value_refused(parameter: str, allowed: str) -> str:
 def read_only(parameter: str) -> str:
     """A parameter that cannot be set."""
     return fit(f"{parameter} is read-only: kept")
+
+
+def kept_for_hold(parameter: str, reason: str) -> str:
+    """A value under which the vehicle could not be held any more. reason: as of `outruns`."""
+    return fit(f"{parameter} kept: {reason}")
+
+
+def answer_refused() -> str:
+    """A value of AT_ANSWER that says nothing."""
+    return "AT_ANSWER: id x 10 + 1 go, 2 stay, 3 look again"
 
 
 def other_version() -> str:

@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from companion.wire.ids import Policy
+from companion.wire.ids import Motion, Policy
+from companion.wire.messages import MESSAGES
 
 MAX_NAME = 16
 MAX_WORDS = 24
@@ -26,6 +27,19 @@ THR_SCENE = "AT_THR_SCENE"
 THR_TILE = "AT_THR_TILE"
 THR_TRAV = "AT_THR_TRAV"
 POLICY = "AT_POLICY"
+ROI: Mapping[str, str] = MappingProxyType(
+    {"left": "AT_ROI_L", "top": "AT_ROI_T", "right": "AT_ROI_R", "bottom": "AT_ROI_B"}
+)
+"""Side of the region of interest -> its parameter, a fraction of the image's width or height."""
+SUMMARY_RATE = "AT_SUM_HZ"
+NUMBER_RATE = "AT_NUM_HZ"
+"""Summaries, and each of the numbers, per second; 0: none."""
+BUDGET = "AT_BUDGET"
+"""B/s of unsolicited traffic on the first connection."""
+ANSWER = "AT_ANSWER"
+"""An answer without words: id of the call or hold x 10 + `Motion`; id 0 is the current one. Reads as 0."""
+WORDS_TEXT = "AT_WORDS"
+"""All words with their weights as one text; only in the extended parameter protocol."""
 SHADOW_HOLDS = "AT_SHD_HOLDS"
 """Would-be holds in shadow policy. Set to 0, all the counts begin anew."""
 SHADOW_HOURS = "AT_SHD_HOURS"
@@ -88,6 +102,19 @@ _SETTINGS = (
 )
 
 
+_SUMMARY_HZ, _NUMBER_HZ = (1.0 / (MESSAGES[name].period or 1.0) for name in ("summary", "number"))
+_MORE = (
+    Parameter(ROI["left"], 0.333, 0.0, 1.0),
+    Parameter(ROI["top"], 0.6, 0.0, 1.0),
+    Parameter(ROI["right"], 0.667, 0.0, 1.0),
+    Parameter(ROI["bottom"], 0.95, 0.0, 1.0),
+    Parameter(SUMMARY_RATE, _SUMMARY_HZ, 0.0, 5.0),
+    Parameter(NUMBER_RATE, _NUMBER_HZ, 0.0, 2.0),
+    Parameter(BUDGET, 300.0, 50.0, 1e6, special=0.0),
+    Parameter(ANSWER, 0.0, 0.0, 10.0 * 0xFFFF + max(Motion), whole=True),
+)
+"""They stand last, so that the words' indices stay as they were."""
+
 _MANY = 1e6
 _COUNTS = (
     Parameter(SHADOW_HOLDS, 0.0, 0.0, _MANY, whole=True),
@@ -116,7 +143,8 @@ def build(
     *,
     aliases: Mapping[str, str] = _NO_ALIASES,
 ) -> tuple[Parameter, ...]:
-    """The fixed list: settings, a weight for every word of the configured vocabulary, shadow policy's counts.
+    """The fixed list: thresholds and policy, a weight for every word of the configured vocabulary, shadow
+    policy's counts, then the other settings.
 
     weights: of the words in use; the others get -2. settings: values by parameter name (AT_THR_ROI, ...);
     those not named keep their defaults. aliases: word -> what follows AT_W_ where the plain one does not do.
@@ -124,11 +152,15 @@ def build(
     """
     if len(vocabulary) > MAX_WORDS:
         raise ParameterError(f"{len(vocabulary)} words are configured, at most {MAX_WORDS} fit: remove some")
-    for name in settings.keys() - {setting.name for setting in _SETTINGS}:
+    for name in settings.keys() - {setting.name for setting in (*_SETTINGS, *_MORE)}:
         raise ParameterError(f"there is no setting {name}")
     for word in (weights.keys() | aliases.keys()) - set(vocabulary):
         raise ParameterError(f'word "{word}" is not in the configured vocabulary: add it there')
-    listed = [_with_value(setting, settings.get(setting.name, setting.value)) for setting in _SETTINGS]
+    first, last = (
+        [_with_value(setting, settings.get(setting.name, setting.value)) for setting in group]
+        for group in (_SETTINGS, _MORE)
+    )
+    words: list[Parameter] = []
     owners: dict[str, str] = {}
     for word in vocabulary:
         name = word_parameter(word, aliases.get(word))
@@ -136,8 +168,8 @@ def build(
             raise ParameterError(f'words "{owners[name]}" and "{word}" are both {name}: give one an alias')
         owners[name] = word
         weight = Parameter(name, NOT_IN_USE, -1.0, 1.0, special=NOT_IN_USE, word=word)
-        listed.append(_with_value(weight, weights.get(word, NOT_IN_USE)))
-    return (*listed, *_COUNTS)
+        words.append(_with_value(weight, weights.get(word, NOT_IN_USE)))
+    return (*first, *words, *_COUNTS, *last)
 
 
 def _with_value(parameter: Parameter, value: float) -> Parameter:

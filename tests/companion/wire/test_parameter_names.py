@@ -28,6 +28,14 @@ def test_the_list_holds_the_settings_and_a_weight_for_every_configured_word() ->
         "AT_SHD_OBJECT",
         "AT_SHD_BLOCKED",
         "AT_SHD_FAULT",
+        "AT_ROI_L",
+        "AT_ROI_T",
+        "AT_ROI_R",
+        "AT_ROI_B",
+        "AT_SUM_HZ",
+        "AT_NUM_HZ",
+        "AT_BUDGET",
+        "AT_ANSWER",
     ]
     assert [entry.value for entry in listed if entry.word] == [-2.0, -1.0]
     assert listed[0].value == 0.25

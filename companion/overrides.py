@@ -1,0 +1,85 @@
+"""What the ground set, beside the value that the configuration had then. Pure.
+
+After a restart it counts again, unless the owner has edited that value since: the file is the owner's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from companion.tuning import OF_THE_PERCEIVER
+from companion.wire.parameters import Parameter, ParameterError, build
+
+
+class Overrides:
+    """Parameter name -> value, for what differs from the configured one."""
+
+    def __init__(self, configured: Mapping[str, float], model_id: str) -> None:
+        """configured: of every parameter that is kept. model_id: whom the thresholds are for."""
+        self.configured = dict(configured)
+        self._model_id = model_id
+        self._set: dict[str, float] = {}
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """What counts instead of the configured values."""
+        return dict(self._set)
+
+    def set(self, name: str, value: float) -> None:
+        """The ground set it; back at the configured value, it is none of ours any more."""
+        if value == self.configured[name]:
+            self._set.pop(name, None)
+        else:
+            self._set[name] = value
+
+    def drop(self, *names: str) -> None:
+        """These are as configured again."""
+        for name in names:
+            self._set.pop(name, None)
+
+    def saved(self) -> dict[str, Any]:
+        """For the journal: JSON values."""
+        values = {name: [value, self.configured[name]] for name, value in self._set.items()}
+        return {"model": self._model_id, "values": values}
+
+    def figures(self) -> dict[str, Any]:
+        """For the status file: what differs from the configuration."""
+        return {
+            name: {"set": value, "configured": round(self.configured[name], 6)}
+            for name, value in self._set.items()
+        }
+
+    def restore(self, saved: Any) -> list[str]:
+        """Take what `saved` made; what a person should be told of what was left out. Nonsense is left out."""
+        if saved is None:
+            return []
+        if not isinstance(saved, Mapping) or not isinstance(saved.get("values"), Mapping):
+            return ["settings of the ground could not be read: as configured"]
+        allowed = {parameter.name: parameter for parameter in build((), {}, {})}
+        edited, strange, corrupt = [], [], []
+        for name, row in saved["values"].items():
+            read = _read(allowed.get(name), row) if name in self.configured else None
+            if read is None:
+                corrupt.append(str(name))
+            elif name in OF_THE_PERCEIVER and saved.get("model") != self._model_id:
+                strange.append(name)
+            elif read[1] != self.configured[name]:
+                edited.append(name)
+            else:
+                self.set(name, read[0])
+        told = (
+            ("edited in the file, which wins", edited),
+            ("of another model, as configured", strange),
+            ("unreadable, as configured", corrupt),
+        )
+        return [f"{', '.join(names)}: {what}" for what, names in told if names]
+
+
+def _read(parameter: Parameter | None, row: Any) -> tuple[float, float] | None:
+    """Value and the configured one that it was set over; None for anything else."""
+    try:
+        value, over = (float(one) for one in row if not isinstance(one, (bool, str)))
+    except (TypeError, ValueError, OverflowError, ParameterError):
+        return None
+    return (value, over) if parameter is not None and parameter.accepts(value) else None

@@ -1,0 +1,65 @@
+"""Words and weights as one text, "grass: 1; rock: -0.8", short enough for an extended parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from anytraverse.errors import PreferencesError
+from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
+from companion.wire.answers import ForgetWord, Operation, SetWord
+from companion.wire.parameters import NOT_IN_USE
+
+MAX_TEXT_VALUE = 128
+"""Bytes of an extended parameter's value."""
+_PLACES = 6
+
+
+def words_text(weights: Mapping[str, float]) -> str:
+    """The text, as many whole words as 128 bytes hold."""
+    told = ""
+    for word, weight in weights.items():
+        longer = f"{told}{'; ' if told else ''}{word}: {weight_text(weight)}"
+        if len(longer.encode()) > MAX_TEXT_VALUE:
+            break
+        told = longer
+    return told
+
+
+def weight_text(weight: float) -> str:
+    """1, -0.8; -2 is not in use."""
+    return f"{round(weight, _PLACES):g}"
+
+
+def read_words(text: str) -> tuple[Operation, ...]:
+    """What a text asks for; weight -2 takes a word out of use, words that it does not name stay.
+
+    Raises PreferencesError.
+    """
+    parts = [part for part in text.split(";") if part.strip()]
+    if not parts:
+        raise PreferencesError("no word: write grass: 1; rock: -0.8")
+    if len(parts) > MAX_WORDS:
+        raise PreferencesError(f"{len(parts)} words, {MAX_WORDS} at most")
+    found: dict[str, Operation] = {}
+    for part in parts:
+        raw, colon, number = part.rpartition(":")
+        if not colon:
+            raise PreferencesError(f'"{part.strip()}" has no weight')
+        word = clean_word(raw)
+        if word in found:
+            raise PreferencesError(f'"{word}" stands twice')
+        found[word] = read_weight(word, number)
+    return tuple(found.values())
+
+
+def read_weight(word: str, text: str) -> Operation:
+    """The operation of one word. Raises PreferencesError."""
+    try:
+        weight = float(text) if text.isascii() and "_" not in text else None
+    except ValueError:
+        weight = None
+    if weight is None:
+        raise PreferencesError(f'"{text.strip()}" is no weight')
+    if weight == NOT_IN_USE:
+        return ForgetWord(word)
+    return SetWord(word, round(check_weight(word, weight), _PLACES))

@@ -115,6 +115,7 @@ class Daemon:
         self._trial.tick(now)
         self._link.stand_still(on=self._calls.holding.streams)
         self._speak(now)
+        self._slumber.look(time.monotonic())
         self._link.tick(now)
 
     def leave(self) -> None:

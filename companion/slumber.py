@@ -10,7 +10,7 @@ from companion.link.link import Link
 log = logging.getLogger(__name__)
 
 ASLEEP = 1.0
-"""Seconds between two turns of the main loop after which we count as having slept."""
+"""Seconds between two looks after which we count as having slept."""
 
 
 class Slumber:
@@ -26,7 +26,7 @@ class Slumber:
         self._awake_at = now
 
     def look(self, now: float) -> None:
-        """Once a turn, before anything is heard."""
+        """Before anything is heard, and before anything leaves: a disk may have kept us waiting between."""
         slept, self._awake_at = now - self._awake_at, now
         if slept > ASLEEP:
             log.warning("the companion stood still for %.1f s: busy, stopped or starved", slept)

@@ -29,7 +29,8 @@ from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_CALL
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
-READS_PER_POLL = 32
+READS_PER_POLL = 512
+"""More than a UDP socket keeps by default: after a stall the newest mode is heard before one decides."""
 READS_AT_MOST = 4096
 MODE_LIFETIME = 1.0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -11,13 +13,13 @@ from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 RTL = 11
 
 
-def sleep(rig: Rig, seconds: float, *told: int) -> None:
-    """Stopped, while the autopilot tells these modes and stays in the last."""
+def sleep(rig: Rig, seconds: float, *told: int, busy: int = READS_PER_POLL) -> None:
+    """Stopped, while the autopilot tells these modes, each `busy` times, and stays in the last."""
     rig.clock.now += seconds
     rig.stage.now = rig.clock.now
     for mode in told:
         rig.stage.mode = mode
-        for _ in range(READS_PER_POLL):  # what streams meanwhile is more than one turn reads
+        for _ in range(busy):  # by default more than one turn reads
             rig.stage.heartbeat(1)
 
 
@@ -85,3 +87,30 @@ def test_an_answer_sent_meanwhile_must_be_sent_again(make_rig: MakeRig) -> None:
     rig.word(1, "drum", 1.0)
     rig.see(0.5, "drum")
     assert len(rig.acks) == 1
+
+
+def test_after_a_short_stall_all_that_waited_is_heard_before_anything_is_ordered(rig: Rig) -> None:
+    rig.wait(0.4)
+    sleep(rig, 0.95, AUTO, MANUAL, busy=60)
+    rig.wait(3.0)
+    assert orders(rig) == 0
+    assert rig.stage.mode == MANUAL
+
+
+def test_an_order_that_waited_while_the_disk_hung_is_not_given(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save = rig.keeper.save_calls
+
+    def hang(*what: Any) -> bool:
+        if rig.calls.hold is not None:
+            monkeypatch.setattr(rig.keeper, "save_calls", save)
+            sleep(rig, 5.0, AUTO, MANUAL)
+        return save(*what)
+
+    monkeypatch.setattr(rig.keeper, "save_calls", hang)
+    rig.see(1.0, "drum")
+    rig.wait(3.0)
+    assert rig.keeper.save_calls == save, "it hung"
+    assert orders(rig) == 0
+    assert rig.stage.mode == MANUAL

@@ -34,7 +34,8 @@ class Hold:
 
     id: shared with the call it belongs to. mode: custom_mode that holds. mode_before: the one to go back to.
     failed: the autopilot did not follow after all tries; a human must act.
-    only_fault: nothing but a fault ever asked for it.
+    only_fault: nothing but a fault ever asked for it, so that it may end without a go; one whose way back
+    failed needs one.
     """
 
     id: int

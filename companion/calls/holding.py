@@ -151,7 +151,8 @@ class Holding:
         mode, event = hold.tick(now, self.numbers)
         if event is not None:
             decisions.append(HoldMoved(hold, event, resuming))
-            self.go_at = None if resuming else self.go_at
+            if resuming:
+                self.go_at, hold.only_fault = None, False
         if mode is not None and self._may_command(hold, mode, now):
             decisions.append(SetMode(mode))
         return decisions

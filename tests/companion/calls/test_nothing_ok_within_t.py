@@ -131,6 +131,20 @@ def test_the_hold_of_a_fault_may_end_by_itself_after_five_ok_frames() -> None:
     assert scene.events() == [HoldEvent.CONFIRMED, HoldEvent.RESUMED]
 
 
+def test_a_way_back_that_failed_is_told_once_and_waits_for_a_go() -> None:
+    scene = Scene(Policy.HOLD, fault_ends_hold=True)
+    scene.run(1.0)
+    scene.run(1.0, BROKEN)
+    scene.autopilot.deaf = True
+    scene.run(60.0, CLEAR)
+    assert scene.events() == [HoldEvent.CONFIRMED, HoldEvent.FAILED]
+    assert scene.modes() == [HOLD, AUTO, AUTO, AUTO]
+    scene.autopilot.deaf = False
+    scene.go()
+    scene.run(1.0, CLEAR)
+    assert scene.autopilot.mode == AUTO
+
+
 def test_after_a_black_out_five_new_ok_frames_are_needed_not_one() -> None:
     scene = Scene(Policy.HOLD, fault_ends_hold=True)
     scene.run(2.0)

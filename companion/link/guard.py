@@ -17,21 +17,25 @@ class Guard:
 
     def __init__(self, allowed: tuple[int, int]) -> None:
         self._allowed = allowed
-        self._rates: OrderedDict[Sender, TokenBucket] = OrderedDict()
+        self._rates: OrderedDict[tuple[Sender, str], TokenBucket] = OrderedDict()
         self.rejected: Counter[str] = Counter()
 
     def may_change(self, sender: Sender) -> bool:
         """Whether this system id may answer calls and set values."""
         return self._allowed[0] <= sender[0] <= self._allowed[1]
 
-    def admits(self, sender: Sender, now: float) -> bool:
-        """Count one request of `sender`; False beyond 20 a second after the first 60."""
-        if sender not in self._rates:
-            self._rates[sender] = TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, now)
+    def admits(self, sender: Sender, now: float, *, kind: str = "") -> bool:
+        """Count one request of `sender`; False beyond 20 a second after the first 60.
+
+        kind: of requests that are counted apart, so that a download does not keep an answer out.
+        """
+        key = (sender, kind)
+        if key not in self._rates:
+            self._rates[key] = TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, now)
             if len(self._rates) > MAX_SENDERS:
                 self._rates.popitem(last=False)
-        self._rates.move_to_end(sender)
-        if self._rates[sender].take(1, now):
+        self._rates.move_to_end(key)
+        if self._rates[key].take(1, now):
             return True
         self.rejected["rate"] += 1
         return False

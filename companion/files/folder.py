@@ -1,0 +1,58 @@
+"""A folder of the rover's disk as it is: one level, regular files only, none that is hidden or a link."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from itertools import islice
+from pathlib import Path
+
+from companion.files.opened import MissingError, Opened, open_in
+from companion.files.tree import presentable
+
+MAX_FILES = 500
+_MAX_SCANNED = 5000
+
+
+class Folder:
+    """Files of `path` whose names match `pattern` (as in a shell); of too many the newest 500.
+
+    The folder need not exist yet, and may be a link itself: whoever configures it says where it is.
+    """
+
+    def __init__(self, path: Path, pattern: str = "*") -> None:
+        self._path = path
+        self._pattern = pattern
+
+    def sizes(self) -> Mapping[str, int]:
+        with self._directory() as directory, os.scandir(directory) as found:
+            seen = [
+                (entry.stat(follow_symlinks=False), entry.name)
+                for entry in islice(found, _MAX_SCANNED)
+                if self._shows(entry.name) and entry.is_file(follow_symlinks=False)
+            ]
+        newest = heapq.nlargest(MAX_FILES, seen, key=lambda file: file[0].st_mtime)
+        return {name: status.st_size for status, name in newest}
+
+    def open(self, name: str) -> Opened:
+        if not self._shows(name):
+            raise MissingError(name)
+        with self._directory() as directory:
+            return open_in(directory, name)
+
+    def _shows(self, name: str) -> bool:
+        return presentable(name) and fnmatchcase(name, self._pattern)
+
+    @contextmanager
+    def _directory(self) -> Iterator[int]:
+        try:
+            descriptor = os.open(self._path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except OSError as error:
+            raise MissingError(self._path.name) from error
+        try:
+            yield descriptor
+        finally:
+            os.close(descriptor)

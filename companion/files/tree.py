@@ -1,0 +1,130 @@
+"""The read-only tree that the ground sees: files and folders of files, nothing deeper, nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, Protocol, TypeVar
+
+from companion.files.opened import FileError, Held, MissingError, Opened
+
+_T = TypeVar("_T")
+
+MAX_NAME = 128
+"""Bytes of a name in UTF-8: a path and a line of a list both fit one frame."""
+
+
+class Entry(NamedTuple):
+    """A line of a list. size: bytes; None for a folder."""
+
+    name: str
+    size: int | None
+
+
+class Shelf(Protocol):
+    """A folder of the tree. Both run in the link's thread: within some milliseconds."""
+
+    def sizes(self) -> Mapping[str, int]:
+        """The names of its files, and their bytes."""
+
+    def open(self, name: str) -> Opened:
+        """One of them. Raises FileError."""
+
+
+class Document:
+    """A file that is made when it is opened or listed, by `make`, in the link's thread."""
+
+    def __init__(self, make: Callable[[], bytes]) -> None:
+        self._make = make
+
+    def open(self) -> Opened:
+        """Its content now. Raises FileError."""
+        return Held(self._make())
+
+
+class Documents:
+    """A folder of files that are made when they are opened. sizes: names and bytes, cheap to ask for."""
+
+    def __init__(self, sizes: Callable[[], Mapping[str, int]], make: Callable[[str], bytes]) -> None:
+        self._sizes = sizes
+        self._make = make
+
+    def sizes(self) -> Mapping[str, int]:
+        return self._sizes()
+
+    def open(self, name: str) -> Opened:
+        if name not in self._sizes():
+            raise MissingError(name)
+        return Held(self._make(name))
+
+
+class Tree:
+    """Mounts by name: `Document` is a file of the root, everything else a folder of it.
+
+    A provider that fails costs its own file only. Raises ValueError for a name that cannot be shown.
+    """
+
+    def __init__(self, mounts: Mapping[str, Document | Shelf] | None = None) -> None:
+        self._mounts = dict(mounts or {})
+        for name in self._mounts:
+            if not presentable(name):
+                raise ValueError(f'"{name}" cannot be the name of a file for the ground')
+
+    def entries(self, path: str) -> tuple[Entry, ...]:
+        """What a folder holds, by name. Raises FileError."""
+        match _parts(path):
+            case []:
+                return tuple(self._entry(name) for name in sorted(self._mounts))
+            case [name] if (mount := self._mounts.get(name)) and not isinstance(mount, Document):
+                return tuple(Entry(file, size) for file, size in sorted(_sizes(mount).items()))
+            case _:
+                raise MissingError(path)
+
+    def open(self, path: str) -> Opened:
+        """A file as it is now. Raises FileError."""
+        match _parts(path):
+            case [name] if isinstance(mount := self._mounts.get(name), Document):
+                return _guarded(mount.open)
+            case [folder, name] if (mount := self._mounts.get(folder)) and not isinstance(mount, Document):
+                shelf = mount
+                return _guarded(lambda: shelf.open(name))
+            case _:
+                raise MissingError(path)
+
+    def _entry(self, name: str) -> Entry:
+        mount = self._mounts[name]
+        if not isinstance(mount, Document):
+            return Entry(name, None)
+        try:
+            opened = _guarded(mount.open)
+        except FileError:
+            return Entry(name, 0)
+        opened.close()
+        return Entry(name, opened.size)
+
+
+def presentable(name: str) -> bool:
+    """Whether a name may be seen and asked for: visible, no folder in it, UTF-8, not longer than a frame."""
+    if not name or name.startswith(".") or "/" in name or not name.isprintable():
+        return False
+    return len(name.encode(errors="replace")) <= MAX_NAME
+
+
+def _parts(path: str) -> list[str]:
+    parts = [part for part in path.split("/") if part]
+    if not all(presentable(part) for part in parts):
+        raise MissingError(path)
+    return parts
+
+
+def _sizes(shelf: Shelf) -> dict[str, int]:
+    sizes = _guarded(shelf.sizes)
+    return {name: size for name, size in sizes.items() if presentable(name)}
+
+
+def _guarded(provide: Callable[[], _T]) -> _T:
+    try:
+        return provide()
+    except FileError:
+        raise
+    except Exception as error:  # a provider's mistake must not cost the radio link
+        raise FileError(f"{type(error).__name__}: {error}") from error

@@ -1,0 +1,1 @@
+"""MAVLink FTP, read only: `from companion.link.ftp.server import FtpServer`."""

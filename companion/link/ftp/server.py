@@ -1,0 +1,189 @@
+"""The file server: whoever may speak may read, nothing can be written. It keeps no more than it must."""
+
+from __future__ import annotations
+
+import zlib
+from collections import OrderedDict
+from dataclasses import replace
+from typing import Any
+
+from companion.files.opened import FileError, MissingError, Opened
+from companion.files.tree import Entry, Tree
+from companion.link import encode
+from companion.link.ftp.sessions import Burst, Session, Sessions
+from companion.link.guard import Guard
+from companion.link.heard import Sender
+from companion.link.outbox import Outbox
+from companion.wire.ftp import MAX_DATA, SMALL_DATA, WRITES, FtpError, FtpPayload, Opcode
+from companion.wire.packing import PayloadError
+
+BURST_FRAMES = 64
+"""Frames of one burst: a client that is gone costs no more."""
+BURST_REPEAT = 0.3
+"""s in which the same burst asked for again is a copy made on the way: clients wait longer."""
+NARROW = 10_000.0
+"""B/s of budget up to which a burst goes in short frames."""
+MAX_REPLIES = 8
+MAX_LISTS = 8
+MAX_CHECKED = 1024 * 1024
+"""Bytes of the largest file whose CRC is told: it is reckoned while the radio waits."""
+_BLOCK = 64 * 1024
+
+
+class FtpServer:
+    """Answers FILE_TRANSFER_PROTOCOL; every request may come twice."""
+
+    def __init__(self, outbox: Outbox, guard: Guard, tree: Tree) -> None:
+        self._outbox = outbox
+        self._guard = guard
+        self._tree = tree
+        self._sessions = Sessions()
+        self._lists: OrderedDict[Sender, tuple[str, tuple[Entry, ...]]] = OrderedDict()
+
+    def hear(self, sender: Sender, message: Any, now: float) -> None:
+        """A request to us. A reply is never answered: two servers would not stop."""
+        try:
+            request = FtpPayload.unpack(bytes(message.payload))
+        except PayloadError:
+            self._guard.rejected["payload"] += 1
+            return
+        if request.opcode in (Opcode.ACK, Opcode.NAK):
+            return
+        if self._outbox.waiting("file reply", to=sender) >= MAX_REPLIES:
+            self._guard.rejected["file queue"] += 1
+            return
+        reply = self._reply(sender, request, now)
+        if reply is not None:
+            self._push("file reply", sender, reply, now)
+
+    def tick(self, now: float) -> None:
+        """Feed the bursts, one frame at a time for each connection, so that they never fill a queue."""
+        self._sessions.tick(now)
+        for session in self._sessions.bursting():
+            if not self._outbox.waiting("file data", to=session.sender):
+                self._feed(session, now)
+                self._sessions.had_turn(session)
+
+    def _data_size(self, sender: Sender) -> int:
+        channel = self._outbox.channel(sender)
+        if channel is None:
+            return SMALL_DATA
+        wide = channel.asked_budget == 0 or channel.asked_budget > NARROW
+        # A frame of MAVLink 1 is as long as it can be, whatever is in it.
+        return MAX_DATA if wide or channel.sender.version.is_1 else SMALL_DATA
+
+    def _reply(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
+        try:
+            match request.opcode:
+                case Opcode.TERMINATE_SESSION | Opcode.RESET_SESSIONS:
+                    self._sessions.end(sender, request)
+                    return request.ack()
+                case Opcode.LIST_DIRECTORY:
+                    return self._list(sender, request)
+                case Opcode.OPEN_FILE_RO:
+                    return self._open(sender, request, now)
+                case Opcode.READ_FILE | Opcode.BURST_READ_FILE:
+                    return self._read(sender, request, now)
+                case Opcode.CALC_FILE_CRC32:
+                    return self._checksum(request)
+                case Opcode.NONE:
+                    return request.ack()
+                case other:
+                    return request.nak(
+                        FtpError.FILE_PROTECTED if other in WRITES else FtpError.UNKNOWN_COMMAND
+                    )
+        except (MissingError, PayloadError):
+            return request.nak(FtpError.FILE_NOT_FOUND)
+        except FileError:
+            return request.nak(FtpError.FAIL)
+
+    def _list(self, sender: Sender, request: FtpPayload) -> FtpPayload:
+        path = request.path()
+        kept, entries = self._lists.get(sender, ("", ()))
+        if request.offset == 0 or kept != path:
+            entries = self._tree.entries(path)
+            self._lists[sender] = path, entries
+            self._lists.move_to_end(sender)
+            if len(self._lists) > MAX_LISTS:
+                self._lists.popitem(last=False)
+        data = b""
+        for entry in entries[request.offset :]:
+            line = _line(entry)
+            if data and len(data) + len(line) > self._data_size(sender):
+                break
+            data += line
+        return request.ack(data) if data else request.nak(FtpError.END_OF_FILE)
+
+    def _open(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload:
+        session = self._sessions.repeated(sender, request, now)
+        if session is None:
+            if not self._sessions.has_room(sender):
+                return request.nak(FtpError.NO_SESSIONS_AVAILABLE)
+            opened = self._tree.open(request.path())
+            session = self._sessions.open(sender, request, opened, now)
+        return request.ack(session.opened.size.to_bytes(4, "little"))
+
+    def _read(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
+        session = self._sessions.get(sender, request.session)
+        if session is None:
+            return request.nak(FtpError.INVALID_SESSION)
+        session.use(request, now)
+        if request.offset >= session.opened.size:
+            return request.nak(FtpError.END_OF_FILE)
+        asked = request.size or self._data_size(sender)
+        if request.opcode == Opcode.READ_FILE:
+            return request.ack(session.opened.read(request.offset, asked))
+        running = session.burst
+        if running is None or running.request != request or now - running.started > BURST_REPEAT:
+            step = min(asked, self._data_size(sender))
+            session.burst = Burst(request, now, request.sequence, request.offset, step, asked, BURST_FRAMES)
+        return None
+
+    def _feed(self, session: Session, now: float) -> None:
+        burst = session.burst
+        assert burst is not None
+        burst.left -= 1
+        burst.sequence += 1
+        # Clients take a shorter last frame than they asked for as the file's end.
+        count = burst.step if burst.left else burst.asked
+        request = replace(burst.request, sequence=burst.sequence - 1 & 0xFFFF)
+        try:
+            data = session.opened.read(burst.offset, count)
+        except FileError:
+            session.burst = None
+            self._push("file reply", session.sender, request.nak(FtpError.FAIL), now)
+            return
+        reply = request.ack(data, offset=burst.offset)
+        burst.offset += len(data)
+        if burst.left == 0 or burst.offset >= session.opened.size:
+            session.burst = None
+            reply = replace(reply, burst_complete=True)
+        session.used_at = now
+        self._push("file data", session.sender, reply, now)
+
+    def _checksum(self, request: FtpPayload) -> FtpPayload:
+        opened = self._tree.open(request.path())
+        try:
+            if opened.size > MAX_CHECKED:
+                return request.nak(FtpError.FAIL)
+            return request.ack(_crc(opened).to_bytes(4, "little"))
+        finally:
+            opened.close()
+
+    def _push(self, row: str, sender: Sender, reply: FtpPayload, now: float) -> None:
+        key = (sender, reply.session, reply.sequence, reply.request)
+        self._outbox.push(row, encode.file_transfer(reply.pack(), sender), now, key=key, to=sender)
+
+
+def _line(entry: Entry) -> bytes:
+    """Type, name, size and a NUL: one client overwrites the last byte of what it gets."""
+    text = f"D{entry.name}" if entry.size is None else f"F{entry.name}\t{entry.size}"
+    return text.encode() + b"\0"
+
+
+def _crc(opened: Opened) -> int:
+    """CRC-32 begun at 0 and not inverted, as MAVLink's FTP has it."""
+    crc = 0xFFFFFFFF
+    for offset in range(0, opened.size, _BLOCK):
+        crc = zlib.crc32(opened.read(offset, _BLOCK), crc)
+    return crc ^ 0xFFFFFFFF

@@ -15,6 +15,7 @@ SOURCE = resource("config/ardupilot/anytraverse.lua").read_text()
 MANUAL, HOLD, AUTO, RTL, GUIDED = 0, 4, 10, 11, 15
 BY_RC, BY_GCS, MISSION_COMMAND, SCRIPTING = 1, 2, 41, 32
 CYCLE = 0.1
+HELD = "HOLD: companion silent. AUTO again = go blind"
 
 
 @dataclass(frozen=True)
@@ -134,3 +135,11 @@ def driving(start_ms: int = 0, *, policy: Policy = Policy.HOLD, **parameters: fl
     board.beat()
     board.pass_time(CYCLE)
     return board
+
+
+def until_held(board: Board, limit: float = 20.0) -> float:
+    """Seconds until HOLD."""
+    begun = board.t
+    while board.mode_now != HOLD and board.t - begun < limit:
+        board.pass_time(CYCLE)
+    return board.t - begun

@@ -1,0 +1,167 @@
+"""Signing on the rover's side: what leaves is signed, what arrives is believed only when it is."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from companion.link.settings import LinkError
+from companion.link.signing_clock import SigningClock
+from companion.link.signing_store import NAME, TimestampFile
+from companion.wire import signing as wire
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID
+from companion.wire.signing import SigningKey, Stream
+from companion.wire.signing_key import SigningKeyError, read_key
+
+log = logging.getLogger(__name__)
+
+RECENT = 10.0
+LOG_EVERY = 60.0
+PRIVATE_TELEMETRY = frozenset(
+    {"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "CURRENT_MODE", "COMMAND_ACK"}
+)
+"""What an autopilot without a key may say on a wire of its own."""
+RADIO_FRAMES = frozenset({"RADIO", "RADIO_STATUS"})
+"""Made by the radio itself, which has no key."""
+_V2 = 0xFD
+_NO_TIME = "no clock: silent until a signed frame of the autopilot or the ground tells the time"
+_HINTS = {
+    wire.UNSIGNED: "is not signed: load our key into it, or set unsigned_autopilot on a private wire",
+    wire.SIGNATURE: "is signed with another key: load our key into it",
+    wire.REPLAY: "is signed with an old time: it needs GPS, or a ground station that signs",
+    wire.AHEAD: "is signed over a year ahead of our clock: set the clock",
+}
+
+
+class Signing:
+    """One key for every connection; each signs with a link id of its own."""
+
+    def __init__(
+        self,
+        key: SigningKey,
+        store: TimestampFile,
+        clock: SigningClock,
+        *,
+        unsigned_autopilot: bool = False,
+    ) -> None:
+        self._key = key
+        self._store = store
+        self._timestamps = store.timestamps
+        self._clock = clock
+        self._unsigned_autopilot = unsigned_autopilot
+        self._now = 0.0
+        self._own: set[Stream] = set()
+        self._refused: tuple[str, float] | None = None
+        self._logged: dict[str, float] = {}
+        self._count: Counter[str] = Counter()
+
+    def ready(self, now: float) -> bool:
+        """Whether the time is known: nothing is signed before."""
+        return self._clock.now(now) is not None
+
+    @property
+    def behind(self) -> bool:
+        """Whether an autopilot with our key and an old time is heard: one frame of ours sets it right."""
+        return self._refused_lately() == wire.REPLAY
+
+    @property
+    def trouble(self) -> str | None:
+        """What keeps us from speaking or hearing, and what to do; None when nothing does."""
+        if not self.ready(self._now):
+            return _NO_TIME
+        reason = self._refused_lately()
+        if reason:
+            return f"what the autopilot says {_HINTS[reason]}"
+        if self._store.trouble:
+            return f"{NAME} is not written ({self._store.trouble}): free the disk before a restart"
+        return None
+
+    def refusal(self, message: Any, now: float) -> str:
+        """Why a decoded message is not heard: unsigned, signature, replay, ahead, echo; "" when it is."""
+        frame = bytes(message.get_msgbuf())
+        if not wire.is_signed(frame) and self._may_be_unsigned(frame, message):
+            return ""
+        reason = wire.refusal(frame, self._key, self._timestamps, self._clock.now(now))
+        if reason == wire.REPLAY and wire.stream_of(frame) in self._own:
+            return "echo"
+        if reason:
+            self._refuse(reason, message, now)
+            return reason
+        self._store.keep(wire.stream_of(frame))
+        self._learn(frame, message, now)
+        return ""
+
+    def sign(self, frame: bytes, message: Any, now: float, link: int = 0) -> bytes | None:
+        """`message`, packed as `frame`, signed with a link id of its own for each connection.
+
+        None while the time is unknown: it must not leave.
+        """
+        clock = self._clock.now(now)
+        if clock is None:
+            return None
+        stream = Stream(frame[5], frame[6], link)
+        timestamp = self._timestamps.next(stream, clock)
+        self._own.add(stream)
+        self._store.keep(stream)
+        return self._key.sign(frame, message.crc_extra, link, timestamp)
+
+    def tick(self, now: float) -> None:
+        """Put on disk what is due."""
+        self._now = now
+        self._store.tick(now)
+
+    def close(self) -> None:
+        """Put everything on disk."""
+        self._store.close()
+
+    def _may_be_unsigned(self, frame: bytes, message: Any) -> bool:
+        if frame[0] != _V2:
+            return False
+        kind = message.get_type()
+        private = self._unsigned_autopilot and message.get_srcComponent() == AUTOPILOT_COMPONENT_ID
+        return kind in RADIO_FRAMES or (private and kind in PRIVATE_TELEMETRY)
+
+    def _learn(self, frame: bytes, message: Any, now: float) -> None:
+        self._clock.tell(wire.timestamp_of(frame), now)
+        if message.get_srcComponent() != AUTOPILOT_COMPONENT_ID:
+            return
+        self._refused = None
+        if message.get_type() == "SYSTEM_TIME":
+            self._clock.tell(wire.ticks(message.time_unix_usec / 1e6), now)
+
+    def _refuse(self, reason: str, message: Any, now: float) -> None:
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        self._count[reason] += 1
+        if sender[1] == AUTOPILOT_COMPONENT_ID:
+            self._refused = reason, now
+        if now - self._logged.get(reason, -LOG_EVERY) >= LOG_EVERY:
+            self._logged[reason] = now
+            log.warning(
+                "refused %s of %d/%d: %s", message.get_type(), *sender, f"{reason}, {self._count[reason]}"
+            )
+
+    def _refused_lately(self) -> str:
+        if self._refused is None or self._now - self._refused[1] > RECENT:
+            return ""
+        return self._refused[0]
+
+
+def open_signing(
+    key: Path, folder: Path, *, unsigned_autopilot: bool = False, wall: Callable[[], float] = time.time
+) -> Signing:
+    """With the key in the file `key`, and timestamps kept in `folder`. Raises LinkError."""
+    try:
+        secret = read_key(key)
+        store = TimestampFile(folder, clock=wire.ticks(wall()))
+    except SigningKeyError as error:
+        raise LinkError(str(error)) from None
+    except OSError as error:
+        raise LinkError(f"{folder / NAME}: {(error.strerror or str(error)).lower()}") from error
+    if store.notice:
+        log.warning("%s", store.notice)
+    clock = SigningClock(store.timestamps.last, wall)
+    return Signing(secret, store, clock, unsigned_autopilot=unsigned_autopilot)

@@ -1,0 +1,156 @@
+"""MAVLink 2 signing: frames are signed and checked here, and judged by their timestamps. No I/O, no clock.
+
+A signature is link id (u8), timestamp (48 bit, 10 us since 2015) and the first 48 bits of
+SHA-256(key, header, payload, checksum, link id, timestamp).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import struct
+from collections.abc import Mapping
+from typing import NamedTuple, NoReturn
+
+from pymavlink.generator.mavcrc import x25crc
+
+BLOCK = 13
+"""Bytes that a signature adds to a frame."""
+KEY_BYTES = 32
+TICKS = 100_000
+"""Timestamps count tens of microseconds."""
+EPOCH = 1_420_070_400
+"""Their zero, 2015-01-01 UTC, in s since 1970."""
+LAST = (1 << 48) - 1
+MINUTE = 60 * TICKS
+FARTHEST_AHEAD = 366 * 24 * 60 * MINUTE
+"""What a clock that is thought right moves forward at most, when a verified frame says so."""
+MAX_STREAMS = 64
+
+UNSIGNED, SIGNATURE, REPLAY, AHEAD = "unsigned", "signature", "replay", "ahead"
+"""Why a frame is refused: no signature; not by our key; not newer than what was heard; a year ahead of us."""
+
+_V2 = 0xFD
+_SIGNED = 1
+_CHECKSUM = 2
+_HEADER = 10
+
+
+class Stream(NamedTuple):
+    """Who signs: each has timestamps of its own."""
+
+    system: int
+    component: int
+    link: int
+
+
+def ticks(unix: float) -> int:
+    """The timestamp of a time in s since 1970; 0 before 2015."""
+    return min(LAST, max(0, int((unix - EPOCH) * TICKS)))
+
+
+def is_signed(frame: bytes) -> bool:
+    """Whether a whole frame claims to carry a signature."""
+    return len(frame) >= _HEADER + _CHECKSUM + BLOCK and frame[0] == _V2 and bool(frame[2] & _SIGNED)
+
+
+def stream_of(frame: bytes) -> Stream:
+    """Of a signed frame, which may be anybody's until it is verified."""
+    return Stream(frame[5], frame[6], frame[-BLOCK])
+
+
+def timestamp_of(frame: bytes) -> int:
+    """Of a signed frame, which may be anybody's until it is verified."""
+    return int.from_bytes(frame[1 - BLOCK : 7 - BLOCK], "little")
+
+
+class SigningKey:
+    """32 secret bytes that never come out again: not by repr, not by pickle."""
+
+    __slots__ = ("_seeded",)
+
+    def __init__(self, secret: bytes) -> None:
+        if len(secret) != KEY_BYTES:
+            raise ValueError(f"a signing key has {KEY_BYTES} bytes")
+        self._seeded = hashlib.sha256(secret)
+
+    def __repr__(self) -> str:
+        return "SigningKey(secret)"
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a signing key is not copied")
+
+    def sign(self, frame: bytes, crc_extra: int, link: int, timestamp: int) -> bytes:
+        """A packed, unsigned MAVLink 2 frame with its signature. Raises ValueError for any other frame."""
+        if len(frame) < _HEADER + _CHECKSUM or frame[0] != _V2 or frame[2] & _SIGNED:
+            raise ValueError("only an unsigned MAVLink 2 frame can be signed")
+        body = frame[1:2] + bytes([frame[2] | _SIGNED]) + frame[3:-_CHECKSUM]
+        checksum = x25crc(body)
+        checksum.accumulate(bytes([crc_extra]))
+        signed = frame[:1] + body + struct.pack("<HB", checksum.crc, link) + timestamp.to_bytes(6, "little")
+        return signed + self._signature(signed)
+
+    def signed(self, frame: bytes) -> bool:
+        """Whether this key made the signature of a signed frame."""
+        return hmac.compare_digest(self._signature(frame[:-6]), bytes(frame[-6:]))
+
+    def _signature(self, signed: bytes) -> bytes:
+        digest = self._seeded.copy()
+        digest.update(signed)
+        return digest.digest()[:6]
+
+
+class Timestamps:
+    """The newest timestamps: `last` of all, ours among them, and that of each stream heard. They only rise.
+
+    floor: what a stream that is not remembered must be above, as streams beyond 64 are forgotten.
+    """
+
+    def __init__(self, last: int = 0, floor: int = 0, streams: Mapping[Stream, int] | None = None) -> None:
+        self.last = last
+        self.floor = floor
+        self._streams = dict(streams or {})
+
+    @property
+    def streams(self) -> Mapping[Stream, int]:
+        """The newest timestamp of each stream, the one heard last at the end."""
+        return self._streams
+
+    def next(self, stream: Stream, clock: int) -> int:
+        """The timestamp to sign the next frame of a stream of ours with; it is refused when it comes back."""
+        self.last = min(LAST, max(clock, self.last + 1))
+        self._note(stream, self.last)
+        return self.last
+
+    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> str:
+        """Take in what a verified frame carries; why it is refused, "" when it is not.
+
+        clock: our time, None where it is not known: then only what was heard before counts.
+        """
+        ours = max(clock or 0, self.last)
+        known = self._streams.get(stream)
+        if timestamp <= (self.floor if known is None else known):
+            return REPLAY
+        if known is None and timestamp + MINUTE < ours:
+            return REPLAY
+        if clock is not None and timestamp > ours + FARTHEST_AHEAD:
+            return AHEAD
+        self._note(stream, timestamp)
+        self.last = max(self.last, timestamp)
+        return ""
+
+    def _note(self, stream: Stream, timestamp: int) -> None:
+        self._streams.pop(stream, None)
+        self._streams[stream] = timestamp
+        if len(self._streams) > MAX_STREAMS:
+            forgotten = next(iter(self._streams))
+            self.floor = max(self.floor, self._streams.pop(forgotten))
+
+
+def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> str:
+    """Why a whole frame is not believed, "" when it is. The timestamp counts only after the signature."""
+    if not is_signed(frame):
+        return UNSIGNED
+    if not key.signed(frame):
+        return SIGNATURE
+    return timestamps.hear(stream_of(frame), timestamp_of(frame), clock)

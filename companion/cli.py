@@ -14,7 +14,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from companion.config import Config
 
-_SHIPPED = ("companion.toml", "vehicles/rover.toml", "ardupilot/anytraverse.lua")
+_SHIPPED = (
+    "companion.toml",
+    "vehicles/rover.toml",
+    "ardupilot/anytraverse.lua",
+    "qgroundcontrol/anytraverse.json",
+)
 
 
 class UserError(Exception):

@@ -42,7 +42,7 @@ _COMPLETIONS = [
 
 
 def typed_line(arguments: Sequence[str]) -> str:
-    """The operator's line in the words after `at`. A comma after a number is a `;`, which MAVProxy takes away."""
+    """The operator's line in what follows `at`. A comma after a number is a `;`, that MAVProxy leaves."""
     first, *rest = _BETWEEN_CHANGES.sub(";", " ".join(arguments)).split()
     if first == "answer":
         return " ".join(rest)

@@ -7,6 +7,7 @@ import select
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 from anytraverse.history import Place
@@ -166,11 +167,16 @@ class Daemon:
                 "read": camera.read,
                 "dropped": camera.dropped,
             },
-            "link": {"trouble": self._link.trouble, "sent": dict(counters.sent), "lost": counters.lost},
+            "link": {
+                "trouble": self._link.trouble,
+                "sent": dict(counters.sent),
+                "lost": counters.lost,
+                "connections": {name: asdict(one) for name, one in counters.connections.items()},
+            },
         }
 
     def _wait(self) -> None:
-        readable = [number for number in (self._link.fileno(), self._eyes.fileno()) if number is not None]
+        readable = [*self._link.filenos(), self._eyes.fileno()]
         patience = min(TICK, self._link.wait(time.monotonic()))
         try:
             select.select(readable, [], [], patience)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.autopilots import known_autopilot
 from companion.link import encode
 from companion.link.heard import Vehicle
-from companion.link.sender import Sender
+from companion.link.outbox import Outbox
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
@@ -24,7 +24,7 @@ MODE_PATIENCE = 5.0
 class Asking:
     """Asks for what stays away, and at once for all when the autopilot is back: it may have rebooted."""
 
-    def __init__(self, outbox: Sender) -> None:
+    def __init__(self, outbox: Outbox) -> None:
         self.wants_pulses = False
         self._outbox = outbox
         self._returns = 0

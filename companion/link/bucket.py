@@ -25,5 +25,9 @@ class TokenBucket:
             self._at = max(now, self._at)
         return True
 
+    def set_rate(self, rate: float, now: float) -> None:
+        """Bytes per second from now on; what has gathered stays."""
+        self._level, self._at, self._rate = self._filled(now), max(now, self._at), rate
+
     def _filled(self, now: float) -> float:
         return min(self._burst, self._level + max(0.0, now - self._at) * self._rate)

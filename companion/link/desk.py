@@ -13,8 +13,8 @@ from companion.link import encode
 from companion.link.assembly import Assembly
 from companion.link.guard import Guard
 from companion.link.heard import AnswerRequest, PolicyRequest, Sender
+from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
-from companion.link.sender import Sender as Outbox
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord

@@ -1,4 +1,4 @@
-"""The one owner of the MAVLink connection. Everything takes `now` (s, monotonic); nothing here blocks."""
+"""The one owner of the MAVLink connections. Everything takes `now` (s, monotonic); nothing here blocks."""
 
 from __future__ import annotations
 
@@ -7,40 +7,39 @@ from dataclasses import dataclass
 from functools import partial
 
 from companion.autopilots import known_autopilot
+from companion.files.tree import Tree
 from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
 from companion.link.asking import Asking
-from companion.link.connection import Connection
+from companion.link.channel import Channel, ChannelCounters
 from companion.link.desk import AnswerDesk
+from companion.link.ftp.server import FtpServer
 from companion.link.guard import Guard
 from companion.link.heard import AnswerRequest, Heard, PolicyRequest, Pulses, Vehicle
 from companion.link.listener import Listener
+from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
-from companion.link.parser import Parser
-from companion.link.sender import Sender
+from companion.link.sender import BUDGETS
 from companion.link.setpoints import Setpoints
-from companion.link.settings import LinkSettings
+from companion.link.settings import ConnectionSettings, LinkSettings
 from companion.link.speaker import Speaker
-from companion.link.telling import Telling
 from companion.link.transport import Transport, check_installed, open_transport
 from companion.link.vehicle import VehicleTracker
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_CALL, Policy, State
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
-READS_PER_POLL = 512
-"""More than a UDP socket keeps by default: after a stall the newest mode is heard before one decides."""
-READS_AT_MOST = 4096
 MODE_LIFETIME = 1.0
 
 
 @dataclass(frozen=True)
 class Counters:
-    """Since the start. sent: bytes by budget ("unsolicited", "asked", "autopilot").
+    """Since the start, of all connections together; `connections`: of each by name.
 
-    dropped_summaries: kept off the wire by the budget. lost: frames that waited too long or found the queue
-    full. bad: broken frames heard. rejected: requests turned away, by reason.
+    sent: bytes by budget ("unsolicited", "asked", "autopilot"). dropped_summaries: kept off the wire by the
+    budget. lost: frames that waited too long or found the queue full. bad: broken frames heard. rejected:
+    requests turned away, by reason.
     """
 
     sent: Mapping[str, int]
@@ -48,10 +47,11 @@ class Counters:
     lost: int
     bad: int
     rejected: Mapping[str, int]
+    connections: Mapping[str, ChannelCounters]
 
 
 class Link:
-    """MAVLink component 191. Call `poll` when `fileno` is readable or `wait` has passed, then `tick`."""
+    """MAVLink component 191. Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`."""
 
     def __init__(
         self,
@@ -59,29 +59,37 @@ class Link:
         parameters: Sequence[Parameter],
         now: float,
         *,
-        opener: Callable[[], Transport] | None = None,
+        openers: Mapping[str, Callable[[], Transport]] | None = None,
+        tree: Tree | None = None,
     ) -> None:
-        """opener: makes the transport in place of the url's. Raises LinkError, ParameterError."""
-        address = settings.address()
-        if opener is None:
-            check_installed(address)
-            opener = partial(open_transport, address)
-        self._connection = Connection(opener, now)
-        self._opened = 0
-        self._parser = Parser()
-        self._sender = Sender(self._connection, settings, now)
+        """openers: make the transports in place of the urls', by name. tree: what the ground may read.
+
+        Raises LinkError, ParameterError.
+        """
+        self._channels = [
+            Channel(name, one, (openers or {}).get(name) or _opener(one), now, system_id=settings.system_id)
+            for name, one in settings.connections().items()
+        ]
+        self._outbox = Outbox(self._channels)
         self._guard = Guard(settings.allowed_senders)
-        self._speaker = Speaker(self._sender)
-        self._parameters = ParameterServer(self._sender, self._speaker, self._guard, parameters)
-        self._desk = AnswerDesk(self._sender, self._speaker, self._guard, self._parameters)
+        self._speaker = Speaker(self._outbox)
+        self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
+        self._desk = AnswerDesk(self._outbox, self._speaker, self._guard, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
-        self._listener = Listener(self._sender, self._guard, self._tracker, self._parameters, self._desk)
+        self._files = FtpServer(self._outbox, self._guard, tree or Tree())
+        self._listener = Listener(
+            self._outbox,
+            self._speaker,
+            self._guard,
+            self._tracker,
+            self._parameters,
+            self._desk,
+            self._files,
+        )
         self._announcer = Announcer()
-        self._telling = Telling(self._sender, now)
         self._returns = 0
-        self._waits = settings.waits_for_vehicle
-        self._asking = Asking(self._sender)
-        self._setpoints = Setpoints(self._sender, now)
+        self._asking = Asking(self._outbox)
+        self._setpoints = Setpoints(self._outbox, now)
 
     @property
     def vehicle(self) -> Vehicle | None:
@@ -90,46 +98,42 @@ class Link:
 
     @property
     def trouble(self) -> str | None:
-        """Why nothing can be said now, for a person; None when all is well."""
-        if self._listener.clash:
-            own = f"{self._sender.system_id}/{COMPONENT_ID}"
-            return f"another component {own} talks on this link: stop it, or this one stays silent"
-        if self._connection.trouble is not None:
-            return f"link lost: {self._connection.trouble}"
-        return None
+        """Where and why nothing can be said now, for a person; None when all is well."""
+        return "; ".join(channel.trouble for channel in self._channels if channel.trouble) or None
 
     @property
     def counters(self) -> Counters:
         """What was sent and what was turned away."""
+        each = {channel.name: channel.counters for channel in self._channels}
         return Counters(
-            sent=dict(self._sender.sent),
-            dropped_summaries=self._telling.dropped,
-            lost=self._sender.lost,
-            bad=self._parser.bad,
+            sent={budget: sum(one.sent[budget] for one in each.values()) for budget in BUDGETS},
+            dropped_summaries=sum(one.dropped_summaries for one in each.values()),
+            lost=sum(one.lost for one in each.values()),
+            bad=sum(one.bad for one in each.values()),
             rejected=dict(self._guard.rejected),
+            connections=each,
         )
 
-    def fileno(self) -> int | None:
-        """For select; None while the device is absent. Ask each time: a reconnect changes it."""
-        return self._connection.fileno()
+    def filenos(self) -> list[int]:
+        """For select: the devices that are there. Ask each time: a reconnect changes them."""
+        numbers = (channel.fileno() for channel in self._channels)
+        return [number for number in numbers if number is not None]
 
     def wait(self, now: float) -> float:
         """Seconds after which `tick` may have something to send, at most 0.1."""
-        return min(0.1, self._sender.wait(now))
+        return min(channel.wait(now) for channel in self._channels)
 
     def close(self) -> None:
-        """Give the device back."""
-        self._connection.close()
+        """Give the devices back."""
+        for channel in self._channels:
+            channel.close()
 
     def poll(self, now: float) -> list[Heard]:
         """What arrived for the daemon; the protocol's own matters are answered here."""
         heard: list[Heard] = []
-        for _ in range(READS_PER_POLL):
-            data = self._connection.read(now)
-            if not data:
-                break
-            for message in self._parser.feed(data, whole=self._connection.datagrams):
-                event = self._listener.hear(message, now)
+        for channel in self._channels:
+            for message in channel.poll(now):
+                event = self._listener.hear(message, channel, now)
                 if isinstance(event, Pulses):
                     self._asking.hear_pulses(now)
                 if event is not None:
@@ -138,42 +142,42 @@ class Link:
 
     def skip(self, now: float) -> None:
         """Throw away what waits to be read."""
-        for _ in range(READS_AT_MOST):
-            if not self._connection.read(now):
-                break
+        for channel in self._channels:
+            channel.skip(now)
 
     def tick(self, now: float) -> None:
         """Send what is due, within pace and budgets."""
         self._tracker.tick(now)
-        self._listener.tick(now)
-        if self._listener.clash:
-            self._sender.clear()
+        has_vehicle = self.vehicle is not None
+        speaking = [one for one in self._channels if one.may_speak(now, has_vehicle=has_vehicle)]
         self._setpoints.tick(self.vehicle, now)
-        if self._listener.clash:  # nothing else is said, but an end of setpoints would set the vehicle moving
-            self._sender.tick(now)
-            return
-        if self._waits and self.vehicle is None:
-            return
-        if (self._opened, self._returns) != (self._connection.opened, self._tracker.returns):
-            self._opened, self._returns = self._connection.opened, self._tracker.returns
-            self._telling.hurry()
-        self._announce_due(now)
-        self._parameters.tick(now)
-        self._telling.tick(now, calling=self._announcer.is_open)
-        self._asking.tick(self.vehicle, self._tracker.returns, now)
-        self._sender.tick(now)
+        returns = self._tracker.returns + self._outbox.moves
+        if speaking:
+            self._announce_due(now)
+            self._parameters.tick(now)
+            self._asking.tick(self.vehicle, returns, now)
+        if returns != self._returns:
+            self._returns = returns
+            for channel in speaking:
+                channel.telling.hurry()
+        for channel in self._channels:
+            channel.tick(now, calling=self._announcer.is_open)
+        self._files.tick(now)
 
     def set_state(self, state: State, current_id: int, policy: Policy) -> None:
         """The heartbeat's state, open id (0 for none) and policy in force."""
-        self._telling.set_state(state, current_id, policy)
+        for channel in self._channels:
+            channel.telling.set_state(state, current_id, policy)
 
     def summary(self, summary: Summary, now: float) -> None:
-        """The newest figures; told at the table's rate, sequence and dropped filled in here."""
-        self._telling.summary(summary, now)
+        """The newest figures; told at the table's rate; each connection fills in its sequence and drops."""
+        for channel in self._channels:
+            channel.telling.summary(summary, now)
 
     def numbers(self, values: Mapping[str, float], now: float) -> None:
         """AT_TRAV, AT_UNC, AT_SIM, AT_CALL, for plots; silent while a call is open."""
-        self._telling.numbers(values, now)
+        for channel in self._channels:
+            channel.telling.numbers(values, now)
 
     def announce(
         self, call: CallData | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
@@ -217,7 +221,7 @@ class Link:
         else:
             message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
             to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
-            self._sender.push("mode", message, now, key=0, lifetime=MODE_LIFETIME, to=to)
+            self._outbox.push("mode", message, now, key=0, lifetime=MODE_LIFETIME, to=to)
 
     def stand_still(self, *, on: bool) -> None:
         """Whether zero velocity is streamed to the autopilot, at the table's rate, until told otherwise."""
@@ -225,11 +229,17 @@ class Link:
 
     def forget_mode(self) -> None:
         """A mode that was asked for and waits to be sent is not wanted any more."""
-        self._sender.forget("mode")
+        self._outbox.forget("mode")
 
     def _announce_due(self, now: float) -> None:
         while (spoken := self._announcer.text(now)) is not None:
-            self._sender.push("call text", encode.text(spoken.text, spoken.severity), now)
+            self._outbox.push("call text", encode.text(spoken.text, spoken.severity), now)
         call = self._announcer.data(now)
         if call is not None:
-            self._sender.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)
+            self._outbox.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)
+
+
+def _opener(settings: ConnectionSettings) -> Callable[[], Transport]:
+    address = settings.address()
+    check_installed(address)
+    return partial(open_transport, address)

@@ -7,18 +7,23 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link import encode
+from companion.link.channel import Channel
 from companion.link.desk import AnswerDesk
+from companion.link.ftp.server import FtpServer
 from companion.link.guard import Guard
 from companion.link.heard import Heard, ModeAck, Pulses, VehicleHeard
+from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
-from companion.link.sender import Sender
+from companion.link.repeats import Repeats
+from companion.link.speaker import WARNING, Speaker
 from companion.link.vehicle import VehicleTracker
+from companion.wire import notices
 from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
 
-CLASH_FOR = 10.0
 _TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "CURRENT_MODE", "COMMAND_ACK"})
+_FILES = "FILE_TRANSFER_PROTOCOL"
 _REQUESTS = frozenset(
-    {"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", "TUNNEL", "COMMAND_LONG", "COMMAND_INT"}
+    {"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", "TUNNEL", "COMMAND_LONG", "COMMAND_INT", _FILES}
 )
 
 
@@ -27,52 +32,61 @@ class Listener:
 
     def __init__(
         self,
-        sender: Sender,
+        outbox: Outbox,
+        speaker: Speaker,
         guard: Guard,
         tracker: VehicleTracker,
         parameters: ParameterServer,
         desk: AnswerDesk,
+        files: FtpServer,
     ) -> None:
-        self._sender = sender
+        self._outbox = outbox
+        self._speaker = speaker
         self._guard = guard
         self._tracker = tracker
         self._parameters = parameters
         self._desk = desk
-        self._clash_at: float | None = None
+        self._files = files
+        self._repeats = Repeats()
 
-    @property
-    def clash(self) -> bool:
-        """Whether somebody else talks under our ids."""
-        return self._clash_at is not None
-
-    def tick(self, now: float) -> None:
-        """A clash is over after 10 s of silence."""
-        if self._clash_at is not None and now - self._clash_at > CLASH_FOR:
-            self._clash_at = None
-
-    def hear(self, message: Any, now: float) -> Heard | None:
-        """Answer it here, or return what the daemon must know."""
+    def hear(self, message: Any, channel: Channel, now: float) -> Heard | None:
+        """Answer what came by `channel` here, or return what the daemon must know."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        if sender == (self._sender.system_id, COMPONENT_ID):
-            self._hear_ourselves(message, now)
+        if sender == (self._outbox.system_id, COMPONENT_ID):
+            self._hear_ourselves(message, channel, now)
             return None
+        channel.sender.version.hear(message, now)
+        self._outbox.hear(sender, channel)
         kind = message.get_type()
         if sender[1] == AUTOPILOT_COMPONENT_ID and kind in _TELEMETRY:
-            return self._hear_autopilot(kind, sender[0], message, now)
-        return None if self.clash else self._hear_request(kind, sender, message, now)
+            if kind == "HEARTBEAT":
+                return self._hear_heartbeat(sender[0], message, channel, now)
+            if self._outbox.is_home(channel):
+                return self._hear_autopilot(kind, sender[0], message, now)
+            return None
+        if channel.clash or not self._is_request(kind, sender, message, channel, now):
+            return None
+        return self._hear_request(kind, sender, message, now)
 
-    def _hear_ourselves(self, message: Any, now: float) -> None:
-        if self._sender.is_own(message):
+    def _hear_ourselves(self, message: Any, channel: Channel, now: float) -> None:
+        if self._outbox.is_own(message):
             self._guard.rejected["echo"] += 1
             return
         self._guard.rejected["clash"] += 1
-        self._clash_at = now
-        self._sender.clear()
+        if channel.hear_ourselves(now):
+            self._speaker.say(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
+
+    def _hear_heartbeat(self, system_id: int, message: Any, channel: Channel, now: float) -> Heard | None:
+        if not self._tracker.claims(system_id, message, now):
+            return None
+        if not self._outbox.hear_autopilot(channel, now):
+            return None
+        self._tracker.heartbeat(system_id, message, now)
+        self._outbox.system_id = system_id
+        return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
 
     def _hear_autopilot(self, kind: str, system_id: int, message: Any, now: float) -> Heard | None:
-        if kind == "HEARTBEAT" and self._tracker.heartbeat(system_id, message, now):
-            self._sender.system_id = system_id
-        elif (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
+        if (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
             kind == "CURRENT_MODE" and self._tracker.mode(system_id, message, now)
         ):
             pass
@@ -91,17 +105,27 @@ class Listener:
             return None
         return ModeAck(message.result == mavlink.MAV_RESULT_ACCEPTED, int(message.result))
 
+    def _is_request(
+        self, kind: str, sender: tuple[int, int], message: Any, channel: Channel, now: float
+    ) -> bool:
+        if kind not in _REQUESTS or message.target_system not in (0, self._outbox.system_id):
+            return False
+        if message.target_component not in (0, COMPONENT_ID):
+            return False
+        if self._repeats.is_repeated(message, channel.name, now):
+            self._guard.rejected["repeated"] += 1
+            return False
+        return self._guard.admits(sender, now, kind=_FILES if kind == _FILES else "")
+
     def _hear_request(self, kind: str, sender: tuple[int, int], message: Any, now: float) -> Heard | None:
-        if kind not in _REQUESTS or message.target_system not in (0, self._sender.system_id):
-            return None
-        if message.target_component not in (0, COMPONENT_ID) or not self._guard.admits(sender, now):
-            return None
         if kind == "PARAM_REQUEST_LIST":
             self._parameters.list_all(sender)
         elif kind == "PARAM_REQUEST_READ":
             self._parameters.read(sender, message, now)
         elif message.target_component != COMPONENT_ID or message.target_system == 0:
             self._guard.rejected["target"] += 1
+        elif kind == _FILES:
+            self._files.hear(sender, message, now)
         elif kind == "PARAM_SET":
             return self._parameters.set(sender, message, now)
         elif kind == "TUNNEL":
@@ -123,5 +147,5 @@ class Listener:
             return self._desk.command(sender, message, now)
         saved = message.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE
         result = mavlink.MAV_RESULT_ACCEPTED if saved else mavlink.MAV_RESULT_UNSUPPORTED
-        self._sender.push("command ack", encode.command_ack(message.command, result, sender), now, to=sender)
+        self._outbox.push("command ack", encode.command_ack(message.command, result, sender), now, to=sender)
         return None

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from companion.link import encode
 from companion.link.guard import Guard
 from companion.link.heard import ParameterRequest, Sender
-from companion.link.sender import Sender as Outbox
+from companion.link.outbox import Outbox
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
@@ -18,6 +18,15 @@ from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 WARNING = 4
 _DIGITS = 6
 _INTEGER_BITS = 1e-30
+
+
+@dataclass
+class _List:
+    """A list that is told on one connection: who asked last, what is next, how many are left."""
+
+    to: Sender
+    at: int = 0
+    left: int = 0
 
 
 class ParameterServer:
@@ -34,18 +43,37 @@ class ParameterServer:
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
         self._asked: dict[str, Sender] = {}
-        self._list_to: Sender | None = None
-        self._list_at = 0
-        self._list_left = 0
+        self._lists: dict[str, _List] = {}
 
     def at(self, index: int) -> Parameter | None:
         """The parameter with this index."""
         return self._entries[index] if 0 <= index < len(self._entries) else None
 
+    @property
+    def words(self) -> Mapping[str, str]:
+        """Name of a weight's parameter -> its word, in the list's order."""
+        return {entry.name: entry.word for entry in self._entries if entry.word is not None}
+
+    def value(self, name: str) -> float:
+        """The value in force of a parameter that is listed."""
+        return self._entries[self._index[name]].value
+
+    def accepts(self, name: str, value: float) -> bool:
+        """Whether a parameter that is listed takes `value`."""
+        return self._entries[self._index[name]].accepts(value)
+
+    def echo(self, name: str, value: float, to: Sender, now: float) -> None:
+        """Tell `to` a value that is not kept: what was asked of a parameter that always reads the same."""
+        index = self._index[name]
+        message = encode.parameter(replace(self._entries[index], value=value), index, len(self._entries))
+        self._outbox.push("echo", message, now, key=index, to=to)
+
     def list_all(self, sender: Sender) -> None:
-        """PARAM_REQUEST_LIST: go round once from here, so that two askers at a time cost one list."""
-        self._list_to = sender
-        self._list_left = len(self._entries)
+        """PARAM_REQUEST_LIST: go round once from here, so that two askers on a connection cost one list."""
+        channel = self._outbox.channel(sender)
+        if channel is not None:
+            told = self._lists.setdefault(channel.name, _List(sender))
+            told.to, told.left = sender, len(self._entries)
 
     def read(self, sender: Sender, message: Any, now: float) -> None:
         """PARAM_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
@@ -89,11 +117,12 @@ class ParameterServer:
             self._tell("news", index, now)
 
     def tick(self, now: float) -> None:
-        """Feed the list, one at a time, so that it never fills the queue."""
-        if self._list_left and not self._outbox.waiting("list"):
-            self._tell("list", self._list_at % len(self._entries), now, self._list_to)
-            self._list_at = (self._list_at + 1) % len(self._entries)
-            self._list_left -= 1
+        """Feed the lists, one value at a time, so that they never fill a queue."""
+        for told in self._lists.values():
+            if told.left and not self._outbox.waiting("list", told.to):
+                self._tell("list", told.at, now, told.to)
+                told.at = (told.at + 1) % len(self._entries)
+                told.left -= 1
 
     def _tell(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
         message = encode.parameter(self._entries[index], index, len(self._entries))

@@ -1,4 +1,4 @@
-"""The one sender: everything that leaves goes through its queue, in order of priority, within budgets."""
+"""What leaves by one connection: it waits in a queue, goes in order of priority and within budgets."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.bucket import TokenBucket
 from companion.link.connection import Connection
-from companion.link.settings import LinkSettings
+from companion.link.mavlink_version import MavlinkVersion, fits_1, pack_1
+from companion.link.settings import ConnectionSettings
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.messages import MESSAGES, Bucket
 
 MAX_WAITING = 64
+BUDGETS = ("unsolicited", "asked", "autopilot")
 LIFETIME = 5.0
 _REMEMBERED = 64
 _REFUSED = 0.02
@@ -31,7 +33,6 @@ class _Frame:
     message: Any = field(compare=False)
     size: int = field(compare=False)
     until: float = field(compare=False)
-    to: tuple[int, int] | None = field(compare=False)
 
 
 class Sender:
@@ -40,10 +41,13 @@ class Sender:
     Within a budget nothing overtakes a more urgent frame, so a call never starves behind small change.
     """
 
-    def __init__(self, connection: Connection, settings: LinkSettings, now: float) -> None:
+    def __init__(
+        self, connection: Connection, settings: ConnectionSettings, now: float, *, system_id: int = 1
+    ) -> None:
         self._connection = connection
         self._pace = settings.pace
-        self._mav = mavlink.MAVLink(None, settings.system_id, COMPONENT_ID)
+        self._mav = mavlink.MAVLink(None, system_id, COMPONENT_ID)
+        self.version = MavlinkVersion()
         self._buckets: dict[Bucket, TokenBucket] = {
             "unsolicited": TokenBucket(settings.budget, settings.burst, now),
             "asked": TokenBucket(settings.asked_budget, settings.burst, now),
@@ -52,8 +56,9 @@ class Sender:
         self._order = 0
         self._next_at = now
         self._recent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
-        self.sent: dict[str, int] = {"unsolicited": 0, "asked": 0, "autopilot": 0}
+        self.sent = dict.fromkeys(BUDGETS, 0)
         self.lost = 0
+        self.left_out = 0
 
     @property
     def system_id(self) -> int:
@@ -72,17 +77,19 @@ class Sender:
         *,
         key: object = None,
         lifetime: float = LIFETIME,
-        to: tuple[int, int] | None = None,
     ) -> None:
         """Queue a message of the table's row `name`; one with the same name and key takes its place.
 
         Forgotten after `lifetime` s. When the queue is full the least urgent frame is lost, and counted.
-        to: system and component id that it is meant for; None: everybody who listens.
+        What MAVLink 1 has no id for is left out where that is spoken, and counted.
         """
         row = MESSAGES[name]
         assert row.priority is not None, f"the companion does not send {name}"
-        size = len(message.pack(self._mav))
-        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, size, now + lifetime, to)
+        packed = self._pack(name, message, now)
+        if packed is None:
+            self.left_out += 1
+            return
+        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, len(packed), now + lifetime)
         self._order += 1
         if key is not None:
             for place, waiting in enumerate(self._queue):
@@ -95,6 +102,10 @@ class Sender:
         if len(self._queue) > MAX_WAITING:
             self._queue.pop()
             self.lost += 1
+
+    def set_budget(self, rate: float, now: float) -> None:
+        """B/s of unsolicited traffic from now on, 0 unlimited."""
+        self._buckets["unsolicited"].set_rate(rate, now)
 
     def waiting(self, name: str) -> int:
         """How many frames of this row wait."""
@@ -114,11 +125,19 @@ class Sender:
         self.lost += len(self._queue) - len(fresh)
         self._queue = fresh
         while now >= self._next_at and (frame := self._first(now)) is not None:
-            packed = frame.message.pack(self._mav)
+            packed = self._pack(frame.name, frame.message, now)
+            if packed is None:
+                self._queue.remove(frame)
+                self.left_out += 1
+                continue
+            if len(packed) > frame.size:  # the version has changed since it was queued
+                frame.size = len(packed)
+                continue
             if not self._connection.write(packed, now):
                 self._next_at = now + max(self._pace, _REFUSED)
                 return
             self._queue.remove(frame)
+            self.version.told(packed, now)
             if frame.bucket is not None:
                 self._buckets[frame.bucket].take(len(packed), now)
             self.sent[frame.bucket or "autopilot"] += len(packed)
@@ -143,6 +162,12 @@ class Sender:
     def clear(self) -> None:
         """Forget what waits."""
         self._queue.clear()
+
+    def _pack(self, name: str, message: Any, now: float) -> bytes | None:
+        """The frame as it leaves; None when the version that is spoken here cannot carry it."""
+        if not self.version.packs_1(name, now):
+            return bytes(message.pack(self._mav))
+        return pack_1(message, self._mav) if fits_1(message) else None
 
     def _first(self, now: float) -> _Frame | None:
         blocked: set[Bucket] = set()

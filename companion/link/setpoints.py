@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from companion.link import encode
 from companion.link.heard import Vehicle
-from companion.link.sender import Sender
+from companion.link.outbox import Outbox
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
@@ -12,7 +12,7 @@ from companion.wire.messages import MESSAGES
 class Setpoints:
     """While `on`, a setpoint is due at the table's rate. An end of them may set the vehicle moving."""
 
-    def __init__(self, outbox: Sender, now: float) -> None:
+    def __init__(self, outbox: Outbox, now: float) -> None:
         self.on = False
         self._outbox = outbox
         self._started = now

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import ipaddress
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 _FORMS = "udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760 or serial:/dev/ttyAMA0:57600"
+MAIN = "main"
+MAX_CONNECTIONS = 4
+_NAME = re.compile(r"[a-z][a-z0-9_-]{0,11}")
 _SMALLEST_BURST = 300.0
 _SMALLEST_BUDGET = 50.0
 
@@ -24,27 +29,21 @@ class Address(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LinkSettings:
+class ConnectionSettings:
     """url: udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud.
 
-    system_id: used until the autopilot's own is known. budget: B/s of unsolicited traffic, 0 unlimited;
-    asked_budget: B/s of what somebody asked for; burst: bytes for each of the two. pace: least s between
-    frames (0.05 behind PX4). allowed_senders: first and last system id that may change anything.
-    Raises LinkError.
+    budget: B/s of unsolicited traffic, 0 unlimited; asked_budget: B/s of what somebody asked for; burst:
+    bytes for each of the two. pace: least s between frames (0.05 behind PX4). Raises LinkError.
     """
 
     url: str
-    system_id: int = 1
     budget: float = 300.0
     burst: float = 600.0
     asked_budget: float = 1500.0
     pace: float = 0.030
-    allowed_senders: tuple[int, int] = (245, 255)
 
     def __post_init__(self) -> None:
         self.address()
-        if not 1 <= self.system_id <= 254:
-            raise LinkError(f"system_id {self.system_id} is not in 1..254 (255 is the ground's)")
         for name, rate in (("budget", self.budget), ("asked_budget", self.asked_budget)):
             if rate != 0 and not rate >= _SMALLEST_BUDGET:
                 raise LinkError(
@@ -54,9 +53,6 @@ class LinkSettings:
             raise LinkError(f"burst {self.burst:g} holds no frame: {_SMALLEST_BURST:g} bytes up")
         if not 0.0 <= self.pace <= 1.0:
             raise LinkError(f"pace {self.pace:g} s is not in 0..1")
-        first, last = self.allowed_senders
-        if not 1 <= first <= last <= 255:
-            raise LinkError(f"allowed_senders {first}..{last}: two system ids, the smaller one first")
 
     def address(self) -> Address:
         """The url, taken apart. Hosts are numeric, since looking up a name can block for seconds."""
@@ -78,3 +74,45 @@ class LinkSettings:
     def waits_for_vehicle(self) -> bool:
         """Whether to stay silent until the autopilot is heard. A router may wait for us instead."""
         return self.address().scheme in {"udpin", "serial"}
+
+
+@dataclass(frozen=True)
+class LinkSettings(ConnectionSettings):
+    """The first connection, `MAIN`, which goes before the others where several reach the autopilot.
+
+    system_id: used until the autopilot's own is known. allowed_senders: first and last system id that may
+    change anything. more: the other connections by name, at most three. Raises LinkError.
+    """
+
+    system_id: int = 1
+    allowed_senders: tuple[int, int] = (245, 255)
+    more: Mapping[str, ConnectionSettings] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.system_id <= 254:
+            raise LinkError(f"system_id {self.system_id} is not in 1..254 (255 is the ground's)")
+        first, last = self.allowed_senders
+        if not 1 <= first <= last <= 255:
+            raise LinkError(f"allowed_senders {first}..{last}: two system ids, the smaller one first")
+        if len(self.more) >= MAX_CONNECTIONS:
+            raise LinkError(f"more: {len(self.more)} are too many, {MAX_CONNECTIONS - 1} at most")
+        taken: dict[tuple[object, ...], str] = {}
+        for name, connection in self.connections().items():
+            other = taken.setdefault(_device(connection.address()), name)
+            if other != name:
+                raise LinkError(f"more.{name}.url is that of {other} too: give each a url of its own")
+
+    def connections(self) -> dict[str, ConnectionSettings]:
+        """All of them by name, the first one first."""
+        for name in self.more:
+            if name == MAIN or not _NAME.fullmatch(name):
+                raise LinkError(f'more.{name}: choose a name like "wifi": 1 to 12 of a-z, 0-9, - and _')
+        return {MAIN: self, **self.more}
+
+
+def _device(address: Address) -> tuple[object, ...]:
+    """What two connections cannot share. Any port is as good as another to udpin with port 0."""
+    if address.scheme == "serial":
+        return address.scheme, address.place
+    return address if address.number else (address, object())

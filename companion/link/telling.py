@@ -31,7 +31,11 @@ def _period(name: str) -> float:
 
 
 class Telling:
-    """Knows what is due when; rates come from the message table."""
+    """Knows what is due when on one connection; rates come from the message table.
+
+    periods: s between summaries ("summary") and between two of the same number ("number"); may be changed,
+    `math.inf` for never.
+    """
 
     def __init__(self, outbox: Sender, now: float) -> None:
         self._outbox = outbox
@@ -45,8 +49,9 @@ class Telling:
         self.dropped = 0
         self._numbers: dict[str, float] = {}
         self._numbers_at = -math.inf
+        self.periods = {"summary": _period("summary"), "number": _period("number")}
         step = _period("number") / len(NUMBERS)
-        self._number_due = {name: now + place * step for place, name in enumerate(NUMBERS)}
+        self._number_at = {name: now + (place - len(NUMBERS)) * step for place, name in enumerate(NUMBERS)}
 
     def set_state(self, state: State, current_id: int, policy: Policy) -> None:
         """The heartbeat's content; a change is told at once."""
@@ -73,7 +78,8 @@ class Telling:
         if silent >= (_STATE_GAP if self._heartbeat_now else _period("heartbeat")):
             self._heartbeat_at, self._heartbeat_now = now, False
             self._outbox.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
-        self._summary_tick(now, SUMMARY_PERIOD_WHILE_CALLING if calling else _period("summary"))
+        period = self.periods["summary"]
+        self._summary_tick(now, max(period, SUMMARY_PERIOD_WHILE_CALLING) if calling else period)
         if not calling and now - self._numbers_at < _NUMBER_LIFETIME:
             self._tell_numbers(now)
 
@@ -98,11 +104,12 @@ class Telling:
         self._outbox.push("summary", encode.tunnel(TUNNEL_SUMMARY, told.pack()), now, key=0, lifetime=1.0)
 
     def _tell_numbers(self, now: float) -> None:
+        period = self.periods["number"]
         for name in NUMBERS:
-            if name not in self._numbers or now < self._number_due[name]:
+            due = self._number_at[name] + period
+            if name not in self._numbers or now < due:
                 continue
-            behind = now - self._number_due[name] > _period("number")
-            self._number_due[name] = (now if behind else self._number_due[name]) + _period("number")
+            self._number_at[name] = now if now - due > period else due
             if self._outbox.has_room("number", now, reserve=_SUMMARY_RESERVE):
                 message = encode.number(name, self._numbers[name], round((now - self._started) * 1000))
                 self._outbox.push("number", message, now, key=name, lifetime=1.0)

@@ -32,14 +32,14 @@ class VehicleTracker:
         """Whether this is the adopted autopilot's system."""
         return self.vehicle is not None and self.vehicle.system_id == system_id
 
-    def heartbeat(self, system_id: int, message: Any, now: float) -> bool:
-        """A heartbeat of some component 1; True when it is our vehicle's."""
+    def claims(self, system_id: int, message: Any, now: float) -> bool:
+        """Whether this heartbeat of some component 1 is our vehicle's, or that of one to adopt."""
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:
             return False
-        if self.vehicle is None and not self._adopts(system_id, now):
-            return False
-        if self.vehicle is not None and self.vehicle.system_id != system_id:
-            return False
+        return self._adopts(system_id, now) if self.vehicle is None else self.is_ours(system_id)
+
+    def heartbeat(self, system_id: int, message: Any, now: float) -> None:
+        """A heartbeat that `claims` it."""
         before = self.vehicle or Vehicle(system_id, 0, 0, armed=False, heard_at=-math.inf)
         self.returns += now - before.heard_at > SILENCE
         self.vehicle = replace(
@@ -50,7 +50,6 @@ class VehicleTracker:
             armed=bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
             heard_at=now,
         )
-        return True
 
     def mode(self, system_id: int, message: Any, now: float) -> bool:
         """CURRENT_MODE; True when it is our vehicle's. Only a heartbeat tells that it is armed, and alive."""

@@ -248,7 +248,7 @@ class Rig:
             stage.send(mavlink.MAVLink_rc_channels_message(0, 16, *widths, 255), (1, 1))
         before = len(stage.frames)
         self.daemon.turn()
-        stage._collect()
+        stage.collect(stage.now)
         for frame in stage.frames[before:]:
             if frame.message.get_type() == "COMMAND_LONG" and frame.message.command == 176:
                 stage.mode = int(frame.message.param2)

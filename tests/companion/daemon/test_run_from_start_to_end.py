@@ -156,7 +156,7 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
         return Painted()
 
     assert isinstance(load(slow, stage.link, lambda: False), Painted)
-    stage._collect()
+    stage.collect(stage.now)
     (told,) = [Acknowledgement.unpack(payload) for payload in stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
     assert (told.transaction, told.result, told.text) == (5, Result.BUSY, "starting: send it again")
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.link import READS_PER_POLL
+from companion.link.channel import READS_PER_POLL
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 RTL = 11

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.heard import AnswerRequest, Heard
 from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.link.settings import LinkError, LinkSettings
+from companion.link.settings import MAIN, LinkError, LinkSettings
 from companion.link.transport import Tcp, Udp, open_transport
 from companion.wire.ids import Motion
 from companion.wire.parameters import build
@@ -70,7 +70,8 @@ def ground() -> Iterator[socket.socket]:
 
 
 def link_to(url: str, *, opener: Callable[[], Any] | None = None) -> Link:
-    return Link(LinkSettings(url), build(["grass"], {}, {}), time.monotonic(), opener=opener)
+    openers = None if opener is None else {MAIN: opener}
+    return Link(LinkSettings(url), build(["grass"], {}, {}), time.monotonic(), openers=openers)
 
 
 def test_udpout_speaks_first_and_hears_answers(ground: socket.socket) -> None:
@@ -161,10 +162,10 @@ def test_a_port_that_is_taken_is_tried_again_and_named(ground: socket.socket) ->
     link = link_to(f"udpin:127.0.0.1:{ground.getsockname()[1]}")
     link.poll(time.monotonic())
     assert "in use" in str(link.trouble)
-    assert link.fileno() is None
+    assert link.filenos() == []
     ground.close()
     link.poll(time.monotonic() + 1.0)
-    assert link.fileno() is not None
+    assert link.filenos() != []
     link.close()
 
 
@@ -180,9 +181,9 @@ def test_tcp_connects_survives_a_restart_of_the_other_end_and_connects_again() -
             peer = Peer(lambda: connected.recv(2048), connected.sendall)  # noqa: B023
             until(link, lambda: "HEARTBEAT" in peer.types(), peer)  # noqa: B023
             connected.close()
-            until(link, lambda: link.fileno() is None)
+            until(link, lambda: link.filenos() == [])
             assert "link lost" in str(link.trouble)
-            until(link, lambda: link.fileno() is not None)
+            until(link, lambda: link.filenos() != [])
         link.close()
 
 
@@ -239,7 +240,7 @@ def test_a_serial_port_waits_for_the_autopilot_and_is_missed_when_it_is_pulled()
     os.close(slave)
     os.close(master)
     until(link, lambda: link.trouble is not None)
-    assert link.fileno() is None
+    assert link.filenos() == []
     link.close()
 
 

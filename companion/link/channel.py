@@ -1,0 +1,154 @@
+"""One connection with all that is its own: device, parser, queue, budgets, sequence numbers, rates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from companion.link.connection import Connection
+from companion.link.parser import Parser
+from companion.link.sender import LIFETIME, Sender
+from companion.link.settings import MAIN, ConnectionSettings
+from companion.link.telling import Telling
+from companion.link.transport import Transport
+from companion.wire.ids import COMPONENT_ID
+
+READS_PER_POLL = 512
+"""More than a UDP socket keeps by default: after a stall the newest mode is heard before one decides."""
+READS_AT_MOST = 4096
+CLASH_FOR = 10.0
+_IDLE = 0.1
+
+
+@dataclass(frozen=True)
+class ChannelCounters:
+    """Of one connection, since the start. trouble: why nothing can be said there now.
+
+    mavlink: the version spoken now. sent: bytes by budget ("unsolicited", "asked", "autopilot").
+    dropped_summaries: kept off the wire by the budget. lost: frames that waited too long or found the queue
+    full. left_out: what MAVLink 1 cannot carry. bad: broken frames heard.
+    """
+
+    trouble: str | None
+    mavlink: int
+    sent: Mapping[str, int]
+    dropped_summaries: int
+    lost: int
+    left_out: int
+    bad: int
+
+
+class Channel:
+    """Opened again whenever it is lost. Silent for 10 s after somebody else spoke under our ids on it."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: ConnectionSettings,
+        opener: Callable[[], Transport],
+        now: float,
+        *,
+        system_id: int,
+    ) -> None:
+        self.name = name
+        self.asked_budget = settings.asked_budget
+        self._connection = Connection(opener, now)
+        self._parser = Parser()
+        self.sender = Sender(self._connection, settings, now, system_id=system_id)
+        self.telling = Telling(self.sender, now)
+        self._waits = settings.waits_for_vehicle
+        self._opened = 0
+        self._clash_at: float | None = None
+        self._speaks = False
+
+    @property
+    def label(self) -> str:
+        """For a person."""
+        return "link" if self.name == MAIN else f"link {self.name}"
+
+    @property
+    def clash(self) -> bool:
+        """Whether somebody else talks under our ids here."""
+        return self._clash_at is not None
+
+    @property
+    def trouble(self) -> str | None:
+        """Why nothing can be said here now; None when all is well."""
+        if self.clash:
+            own = f"{self.sender.system_id}/{COMPONENT_ID}"
+            return f"another component {own} talks on {self.label}: stop it, or this one stays silent"
+        if self._connection.trouble is not None:
+            return f"{self.label} lost: {self._connection.trouble}"
+        return None
+
+    @property
+    def counters(self) -> ChannelCounters:
+        """What was sent and what was not."""
+        return ChannelCounters(
+            trouble=self.trouble,
+            mavlink=1 if self.sender.version.is_1 else 2,
+            sent=dict(self.sender.sent),
+            dropped_summaries=self.telling.dropped,
+            lost=self.sender.lost,
+            left_out=self.sender.left_out,
+            bad=self._parser.bad,
+        )
+
+    def fileno(self) -> int | None:
+        """For select; None while the device is absent."""
+        return self._connection.fileno()
+
+    def wait(self, now: float) -> float:
+        """Seconds after which `tick` may have something to send, at most 0.1."""
+        return min(_IDLE, self.sender.wait(now)) if self._speaks else _IDLE
+
+    def close(self) -> None:
+        """Give the device back."""
+        self._connection.close()
+
+    def poll(self, now: float) -> Iterator[Any]:
+        """The messages that arrived."""
+        for _ in range(READS_PER_POLL):
+            data = self._connection.read(now)
+            if self._opened != self._connection.opened:
+                self._opened = self._connection.opened
+                self.sender.version.forget()
+                self.telling.hurry()
+            if not data:
+                return
+            yield from self._parser.feed(data, whole=self._connection.datagrams)
+
+    def skip(self, now: float) -> None:
+        """Throw away what waits to be read."""
+        for _ in range(READS_AT_MOST):
+            if not self._connection.read(now):
+                break
+
+    def hear_ourselves(self, now: float) -> bool:
+        """Somebody else spoke under our ids here; True when that is new."""
+        new, self._clash_at = self._clash_at is None, now
+        self.sender.clear()
+        return new
+
+    def push(
+        self, name: str, message: Any, now: float, *, key: object = None, lifetime: float = LIFETIME
+    ) -> None:
+        """Queue a message. Among others under our ids only setpoints go on: their end moves the vehicle."""
+        if not self.clash or name == "setpoint":
+            self.sender.push(name, message, now, key=key, lifetime=lifetime)
+
+    def may_speak(self, now: float, *, has_vehicle: bool) -> bool:
+        """Whether anything but setpoints may leave. Where the autopilot comes to us, it is waited for."""
+        if self._clash_at is not None and now - self._clash_at > CLASH_FOR:
+            self._clash_at = None
+        self._speaks = has_vehicle or not self._waits
+        return self._speaks and not self.clash
+
+    def tick(self, now: float, *, calling: bool) -> None:
+        """Send what is due, within pace and budgets; `may_speak` was asked before."""
+        if not self._speaks:
+            return
+        if not self.clash:
+            self.telling.tick(now, calling=calling)
+        self.sender.tick(now)

@@ -53,8 +53,7 @@ end
 
 return {
   assert = assert, error = error, ipairs = ipairs, math = math, next = next, pairs = pairs, pcall = pcall,
-  select = select, setmetatable = setmetatable, string = string, table = table, tonumber = tonumber,
-  tostring = tostring, type = type, utf8 = utf8,
+  string = string, table = table, tonumber = tonumber, tostring = tostring, type = type,
   uint32_t = function(value) return boxed(math.floor(value or 0)) end,
   millis = function() return boxed(host.millis()) end,
   Parameter = new_parameter,

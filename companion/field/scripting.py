@@ -54,16 +54,16 @@ class Scripting:
         self._authorisers: list[str | None] = []
         self._crowded = False
         self._tables: dict[int, str] = {}
-        self.restart()
-
-    def restart(self) -> None:
-        """As MAV_CMD_SCRIPTING does it: everything that the script remembered is gone."""
-        from lupa import lua53
-
-        self.ended = ""
         self._depth = self._places = 0
         self._ids: set[int] = set()
         self._queue: deque[tuple[bytes, int, int]] = deque()
+        self.restart()
+
+    def restart(self) -> None:
+        """As MAV_CMD_SCRIPTING does it: everything that the script remembered is gone, what waits for it not."""
+        from lupa import lua53
+
+        self.ended = ""
         lua = lua53.LuaRuntime(encoding=None, register_eval=False, register_builtins=False)
         self._error: type[Exception] = lua53.LuaError
         self._set_hook = lua.eval(b"debug.sethook")

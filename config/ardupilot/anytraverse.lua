@@ -14,7 +14,7 @@ station, is taken to have read the text: no hold until the companion was well fo
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 
 Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 65536 or more;
-SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5300; reboot. The parameters ATS_* are
+SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5500; reboot. The parameters ATS_* are
 there when it runs, "Policy hold: loss of companion will be held" (or the like) is its first text, said again when
 the policy changes; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
 Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The wheels stop.
@@ -31,7 +31,7 @@ Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The 
 | ATS_FAULT   | 1       |      | 1: the companion's state "fault" holds too. 0: only its silence does              |
 | ATS_PRX     | 0.5     | s    | obstacle feed dead so long holds, 0.1 to 10, after the 0.5 s that ArduPilot takes |
 |             |         |      | to notice; 0: never. It must be in use: a proximity sensor is set up, and         |
-|             |         |      | AVOID_ENABLE has bit 2 or OA_TYPE is not 0, and it worked once since boot (or     |
+|             |         |      | AVOID_ENABLE contains 2 or OA_TYPE is not 0, and it worked once since boot (or    |
 |             |         |      | ATS_NEED is 1)                                                                    |
 | ATS_ECHO    | 1       |      | 1: the companion's texts of severity ERROR or worse (calls, holds) are said again |
 |             |         |      | as the autopilot's own, for ground stations that hide those of component 191      |
@@ -40,6 +40,8 @@ Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The 
 
 One that restarts is a loss, until it sees again. After a restart of scripting companion and policy are forgotten
 until the next heartbeat: one that died meanwhile is not missed, unless ATS_NEED is 1.
+A parameter that holds no number counts as its default. A newer file with more parameters wants a reboot, as does
+every "table 191 is taken"; where that stays, another script of yours has this number.
 Restart of scripting with ATS_NEED 1: reboot before arming, ArduPilot 4.6 and older keep the old refusal.
 --]]
 
@@ -67,7 +69,7 @@ local STEADY_MS = 5000
 local GOOD = 2 -- proximity:get_status()
 
 local own_system, avoid, path_planner
-local settings = {}
+local settings, defaults = {}, {}
 local seen, watched, state, silent_ms = false, false, STARTING, 0
 local policy, told_policy, asked, guarding = REPORT, nil, false, false
 local feed_seen, feed_dead_ms = false, 0
@@ -79,13 +81,15 @@ local echoed, echoed_ms = nil, LONGEST_MS
 local failures, resorted = 0, false
 local last = millis()
 
-local function setting(name, low, high, default)
+local function setting(name, low, high)
   local value = settings[name]:get()
-  if not value or value ~= value then return default end
+  if not value or value ~= value then value = defaults[name] end
   return math.max(low, math.min(high, value))
 end
 
-local function is_on(name) return setting(name, 0, 1, 1) >= 0.5 end
+local function is_on(name) return setting(name, 0, 1) >= 0.5 end
+
+local function patience_ms() return 1000 * setting("TIMEOUT", 1.2, 10) end
 
 local function later(ms, dt) return math.min(ms + dt, LONGEST_MS) end
 
@@ -101,31 +105,20 @@ local function checksum(bytes) -- CRC-16/MCRF4XX
   return sum
 end
 
--- A mavlink_message_t, as long as system ids had 8 bits (291 bytes) and since they may have 32 (299).
-local function header(raw)
+-- Frames that were damaged on the way reach scripts.
+local function payload(raw, start, id)
   local sum, magic, length, incompat, compat, seq = string.unpack("<I2BBBBB", raw)
-  local layout = #raw >= 299 and "<I4BI3" or "<BBI3"
-  local system, component, id, start = string.unpack(layout, raw, 8)
-  return { sum = sum, magic = magic, length = length, incompat = incompat, compat = compat, seq = seq,
-           system = system, component = component, id = id, start = start }
-end
-
--- Frames that were damaged on the way reach scripts, and so does every other vehicle's.
-local function payload(raw, h)
-  local content = raw:sub(h.start, h.start + h.length - 1)
   local sent
-  if h.magic == 0xFE then
-    sent = string.pack("<BBBBB", h.length, h.seq, h.system, h.component, h.id)
+  if magic == 0xFE then
+    sent = string.pack("<BBBBB", length, seq, own_system, COMPANION, id)
+  elseif magic == 0xFD and incompat & 0xFE == 0 then
+    sent = string.pack("<BBBBBBI3", length, incompat, compat, seq, own_system, COMPANION, id)
   else
-    sent = string.pack("<BBBBBBI3", h.length, h.incompat, h.compat, h.seq, h.system, h.component, h.id)
+    return nil
   end
-  if checksum(sent .. content .. string.char(CRC_EXTRA[h.id])) ~= h.sum then return nil end
+  local content = raw:sub(start, start + length - 1)
+  if checksum(sent .. content .. string.char(CRC_EXTRA[id])) ~= sum then return nil end
   return content .. string.rep("\0", 60 - #content) -- MAVLink 2 leaves out zeros at the end
-end
-
-local function is_companions(h)
-  return h.system == own_system and h.component == COMPANION and CRC_EXTRA[h.id] ~= nil
-    and (h.magic == 0xFE and h.id < 256 or h.magic == 0xFD and h.incompat & 0xFE == 0)
 end
 
 local function hear_heartbeat(content, age_ms)
@@ -148,22 +141,22 @@ local function hear_text(content)
 end
 
 local function listen()
-  local echo, checked = is_on("ECHO") and is_on("ENABLE"), 0
+  local echoes, patience, checked = is_on("ECHO") and is_on("ENABLE"), patience_ms(), 0
   for _ = 1, QUEUE do
     if checked == MAX_CHECKED then return end
     local raw, _, at = mavlink:receive_chan()
     if not raw then return end
-    local h = header(raw)
-    local wanted = h.id == HEARTBEAT or echo and raw:byte(h.start) <= ERROR
-    if is_companions(h) and wanted then
+    -- A mavlink_message_t, as long as system ids had 8 bits (291 bytes) and since they may have 32 (299).
+    local system, component, id, start = string.unpack(#raw >= 299 and "<I4BI3" or "<BBI3", raw, 8)
+    local ours = system == own_system and component == COMPANION
+    local wanted = id == HEARTBEAT or id == STATUSTEXT and echoes and raw:byte(start) <= ERROR
+    local age_ms = ours and wanted and (millis() - at):toint() or -1
+    -- What waited longer than the time-out, as behind a restart of scripting, is no news.
+    if age_ms >= 0 and age_ms <= patience then
       checked = checked + 1
-      local content = payload(raw, h)
-      if content and h.id == HEARTBEAT then
-        local age_ms = (millis() - at):toint()
-        hear_heartbeat(content, (age_ms < 0 or age_ms > LONGEST_MS) and LONGEST_MS or age_ms)
-      elseif content then
-        hear_text(content)
-      end
+      local content = payload(raw, start, id)
+      if content and id == HEARTBEAT then hear_heartbeat(content, age_ms) end
+      if content and id == STATUSTEXT then hear_text(content) end
     end
   end
 end
@@ -198,15 +191,15 @@ local function trouble()
   if not guarding then return nil end
   if not seen then return "no companion" end
   if is_off() then return "companion is off" end
-  if silent_ms > 1000 * setting("TIMEOUT", 1.2, 10, 1.5) then return "companion silent" end
+  if silent_ms > patience_ms() then return "companion silent" end
   -- A state that a later companion may know and this script does not is no reason to drive on.
   if is_on("FAULT") and (state == FAULT or state > OFF) then return "companion fault" end
-  local patience = setting("PRX", 0, 10, 0.5)
+  local patience = setting("PRX", 0, 10)
   if patience > 0 and feed_dead_ms > 1000 * patience then return "obstacle feed dead" end
 end
 
 local function is_guarded(mode)
-  local modes = math.floor(setting("MODES", 0, 65535, DEFAULT_MODES))
+  local modes = math.floor(setting("MODES", 0, 65535))
   return GUARDABLE[mode] ~= nil and modes >> mode & 1 == 1
 end
 
@@ -264,7 +257,7 @@ local function answer(reason, dt)
 end
 
 local function is_running()
-  local switch = math.floor(setting("RC", 0, 307, 0))
+  local switch = math.floor(setting("RC", 0, 307))
   return is_on("ENABLE") and not (switch >= 300 and rc:get_aux_cached(switch) == 2)
 end
 
@@ -338,10 +331,10 @@ local function optional(name)
 end
 
 local function set_up()
-  assert(param:add_table(KEY, PREFIX, #PARAMETERS), "table 191 is another script's")
+  assert(param:add_table(KEY, PREFIX, #PARAMETERS), "table 191 is taken: reboot first")
   for i, row in ipairs(PARAMETERS) do
     assert(param:add_param(KEY, i, row[1], row[2]), "no room for ATS_" .. row[1])
-    settings[row[1]] = Parameter(PREFIX .. row[1])
+    settings[row[1]], defaults[row[1]] = Parameter(PREFIX .. row[1]), row[2]
   end
   own_system = assert(param:get("MAV_SYSID") or param:get("SYSID_THISMAV"), "no system id")
   avoid, path_planner = optional("AVOID_ENABLE"), optional("OA_TYPE")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from companion.field.scripting import Scripting
 from companion.wire.ids import State
 from tests.companion.field.stubs import AUTO, CYCLE, HOLD, MANUAL, RTL, Board, driving, until_held
 
@@ -71,8 +72,34 @@ def test_a_loss_of_fifty_days_is_still_one() -> None:
 
 def test_a_pause_of_the_autopilot_is_no_loss_when_heartbeats_wait() -> None:
     board = driving()
-    for _ in range(5):
+    for _ in range(12):
         board.ms += 1000
         board.beat()
     board.pass_time(0.5)
     assert board.set_modes == []
+
+
+def test_what_waited_while_scripting_was_stopped_is_no_news() -> None:
+    board = driving()
+    for _ in range(20):
+        board.ms += 1000
+        board.beat(State.FAULT)
+        board.tell(b"C7 unknown thing ahead 38%: ok/stay/word")
+    said = len(board.said)
+    board.scripting.restart()
+    board.pass_time(2 * CYCLE)
+    board.beat()
+    board.pass_time(1.0)
+    assert board.set_modes == []
+    assert board.texts()[said:] == ["Policy hold: loss of companion will be held"]
+    assert until_held(board) <= 1.0
+
+
+def test_it_needs_nothing_that_real_scripts_have_not() -> None:
+    board = Board()
+    source = (
+        "assert(not (select or setmetatable or rawget or load or utf8 or debug)) return function() end, 9"
+    )
+    board.scripting = Scripting(source, "probe.lua", board)
+    board.scripting.poll()
+    assert board.scripting.ended == ""

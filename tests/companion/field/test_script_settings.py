@@ -200,6 +200,21 @@ class TestObstacleFeed:
         assert board.mode_now == HOLD
 
 
+class TestNoNumber:
+    """A parameter that holds no number counts as it was shipped."""
+
+    def test_it_makes_no_script_act_in_report_policy(self) -> None:
+        board = driving(policy=Policy.REPORT, ATS_POLICY=float("nan"), ATS_NEED=float("nan"))
+        board.pass_time(30.0)
+        assert board.set_modes == []
+        assert board.scripting.forbids_arming() == ""
+
+    @pytest.mark.parametrize("name", ["ENABLE", "TIMEOUT", "MODES", "FAULT", "PRX", "RC"])
+    def test_nor_does_it_keep_one_from_holding(self, name: str) -> None:
+        board = driving(**{f"ATS_{name}": float("nan")})
+        assert until_held(board) <= 1.5 + 2 * CYCLE
+
+
 def test_the_header_documents_every_parameter_with_its_default() -> None:
     rows = [line.split("|") for line in SOURCE.splitlines() if line.startswith("| ATS_")]
     documented = {row[1].strip(): float(row[2]) for row in rows}

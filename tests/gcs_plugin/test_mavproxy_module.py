@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -13,6 +15,7 @@ import pytest
 from companion.wire import ids
 from companion.wire.answers import ForgetWord, SetWord
 from companion.wire.payloads import CallData
+from gcs_plugin.commands import parse
 
 
 class Module:
@@ -191,6 +194,15 @@ def test_nothing_is_sent_to_a_companion_that_fell_silent(proxy: Make, thing_call
     at.run(5.0, silent=True)
     assert at.rovers[0].applied == []
     assert any("waits: the companion is not heard" in line for line in at.lines)
+
+
+def test_every_line_of_its_own_help_and_of_the_page_is_understood(plugin: ModuleType) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "operator.md").read_text()
+    table = page.split("## In MAVProxy")[1].split("\n## ")[0]
+    lines = re.findall("`at ([^`]+)`", table + "\n".join(plugin.HELP))
+    assert len(lines) > 15
+    for line in lines:
+        assert line == "help" or parse(plugin.typed_line(line.split())), line
 
 
 def test_help_and_mistakes_are_told(proxy: Make) -> None:

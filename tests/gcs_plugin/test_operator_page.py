@@ -16,7 +16,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "operator.md").read_text()
 
 
 def test_every_line_in_the_table_of_what_can_be_typed_is_understood() -> None:
-    table = PAGE.split("## What can be typed")[1].split("## Answers by a table")[0]
+    table = PAGE.split("## What can be typed")[1].split("## In MAVProxy")[0]
     lines = [
         line for row in table.splitlines() if row.startswith("| `") for line in re.findall("`([^`]+)`", row)
     ]

@@ -60,7 +60,7 @@ class Scripting:
         self.restart()
 
     def restart(self) -> None:
-        """As MAV_CMD_SCRIPTING does it: everything that the script remembered is gone, what waits for it not."""
+        """As MAV_CMD_SCRIPTING does it: the script forgets everything, and what waits for it stays."""
         from lupa import lua53
 
         self.ended = ""

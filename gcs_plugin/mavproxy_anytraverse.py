@@ -42,7 +42,7 @@ _COMPLETIONS = [
 
 
 def typed_line(arguments: Sequence[str]) -> str:
-    """The operator's line in what follows `at`. MAVProxy splits at `;`, so a comma after a number is one here."""
+    """The operator's line in what follows `at`. A comma after a number is a `;`, at which MAVProxy splits."""
     first, *rest = _BETWEEN_CHANGES.sub(";", " ".join(arguments)).split()
     if first == "answer":
         return " ".join(rest)

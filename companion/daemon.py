@@ -160,7 +160,7 @@ class Daemon:
                 "scene_age": round(newest.scene_age, 3) if newest else None,
             },
             "test_call": self._trial.status,
-            "hold_refused": self._desk.hold_refused,
+            "hold_refused": self._desk.policy.hold_refused,
             "camera": {
                 "state": camera.state.value,
                 "reason": camera.reason,
@@ -201,7 +201,8 @@ class Daemon:
     def _hear_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self._calls.numbers.px4_hold)
-        decisions = self._calls.vehicle(
+        decisions = self._desk.policy.reckon(autopilot, now)
+        decisions += self._calls.vehicle(
             vehicle.custom_mode, vehicle.armed, now, travelled, vehicle.heard_at, autopilot
         )
         self._acting.carry_out(decisions, now)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 
+from companion.autopilots import Autopilot
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
 from companion.calls.policies import Policies
 from companion.link.heard import PolicyRequest, Pulses, Sender
 from companion.link.link import Link
+from companion.refusal import Refuses
 from companion.wire import notices
 from companion.wire.ids import Policy
 from companion.wire.parameters import POLICY
@@ -26,15 +28,17 @@ class PolicyDesk:
         calls: OperatorCalls,
         policies: Policies,
         *,
-        hold_refused: str = "",
-        reminder: str = "",
+        refuses: Refuses,
+        wants_hold: bool,
     ) -> None:
-        """hold_refused: why the vehicle may not be held, "" where it may. reminder: to be repeated."""
+        """wants_hold: the config asks for hold, a refusal is repeated until somebody sets a policy."""
         self._link = link
         self._calls = calls
         self._policies = policies
-        self._hold_refused = hold_refused
-        self._reminder = reminder
+        self._refuses = refuses
+        self._judged = calls.numbers.judging, 0.0
+        self._refusal = refuses(*self._judged)
+        self._wants_hold = wants_hold
         self._lost = False
         if policies.switch is not None:
             link.ask_for_pulses()
@@ -50,7 +54,12 @@ class PolicyDesk:
         switch = self._policies.switch
         if switch is not None and self._lost:
             return notices.switch_lost(switch.name, off=switch.off)
-        return self._reminder
+        return self._refusal.reminder if self._refusal is not None and self._wants_hold else ""
+
+    @property
+    def hold_refused(self) -> str:
+        """Why the vehicle may not be held, "" where it may."""
+        return self._refusal.short if self._refusal is not None else ""
 
     def saved(self) -> dict[str, object]:
         """For the journal: what a restart must not switch on."""
@@ -67,14 +76,14 @@ class PolicyDesk:
     def set(self, policy: Policy, sender: Sender, now: float) -> tuple[bool, list[Decision]]:
         """A ground station asks for a policy. Whether it gets it; if not, a text says why."""
         who = f"{sender[0]}/{sender[1]}"
-        refusal = self._hold_refused if policy is Policy.HOLD else ""
+        refusal = self.hold_refused if policy is Policy.HOLD else ""
         if not refusal and not self._policies.ask(policy, who):
             refusal = notices.switch_wins(self._policies.off_by)
         if refusal:
             log.warning("policy %s asked for by %s: %s", policy.name.lower(), who, refusal)
             self._link.say(refusal, _WARNING, now)
         else:
-            self._reminder = ""
+            self._wants_hold = False
         return not refusal, self._put_in_force(who, now, said=not refusal)
 
     def command(self, request: PolicyRequest, now: float) -> list[Decision]:
@@ -82,6 +91,23 @@ class PolicyDesk:
         accepted, decisions = self.set(request.policy, request.sender, now)
         self._link.acknowledge_policy(request, now, accepted=accepted)
         return decisions
+
+    def reckon(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
+        """Judge again whether the vehicle may be held, where autopilot or settings are not as they were."""
+        known = self._calls.numbers.judging, autopilot.overrun if autopilot is not None else 0.0
+        if known == self._judged:
+            return []
+        before, self._judged, self._refusal = self._refusal, known, self._refuses(*known)
+        if self._refusal is None:
+            if before is not None:
+                self._link.say(notices.hold_fits(), _WARNING, now)
+            return []
+        log.error("%s", self._refusal.why)
+        if not self._policies.give_up_hold():
+            return []
+        self._wants_hold = True
+        self._link.say(self._refusal.short, _ERROR, now)
+        return self._put_in_force("", now, said=False)
 
     def hear(self, pulses: Pulses, now: float) -> list[Decision]:
         """The remote control speaks."""

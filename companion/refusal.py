@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
+from anytraverse.judging import Settings
 from anytraverse.pace import Pace
-from companion.check.stopping import Stopping
+from companion.check.stopping import Stopping, judge
+from companion.config import Config
 from companion.readiness import too_slow
 from companion.wire import notices
 
@@ -17,6 +20,36 @@ class Refusal:
     why: str
     short: str
     reminder: str
+
+
+Refuses = Callable[[Settings, float], Refusal | None]
+"""Judges whether the vehicle may be held with these settings, and an autopilot with this overrun in m."""
+
+
+class HoldJudge:
+    """Whether a vehicle so configured may be held. pace: how fast its frames are judged."""
+
+    def __init__(self, config: Config, pace: Pace) -> None:
+        self._config = config
+        self._pace = pace
+
+    def stopping(self, judging: Settings, overrun: float = 0.0) -> Stopping | str:
+        """Whether it stops before what it sees, with the settings now in force; or why nobody knows."""
+        bounds = judging.region.bounds
+        roi = replace(
+            self._config.roi,
+            left=bounds.left,
+            top=bounds.top,
+            right=bounds.right,
+            bottom=bounds.bottom,
+            tile_share=judging.tile_share,
+        )
+        config = replace(self._config, roi=roi)
+        return judge(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
+
+    def refuses(self, judging: Settings, overrun: float = 0.0) -> Refusal | None:
+        """None where it may be held. What cannot be judged refuses nothing."""
+        return hold_refusal(self._pace, self.stopping(judging, overrun))
 
 
 def hold_refusal(pace: Pace, stopping: Stopping | str) -> Refusal | None:

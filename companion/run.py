@@ -10,13 +10,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.album import Album
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
-from companion.check.stopping import Stopping, judge
+from companion.check.stopping import Stopping
 from companion.config import Config
 from companion.configured import call_numbers, restored_policies
 from companion.conversation import Conversation
@@ -30,7 +31,7 @@ from companion.link.link import Link
 from companion.loading import load
 from companion.model import Model
 from companion.readiness import get_ready
-from companion.refusal import Refusal, hold_refusal
+from companion.refusal import HoldJudge
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.shadow_book import ShadowBook
 from companion.tasks import Liveness, tasks
@@ -71,8 +72,8 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     pace = Pace(ready.step, 1.0 / config.camera.rate, engine.settings.freshness)
     numbers = call_numbers(config, engine.settings)
     wants_hold = numbers.policy is Policy.HOLD
-    refusal = _refusal(config, pace, engine.settings.thresholds.tile, news, wants_hold=wants_hold)
-    if wants_hold and refusal is not None:
+    hold_judge = HoldJudge(config, pace)
+    if wants_hold and not _may_hold(hold_judge, engine.settings, news):
         numbers = replace(numbers, policy=Policy.REPORT)
     policies = restored_policies(config, numbers.policy, supervision.get("policy"), now)
     numbers = replace(numbers, policy=policies.in_force)
@@ -90,7 +91,15 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     closing.callback(eyes.stop)
     conversation = Conversation(calls, eyes, engine.memory.preferences, replies)
     desk = SettingsDesk(
-        listed, link, eyes, calls, conversation, refusal, wants_hold=wants_hold, policies=policies, book=book
+        listed,
+        link,
+        eyes,
+        calls,
+        conversation,
+        hold_judge.refuses,
+        wants_hold=wants_hold,
+        policies=policies,
+        book=book,
     )
     for name, value in setting_values(engine.settings.thresholds, numbers.policy).items():
         link.set_parameter(name, value, now)
@@ -112,22 +121,17 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     return 0
 
 
-def _refusal(
-    config: Config, pace: Pace, tile: float | None, news: list[str], *, wants_hold: bool
-) -> Refusal | None:
-    """Why the vehicle may not be held; told to who wants it to be, as is what could not be checked."""
-    stopping = judge(config, pace.step, tile)
-    refusal = hold_refusal(pace, stopping)
-    if wants_hold and refusal is not None:
+def _may_hold(hold_judge: HoldJudge, judging: Settings, news: list[str]) -> bool:
+    """Whether the vehicle may be held, as its owner wants; told is why not, or what nobody could check."""
+    refusal, stopping = hold_judge.refuses(judging), hold_judge.stopping(judging)
+    if refusal is not None:
         log.error("%s", refusal.why)
-    elif wants_hold and isinstance(stopping, str):
+    elif isinstance(stopping, Stopping):
+        log.info("stopping: %s", stopping.told())
+    else:
         log.warning("stopping distance was not checked: %s", stopping)
         news.append(notices.stopping_unchecked())
-    elif wants_hold and isinstance(stopping, Stopping):
-        log.info("stopping: %s", stopping.told())
-        if config.call.px4_hold == "loiter":
-            log.info("a PX4 rover held in LOITER runs on; `companion check` reckons with it, this did not")
-    return refusal
+    return refusal is None
 
 
 def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowBook:

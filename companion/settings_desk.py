@@ -17,7 +17,7 @@ from companion.eyes import Eyes
 from companion.link.heard import ParameterRequest
 from companion.link.link import Link
 from companion.policy_desk import PolicyDesk
-from companion.refusal import Refusal
+from companion.refusal import Refuses
 from companion.shadow_book import ShadowBook
 from companion.wire import notices
 from companion.wire.ids import Policy
@@ -61,13 +61,13 @@ class SettingsDesk:
         eyes: Eyes,
         calls: OperatorCalls,
         conversation: Conversation,
-        refusal: Refusal | None,
+        refuses: Refuses,
         *,
         wants_hold: bool = False,
         policies: Policies | None = None,
         book: ShadowBook | None = None,
     ) -> None:
-        """refusal: why the vehicle may not be held. wants_hold: the config asks for it.
+        """refuses: judges whether the vehicle may be held. wants_hold: the config asks for it.
 
         policies: what is in force, by default the state machine's. book: shadow policy's counts.
         """
@@ -77,14 +77,12 @@ class SettingsDesk:
         self._eyes = eyes
         self._calls = calls
         self._conversation = conversation
-        self.hold_refused = refusal.short if refusal is not None else ""
-        """Why the vehicle may not be held, "" where it may."""
         self.policy = PolicyDesk(
             link,
             calls,
             policies or Policies(calls.policy),
-            hold_refused=self.hold_refused,
-            reminder=refusal.reminder if refusal is not None and wants_hold else "",
+            refuses=refuses,
+            wants_hold=wants_hold,
         )
         self.book = book or ShadowBook()
 

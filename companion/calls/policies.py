@@ -44,6 +44,13 @@ class Policies:
         self.asked, self.by = policy, by
         return True
 
+    def give_up_hold(self) -> bool:
+        """The vehicle may not be held: it reports. True where it was to be held."""
+        wanted = self.asked is Policy.HOLD
+        if wanted:
+            self.asked = Policy.REPORT
+        return wanted
+
     def saved(self) -> dict[str, Any]:
         """What a restart must not turn on: who switched it off. JSON values."""
         return {

@@ -114,6 +114,11 @@ def only_reports_outrunning(speed: float | None, fits: float | None) -> str:
     return fit(f"Only reports: {outruns(speed, fits)}")
 
 
+def hold_fits() -> str:
+    """What refused policy hold is gone, by other settings: nobody sets it but the operator."""
+    return "HOLD fits again: set AT_POLICY 2"
+
+
 def stopping_unchecked() -> str:
     """Policy hold without the figures that say whether the vehicle stops in time."""
     return "Stopping distance not checked: see the log"

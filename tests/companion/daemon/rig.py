@@ -23,6 +23,7 @@ from companion.calls.numbers import Numbers
 from companion.calls.policies import Policies
 from companion.calls.switch import OffSwitch, Side
 from companion.cameras.newest import CameraState, CameraStatus, CameraThread
+from companion.config import Config
 from companion.conversation import Conversation
 from companion.daemon import Daemon
 from companion.eyes import Eyes
@@ -31,7 +32,7 @@ from companion.keeper import Keeper
 from companion.kept import saved_replies
 from companion.link.rehearsal import Rehearsal
 from companion.model import Model
-from companion.refusal import hold_refusal
+from companion.refusal import HoldJudge
 from companion.settings_desk import SettingsDesk, setting_values
 from companion.tasks import Liveness, tasks
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
@@ -82,6 +83,9 @@ def picture(thing: str = "", ground: str = "grass", scene: int = 0) -> np.ndarra
 
 class Rig:
     """`see` shows frames and lets time pass; `texts`, `acks` and `state` are what the ground heard."""
+
+    config = Config()
+    """Of it only what says whether the vehicle stops in time counts here."""
 
     def __init__(
         self,
@@ -136,7 +140,7 @@ class Rig:
             self.eyes,
             self.calls,
             self.conversation,
-            hold_refusal(Pace(self.step_time, PERIOD, judging.freshness), "not configured"),
+            HoldJudge(self.config, Pace(self.step_time, PERIOD, judging.freshness)).refuses,
             wants_hold=self.policy is Policy.HOLD,
             policies=self.policies,
             book=book,

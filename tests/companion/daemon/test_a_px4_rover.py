@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config import Config
+from companion.config.schema import Mount, Stopping
 from companion.field.px4 import Mode, Px4
 from companion.field.router import Parser, Port
 from companion.field.rover import Rover
@@ -24,8 +26,9 @@ STEP = 0.02
 class Px4Rig(Rig):
     """A rig whose autopilot is the field's: it drives in MISSION."""
 
-    def __init__(self, folder: Path, clock: Clock, px4_hold: str) -> None:
+    def __init__(self, folder: Path, clock: Clock, px4_hold: str, config: Config) -> None:
         self.px4_hold = px4_hold
+        self.config = config
         self.rover = Rover(TRAIL)
         self.px4 = Px4(self.rover, self._from_px4)
         self.to_ground: list[Any] = []
@@ -86,7 +89,7 @@ class Px4Rig(Rig):
         return [(change.mode.name, change.by) for change in self.px4.mode_log]
 
 
-MakePx4 = Callable[[str], Px4Rig]
+MakePx4 = Callable[..., Px4Rig]
 
 
 @pytest.fixture
@@ -99,8 +102,8 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakePx4]:
     monkeypatch.setattr("companion.daemon.TICK", 0.0)
     made: list[Px4Rig] = []
 
-    def build(px4_hold: str) -> Px4Rig:
-        rig = Px4Rig(tmp_path, clock, px4_hold)
+    def build(px4_hold: str, config: Config = Config()) -> Px4Rig:  # noqa: B008
+        rig = Px4Rig(tmp_path, clock, px4_hold, config)
         made.append(rig)
         rig.see(4.0)
         assert rig.rover.speed > 2.0
@@ -216,3 +219,41 @@ def test_an_autopilot_of_another_kind_is_told_once_and_never_commanded(make: Mak
     assert [text for text in rig.texts if "unknown kind" in text] == [
         "Autopilot of unknown kind: it is never held"
     ]
+
+
+CLOSE = Config(mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0))
+"""It stops just before what it sees, and not 2.5 m further on."""
+
+
+def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4(make: MakePx4) -> None:
+    rig = make("loiter", CLOSE)
+    assert rig.told_policy is Policy.REPORT
+    assert rig.desk.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes, 0.1 fits"
+    assert rig.desk.policy.hold_refused in rig.texts
+    assert rig.echoes("AT_POLICY")[-1] == Policy.REPORT
+    rig.see(5.0, "drum")
+    assert rig.modes == [("MISSION", "hand")], "it is not held"
+    rig.set("AT_POLICY", 2)
+    rig.see(1.0, "drum")
+    assert rig.told_policy is Policy.REPORT
+
+
+def test_a_px4_that_brakes_at_once_may_be_held(make: MakePx4) -> None:
+    rig = make("offboard", CLOSE)
+    assert rig.told_policy is Policy.HOLD
+    assert rig.desk.policy.hold_refused == ""
+    assert not any("HOLD refused" in text for text in rig.texts)
+
+
+def test_a_hold_that_stands_when_it_turns_out_that_it_may_not_is_left_where_it_stands(make: MakePx4) -> None:
+    rig = make("loiter")
+    rig.see(15.0, "drum")
+    assert rig.rover.speed == 0.0
+    rig.config = CLOSE
+    rig.restart()
+    rig.word(1, "drum", 1.0, Motion.GO)
+    rig.see(10.0, "drum")
+    assert rig.told_policy is Policy.REPORT
+    assert rig.calls.hold is None
+    assert rig.rover.speed == 0.0
+    assert rig.modes == [("MISSION", "hand"), ("LOITER", "companion")]

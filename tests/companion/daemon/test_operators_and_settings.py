@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from anytraverse.regions import Box
+from companion.config import Config
+from companion.config.schema import Mount, Stopping
 from companion.wire.answers import SetWord, TapBox
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
 from companion.wire.payloads import CallData
@@ -180,3 +185,21 @@ def test_in_report_policy_a_thing_that_is_gone_passes(make_rig: MakeRig) -> None
     rig.see(7.0)
     assert closed(rig) == [(Kind.CALL, 1, Outcome.PASSED)]
     assert rig.stage.mode == AUTO
+
+
+def test_a_region_of_interest_that_sees_less_far_is_judged_for_the_hold_policy_too(rig: Rig) -> None:
+    rig.config = replace(Config(), mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0))
+    rig.restart()
+    rig.see(2.0)
+    told = [rig.told_policy]
+    judging = rig.calls.numbers.judging
+    for region in (Box(0.3, 0.8, 0.7, 0.95), judging.region):
+        rig.calls.retune(replace(judging, region=region))
+        rig.see(2.0)
+        told.append(rig.told_policy)
+    assert any(text.startswith("HOLD refused: 1.0 m/s outruns eyes") for text in rig.texts)
+    assert "HOLD fits again: set AT_POLICY 2" in rig.texts
+    rig.set("AT_POLICY", 2)
+    rig.see(1.0)
+    told.append(rig.told_policy)
+    assert told == [Policy.HOLD, Policy.REPORT, Policy.REPORT, Policy.HOLD], "nobody sets it but the operator"

@@ -6,10 +6,18 @@ Each takes what TOML gave and returns it in the field's type, or raises ValueErr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 Check = Callable[[object], Any]
+
+
+class NestedError(ValueError):
+    """What is wrong in tables inside a setting: the keys below it that lead there, and why."""
+
+    def __init__(self, found: Sequence[tuple[tuple[str, ...], str]]) -> None:
+        super().__init__("; ".join(f"{'.'.join(keys)} {reason}" for keys, reason in found))
+        self.found = found
 
 
 def number(low: float, high: float, *, above: bool = False, word: str | None = None) -> Check:

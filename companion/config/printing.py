@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 
 from companion.config.schema import SECTIONS, Config
+from companion.config.section import Section
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -24,17 +25,25 @@ def _lines(config: Config) -> Iterator[str]:
         for word, value in table.items():
             yield f"{word if _BARE.fullmatch(word) else toml_value(word)} = {toml_value(value)}"
     for name in SECTIONS:
-        yield f"\n[{name}]"
-        section = getattr(config, name)
-        for field in fields(section):
-            value = getattr(section, field.name)
-            meaning = field.metadata["meaning"]
-            if (name, field.name) == ("vehicle", "file"):
-                yield f'file = ""  # merged into this from {value or "no file"}'
-            elif value is None:
-                yield f"# {field.name} is not set: {meaning}"
-            else:
-                yield f"{field.name} = {toml_value(value)}  # {meaning}"
+        yield from _section(name, getattr(config, name))
+
+
+def _section(name: str, section: Section) -> Iterator[str]:
+    yield f"\n[{name}]"
+    tables: list[tuple[str, Section]] = []
+    for field in fields(section):
+        value = getattr(section, field.name)
+        meaning = field.metadata["meaning"]
+        if (name, field.name) == ("vehicle", "file"):
+            yield f'file = ""  # merged into this from {value or "no file"}'
+        elif value is None:
+            yield f"# {field.name} is not set: {meaning}"
+        elif field.metadata["tables"]:
+            tables += [(f"{name}.{field.name}.{key}", table) for key, table in value]
+        else:
+            yield f"{field.name} = {toml_value(value)}  # {meaning}"
+    for inner, table in tables:
+        yield from _section(inner, table)
 
 
 def toml_value(value: object) -> str:

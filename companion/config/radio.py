@@ -1,39 +1,100 @@
-"""The settings of the MAVLink connection."""
+"""The settings of the MAVLink connections."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
-from companion.config.checks import checked, listing, number, whole
+from companion.config.checks import NestedError, checked, listing, number, whole
+from companion.config.layers import nearest
 from companion.config.section import Complaint, Section, setting
-from companion.link.settings import LinkSettings
+from companion.link.settings import ConnectionSettings, LinkSettings
 
 
 @dataclass(frozen=True)
-class Link(Section):
-    """MAVLink."""
+class Connection(Section):
+    """One MAVLink connection."""
 
     url: str = setting(
         "udpin:127.0.0.1:14550",
-        checked(LinkSettings),
+        checked(ConnectionSettings),
         "udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud",
     )
-    system_id: int = setting(1, whole(1, 254), "ours until the autopilot's is known")
     budget: float = setting(300.0, number(0, 1e6), "bytes/s of unsolicited traffic, 0 unlimited")
     burst: float = setting(600.0, number(300, 1e6), "bytes at once")
     asked_budget: float = setting(1500.0, number(0, 1e6), "bytes/s of what somebody asked for, 0 unlimited")
     pace: float = setting(0.03, number(0, 1), "least s between frames; 0.05 behind PX4")
-    allowed_senders: tuple[int, int] = setting(
-        (245, 255), listing(whole(1, 255), 2, 2), "first and last system id that may change anything"
-    )
 
     def complaints(self) -> Iterator[Complaint]:
         try:
             self.settings()
         except ValueError as error:
-            keys = [key for key in ("budget", "asked_budget", "allowed_senders") if key in str(error)]
-            yield tuple(keys) or ("url",), str(error)
+            yield _blamed(str(error)), str(error)
+
+    def settings(self) -> ConnectionSettings:
+        """As the link takes them."""
+        return ConnectionSettings(self.url, self.budget, self.burst, self.asked_budget, self.pace)
+
+
+def _blamed(said: str) -> tuple[str, ...]:
+    """The setting that an error begins with, "more.wifi.url" or "budget"; else the url."""
+    first = said.split(maxsplit=1)[0].rstrip(":")
+    return (first if first.split(".")[0] in {field.name for field in fields(Link)} else "url",)
+
+
+Connections = tuple[tuple[str, Connection], ...]
+
+
+def _connections(value: object) -> Connections:
+    """Tables of settings, each below a name of its own."""
+    if not isinstance(value, Mapping):
+        raise ValueError("give each connection a name and its settings: [link.more.wifi], then url = ...")
+    wrong: list[Complaint] = []
+    found = tuple((name, _connection(name, table, wrong)) for name, table in value.items())
+    if wrong:
+        raise NestedError(wrong)
+    return found
+
+
+def _connection(name: str, table: object, wrong: list[Complaint]) -> Connection:
+    if not isinstance(table, Mapping) or "url" not in table:
+        wrong.append(((name,), "needs a url, like udpin:0.0.0.0:14551"))
+        return Connection()
+    given, before = {}, len(wrong)
+    for key, value in table.items():
+        try:
+            given[key] = _checked(key, value)
+        except ValueError as error:  # noqa: PERF203
+            wrong.append(((name, key), str(error)))
+    read = Connection(**given)
+    if len(wrong) == before:
+        wrong += [((name, *keys), reason) for keys, reason in read.complaints()]
+    return read
+
+
+def _checked(key: str, value: object) -> Any:
+    checks = {field.name: field.metadata["check"] for field in fields(Connection)}
+    if key not in checks:
+        raise ValueError(f"is not known; {nearest(key, checks)}")
+    return checks[key](value)
+
+
+@dataclass(frozen=True)
+class Link(Connection):
+    """MAVLink: the first connection, and what holds for all."""
+
+    system_id: int = setting(1, whole(1, 254), "ours until the autopilot's is known")
+    allowed_senders: tuple[int, int] = setting(
+        (245, 255), listing(whole(1, 255), 2, 2), "first and last system id that may change anything"
+    )
+    more: Connections = setting((), _connections, "further connections, at most 3", tables=True)  # noqa: RUF009
+
+    def complaints(self) -> Iterator[Complaint]:
+        try:
+            self.settings()
+        except ValueError as error:
+            yield _blamed(str(error)), str(error)
 
     def settings(self) -> LinkSettings:
         """As the link takes them."""
@@ -45,4 +106,5 @@ class Link(Section):
             asked_budget=self.asked_budget,
             pace=self.pace,
             allowed_senders=self.allowed_senders,
+            more={name: connection.settings() for name, connection in self.more},
         )

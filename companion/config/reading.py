@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from companion.config.checks import NestedError
 from companion.config.errors import ConfigError, Problem
 from companion.config.layers import Layer, nearest
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Vehicle
@@ -57,18 +58,28 @@ def _refuse_unknown(layer: Layer, known: Sequence[str], problems: list[Problem])
     for name in layer.data:
         if name in known:
             continue
-        homes = [section for section, fields_of in _known_fields().items() if name in fields_of]
+        home = _home(layer, name)
         if name in SECTIONS:
             reason = "does not belong in a vehicle's file: move it to companion.toml"
-        elif homes:
-            reason = f"belongs below [{homes[0]}]"
+        elif home:
+            reason = f"belongs {home}"
         else:
             reason = f"is not known; {nearest(name, known)}"
         problems.append(layer.problem((name,), reason))
 
 
-def _known_fields() -> dict[str, list[str]]:
-    return {name: [field.name for field in fields(section)] for name, section in SECTIONS.items()}
+def _home(layer: Layer, key: str) -> str:
+    """Below which headline a setting belongs; empty when there is no such setting."""
+    home = next((name for name, section in SECTIONS.items() if key in _settings_of(section)), None)
+    if home is None:
+        return ""
+    # In the shipped file headlines are commented out like the settings below them, and easily left so.
+    missing = "" if home in layer.data else ": write that headline above it, or take its # away"
+    return f"below [{home}]{missing}"
+
+
+def _settings_of(section: type[Section]) -> list[str]:
+    return [field.name for field in fields(section)]
 
 
 def _read_section(
@@ -82,18 +93,24 @@ def _read_section(
     for layer in reversed(layers):
         for key, value in layer.table(name, problems).items():
             if key not in checks:
-                homes = [other for other, keys in _known_fields().items() if key in keys]
-                hint = f"it belongs below [{homes[0]}]" if homes else nearest(key, checks)
+                home = _home(layer, key)
+                hint = f"it belongs {home}" if home else nearest(key, checks)
                 problems.append(layer.problem((name, key), f"is not known; {hint}"))
                 continue
             try:
                 given[key] = checks[key](value)
                 source[key] = layer
+            except NestedError as error:
+                problems += [layer.problem((name, key, *keys), reason) for keys, reason in error.found]
             except ValueError as error:
                 problems.append(layer.problem((name, key), str(error)))
     read = section(**given)
     if len(problems) == before:
         for keys, reason in read.complaints():
-            key = next((one for one in keys if one in source), keys[0])
-            problems.append(source.get(key, layers[0]).problem((name, key), reason))
+            path = next((path for path in map(_path, keys) if path[0] in source), _path(keys[0]))
+            problems.append(source.get(path[0], layers[0]).problem((name, *path), reason))
     return read
+
+
+def _path(keys: str) -> tuple[str, ...]:
+    return tuple(keys.split("."))

@@ -9,12 +9,12 @@ from typing import Any
 from companion.config.checks import Check
 
 Complaint = tuple[tuple[str, ...], str]
-"""Keys that do not go together, and why."""
+"""Keys that do not go together, with dots inside the section's own tables, and why."""
 
 
-def setting(default: Any, check: Check, meaning: str) -> Any:
-    """A field of a section."""
-    return field(default=default, metadata={"check": check, "meaning": meaning})
+def setting(default: Any, check: Check, meaning: str, *, tables: bool = False) -> Any:
+    """A field of a section. tables: its value is pairs of a name and the section below it."""
+    return field(default=default, metadata={"check": check, "meaning": meaning, "tables": tables})
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from anytraverse.perception import DefaultThresholds, Perceiver
 from anytraverse.perception.runtime import Runtime
-from companion.config import Config, ConfigError, Problem, load_config
+from companion.config import Config, ConfigError, Problem, format_config, load_config
 from companion.config.schema import SECTIONS
 from companion.configured import call_numbers, judging_settings
 from companion.wire.ids import Policy
@@ -70,6 +70,10 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
     [
         ("votes = 2\n", "votes = 2: belongs below [call]"),
         ("[camera]\nurl = 'x'\n", "camera.url = 'x': is not known; it belongs below [link]"),
+        (
+            "[pictures]\n# [call]\npolicy = 'hold'\n",
+            "it belongs below [call]: write that headline above it, or take its # away",
+        ),
         ("[camera]\nzzz = 1\n", "known are source, rate, playback, loop, view"),
         ("camera = 3\n", "camera = 3: is a table: write [camera]"),
         ("[camera]\nsource = 'webcam:0'\n", "names no camera"),
@@ -313,3 +317,46 @@ def test_the_state_machine_gets_its_numbers(tmp_path: Path) -> None:
     assert numbers.policy is Policy.HOLD
     assert (numbers.votes, numbers.window, numbers.ok_frames, numbers.go_lasts) == (3, 4, 6, 30.0)
     assert (numbers.judging.votes, numbers.judging.window, numbers.freshness) == (3, 4, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[link.more.wifi]\nurl = 'udp:1'\n", ":2: link.more.wifi.url = 'udp:1': link"),
+        ("[link.more.wifi]\nbudget = 0\n", ":1: link.more.wifi: needs a url"),
+        (
+            "[link.more.wifi]\nurl = 'udpin:0.0.0.0:1'\nbudgt = 0\n",
+            ":3: link.more.wifi.budgt = 0: is not known",
+        ),
+        (
+            "[link.more.wifi]\nurl = 'udpin:0.0.0.0:1'\nbudget = 1\n",
+            ":3: link.more.wifi.budget = 1: budget 1",
+        ),
+        ("[link.more.wifi]\nurl = 'udpin:0.0.0.0:1'\npace = 'x'\n", ":3: link.more.wifi.pace = 'x': give a"),
+        (
+            "[link]\nurl = 'udpin:0.0.0.0:1'\n[link.more.wifi]\nurl = 'udpin:0.0.0.0:1'\n",
+            ":4: link.more.wifi.url = 'udpin:0.0.0.0:1': more.wifi.url is that of main too",
+        ),
+        ("[link.more.Wifi]\nurl = 'udpin:0.0.0.0:1'\n", ":1: link.more.Wifi: more.Wifi: choose a name like"),
+        ("[link.more.main]\nurl = 'udpin:0.0.0.0:1'\n", ":1: link.more.main: more.main: choose a name like"),
+        ("[link]\nmore = 'udpin:0.0.0.0:1'\n", "give each connection a name and its settings"),
+        (
+            "".join(f"[link.more.{name}]\nurl = 'udpin:0.0.0.0:{ord(name)}'\n" for name in "abcd"),
+            ":1: link.more: more: 4 are too many, 3 at most",
+        ),
+    ],
+)
+def test_a_wrong_connection_is_refused_on_its_line(tmp_path: Path, text: str, reason: str) -> None:
+    (problem,) = _problems(tmp_path, text)
+    assert reason in problem
+
+
+def test_connections_are_read_printed_and_read_again_with_budgets_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text("[vehicle]\nfile = ''\n[link.more.wifi]\nurl = 'udpin:0.0.0.0:14551'\nbudget = 0\n")
+    config = load_config(path)
+    connections = config.link.settings().connections()
+    assert list(connections) == ["main", "wifi"]
+    assert (connections["main"].budget, connections["wifi"].budget) == (300.0, 0.0)
+    path.write_text(format_config(config))
+    assert load_config(path).link == config.link

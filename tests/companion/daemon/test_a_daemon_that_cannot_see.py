@@ -178,6 +178,6 @@ def test_an_error_in_the_supervision_ends_the_daemon_with_a_fault_in_its_last_he
     with pytest.raises(ZeroDivisionError):
         rig.see(0.1)
     rig.daemon.farewell()
-    rig.stage.collect(stage.now)
+    rig.stage.collect(rig.stage.now)
     assert rig.state[0] == "FAULT"
     assert rig.texts == ["Companion STOPS, internal error: WATCH THE TRAIL"]

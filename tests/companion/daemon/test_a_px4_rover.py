@@ -62,7 +62,7 @@ class Px4Rig(Rig):
 
     def deliver(self) -> None:
         """What the daemon has sent arrives at the autopilot."""
-        self.stage.collect(stage.now)
+        self.stage.collect(self.stage.now)
         for frame in self.stage.frames[self._obeyed :]:
             self.px4.receive(Port.COMPANION, frame.message)
         self._obeyed = len(self.stage.frames)

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.connection import Connection
+from gcs_plugin.signing import Signing
 
 HEARTBEAT_S = 1.0
 MAX_BUFFER = 65536
@@ -21,9 +22,15 @@ class Runner:
     """
 
     def __init__(
-        self, connection: Connection, client: OperatorClient, system: int = 255, component: int = 190
+        self,
+        connection: Connection,
+        client: OperatorClient,
+        system: int = 255,
+        component: int = 190,
+        signing: Signing | None = None,
     ) -> None:
         self.client = client
+        self._signing = signing
         self._connection = connection
         self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self._mavlink.robust_parsing = True
@@ -32,7 +39,8 @@ class Runner:
     def step(self, now: float) -> None:
         """Read what waits, then send what is due."""
         for message in self._mavlink.parse_buffer(self._connection.read()) or []:
-            self.client.receive(message, now)
+            if self._signing is None or self._believes(self._signing, message):
+                self.client.receive(message, now)
         self._forget_parsed()
         if now - self._heartbeat_at >= HEARTBEAT_S:
             self._heartbeat_at = now
@@ -54,9 +62,14 @@ class Runner:
         self._connection.close()
 
     def _send(self, message: mavlink.MAVLink_message) -> None:
-        frame = message.pack(self._mavlink)
+        frame = bytes(message.pack(self._mavlink))
+        if self._signing is not None:
+            frame = self._signing.sign(frame, message)
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         self._connection.write(frame)
+
+    def _believes(self, signing: Signing, message: mavlink.MAVLink_message) -> bool:
+        return message.get_msgId() >= 0 and signing.hears(message)
 
     def _forget_parsed(self) -> None:
         """A stream that never pauses between frames would fill the parser's buffer for ever."""

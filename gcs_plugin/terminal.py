@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
+from companion.wire.signing_key import SigningKeyError, read_key
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.connection import EXAMPLES, Connection, LinkError, open_connection
 from gcs_plugin.keyboard import Keyboard
@@ -18,6 +19,7 @@ from gcs_plugin.output import Both, JsonOutput, Output, TextOutput
 from gcs_plugin.runner import Runner
 from gcs_plugin.script import Script, ScriptError
 from gcs_plugin.session import Session
+from gcs_plugin.signing import Signing
 
 CYCLE_S = 0.05
 SILENT_S = 10.0
@@ -32,12 +34,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         script = None if options.script is None else _read_script(options.script)
         log = None if options.log is None else _open_log(options.log)
+        signing = None if options.signing_key is None else Signing(read_key(options.signing_key))
         connection = open_connection(options.connect)
-    except (LinkError, ScriptError, _LogError) as error:
+    except (LinkError, ScriptError, SigningKeyError, _LogError) as error:
         print(f"anytraverse-operator: {error}", file=sys.stderr)
         return 2
     client = OperatorClient()
-    runner = Runner(connection, client, options.system, options.component)
+    runner = Runner(connection, client, options.system, options.component, signing)
     started = time.monotonic()
     output: Output = (
         JsonOutput(sys.stdout, started)
@@ -49,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     session = Session(client, output, script)
     try:
         output.started(connection.name)
-        _run(runner, session, _Doubts(connection, client, output), stopped, options.quit_after)
+        _run(runner, session, _Doubts(connection, client, output, signing), stopped, options.quit_after)
         output.end(session.totals.record(client.rovers, time.monotonic() - started))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -80,9 +83,12 @@ def _run(
 
 
 class _Doubts:
-    """Says what is wrong with the link, and once that nobody is heard on it."""
+    """Says what is wrong with the link, what is not believed, and once that nobody is heard on it."""
 
-    def __init__(self, connection: Connection, client: OperatorClient, output: Output) -> None:
+    def __init__(
+        self, connection: Connection, client: OperatorClient, output: Output, signing: Signing | None
+    ) -> None:
+        self._signing = signing
         self._connection = connection
         self._client = client
         self._output = output
@@ -96,6 +102,8 @@ class _Doubts:
             self._output.problem(f"{self._connection.name}: {trouble}; trying again")
             self._quiet_until = None
         self._told = trouble
+        for problem in self._signing.problems() if self._signing is not None else ():
+            self._output.problem(problem)
         if self._quiet_until is not None and now >= self._quiet_until:
             self._quiet_until = None
             if not self._client.rovers:
@@ -158,6 +166,9 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--system", type=_identity, default=255, help="our system id (default 255)")
     parser.add_argument("--component", type=_identity, default=190, help="our component id (default 190)")
+    parser.add_argument(
+        "--signing-key", type=Path, metavar="FILE", help="sign with this key, and believe nothing unsigned"
+    )
     parser.add_argument("--script", type=Path, metavar="FILE.json", help="answer by this table")
     parser.add_argument("--events", action="store_true", help="one JSON object per event, for programs")
     parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="also write those objects to a file")

@@ -15,6 +15,7 @@ from bench.stopping.limits import Limit, braking, script_timeout
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage, Stop, stopped
 from companion.field.rover import STANDSTILL
 from companion.field.trail import Trail
+from companion.wire.ids import Policy, State
 
 SLOW, FAST = 1.0, 2.5
 RUSH = 5.0
@@ -188,9 +189,18 @@ def report(job: Job) -> Iterator[Run]:
             by_companion = [change for change in status["mode_log"] if change["by"] != "hand"]
             commanded = max(len(stage.wire.commands), len(by_companion))
             wrong = ", ".join(stage.wire.commands) or ("" if commanded == 0 else str(by_companion))
+            wrong = wrong or untested(stage.wire.told)
             return Run("report", job.seed, wrong, None, commanded)
 
     yield _retried(job, "report", run)
+
+
+def untested(told: set[tuple[State, Policy]]) -> str:
+    """Why a lap without orders proves nothing, from what the companion told; "" where it does."""
+    if {policy for _, policy in told} - {Policy.REPORT}:
+        return "it was not in policy report all the time"
+    missing = {State.OK, State.CALLING, State.FAULT} - {state for state, _ in told}
+    return ", ".join(f"it never told {state.name.lower()}" for state in sorted(missing))
 
 
 def _drive_to(stage: Stage, distance: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -28,6 +29,8 @@ READY_WITHIN = 60.0
 DRIVING_WITHIN = 40.0
 BEYOND = 6.0
 """Seconds beyond the limit after which a rover counts as not stopped."""
+STAYS = 0.5
+"""Seconds after which one that stood is looked at again."""
 LOOK = 0.02
 _QUIET = """\
 
@@ -71,7 +74,8 @@ class Plan:
 class Stop:
     """From a fault to standstill: by the simulation's clock and way. by: who changed the mode, "" nobody.
 
-    stands: in HOLD, late or not. limit, seconds: s. metres: m. speed: m/s at the fault.
+    stands: in HOLD that no hand set, late or not, and half a second later still. limit, seconds: s.
+    metres: m. speed: m/s at the fault.
     """
 
     stands: bool
@@ -208,6 +212,8 @@ class Stage:
     def measure(self, fault: Callable[[], None]) -> Stop:
         """What comes of a fault that begins now."""
         before = self.status()
+        if before["mode"] != "AUTO":
+            raise Disturbed(f"it stood already: {before['mode_log'][-1]}")
         fault()
         limit = Limit(self.freshness, script_timeout(), braking(before["speed"])[0]).seconds
         after = self.status()
@@ -216,10 +222,11 @@ class Stage:
                 raise KeyboardInterrupt
             time.sleep(LOOK)
             after = self.status()
-        return stopped(before, after, limit)
+        time.sleep(STAYS)
+        return stopped(before, after, limit, self.status())
 
     def _child(self, name: str, arguments: list[str]) -> Child:
-        child = Child(name, arguments, self.out / f"{name}.log")
+        child = Child(name, arguments, self.out / f"{name}.log", orphaned=signal.SIGKILL)
         self._closing.callback(_end, child)
         return child
 
@@ -235,11 +242,14 @@ class Stage:
         return path
 
 
-def stopped(before: dict[str, Any], after: dict[str, Any], limit: float) -> Stop:
-    """What lies between two of the field's statuses."""
+def stopped(
+    before: dict[str, Any], after: dict[str, Any], limit: float, later: dict[str, Any] | None = None
+) -> Stop:
+    """What lies between two of the field's statuses; later: one more, to see whether it stays."""
     held = [change for change in after["mode_log"] if change["t"] >= before["t"] and change["by"] != HAND]
     return Stop(
-        stands=after["speed"] <= STANDSTILL and after["mode"] == "HOLD",
+        stands=bool(held)
+        and all(one["speed"] <= STANDSTILL and one["mode"] == "HOLD" for one in (after, later or after)),
         seconds=after["t"] - before["t"],
         metres=after["distance"] - before["distance"],
         limit=limit,

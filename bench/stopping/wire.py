@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.field.router import Parser
-from companion.wire.ids import State, read_heartbeat_mode
+from companion.wire.ids import Policy, State, read_heartbeat_mode
 
 _MAY_BE_SAID = {
     "HEARTBEAT",
@@ -33,7 +33,7 @@ class Wire:
 
     cut: nothing passes. deaf: what would command the vehicle gets lost on the way to it. commands: all that
     the companion said to command the vehicle, lost or not. well: heartbeats that reached the autopilot and
-    told neither a start nor a fault.
+    told neither a start nor a fault. told: state and policy of every heartbeat of the companion, lost or not.
     """
 
     def __init__(self, autopilot: int) -> None:
@@ -41,6 +41,7 @@ class Wire:
         self.cut = self.deaf = False
         self.commands: list[str] = []
         self.well = 0
+        self.told: set[tuple[State, Policy]] = set()
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._near.bind(("127.0.0.1", 0))
         self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -72,6 +73,7 @@ class Wire:
         frames = Parser().frames(datagram)
         orders = [order for frame in frames if (order := _ordered(frame))]
         self.commands += orders
+        self.told |= {_told(frame) for frame in frames if frame.get_type() == "HEARTBEAT"}
         if not self.cut and not (self.deaf and orders):
             self._far.send(datagram)
             self.well += sum(_is_well(frame) for frame in frames)
@@ -80,6 +82,11 @@ class Wire:
         datagram = self._far.recv(65536)
         if not self.cut and self._companion is not None:
             self._near.sendto(datagram, self._companion)
+
+
+def _told(frame: Any) -> tuple[State, Policy]:
+    state, _, policy = read_heartbeat_mode(frame.custom_mode)
+    return state, policy
 
 
 def _is_well(frame: Any) -> bool:

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import IO
 
@@ -27,7 +28,8 @@ class Child:
     """`python -m ...` with its stdout as lines; stderr goes to a log file.
 
     interactive: the process talks to the terminal itself; its lines are those of `events`, a file it writes.
-    It ends with the thread that started it, however that ends.
+    It ends with the thread that started it, however that ends, by the signal `orphaned`; only SIGKILL ends
+    one that is stopped.
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class Child:
         *,
         interactive: bool = False,
         events: Path | None = None,
+        orphaned: signal.Signals = signal.SIGTERM,
     ) -> None:
         self.name = name
         self.log = log
@@ -56,7 +59,7 @@ class Child:
                 stderr=errors,
                 text=True,
                 bufsize=1,
-                preexec_fn=_end_with_parent,  # noqa: PLW1509 - it takes no lock
+                preexec_fn=partial(_end_with_parent, orphaned),  # noqa: PLW1509 - it takes no lock
             )
         if self.process.stdout is not None:
             threading.Thread(target=self._read, args=(self.process.stdout,), daemon=True).start()
@@ -120,5 +123,5 @@ class Child:
                     self._lines.put_nowait((time.monotonic(), line.rstrip("\n")))
 
 
-def _end_with_parent() -> None:
-    _LIBC.prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
+def _end_with_parent(number: signal.Signals) -> None:
+    _LIBC.prctl(_SET_DEATH_SIGNAL, number)

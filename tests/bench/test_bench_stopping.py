@@ -9,13 +9,15 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bench.stopping.figures import figures, good
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
-from bench.stopping.runs import GROUPS, LATE, Job, Run
-from bench.stopping.stage import Stop
+from bench.stopping.runs import GROUPS, LATE, Job, Run, untested
+from bench.stopping.stage import Stop, stopped
+from companion.wire.ids import Policy, State
 
 pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lua 5.3")
 
@@ -92,3 +94,25 @@ def test_a_rover_that_is_late_or_drives_on_or_is_commanded_spoils_the_bench() ->
     assert (found["runs"], found["stopped"], found["commanded_in_report_policy"]) == (3, 1, 1)
     assert (found["worst_seconds"], found["worst_metres"], found["limit_seconds"]) == (11.0, 22.0, 5.0)
     assert found["kinds"]["kill_9"]["wrong"] == 2
+
+
+def status(t: float, mode: str, speed: float, by: str = "companion") -> dict[str, Any]:
+    log = [{"t": 3.0, "mode": "HOLD", "by": by}] if mode == "HOLD" else []
+    return {"t": t, "mode": mode, "speed": speed, "distance": 2.0 * t, "zone": "meadow", "mode_log": log}
+
+
+def test_only_one_that_was_held_and_goes_on_standing_has_stopped() -> None:
+    driving, standing = status(2.0, "AUTO", 2.0), status(4.0, "HOLD", 0.0)
+    assert stopped(driving, standing, 5.0, status(4.5, "HOLD", 0.0)).stopped
+    assert not stopped(driving, standing, 1.0).stopped
+    assert not stopped(driving, standing, 5.0, status(4.5, "AUTO", 0.4)).stands
+    assert not stopped(driving, status(4.0, "AUTO", 0.0), 5.0).stands
+    assert not stopped(driving, status(4.0, "HOLD", 0.0, by="hand"), 5.0).stands
+
+
+def test_a_lap_without_orders_proves_nothing_where_nothing_went_wrong_or_holding_was_allowed() -> None:
+    told = {(state, Policy.REPORT) for state in (State.STARTING, State.OK, State.CALLING, State.FAULT)}
+    assert untested(told) == ""
+    assert untested(told - {(State.FAULT, Policy.REPORT)}) == "it never told fault"
+    assert untested(set())
+    assert "policy report" in untested(told | {(State.OK, Policy.HOLD)})

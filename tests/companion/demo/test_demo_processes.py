@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +72,39 @@ def test_a_child_that_does_not_end_is_killed(script: Path, tmp_path: Path) -> No
     child.first_line(10.0)
     child.stop(timeout=0.2)
     assert not child.running
+
+
+def test_a_child_that_was_stopped_does_not_outlive_a_parent_that_was_killed(
+    script: Path, tmp_path: Path
+) -> None:
+    script.write_text(
+        "import signal, time\nsignal.signal(signal.SIGTERM, lambda *_: None)\nprint('up', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    parent = (
+        "import signal, sys, time\nfrom pathlib import Path\nfrom companion.demo.child import Child\n"
+        "child = Child('part', ['part'], Path(sys.argv[1]), orphaned=signal.SIGKILL)\n"
+        "child.first_line(10.0)\nchild.process.send_signal(signal.SIGSTOP)\n"
+        "print(child.process.pid, flush=True)\ntime.sleep(60)\n"
+    )
+    killed = subprocess.Popen(
+        [sys.executable, "-c", parent, str(tmp_path / "part.log")], stdout=subprocess.PIPE, text=True
+    )
+    assert killed.stdout is not None
+    orphan = Path("/proc", killed.stdout.readline().strip())
+    killed.kill()
+    killed.wait(10.0)
+    deadline = time.monotonic() + 10.0
+    while (alive := _runs(orphan)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not alive
+
+
+def _runs(process: Path) -> bool:
+    try:
+        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_a_stage_that_cannot_be_set_ends_what_it_started(

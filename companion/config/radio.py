@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
-from companion.config.checks import NestedError, checked, listing, number, whole
+from companion.config.checks import NestedError, checked, flag, listing, number, text, whole
 from companion.config.layers import nearest
 from companion.config.section import Complaint, Section, setting
 from companion.link.settings import ConnectionSettings, LinkSettings
@@ -88,13 +90,27 @@ class Link(Connection):
     allowed_senders: tuple[int, int] = setting(
         (245, 255), listing(whole(1, 255), 2, 2), "first and last system id that may change anything"
     )
+    signing_key: str | None = setting(None, text, "file of the signing key; unset: nothing is signed")
+    unsigned_autopilot: bool = setting(
+        False,  # noqa: FBT003
+        flag,
+        "with a key: whether the autopilot's telemetry is heard unsigned",
+    )
     more: Connections = setting((), _connections, "further connections, at most 3", tables=True)  # noqa: RUF009
 
     def complaints(self) -> Iterator[Complaint]:
+        if self.unsigned_autopilot and not self.signing_key:
+            yield ("unsigned_autopilot",), "counts only with a signing_key: give one, or take this out"
         try:
             self.settings()
         except ValueError as error:
             yield _blamed(str(error)), str(error)
+
+    def beside(self, folder: Path) -> Link:
+        """With a relative path of the key counted from `folder`."""
+        if self.signing_key is None:
+            return self
+        return replace(self, signing_key=str(folder / os.path.expanduser(self.signing_key)))
 
     def settings(self) -> LinkSettings:
         """As the link takes them."""

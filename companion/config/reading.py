@@ -34,7 +34,8 @@ def load_config(path: str | Path) -> Config:
     if problems:
         raise ConfigError(problems)
     config = Config(**sections, **words._asdict())
-    return replace(config, perceiver=config.perceiver.beside(main.path.parent.absolute()))
+    folder = main.path.parent.absolute()
+    return replace(config, perceiver=config.perceiver.beside(folder), link=config.link.beside(folder))
 
 
 def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:

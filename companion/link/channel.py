@@ -10,6 +10,7 @@ from companion.link.connection import Connection
 from companion.link.parser import Parser
 from companion.link.sender import LIFETIME, Sender
 from companion.link.settings import MAIN, ConnectionSettings
+from companion.link.signing import Signing
 from companion.link.telling import Telling
 from companion.link.transport import Transport
 from companion.wire.ids import COMPONENT_ID
@@ -50,12 +51,16 @@ class Channel:
         now: float,
         *,
         system_id: int,
+        signing: Signing | None = None,
+        link_id: int = 0,
     ) -> None:
         self.name = name
         self.asked_budget = settings.asked_budget
         self._connection = Connection(opener, now)
         self._parser = Parser()
-        self.sender = Sender(self._connection, settings, now, system_id=system_id)
+        self.sender = Sender(
+            self._connection, settings, now, system_id=system_id, signing=signing, link_id=link_id
+        )
         self.telling = Telling(self.sender, now)
         self._waits = settings.waits_for_vehicle
         self._opened = 0

@@ -12,8 +12,10 @@ from companion.link.bucket import TokenBucket
 from companion.link.connection import Connection
 from companion.link.mavlink_version import MavlinkVersion, fits_1, pack_1
 from companion.link.settings import ConnectionSettings
+from companion.link.signing import Signing
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.messages import MESSAGES, Bucket
+from companion.wire.signing import BLOCK
 
 MAX_WAITING = 64
 BUDGETS = ("unsolicited", "asked", "autopilot")
@@ -42,8 +44,16 @@ class Sender:
     """
 
     def __init__(
-        self, connection: Connection, settings: ConnectionSettings, now: float, *, system_id: int = 1
+        self,
+        connection: Connection,
+        settings: ConnectionSettings,
+        now: float,
+        *,
+        system_id: int = 1,
+        signing: Signing | None = None,
+        link_id: int = 0,
     ) -> None:
+        """signing: signs all that leaves, with `link_id`."""
         self._connection = connection
         self._pace = settings.pace
         self._mav = mavlink.MAVLink(None, system_id, COMPONENT_ID)
@@ -52,6 +62,9 @@ class Sender:
             "unsolicited": TokenBucket(settings.budget, settings.burst, now),
             "asked": TokenBucket(settings.asked_budget, settings.burst, now),
         }
+        self._signing = signing
+        self._link_id = link_id
+        self._block = 0 if signing is None else BLOCK
         self._queue: list[_Frame] = []
         self._order = 0
         self._next_at = now
@@ -89,7 +102,8 @@ class Sender:
         if packed is None:
             self.left_out += 1
             return
-        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, len(packed), now + lifetime)
+        size = len(packed) + self._block
+        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, size, now + lifetime)
         self._order += 1
         if key is not None:
             for place, waiting in enumerate(self._queue):
@@ -117,22 +131,27 @@ class Sender:
         if row.bucket is None:
             return True
         ahead = sum(frame.size for frame in self._queue if frame.bucket == row.bucket)
-        return self._buckets[row.bucket].affords(ahead + row.bytes + reserve, now)
+        return self._buckets[row.bucket].affords(ahead + row.bytes + self._block + reserve, now)
 
     def tick(self, now: float) -> None:
         """Send what is due."""
         fresh = [frame for frame in self._queue if frame.until >= now]
         self.lost += len(self._queue) - len(fresh)
         self._queue = fresh
+        if self._signing is not None and not self._signing.ready(now):
+            self._next_at = now + max(self._pace, _REFUSED)
+            return
         while now >= self._next_at and (frame := self._first(now)) is not None:
             packed = self._pack(frame.name, frame.message, now)
             if packed is None:
                 self._queue.remove(frame)
                 self.left_out += 1
                 continue
-            if len(packed) > frame.size:  # the version has changed since it was queued
-                frame.size = len(packed)
+            if len(packed) + self._block > frame.size:  # the version has changed since it was queued
+                frame.size = len(packed) + self._block
                 continue
+            if self._signing is not None:
+                packed = self._signing.sign(packed, frame.message, now, self._link_id)
             if not self._connection.write(packed, now):
                 self._next_at = now + max(self._pace, _REFUSED)
                 return

@@ -95,16 +95,13 @@ class Signing:
         self._learn(frame, message, now)
         return ""
 
-    def sign(self, frame: bytes, message: Any, now: float, link: int = 0) -> bytes | None:
+    def sign(self, frame: bytes, message: Any, now: float, link: int = 0) -> bytes:
         """`message`, packed as `frame`, signed with a link id of its own for each connection.
 
-        None while the time is unknown: it must not leave.
+        Ask first whether it is `ready`. Raises ValueError for a frame of MAVLink 1.
         """
-        clock = self._clock.now(now)
-        if clock is None:
-            return None
         stream = Stream(frame[5], frame[6], link)
-        timestamp = self._timestamps.next(stream, clock)
+        timestamp = self._timestamps.next(stream, self._clock.now(now) or 0)
         self._own.add(stream)
         self._store.keep(stream)
         return self._key.sign(frame, message.crc_extra, link, timestamp)

@@ -292,6 +292,20 @@ def test_a_bundle_lies_beside_the_file_unless_its_path_is_whole(
         assert load_config(path).perceiver.name == meant.format(folder=tmp_path)
 
 
+def test_the_signing_key_lies_beside_the_file_unless_its_path_is_whole(tmp_path: Path) -> None:
+    for written, meant in (
+        ("keys/radio", str(tmp_path / "keys/radio")),
+        ("/etc/radio.key", "/etc/radio.key"),
+    ):
+        config = load_config(_write(tmp_path, f'[link]\nsigning_key = "{written}"\n'))
+        assert config.link.signing_key == meant
+
+
+def test_an_unsigned_autopilot_needs_a_key_for_the_rest(tmp_path: Path) -> None:
+    (problem,) = _problems(tmp_path, "[link]\nunsigned_autopilot = true\n")
+    assert "counts only with a signing_key" in problem
+
+
 def test_how_networks_are_run_reaches_their_runtime(tmp_path: Path) -> None:
     text = '[perceiver]\nproviders = ["CUDA", "CPU"]\nthreads = 3\nprecision = "int8"\nscene_every = 5\n'
     config = load_config(_write(tmp_path, text))

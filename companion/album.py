@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from anytraverse.assessment import Assessment
@@ -28,7 +29,8 @@ _COLOURS = {
 class Album:
     """A folder of at most `keep` pictures; the oldest goes. A picture that cannot be written is no fault."""
 
-    def __init__(self, folder: Path, keep: int, region: Region) -> None:
+    def __init__(self, folder: Path, keep: int, region: Callable[[], Region]) -> None:
+        """region: asked for the region of interest in force."""
         self._folder = folder
         self._keep = keep
         self._region = region
@@ -56,7 +58,7 @@ class Album:
 
         from anytraverse.panel import draw_state
 
-        tile = draw_state(seen.frame.image, seen, title, _COLOURS[state], region=self._region)
+        tile = draw_state(seen.frame.image, seen, title, _COLOURS[state], region=self._region())
         done, encoded = cv2.imencode(".jpg", tile[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
         if not done:
             raise ValueError("the picture could not be encoded")

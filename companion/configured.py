@@ -12,7 +12,9 @@ from companion.calls.numbers import Numbers
 from companion.calls.policies import Policies
 from companion.calls.switch import OffSwitch, Side
 from companion.config import Config
+from companion.tuning import judging_values
 from companion.wire.ids import Policy
+from companion.wire.parameters import BUDGET, NUMBER_RATE, SUMMARY_RATE, build
 
 
 def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
@@ -57,6 +59,13 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
         fault_ends_hold=call.fault_ends_hold,
         px4_hold=call.px4_hold,
     )
+
+
+def kept_values(config: Config, judging: Settings) -> dict[str, float]:
+    """The configured value of every parameter that is kept when the ground sets it."""
+    listed = {parameter.name: parameter.value for parameter in build((), {}, {})}
+    rates = {name: listed[name] for name in (SUMMARY_RATE, NUMBER_RATE)}
+    return {**judging_values(judging), **rates, BUDGET: config.link.budget}
 
 
 def restored_policies(config: Config, policy: Policy, saved: Any, now: float) -> Policies:

@@ -15,7 +15,7 @@ from companion.calls.decisions import CallClosed, Decision, GoLapsed
 from companion.calls.machine import OperatorCalls
 from companion.eyes import Applied, Eyes
 from companion.kept import Kept
-from companion.link.heard import AnswerRequest, ParameterRequest
+from companion.link.heard import AnswerRequest, SetRequest
 from companion.telling import flags
 from companion.wire import notices, texts
 from companion.wire.answers import (
@@ -28,7 +28,6 @@ from companion.wire.answers import (
     TapBox,
 )
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
-from companion.wire.parameters import NOT_IN_USE
 
 _EYES_BUSY = "the eyes are busy: send it again"
 _UNREMEMBERED = "not remembered (disk?): "
@@ -147,18 +146,14 @@ class Conversation:
         self._asked = asked.number
         return Heard()
 
-    def set_weight(self, request: ParameterRequest, word: str) -> bool:
-        """A weight by parameter. False when too many wait, or the eyes hang."""
-        if request.value == NOT_IN_USE:
-            changes = Changes(forget_words=(word,))
-        else:
-            changes = Changes(weights={word: request.value})
-        return self._eyes.answer(request, changes, call=None, call_id=0, go=False)
+    def set_words(self, request: SetRequest, operations: Iterable[Operation]) -> bool:
+        """Words and weights without a call. False when too many wait, or the eyes hang."""
+        return self._eyes.answer(request, changes_of(operations), call=None, call_id=0, go=False)
 
     def applied(self, applied: Applied, *, remembered: bool, now: float) -> Heard:
         """The eyes have applied an answer, or refused it. remembered: the journal holds it."""
         self.words = applied.memory.preferences
-        if isinstance(applied.token, ParameterRequest):
+        if isinstance(applied.token, SetRequest):
             return Heard(refused=str(applied.error or ""))
         if not isinstance(applied.token, _Asked):
             return Heard()

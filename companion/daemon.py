@@ -19,8 +19,8 @@ from companion.cameras.newest import CameraThread
 from companion.conversation import Conversation, Heard, unremembered
 from companion.eyes import Applied, Eyes, Judged
 from companion.keeper import Keeper
-from companion.link.heard import AnswerRequest, ParameterRequest, PolicyRequest, Pulses, Vehicle, VehicleHeard
-from companion.link.heard import Heard as LinkHeard
+from companion.link import heard as radio
+from companion.link.heard import AnswerRequest, PolicyRequest, Pulses, Vehicle, VehicleHeard
 from companion.link.link import Link
 from companion.mishaps import Mishaps
 from companion.model import Model
@@ -141,7 +141,7 @@ class Daemon:
     def status(self) -> dict[str, Any]:
         """Figures for the status file."""
         now = time.monotonic()
-        newest, camera, counters = self._calls.sight.newest, self._camera.status, self._link.counters
+        newest, camera = self._calls.sight.newest, self._camera.status
         return {
             "state": self._calls.state(now).name.lower(),
             "reasons": sorted(reason.value for reason in self._calls.sight.reasons(now)),
@@ -150,6 +150,7 @@ class Daemon:
             "switches": self._desk.policy.figures(),
             "shadow": self._desk.book.figures(self._calls.shadow),
             "words": self._conversation.words.format(),
+            "set_by_ground": self._desk.overrides.figures(),
             "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
             "similarity": newest.similarity if newest else None,
             "perceiver": {
@@ -167,12 +168,7 @@ class Daemon:
                 "read": camera.read,
                 "dropped": camera.dropped,
             },
-            "link": {
-                "trouble": self._link.trouble,
-                "sent": dict(counters.sent),
-                "lost": counters.lost,
-                "connections": {name: asdict(one) for name, one in counters.connections.items()},
-            },
+            "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
         }
 
     def _wait(self) -> None:
@@ -183,7 +179,7 @@ class Daemon:
         except (OSError, ValueError):  # a device that has just gone
             time.sleep(patience)
 
-    def _hear(self, heard: LinkHeard, now: float) -> None:
+    def _hear(self, heard: radio.Heard, now: float) -> None:
         match heard:
             case VehicleHeard(vehicle):
                 self._hear_vehicle(vehicle, now)
@@ -191,7 +187,7 @@ class Daemon:
                 pass
             case AnswerRequest():
                 self._take(self._conversation.hear(heard, now), now)
-            case ParameterRequest():
+            case radio.ParameterRequest() | radio.WordsRequest() | radio.ResetRequest():
                 self._take(self._desk.set(heard, now), now)
             case PolicyRequest():
                 self._acting.carry_out(self._desk.policy.command(heard, now), now)
@@ -245,8 +241,7 @@ class Daemon:
         if heard.refused:
             self._link.say(notices.refused(heard.refused), ERROR, now)
         self._take(heard, now)
-        if isinstance(applied.token, ParameterRequest):
-            self._desk.answered(applied.token, applied.memory.preferences, now)
+        self._desk.answered(applied, now)
         call = self._calls.call
         if call is not None and call.seen is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
@@ -263,18 +258,14 @@ class Daemon:
         self._replies.clear()
         beside = {
             "policy": self._desk.policy.saved(),
+            "settings": self._desk.overrides.saved(),
             "shadow": self._desk.book.saved(self._calls.shadow, now),
         }
         kept = self._keeper.save_calls(self._calls, replies, beside)
         for reply in replies:
-            acknowledgement = reply.acknowledgement if kept else unremembered(reply.acknowledgement)
-            self._link.acknowledge(reply.request, acknowledgement, now)
-            log.info(
-                "answer to %d: %s %s",
-                acknowledgement.target,
-                acknowledgement.result.name,
-                acknowledgement.text,
-            )
+            ack = reply.acknowledgement if kept else unremembered(reply.acknowledgement)
+            self._link.acknowledge(reply.request, ack, now)
+            log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
         open_id = self._calls.current_id or self._trial.id
         self._link.set_state(self._calls.state(now), open_id, self._calls.policy)
         place = self.place()

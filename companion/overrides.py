@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from companion.tuning import OF_THE_PERCEIVER
-from companion.wire.parameters import Parameter, ParameterError, build
+from anytraverse.errors import SettingsError
+from anytraverse.judging import Settings
+from companion.tuning import OF_THE_PERCEIVER, judging_values, tuned
+from companion.wire.parameters import Parameter, build
 
 
 class Overrides:
@@ -17,7 +19,7 @@ class Overrides:
 
     def __init__(self, configured: Mapping[str, float], model_id: str) -> None:
         """configured: of every parameter that is kept. model_id: whom the thresholds are for."""
-        self.configured = dict(configured)
+        self.configured = {name: round(value, 6) for name, value in configured.items()}
         self._model_id = model_id
         self._set: dict[str, float] = {}
 
@@ -38,6 +40,15 @@ class Overrides:
         for name in names:
             self._set.pop(name, None)
 
+    def tuned(self, judging: Settings) -> tuple[Settings, list[str]]:
+        """`judging` with them, and what a person should be told of those that do not fit it: they go."""
+        try:
+            return tuned(judging, self._set), []
+        except SettingsError as error:
+            gone = [name for name in self._set if name in judging_values(judging)]
+            self.drop(*gone)
+            return judging, [f"{', '.join(gone)} as configured: {error}"]
+
     def saved(self) -> dict[str, Any]:
         """For the journal: JSON values."""
         values = {name: [value, self.configured[name]] for name, value in self._set.items()}
@@ -46,8 +57,7 @@ class Overrides:
     def figures(self) -> dict[str, Any]:
         """For the status file: what differs from the configuration."""
         return {
-            name: {"set": value, "configured": round(self.configured[name], 6)}
-            for name, value in self._set.items()
+            name: {"set": value, "configured": self.configured[name]} for name, value in self._set.items()
         }
 
     def restore(self, saved: Any) -> list[str]:
@@ -80,6 +90,6 @@ def _read(parameter: Parameter | None, row: Any) -> tuple[float, float] | None:
     """Value and the configured one that it was set over; None for anything else."""
     try:
         value, over = (float(one) for one in row if not isinstance(one, (bool, str)))
-    except (TypeError, ValueError, OverflowError, ParameterError):
+    except (TypeError, ValueError, OverflowError):
         return None
     return (value, over) if parameter is not None and parameter.accepts(value) else None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 
+from anytraverse.judging import Settings
 from companion.autopilots import Autopilot
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
 from companion.calls.policies import Policies
 from companion.link.heard import PolicyRequest, Pulses, Sender
 from companion.link.link import Link
-from companion.refusal import Refuses
+from companion.refusal import Refusal, Refuses
 from companion.wire import notices
 from companion.wire.ids import Policy
 from companion.wire.parameters import POLICY
@@ -108,6 +109,10 @@ class PolicyDesk:
         self._wants_hold = True
         self._link.say(self._refusal.short, _ERROR, now)
         return self._put_in_force("", now, said=False)
+
+    def forbids(self, judging: Settings) -> Refusal | None:
+        """Why frames may not be judged so: hold, in force or waiting for the switch, would be refused."""
+        return self._refuses(judging, self._judged[1]) if self._policies.asked is Policy.HOLD else None
 
     def hear(self, pulses: Pulses, now: float) -> list[Decision]:
         """The remote control speaks."""

@@ -15,11 +15,12 @@ from companion.wire import notices
 
 @dataclass(frozen=True)
 class Refusal:
-    """why: all of it, with remedies. short, reminder: STATUSTEXTs."""
+    """why: all of it, with remedies. short, reminder: STATUSTEXTs. reason: what these say, alone."""
 
     why: str
     short: str
     reminder: str
+    reason: str
 
 
 Refuses = Callable[[Settings, float], Refusal | None]
@@ -55,9 +56,11 @@ class HoldJudge:
 def hold_refusal(pace: Pace, stopping: Stopping | str) -> Refusal | None:
     """None where the vehicle may be held. stopping: as judged, or why not, which refuses nothing."""
     if not pace.keeps:
-        return Refusal(too_slow(pace), notices.hold_refused(pace.step), notices.only_reports(pace.step))
+        short, reminder = notices.hold_refused(pace.step), notices.only_reports(pace.step)
+        return Refusal(too_slow(pace), short, reminder, "perceiver too slow for HOLD")
     if isinstance(stopping, Stopping) and not stopping.enough:
         speed, fits = stopping.speed, stopping.fits
         why = f"policy hold is refused: {stopping.told()}"
-        return Refusal(why, notices.hold_outruns(speed, fits), notices.only_reports_outrunning(speed, fits))
+        short, reminder = notices.hold_outruns(speed, fits), notices.only_reports_outrunning(speed, fits)
+        return Refusal(why, short, reminder, notices.outruns(speed, fits))
     return None

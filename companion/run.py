@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
+from anytraverse.engine import AnyTraverse
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.album import Album
@@ -20,7 +20,7 @@ from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
 from companion.check.stopping import Stopping
 from companion.config import Config
-from companion.configured import call_numbers, restored_policies
+from companion.configured import call_numbers, kept_values, restored_policies
 from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.eyes import Eyes
@@ -29,12 +29,12 @@ from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.kept import saved_replies
 from companion.link.link import Link
-from companion.link.signing import Signing, open_signing
 from companion.loading import load
 from companion.model import Model
+from companion.overrides import Overrides
 from companion.readiness import get_ready
 from companion.refusal import HoldJudge
-from companion.settings_desk import SettingsDesk, setting_values
+from companion.settings_desk import SettingsDesk
 from companion.shadow_book import ShadowBook
 from companion.tasks import Liveness, tasks
 from companion.wire import notices, parameters, texts
@@ -61,7 +61,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     journal = Journal(config.journal.path)
     closing.callback(journal.close)
     supervision = journal.load_supervision() or {}
-    link = Link(config.link.settings(), listed, time.monotonic(), signing=_signing(config))
+    link = Link(config.link.settings(), listed, time.monotonic())
     closing.callback(link.close)
     link.set_state(State.STARTING, open_id(supervision), first_policy(config, supervision))
     ready = load(partial(get_ready, config, journal.load_memory()), link, stop)
@@ -70,6 +70,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     engine, news = ready.engine, list(ready.notices)
     if journal.recovered_from is not None:
         news.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
+    overrides = _restore_settings(config, engine, supervision.get("settings"), news)
     now = time.monotonic()
     pace = Pace(ready.step, 1.0 / config.camera.rate, engine.settings.freshness)
     numbers = call_numbers(config, engine.settings)
@@ -85,8 +86,9 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     book = _open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, news)
     last_frame = _whole(supervision.get("frame_id"))
     replies = saved_replies(supervision.get("replies"))
-    album = Album(config.journal.path / "pictures", config.pictures.keep, engine.settings.region)
-    keeper = Keeper(journal, album, config.journal.path / "status.json", last_frame, replies)
+    folder, region = config.journal.path, lambda: calls.numbers.judging.region
+    album = Album(folder / "pictures", config.pictures.keep, region)
+    keeper = Keeper(journal, album, folder / "status.json", last_frame, replies)
     camera = _open_camera(config, last_frame + 1)
     closing.callback(camera.close)
     eyes = Eyes(engine, camera, pace.period)
@@ -99,28 +101,43 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
         calls,
         conversation,
         hold_judge.refuses,
+        overrides,
         wants_hold=wants_hold,
         policies=policies,
         book=book,
     )
-    for name, value in setting_values(engine.settings.thresholds, numbers.policy).items():
-        link.set_parameter(name, value, now)
-    liveness = Liveness(tasks(numbers), now)
+    desk.start(now)
     model, view = Model.of(engine.perceiver), round(config.camera.view)
-    daemon = Daemon(link, camera, eyes, calls, keeper, conversation, desk, liveness, model, view)
+    daemon = Daemon(
+        link, camera, eyes, calls, keeper, conversation, desk, Liveness(tasks(numbers), now), model, view
+    )
     eyes.place, eyes.moving = daemon.place, partial(is_moving, link, calls)
     if model.int8_idle and config.perceiver.precision == "auto":
         news.append(notices.int8_idle())
-    for notice in news:
-        log.warning("%s", notice)
-        link.say(texts.fit(notice), 4, now)
+    _tell(news, link, now)
     log.info("perceiver: %s, %.0f ms a frame", model, 1e3 * pace.step)
-    where = f"camera {config.camera.source}, link {config.link.url}"
-    log.info("ready: %s, policy %s", where, numbers.policy.name.lower())
+    log.info("ready: camera %s, policy %s", config.camera.source, numbers.policy.name.lower())
     eyes.start()
     keeper.restore_call_frame(calls, eyes)
     _run(daemon, keeper, stop)
     return 0
+
+
+def _tell(news: Iterable[str], link: Link, now: float) -> None:
+    for notice in news:
+        log.warning("%s", notice)
+        link.say(texts.fit(notice), 4, now)
+
+
+def _restore_settings(config: Config, engine: AnyTraverse, saved: Any, news: list[str]) -> Overrides:
+    """What the ground set before the restart, as far as it still counts, is how frames are judged."""
+    overrides = Overrides(kept_values(config, engine.settings), engine.perceiver.model_id)
+    left_out = overrides.restore(saved)
+    engine.settings, misfits = overrides.tuned(engine.settings)
+    news += [*left_out, *misfits]
+    if overrides.values:
+        log.warning("set by the ground, not as in the file: %s", overrides.figures())
+    return overrides
 
 
 def _may_hold(hold_judge: HoldJudge, judging: Settings, news: list[str]) -> bool:
@@ -134,13 +151,6 @@ def _may_hold(hold_judge: HoldJudge, judging: Settings, news: list[str]) -> bool
         log.warning("stopping distance was not checked: %s", stopping)
         news.append(notices.stopping_unchecked())
     return refusal is None
-
-
-def _signing(config: Config) -> Signing | None:
-    if config.link.signing_key is None:
-        return None
-    key, exempt = Path(config.link.signing_key), config.link.unsigned_autopilot
-    return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
 def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowBook:

@@ -4,55 +4,47 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+
+from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import SettingsError
-from anytraverse.judging import Thresholds
 from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
 from companion.calls.policies import Policies
 from companion.conversation import Conversation, Heard
-from companion.eyes import Eyes
-from companion.link.heard import ParameterRequest
+from companion.eyes import Applied, Eyes
+from companion.link.heard import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
+from companion.overrides import Overrides
 from companion.policy_desk import PolicyDesk
 from companion.refusal import Refuses
 from companion.shadow_book import ShadowBook
+from companion.tuning import judging_values, tuned
 from companion.wire import notices
+from companion.wire.answers import ForgetWord, Operation, SetWord
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
+    BUDGET,
     NOT_IN_USE,
+    NUMBER_RATE,
     POLICY,
     SHADOW_HOLDS,
-    THR_ROI,
-    THR_SCENE,
-    THR_TILE,
-    THR_TRAV,
+    SUMMARY_RATE,
     Parameter,
 )
 
 log = logging.getLogger(__name__)
-_THRESHOLDS = {THR_ROI: "roi", THR_SCENE: "scene", THR_TILE: "tile", THR_TRAV: "trav"}
+_RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
+_BUSY = "the eyes are busy, set it again"
+_OF_THE_LINK = (*_RATES, BUDGET)
 _WARNING = 4
-
-
-def setting_values(thresholds: Thresholds, policy: Policy) -> dict[str, float]:
-    """Parameter name -> value of everything that is not a word."""
-    values = {name: getattr(thresholds, field) for name, field in _THRESHOLDS.items()}
-    return {name: NOT_IN_USE if value is None else value for name, value in values.items()} | {
-        POLICY: float(policy)
-    }
-
-
-def _changed(thresholds: Thresholds, request: ParameterRequest) -> Thresholds:
-    if request.name == THR_TILE:
-        return replace(thresholds, tile=None if request.value == NOT_IN_USE else request.value)
-    return replace(thresholds, **{_THRESHOLDS[request.name]: request.value})
+_ACCEPTED, _LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+_DENIED, _FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 
 
 class SettingsDesk:
-    """Sets in force what a parameter asks for. Until the next restart: the config file is the owner's."""
+    """Sets in force what a parameter asks for. What differs from the configuration is kept in `overrides`."""
 
     def __init__(
         self,
@@ -62,21 +54,26 @@ class SettingsDesk:
         calls: OperatorCalls,
         conversation: Conversation,
         refuses: Refuses,
+        overrides: Overrides,
         *,
         wants_hold: bool = False,
         policies: Policies | None = None,
         book: ShadowBook | None = None,
     ) -> None:
-        """refuses: judges whether the vehicle may be held. wants_hold: the config asks for it.
+        """parameters: as configured. refuses: judges whether the vehicle may be held. overrides: restored.
 
-        policies: what is in force, by default the state machine's. book: shadow policy's counts.
+        wants_hold: the config asks for it. policies: what is in force, by default the state machine's. book:
+        shadow policy's counts.
         """
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
+        self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
         self._told = {parameter.name: parameter.value for parameter in parameters}
+        self._told_words: Preferences | None = None
         self._link = link
         self._eyes = eyes
         self._calls = calls
         self._conversation = conversation
+        self.overrides = overrides
         self.policy = PolicyDesk(
             link,
             calls,
@@ -86,22 +83,116 @@ class SettingsDesk:
         )
         self.book = book or ShadowBook()
 
-    def set(self, request: ParameterRequest, now: float) -> Heard:
-        """A value, already in range. A word's weight is echoed once the eyes have applied it."""
-        word = self._words.get(request.name)
-        if word is not None:
-            if not self._conversation.set_weight(request, word):
-                self._echo(request.name, self._told[request.name], now)
-                self._link.say(notices.refused("the eyes are busy, set it again"), _WARNING, now)
-            return Heard()
-        if request.name == POLICY:
+    def start(self, now: float) -> None:
+        """Put in force what the ground set of the link, and tell every setting's value."""
+        values = self.overrides.configured | dict(self.overrides.values)
+        for name, value in {**values, **judging_values(self._calls.numbers.judging)}.items():
+            self._use(name, value, now)
+        self._echo(POLICY, float(self._calls.policy), now)
+
+    def set(self, request: SetRequest, now: float) -> Heard:
+        """A value, already in range. Words are echoed once the eyes have applied them."""
+        if isinstance(request, ResetRequest):
+            self._reset(request, now)
+        elif isinstance(request, WordsRequest):
+            if not self._conversation.set_words(request, request.operations):
+                self._link.acknowledge_words(request, now, accepted=False)
+                self._refuse(_BUSY, now)
+        elif request.name in self._words:
+            self._set_weight(request, self._words[request.name], now)
+        elif request.name == POLICY:
             _, decisions = self.policy.set(Policy(int(request.value)), request.sender, now)
             return Heard(decisions=decisions)
-        if request.name == SHADOW_HOLDS:
+        elif request.name == SHADOW_HOLDS:
             self._count_anew(request, now)
         else:
-            self._set_threshold(request, now)
+            self._set_value(request, now)
         return Heard()
+
+    def answered(self, applied: Applied, now: float) -> None:
+        """The eyes have applied words that were set, or refused them: the echo says which."""
+        request, done = applied.token, applied.error is None
+        if isinstance(request, ParameterRequest):
+            words = applied.memory.preferences
+            self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
+        elif isinstance(request, WordsRequest):
+            self._link.acknowledge_words(request, now, accepted=done)
+        elif isinstance(request, ResetRequest):
+            self._link.acknowledge_reset(request, _ACCEPTED if done else _FAILED, now)
+        else:
+            return
+        if applied.outcome is not None and applied.outcome.dropped:
+            self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), _WARNING, now)
+
+    def tell_changes(self, words: Preferences, now: float) -> None:
+        """Tell the ground every weight that changed by itself, and what was counted."""
+        for name, value in self.book.values(self._calls.shadow).items():
+            if value != self._told[name]:
+                self._echo(name, value, now)
+        if words == self._told_words:
+            return
+        self._told_words = words
+        self._link.set_words(words)
+        for name, word in self._words.items():
+            value = words.get(word, NOT_IN_USE)
+            if value != self._told[name]:
+                self._echo(name, value, now)
+
+    def _set_weight(self, request: ParameterRequest, word: str, now: float) -> None:
+        forget = request.value == NOT_IN_USE
+        operation: Operation = ForgetWord(word) if forget else SetWord(word, request.value)
+        if not self._conversation.set_words(request, (operation,)):
+            self._echo(request.name, self._told[request.name], now)
+            self._refuse(_BUSY, now)
+
+    def _set_value(self, request: ParameterRequest, now: float) -> None:
+        name, value = request.name, request.value
+        refusal = "" if name in _OF_THE_LINK else self._tune({name: value}, name)
+        if refusal:
+            log.warning("%s = %g asked for by %d/%d: %s", name, value, *request.sender, refusal)
+            self._link.say(refusal, _WARNING, now)
+            self._echo(name, self._told[name], now)
+            return
+        log.info("%s = %g, set by %d/%d", name, value, *request.sender)
+        self._use(name, value, now)
+        self.overrides.set(name, value)
+
+    def _tune(self, values: Mapping[str, float], what: str) -> str:
+        """Judge frames by these values from the next one on; why not, or "".
+
+        What would let the vehicle outrun its eyes is refused where hold is in force, or wanted.
+        """
+        judging = self._calls.numbers.judging
+        try:
+            other = tuned(judging, values)
+        except SettingsError as error:
+            return notices.refused(str(error))
+        refusal = self.policy.forbids(other)
+        if refusal is not None:
+            log.warning("%s: %s", what, refusal.why)
+            return notices.kept_for_hold(what, refusal.reason)
+        if not self._eyes.retune(other):
+            return notices.refused(_BUSY)
+        self._calls.retune(other)
+        return ""
+
+    def _reset(self, request: ResetRequest, now: float) -> None:
+        """Settings as configured, then the words; asked again it does what is left."""
+        configured = {name: self.overrides.configured[name] for name in self.overrides.values}
+        of_frames = {name: value for name, value in configured.items() if name not in _OF_THE_LINK}
+        refusal = self._tune(of_frames, "Reset")
+        if refusal:
+            self._link.say(refusal, _WARNING, now)
+            self._link.acknowledge_reset(request, _DENIED, now)
+            return
+        log.warning("settings and words as configured, asked for by %d/%d", *request.sender)
+        for name, value in configured.items():
+            self._use(name, value, now)
+        self.overrides.drop(*configured)
+        others = [ForgetWord(word) for word in self._conversation.words if word not in self._configured]
+        words = [SetWord(word, weight) for word, weight in self._configured.items()]
+        if not self._conversation.set_words(request, (*others, *words)):
+            self._link.acknowledge_reset(request, _LATER, now)
 
     def _count_anew(self, request: ParameterRequest, now: float) -> None:
         if request.value == 0:
@@ -111,36 +202,15 @@ class SettingsDesk:
             self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
         self._echo(SHADOW_HOLDS, float(self._calls.shadow.count), now)
 
-    def _set_threshold(self, request: ParameterRequest, now: float) -> None:
-        judging = self._calls.numbers.judging
-        value, refusal = self._told[request.name], ""
-        try:
-            judging = replace(judging, thresholds=_changed(judging.thresholds, request))
-        except SettingsError as error:
-            refusal = str(error)
-        else:
-            if self._eyes.retune(judging):
-                self._calls.retune(judging)
-                value = request.value
-            else:
-                refusal = "the eyes are busy, set it again"
-        self._echo(request.name, value, now)
-        if refusal:
-            self._link.say(notices.refused(refusal), _WARNING, now)
+    def _use(self, name: str, value: float, now: float) -> None:
+        if name in _RATES:
+            self._link.set_rate(_RATES[name], value)
+        elif name == BUDGET:
+            self._link.set_budget(value, now)
+        self._echo(name, value, now)
 
-    def answered(self, request: ParameterRequest, words: Preferences, now: float) -> None:
-        """The eyes have applied a weight, or refused it: the echo says which."""
-        self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
-
-    def tell_changes(self, words: Preferences, now: float) -> None:
-        """Tell the ground every weight that changed by itself, and what was counted."""
-        for name, value in self.book.values(self._calls.shadow).items():
-            if value != self._told[name]:
-                self._echo(name, value, now)
-        for name, word in self._words.items():
-            value = words.get(word, NOT_IN_USE)
-            if value != self._told[name]:
-                self._echo(name, value, now)
+    def _refuse(self, why: str, now: float) -> None:
+        self._link.say(notices.refused(why), _WARNING, now)
 
     def _echo(self, name: str, value: float, now: float) -> None:
         self._told[name] = value

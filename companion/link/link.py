@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from companion.autopilots import known_autopilot
 from companion.files.tree import Tree
 from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
+from companion.link.answer_parameter import AnswerParameter
 from companion.link.asking import Asking
 from companion.link.channel import Channel, ChannelCounters
+from companion.link.command_desk import CommandDesk
 from companion.link.desk import AnswerDesk
 from companion.link.ftp.server import FtpServer
 from companion.link.guard import Guard
-from companion.link.heard import AnswerRequest, Heard, PolicyRequest, Pulses, Vehicle
+from companion.link.heard import (
+    AnswerRequest,
+    Heard,
+    PolicyRequest,
+    Pulses,
+    ResetRequest,
+    Vehicle,
+    WordsRequest,
+)
 from companion.link.listener import Listener
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
+from companion.link.requests import Requests
 from companion.link.sender import BUDGETS
 from companion.link.setpoints import Setpoints
 from companion.link.settings import ConnectionSettings, LinkSettings
-from companion.link.signing import Signing
 from companion.link.speaker import Speaker
+from companion.link.text_parameters import TextParameters
 from companion.link.transport import Transport, check_installed, open_transport
 from companion.link.vehicle import VehicleTracker
 from companion.wire.answers import Acknowledgement
@@ -63,42 +74,35 @@ class Link:
         *,
         openers: Mapping[str, Callable[[], Transport]] | None = None,
         tree: Tree | None = None,
-        signing: Signing | None = None,
     ) -> None:
         """openers: make the transports in place of the urls', by name. tree: what the ground may read.
 
-        signing: signs all that leaves, and lets in only what is signed; each connection has a link id.
         Raises LinkError, ParameterError.
         """
-        self._signing = signing
         self._channels = [
-            Channel(
-                name,
-                one,
-                (openers or {}).get(name) or _opener(one),
-                now,
-                system_id=settings.system_id,
-                signing=signing,
-                link_id=number,
-            )
-            for number, (name, one) in enumerate(settings.connections().items())
+            Channel(name, one, (openers or {}).get(name) or _opener(one), now, system_id=settings.system_id)
+            for name, one in settings.connections().items()
         ]
         self._outbox = Outbox(self._channels)
         self._guard = Guard(settings.allowed_senders)
         self._speaker = Speaker(self._outbox)
         self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
+        self._texts = TextParameters(self._outbox, self._speaker, self._guard, self._parameters)
+        self._answers = AnswerParameter(self._speaker, self._guard, self._parameters)
         self._desk = AnswerDesk(self._outbox, self._speaker, self._guard, self._parameters)
+        self._commands = CommandDesk(self._outbox, self._speaker, self._guard, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
         self._files = FtpServer(self._outbox, self._guard, tree or Tree())
-        self._listener = Listener(
-            self._outbox,
-            self._speaker,
+        requests = Requests(
             self._guard,
-            self._tracker,
             self._parameters,
+            self._texts,
+            self._answers,
             self._desk,
+            self._commands,
             self._files,
         )
+        self._listener = Listener(self._outbox, self._speaker, self._guard, self._tracker, requests)
         self._announcer = Announcer()
         self._returns = 0
         self._asking = Asking(self._outbox)
@@ -112,10 +116,7 @@ class Link:
     @property
     def trouble(self) -> str | None:
         """Where and why nothing can be said now, for a person; None when all is well."""
-        each = [channel.trouble for channel in self._channels]
-        if self._signing is not None:
-            each.append(self._signing.trouble)
-        return "; ".join(trouble for trouble in each if trouble) or None
+        return "; ".join(channel.trouble for channel in self._channels if channel.trouble) or None
 
     @property
     def counters(self) -> Counters:
@@ -143,28 +144,18 @@ class Link:
         """Give the devices back."""
         for channel in self._channels:
             channel.close()
-        if self._signing is not None:
-            self._signing.close()
 
     def poll(self, now: float) -> list[Heard]:
         """What arrived for the daemon; the protocol's own matters are answered here."""
         heard: list[Heard] = []
         for channel in self._channels:
             for message in channel.poll(now):
-                if not self._believes(message, now):
-                    continue
                 event = self._listener.hear(message, channel, now)
                 if isinstance(event, Pulses):
                     self._asking.hear_pulses(now)
                 if event is not None:
                     heard.append(event)
         return heard
-
-    def _believes(self, message: Any, now: float) -> bool:
-        reason = "" if self._signing is None else self._signing.refusal(message, now)
-        if reason:
-            self._guard.rejected[reason] += 1
-        return not reason
 
     def skip(self, now: float) -> None:
         """Throw away what waits to be read."""
@@ -175,15 +166,13 @@ class Link:
         """Send what is due, within pace and budgets."""
         self._tracker.tick(now)
         has_vehicle = self.vehicle is not None
-        if self._signing is not None:
-            self._signing.tick(now)
-            has_vehicle |= self._signing.behind
         speaking = [one for one in self._channels if one.may_speak(now, has_vehicle=has_vehicle)]
         self._setpoints.tick(self.vehicle, now)
         returns = self._tracker.returns + self._outbox.moves
         if speaking:
             self._announce_due(now)
             self._parameters.tick(now)
+            self._texts.tick(now)
             self._asking.tick(self.vehicle, returns, now)
         if returns != self._returns:
             self._returns = returns
@@ -224,7 +213,15 @@ class Link:
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """What became of an answer, to the asker; kept for when it asks again."""
-        self._desk.acknowledge(request, ack, now)
+        (self._desk if request.value is None else self._answers).acknowledge(request, ack, now)
+
+    def acknowledge_words(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
+        """Whether words that were set as text are in force, to the asker."""
+        self._texts.acknowledge(request, now, accepted=accepted)
+
+    def acknowledge_reset(self, request: ResetRequest, result: int, now: float) -> None:
+        """What became of a wish to have all as configured, MAV_RESULT, to the asker."""
+        self._commands.acknowledge_reset(request, result, now)
 
     def acknowledge_policy(self, request: PolicyRequest, now: float, *, accepted: bool) -> None:
         """Whether the policy asked for is in force, to the asker."""
@@ -240,6 +237,19 @@ class Link:
         Raises ParameterError for a name that is not listed or a value out of range.
         """
         self._parameters.changed(name, value, now)
+
+    def set_words(self, words: Mapping[str, float]) -> None:
+        """The words in force, for who reads them as text."""
+        self._texts.set_words(words)
+
+    def set_rate(self, name: str, rate: float) -> None:
+        """How often a second summaries ("summary") or each of the numbers ("number") are told; 0: never."""
+        for channel in self._channels:
+            channel.telling.periods[name] = 1.0 / rate if rate else math.inf
+
+    def set_budget(self, rate: float, now: float) -> None:
+        """B/s of unsolicited traffic on the first connection, 0 unlimited."""
+        self._channels[0].sender.set_budget(rate, now)
 
     def set_mode(self, custom_mode: int, now: float) -> None:
         """Ask the autopilot for a mode, before all else; forgotten when it cannot be sent within 1 s."""

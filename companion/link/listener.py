@@ -6,29 +6,22 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link import encode
 from companion.link.channel import Channel
-from companion.link.desk import AnswerDesk
-from companion.link.ftp.server import FtpServer
 from companion.link.guard import Guard
 from companion.link.heard import Heard, ModeAck, Pulses, VehicleHeard
 from companion.link.outbox import Outbox
-from companion.link.parameter_server import ParameterServer
 from companion.link.repeats import Repeats
+from companion.link.requests import FILES, REQUESTS, Requests
 from companion.link.speaker import WARNING, Speaker
 from companion.link.vehicle import VehicleTracker
 from companion.wire import notices
-from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
 
 _TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "CURRENT_MODE", "COMMAND_ACK"})
-_FILES = "FILE_TRANSFER_PROTOCOL"
-_REQUESTS = frozenset(
-    {"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", "TUNNEL", "COMMAND_LONG", "COMMAND_INT", _FILES}
-)
 
 
 class Listener:
-    """Our autopilot's messages, and requests to component 191; component 0 may only be read."""
+    """Our autopilot's messages, and requests to component 191, each on its way."""
 
     def __init__(
         self,
@@ -36,17 +29,13 @@ class Listener:
         speaker: Speaker,
         guard: Guard,
         tracker: VehicleTracker,
-        parameters: ParameterServer,
-        desk: AnswerDesk,
-        files: FtpServer,
+        requests: Requests,
     ) -> None:
         self._outbox = outbox
         self._speaker = speaker
         self._guard = guard
         self._tracker = tracker
-        self._parameters = parameters
-        self._desk = desk
-        self._files = files
+        self._requests = requests
         self._repeats = Repeats()
 
     def hear(self, message: Any, channel: Channel, now: float) -> Heard | None:
@@ -66,7 +55,7 @@ class Listener:
             return None
         if channel.clash or not self._is_request(kind, sender, message, channel, now):
             return None
-        return self._hear_request(kind, sender, message, now)
+        return self._requests.hear(sender, message, now)
 
     def _hear_ourselves(self, message: Any, channel: Channel, now: float) -> None:
         if self._outbox.is_own(message):
@@ -108,44 +97,11 @@ class Listener:
     def _is_request(
         self, kind: str, sender: tuple[int, int], message: Any, channel: Channel, now: float
     ) -> bool:
-        if kind not in _REQUESTS or message.target_system not in (0, self._outbox.system_id):
+        if kind not in REQUESTS or message.target_system not in (0, self._outbox.system_id):
             return False
         if message.target_component not in (0, COMPONENT_ID):
             return False
         if self._repeats.is_repeated(message, channel.name, now):
             self._guard.rejected["repeated"] += 1
             return False
-        return self._guard.admits(sender, now, kind=_FILES if kind == _FILES else "")
-
-    def _hear_request(self, kind: str, sender: tuple[int, int], message: Any, now: float) -> Heard | None:
-        if kind == "PARAM_REQUEST_LIST":
-            self._parameters.list_all(sender)
-        elif kind == "PARAM_REQUEST_READ":
-            self._parameters.read(sender, message, now)
-        elif message.target_component != COMPONENT_ID or message.target_system == 0:
-            self._guard.rejected["target"] += 1
-        elif kind == _FILES:
-            self._files.hear(sender, message, now)
-        elif kind == "PARAM_SET":
-            return self._parameters.set(sender, message, now)
-        elif kind == "TUNNEL":
-            return self._hear_tunnel(sender, message, now)
-        else:
-            return self._hear_command(sender, message, now)
-        return None
-
-    def _hear_tunnel(self, sender: tuple[int, int], message: Any, now: float) -> Heard | None:
-        if message.payload_type != TUNNEL_ANSWER:
-            return None
-        if message.payload_length > len(message.payload):
-            self._guard.rejected["payload"] += 1
-            return None
-        return self._desk.tunnel(sender, bytes(message.payload[: message.payload_length]), now)
-
-    def _hear_command(self, sender: tuple[int, int], message: Any, now: float) -> Heard | None:
-        if message.command == ANSWER_COMMAND:
-            return self._desk.command(sender, message, now)
-        saved = message.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE
-        result = mavlink.MAV_RESULT_ACCEPTED if saved else mavlink.MAV_RESULT_UNSUPPORTED
-        self._outbox.push("command ack", encode.command_ack(message.command, result, sender), now, to=sender)
-        return None
+        return self._guard.admits(sender, now, kind=FILES if kind == FILES else "")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from companion.link import encode
 from companion.link.sender import Sender
@@ -20,6 +21,8 @@ _NUMBER_LIFETIME = 5.0
 _PATIENCE = 0.3
 """s to wait for a newer summary when one is due."""
 _TOLERANCE = 1e-6
+_OLDEST = 0xFFFF
+"""ms that a summary can say."""
 _CALL_RESERVE = MESSAGES["call text"].bytes + MESSAGES["call data"].bytes
 _SUMMARY_RESERVE = _CALL_RESERVE + MESSAGES["summary"].bytes
 
@@ -44,6 +47,7 @@ class Telling:
         self._heartbeat_at = -math.inf
         self._heartbeat_now = False
         self._summary: tuple[Summary, float] | None = None
+        self._newest: tuple[Summary, float] | None = None
         self._summary_at = -math.inf
         self._sequence = 0
         self.dropped = 0
@@ -59,13 +63,28 @@ class Telling:
             self._content = (state, current_id, policy)
             self._heartbeat_now = True
 
+    def newest_heartbeat(self) -> Any:
+        """For somebody who asks for it."""
+        return encode.heartbeat(*self._content)
+
+    def newest_summary(self, to: tuple[int, int], now: float) -> Any | None:
+        """For `to` alone, under the sequence number of the last one told to all; None before the first."""
+        if self._newest is None:
+            return None
+        return self._encoded(*self._newest, (self._sequence - 1) & 0xFFFF, now, to)
+
+    def newest_numbers(self, now: float) -> list[Any]:
+        """For somebody who asks for them."""
+        told = [name for name in NUMBERS if name in self._numbers]
+        return [encode.number(name, self._numbers[name], self._uptime(now)) for name in told]
+
     def hurry(self) -> None:
         """The next heartbeat is due now: somebody may have forgotten us."""
         self._heartbeat_at = -math.inf
 
     def summary(self, summary: Summary, now: float) -> None:
         """The newest summary."""
-        self._summary = (summary, now)
+        self._summary = self._newest = (summary, now)
 
     def numbers(self, values: Mapping[str, float], now: float) -> None:
         """The newest numbers; those that are not finite are left out."""
@@ -98,10 +117,19 @@ class Telling:
         if not self._outbox.has_room("summary", now, reserve=_CALL_RESERVE):
             self.dropped += 1
             return
-        age = summary.frame_age_ms + round((now - given_at) * 1000)
-        told = replace(summary, sequence=self._sequence, dropped=self.dropped, frame_age_ms=age)
+        message = self._encoded(summary, given_at, self._sequence, now)
         self._sequence = (self._sequence + 1) & 0xFFFF
-        self._outbox.push("summary", encode.tunnel(TUNNEL_SUMMARY, told.pack()), now, key=0, lifetime=1.0)
+        self._outbox.push("summary", message, now, key=0, lifetime=1.0)
+
+    def _encoded(
+        self, summary: Summary, given_at: float, sequence: int, now: float, to: tuple[int, int] = (0, 0)
+    ) -> Any:
+        age = min(_OLDEST, summary.frame_age_ms + round((now - given_at) * 1000))
+        told = replace(summary, sequence=sequence, dropped=self.dropped, frame_age_ms=age)
+        return encode.tunnel(TUNNEL_SUMMARY, told.pack(), to)
+
+    def _uptime(self, now: float) -> int:
+        return round((now - self._started) * 1000)
 
     def _tell_numbers(self, now: float) -> None:
         period = self.periods["number"]
@@ -111,5 +139,5 @@ class Telling:
                 continue
             self._number_at[name] = now if now - due > period else due
             if self._outbox.has_room("number", now, reserve=_SUMMARY_RESERVE):
-                message = encode.number(name, self._numbers[name], round((now - self._started) * 1000))
+                message = encode.number(name, self._numbers[name], self._uptime(now))
                 self._outbox.push("number", message, now, key=name, lifetime=1.0)

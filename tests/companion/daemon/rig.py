@@ -16,6 +16,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
 from companion import run
 from companion.album import Album
 from companion.calls.machine import OperatorCalls
@@ -24,6 +25,7 @@ from companion.calls.policies import Policies
 from companion.calls.switch import OffSwitch, Side
 from companion.cameras.newest import CameraState, CameraStatus, CameraThread
 from companion.config import Config
+from companion.configured import kept_values
 from companion.conversation import Conversation
 from companion.daemon import Daemon
 from companion.eyes import Eyes
@@ -32,8 +34,9 @@ from companion.keeper import Keeper
 from companion.kept import saved_replies
 from companion.link.rehearsal import Rehearsal
 from companion.model import Model
+from companion.overrides import Overrides
 from companion.refusal import HoldJudge
-from companion.settings_desk import SettingsDesk, setting_values
+from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness, tasks
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
@@ -102,6 +105,8 @@ class Rig:
         self.switch = switch
         """The pulse of channel 7 in us; given, it is the off switch, and told five times a second."""
         self.step_time = 0.02
+        self.roi = (1 / 3, 0.6, 2 / 3, 0.95)
+        """Left, top, right and bottom as configured."""
         self.start()
 
     def start(self, *, mode: int = AUTO, forget_frame: bool = False) -> None:
@@ -117,7 +122,10 @@ class Rig:
         supervision = self.journal.load_supervision() or {}
         self.perceiver = Painted()
         memory = self.journal.load_memory() or first_memory(self.perceiver.model_id, WORDS)
-        judging = Settings()
+        configured = Settings(region=Box(*self.roi))
+        overrides = Overrides(kept_values(self.config, configured), self.perceiver.model_id)
+        self.left_out = overrides.restore(supervision.get("settings"))
+        judging, _ = overrides.tuned(configured)
         self.policies = Policies(self.policy, None if self.switch is None else OffSwitch(7, Side.HIGH, now))
         self.policies.restore(supervision.get("policy"))
         self.calls = OperatorCalls(Numbers(policy=self.policies.in_force, judging=judging), now)
@@ -127,7 +135,7 @@ class Rig:
         book = run._open_book(self.perceiver.model_id, self.calls, supervision.get("shadow"), now, notices)
         assert notices == []
         replies = saved_replies(supervision.get("replies"))
-        album = Album(self.folder / "pictures", self.pictures, judging.region)
+        album = Album(self.folder / "pictures", self.pictures, lambda: judging.region)
         last_frame = int(supervision.get("frame_id", 0))
         self.keeper = Keeper(self.journal, album, self.folder / "status.json", last_frame, replies)
         self.camera = PlayedCamera()
@@ -141,12 +149,12 @@ class Rig:
             self.calls,
             self.conversation,
             HoldJudge(self.config, Pace(self.step_time, PERIOD, judging.freshness)).refuses,
+            overrides,
             wants_hold=self.policy is Policy.HOLD,
             policies=self.policies,
             book=book,
         )
-        for name, value in setting_values(judging.thresholds, self.policies.in_force).items():
-            self.stage.link.set_parameter(name, value, now)
+        self.desk.start(now)
         liveness = Liveness(tasks(self.calls.numbers), now)
         self.daemon = Daemon(
             self.stage.link,

@@ -114,6 +114,7 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "switches",
         "shadow",
         "words",
+        "set_by_ground",
         "roi_uncertainty",
         "similarity",
         "perceiver",

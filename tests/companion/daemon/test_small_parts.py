@@ -46,14 +46,14 @@ def names(folder: Path) -> list[str]:
 
 def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path, seen: Assessment) -> None:
     for number in range(3):
-        Album(tmp_path, 2, REGION).keep(seen, State.CALLING, f"C{number} Unknown thing!")
+        Album(tmp_path, 2, lambda: REGION).keep(seen, State.CALLING, f"C{number} Unknown thing!")
     assert names(tmp_path) == ["00002-c1-unknown-thing.jpg", "00003-c2-unknown-thing.jpg"]
 
 
 def test_an_album_of_many_years_stays_bounded(tmp_path: Path, seen: Assessment) -> None:
     (tmp_path / "99999-old.jpg").touch()
     for _ in range(2):
-        album = Album(tmp_path, 2, REGION)
+        album = Album(tmp_path, 2, lambda: REGION)
         album.keep(seen, State.OK, "new")
         album.keep(seen, State.OK, "new")
     assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
@@ -62,17 +62,17 @@ def test_an_album_of_many_years_stays_bounded(tmp_path: Path, seen: Assessment) 
 def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path, seen: Assessment) -> None:
     (tmp_path / "notes-of-mine.jpg").touch()
     (tmp_path / ".00007-torn.jpg.part").touch()
-    Album(tmp_path, 1, REGION).keep(seen, State.OK, "new")
+    Album(tmp_path, 1, lambda: REGION).keep(seen, State.OK, "new")
     assert names(tmp_path) == ["00001-new.jpg", "notes-of-mine.jpg"]
 
 
 def test_a_picture_that_cannot_be_written_is_no_fault(tmp_path: Path, seen: Assessment) -> None:
     (tmp_path / "file").touch()
-    assert Album(tmp_path / "file", 5, REGION).keep(seen, State.OK, "new") == ""
+    assert Album(tmp_path / "file", 5, lambda: REGION).keep(seen, State.OK, "new") == ""
 
 
 def test_an_album_of_none_draws_nothing(tmp_path: Path, seen: Assessment) -> None:
-    assert Album(tmp_path / "none", 0, REGION).keep(seen, State.OK, "new") == ""
+    assert Album(tmp_path / "none", 0, lambda: REGION).keep(seen, State.OK, "new") == ""
     assert not (tmp_path / "none").exists()
 
 

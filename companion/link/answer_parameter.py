@@ -1,0 +1,80 @@
+"""AT_ANSWER: an answer without words from any parameter editor."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from companion.link.desk import INFO, PENDING_FOR, REMEMBERED, REPEAT_WITHIN, WARNING
+from companion.link.guard import Guard
+from companion.link.heard import AnswerRequest, ParameterRequest, Sender
+from companion.link.parameter_server import ParameterServer
+from companion.link.speaker import Speaker
+from companion.wire import notices
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Motion, Result
+from companion.wire.parameters import ANSWER
+
+_TAKEN = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
+_Key = tuple[Sender, int, Motion]
+
+
+@dataclass
+class _Case:
+    """A wish that was handed on, or taken, at `at`."""
+
+    at: float
+    taken: bool = False
+
+
+class AnswerParameter:
+    """The echo carries what was taken, 0 what was not; later reads give 0.
+
+    A parameter cannot say that it is a repetition, so the same go or look again within 5 s is one, whether it
+    names the id or not. "Stay" is handed on each time: it may have come after a go.
+    """
+
+    def __init__(self, speaker: Speaker, guard: Guard, parameters: ParameterServer) -> None:
+        self._speaker = speaker
+        self._guard = guard
+        self._parameters = parameters
+        self._cases: OrderedDict[_Key, _Case] = OrderedDict()
+
+    def hear(self, request: ParameterRequest, now: float) -> AnswerRequest | None:
+        """A value in range: id x 10 + motion. 0 says nothing."""
+        sender, value = request.sender, request.value
+        target, code = divmod(int(value), 10)
+        if not 1 <= code <= max(Motion):
+            if value:
+                self._guard.rejected["range"] += 1
+                self._speaker.say(notices.answer_refused(), WARNING, now)
+            self._parameters.echo(ANSWER, 0.0, sender, now)
+            return None
+        key = (sender, target, Motion(code))
+        case = self._cases.get(key)
+        if case is not None and code != Motion.STAY and self._repeats(case, now):
+            if case.taken:
+                self._parameters.echo(ANSWER, value, sender, now)
+            return None
+        self._remember(key, _Case(now))
+        return AnswerRequest(sender, None, target, Motion(code), (), value)
+
+    def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
+        """What became of it, as echo and as text. What was not taken may be asked again at once."""
+        taken = ack.result in _TAKEN
+        value = request.value if taken and request.value is not None else 0.0
+        self._speaker.say(ack.text, INFO if taken else WARNING, now)
+        self._parameters.echo(ANSWER, value, request.sender, now)
+        for target in (request.target, ack.target):
+            key = (request.sender, target, request.motion)
+            self._cases.pop(key, None)
+            if taken:
+                self._remember(key, _Case(now, taken=True))
+
+    def _repeats(self, case: _Case, now: float) -> bool:
+        return now - case.at <= (REPEAT_WITHIN if case.taken else PENDING_FOR)
+
+    def _remember(self, key: _Key, case: _Case) -> None:
+        self._cases[key] = case
+        while len(self._cases) > REMEMBERED:
+            self._cases.popitem(last=False)

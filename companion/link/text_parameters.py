@@ -1,0 +1,143 @@
+"""The extended parameter protocol: words and weights as strings, for clients that set text (MAVSDK)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from anytraverse.errors import PreferencesError
+from companion.link import encode
+from companion.link.guard import Guard
+from companion.link.heard import Sender, WordsRequest
+from companion.link.outbox import Outbox
+from companion.link.parameter_server import WARNING, ParameterServer
+from companion.link.speaker import Speaker
+from companion.wire import notices
+from companion.wire.answers import Operation
+from companion.wire.parameters import WORDS_TEXT
+from companion.wire.words_text import read_weight, read_words, weight_text, words_text
+
+PENDING_FOR = 30.0
+MAX_PENDING = 16
+
+
+class TextParameters:
+    """AT_WORDS, then each word's weight. A set is read here, applied by the daemon, then acknowledged.
+
+    The same set again while it is undecided is answered with "in progress".
+    """
+
+    def __init__(self, outbox: Outbox, speaker: Speaker, guard: Guard, parameters: ParameterServer) -> None:
+        self._outbox = outbox
+        self._speaker = speaker
+        self._guard = guard
+        self._parameters = parameters
+        self._words_of = parameters.words
+        self._names = [WORDS_TEXT, *self._words_of]
+        self._words = ""
+        self._pending: dict[tuple[Sender, str], tuple[bytes, float]] = {}
+        self._list_to: Sender | None = None
+        self._list_left: list[int] = []
+
+    def set_words(self, words: Mapping[str, float]) -> None:
+        """The words in force."""
+        self._words = words_text(words)
+
+    def list_all(self, sender: Sender) -> None:
+        """PARAM_EXT_REQUEST_LIST; two askers at a time cost one list."""
+        self._list_to = sender
+        told = [index for index in range(len(self._names)) if index not in self._list_left]
+        self._list_left += told
+
+    def read(self, sender: Sender, message: Any, now: float) -> None:
+        """PARAM_EXT_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
+        index = message.param_index
+        if index < 0:
+            index = self._names.index(message.param_id) if message.param_id in self._names else -1
+        if 0 <= index < len(self._names):
+            self._tell("text echo", index, sender, now)
+        else:
+            self._guard.rejected["unknown parameter"] += 1
+
+    def set(self, sender: Sender, message: Any, now: float) -> WordsRequest | None:
+        """PARAM_EXT_SET; acknowledged here when it is refused."""
+        name, raw = message.param_id, bytes(message._param_value_raw)
+        reason, text = "", ""
+        operations: tuple[Operation, ...] = ()
+        if not self._guard.may_change(sender):
+            reason, text = "sender", notices.sender_refused(sender[0])
+        elif name not in self._names:
+            reason = "unknown parameter"
+        elif message.param_type != mavlink.MAV_PARAM_EXT_TYPE_CUSTOM:
+            reason, text = "range", notices.refused(f"{name} takes text")
+        else:
+            try:
+                operations = self._read(name, raw)
+            except (PreferencesError, UnicodeDecodeError) as error:
+                what = "not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error)
+                reason, text = "range", notices.refused(what)
+        if reason:
+            self._guard.rejected[reason] += 1
+            if text:
+                self._speaker.say(text, WARNING, now)
+            unsupported = reason == "range"
+            result = mavlink.PARAM_ACK_VALUE_UNSUPPORTED if unsupported else mavlink.PARAM_ACK_FAILED
+            self._acknowledge(sender, message._param_id_raw, self._value(name), result, now)
+            return None
+        return self._open(WordsRequest(sender, name, operations), raw, now)
+
+    def acknowledge(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
+        """What became of it: with what was set, or with the value in force."""
+        raw, _ = self._pending.pop((request.sender, request.name), (b"", now))
+        result = mavlink.PARAM_ACK_ACCEPTED if accepted else mavlink.PARAM_ACK_FAILED
+        value = raw if accepted else self._value(request.name)
+        self._acknowledge(request.sender, request.name.encode(), value, result, now)
+
+    def tick(self, now: float) -> None:
+        """Feed the list, one at a time, so that it never fills the queue."""
+        self._pending = {key: one for key, one in self._pending.items() if now - one[1] < PENDING_FOR}
+        if self._list_left and not self._outbox.waiting("text list"):
+            self._tell("text list", self._list_left.pop(0), self._list_to, now)
+
+    def _open(self, request: WordsRequest, raw: bytes, now: float) -> WordsRequest | None:
+        key = (request.sender, request.name)
+        pending = self._pending.get(key)
+        if pending is not None and pending[0] == raw:
+            name = request.name.encode()
+            self._acknowledge(request.sender, name, raw, mavlink.PARAM_ACK_IN_PROGRESS, now)
+            return None
+        if pending is None and len(self._pending) >= MAX_PENDING:
+            self._acknowledge(
+                request.sender,
+                request.name.encode(),
+                self._value(request.name),
+                mavlink.PARAM_ACK_FAILED,
+                now,
+            )
+            return None
+        self._pending[key] = (raw, now)
+        return request
+
+    def _read(self, name: str, raw: bytes) -> tuple[Operation, ...]:
+        """Raises PreferencesError, UnicodeDecodeError."""
+        content, _, rest = raw.partition(b"\0")
+        if rest.strip(b"\0"):
+            raise PreferencesError("NUL inside the text")
+        text = content.decode()
+        return read_words(text) if name == WORDS_TEXT else (read_weight(self._words_of[name], text),)
+
+    def _value(self, name: str) -> bytes:
+        if name == WORDS_TEXT:
+            return self._words.encode()
+        return weight_text(self._parameters.value(name)).encode() if name in self._words_of else b""
+
+    def _tell(self, row: str, index: int, to: Sender | None, now: float) -> None:
+        name = self._names[index]
+        message = encode.text_parameter(name, self._value(name).decode(), index, len(self._names))
+        self._outbox.push(row, message, now, key=index, to=to)
+
+    def _acknowledge(self, sender: Sender, name: bytes, value: bytes, result: int, now: float) -> None:
+        message = encode.text_ack(name, value, result)
+        self._outbox.push("text ack", message, now, key=(sender, name), to=sender)

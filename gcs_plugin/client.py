@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Operation
 from companion.wire.ids import (
+    ANSWER_COMMAND,
     AUTOPILOT_COMPONENT_ID,
     COMPONENT_ID,
     TUNNEL_ACKNOWLEDGEMENT,
@@ -22,6 +23,7 @@ from companion.wire.ids import (
     TUNNEL_CALL,
     TUNNEL_SUMMARY,
     Motion,
+    Policy,
     Result,
 )
 from companion.wire.packing import PayloadError
@@ -30,6 +32,7 @@ from gcs_plugin import events as ev
 from gcs_plugin.pending import Pending, Status
 from gcs_plugin.rovers import Rover
 from gcs_plugin.vehicle import read_vehicle
+from gcs_plugin.wishes import PolicyWish
 
 PACE_S = 0.05
 """Between two messages to one rover: radios and PX4 lose bursts."""
@@ -56,6 +59,7 @@ class OperatorClient:
         self._events: deque[ev.Event] = deque(maxlen=MAX_EVENTS)
         self._may_send_at: dict[int, float] = {}
         self._lists_wanted: set[int] = set()
+        self._wishes: dict[int, PolicyWish] = {}
         self._problems: set[tuple[int, str]] = set()
 
     @property
@@ -67,6 +71,11 @@ class OperatorClient:
     def unsettled(self) -> list[Pending]:
         """Answers that are still on their way, oldest first."""
         return [pending for pending in self._pending if not pending.settled]
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer or a policy is still on its way."""
+        return bool(self.unsettled) or any(not wish.settled for wish in self._wishes.values())
 
     def receive(self, message: Any, now: float) -> None:
         """Take in one decoded message of any dialect. Never raises for what it holds."""
@@ -97,6 +106,9 @@ class OperatorClient:
         for pending in self._pending:
             if pending.settle(now):
                 self._events.append(self._moved(pending))
+        for wish in self._wishes.values():
+            if wish.settle(now):
+                self._events.append(_policy_moved(wish))
         messages = (self._next(rover, now) for rover in self._rovers.values())
         return [message for message in messages if message is not None]
 
@@ -125,6 +137,14 @@ class OperatorClient:
             self._events.append(self._moved(pending))
         return pending
 
+    def set_policy(self, system: int, policy: Policy, now: float) -> PolicyWish:
+        """Ask for a policy, in place of one asked for before; it leaves once the rover is heard."""
+        self._wishes[system] = wish = PolicyWish(system, policy, now)
+        rover = self._rovers.get(system)
+        if rover is None or not rover.alive(now):
+            self._events.append(_policy_moved(wish))
+        return wish
+
     def request_parameters(self, system: int) -> None:
         """Ask the rover's companion for its list, as soon as it is heard."""
         self._lists_wanted.add(system)
@@ -144,6 +164,10 @@ class OperatorClient:
             return rover.hear_parameter(message.param_id, message.param_value)
         if kind == "TUNNEL":
             return self._unwrap(rover, message, now)
+        if kind == "COMMAND_ACK" and message.command == ANSWER_COMMAND:
+            wish = self._wishes.get(rover.system)
+            granted = message.result == mavlink.MAV_RESULT_ACCEPTED
+            return [_policy_moved(wish)] if wish is not None and wish.acknowledge(granted=granted) else []
         return []
 
     def _unwrap(self, rover: Rover, message: Any, now: float) -> list[ev.Event]:
@@ -179,12 +203,21 @@ class OperatorClient:
         """At most one message to this rover, and only while it is heard."""
         if not rover.alive(now) or now < self._may_send_at.get(rover.system, 0.0):
             return None
-        message = self._next_answer(rover.system, now)
+        message = self._next_wish(rover.system, now) or self._next_answer(rover.system, now)
         if message is None and rover.system in self._lists_wanted:
             self._lists_wanted.discard(rover.system)
             message = mavlink.MAVLink_param_request_list_message(rover.system, COMPONENT_ID)
         if message is not None:
             self._may_send_at[rover.system] = now + PACE_S
+        return message
+
+    def _next_wish(self, system: int, now: float) -> Any | None:
+        wish = self._wishes.get(system)
+        if wish is None:
+            return None
+        before, message = wish.status, wish.due(now)
+        if wish.status is not before:
+            self._events.append(_policy_moved(wish))
         return message
 
     def _next_answer(self, system: int, now: float) -> Any | None:
@@ -212,3 +245,7 @@ class OperatorClient:
         if (rover.system, problem) not in self._problems and len(self._problems) < MAX_PROBLEMS:
             self._problems.add((rover.system, problem))
             self._events.append(ev.NotUnderstood(rover.system, problem))
+
+
+def _policy_moved(wish: PolicyWish) -> ev.PolicyMoved:
+    return ev.PolicyMoved(wish.system, wish.policy, wish.status)

@@ -1,6 +1,7 @@
 """What an operator types, read into a command. Pure: it knows words, not rovers.
 
     [rover N] [call id] [changes] [go | stay | look]
+    [rover N] policy report | shadow | hold | off
 
 Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
 `forget call 7`, `new episode`.
@@ -12,7 +13,7 @@ import re
 from dataclasses import dataclass
 
 from anytraverse.preferences import check_weight, clean_word
-from companion.wire.ids import Motion
+from companion.wire.ids import Motion, Policy
 from companion.wire.packing import Fractions
 
 MAX_LINE = 1000
@@ -32,6 +33,7 @@ _ENDS_WITH_MOTION = re.compile(
 _TAP = re.compile(r"tap\s+(.*)", re.IGNORECASE)
 _FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
 _FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
+_POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
 _NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
 
 
@@ -96,6 +98,14 @@ class Select:
 
 
 @dataclass(frozen=True)
+class SetPolicy:
+    """`policy hold`"""
+
+    policy: Policy
+    rover: int | None = None
+
+
+@dataclass(frozen=True)
 class Show:
     """`status`, `calls`, `words`, `help` or `quit`."""
 
@@ -104,7 +114,7 @@ class Show:
 
 
 SHOWS = ("status", "calls", "words", "help", "quit")
-Command = Reply | Select | Show
+Command = Reply | Select | SetPolicy | Show
 
 
 def parse(line: str) -> Command | None:
@@ -123,6 +133,8 @@ def parse(line: str) -> Command | None:
         _in_range("rover", rover, 1, 255)
     if rest.lower() in SHOWS:
         return Show(rest.lower(), rover)
+    if found := _POLICY.match(rest):
+        return SetPolicy(_policy(found[1]), rover)
     call_id, rest = _leading(_CALL, rest)
     if call_id is not None:
         _in_range("call", call_id, 1, 0xFFFF)
@@ -141,6 +153,13 @@ def _in_range(name: str, value: int, low: int, high: int) -> int:
     if not low <= value <= high:
         raise CommandError(f"{name} {value} cannot be: {low} to {high}")
     return value
+
+
+def _policy(name: str | None) -> Policy:
+    try:
+        return Policy[(name or "").upper()]
+    except KeyError:
+        raise CommandError("which policy? Write it as `policy report`, `shadow`, `hold` or `off`") from None
 
 
 def _trailing_motion(rest: str) -> tuple[Motion, str]:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import State
+from companion.wire.ids import Policy, State
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.pending import Status
+from gcs_plugin.wishes import Wished
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,16 @@ class Acknowledged:
 
 
 @dataclass(frozen=True)
+class PolicyMoved:
+    """A policy was asked for, waits for the rover, or what became of it."""
+
+    event: ClassVar = "policy"
+    system: int
+    policy: Policy
+    status: Wished
+
+
+@dataclass(frozen=True)
 class NotUnderstood:
     """Something of the companion could not be read; each problem is told once."""
 
@@ -141,5 +152,6 @@ Event = (
     | ParameterHeard
     | AnswerMoved
     | Acknowledged
+    | PolicyMoved
     | NotUnderstood
 )

@@ -30,12 +30,14 @@ HELP = """\
   at bush: -1, go              any change, and drive on; also `at tap drum -1 go`
   at tap drum -1               what the call points at is a "drum"; a box: at tap drum -1 0.40 0.55 0.60 0.80
   at forget bush               take a word out of use; `at forget call 7`: what it taught; `at new episode`
+  at policy hold               what the companion may do: report, shadow, hold, or off: nobody watches
   at rover 2 go                for one of several rovers; `at rover 2` alone stays with it
   at status | calls | words    what is known; `anytraverse` is the long form of `at`""".splitlines()
 _BETWEEN_CHANGES = re.compile(r"(?<=\d),(?=\s)")
 _MOTIONS = ["go", "stay", "look"]
 _COMPLETIONS = [
     "<status|calls|words|help|go|stay|look>",
+    "policy <report|shadow|hold|off>",
     "answer (AT_CALL) <go|stay|look>",
     "<set|forget|tap> (AT_WORD) <1|-1>",
 ]

@@ -13,6 +13,7 @@ from gcs_plugin import events as ev
 from gcs_plugin import wording
 from gcs_plugin.pending import Status
 from gcs_plugin.records import record, to_line
+from gcs_plugin.wishes import Wished
 
 REPEATED_S = 60.0
 _FIGURE = re.compile(r"\d+%")
@@ -187,6 +188,9 @@ class TextOutput:
                 return [f"answer to {subject} {_ON_THE_WAY[event.status]}"], _ALARM if alarm else _FAINT
             case ev.Acknowledged():
                 return [wording.acknowledged(event.acknowledgement)], _PLAIN
+            case ev.PolicyMoved():
+                alarm = event.status in (Wished.WAITING, Wished.REFUSED, Wished.EXPIRED)
+                return [wording.policy(event.policy, event.status)], _ALARM if alarm else _PLAIN
             case ev.NotUnderstood():
                 return [f"cannot read a message of the companion: {wording.clean(event.problem)}"], _ALARM
             case _:

@@ -6,7 +6,7 @@ from companion.wire.packing import PayloadError
 from gcs_plugin import events as ev
 from gcs_plugin import wording
 from gcs_plugin.client import OperatorClient
-from gcs_plugin.commands import CommandError, Reply, Select, Show, parse
+from gcs_plugin.commands import CommandError, Reply, Select, SetPolicy, Show, parse
 from gcs_plugin.output import Output
 from gcs_plugin.resolve import address, choose_rover
 from gcs_plugin.rovers import Rover
@@ -21,6 +21,7 @@ HELP = """\
   tap drum -1              what the call points at is a "drum"; with a box: tap drum -1 0.40 0.55 0.60 0.80
   forget bush              take a word out of use; `forget call 7`: what call 7 taught; `new episode`: all
   bush: -1, go             any change, and drive on; also `tap drum -1 go`
+  policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
   7 go                     for call 7 instead of the current one; `rover 2 go`, or `rover 2` to stay there
   status, calls, words, help, quit""".splitlines()
 
@@ -60,6 +61,9 @@ class Session:
                 case Select():
                     self._selected = choose_rover(self._client.rovers, command.rover).system
                     self._output.say([f"lines now mean rover {self._selected}"])
+                case SetPolicy():
+                    rover = choose_rover(self._client.rovers, command.rover, self._selected)
+                    self._client.set_policy(rover.system, command.policy, now)
                 case Show():
                     self._show(command, now)
         except (CommandError, PayloadError) as error:

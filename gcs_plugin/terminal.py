@@ -78,7 +78,7 @@ def _run(
         for line in keyboard.lines():
             session.type(line, now)
         over = quit_after is not None and now - started >= quit_after
-        if over or (keyboard.ended and not runner.client.unsettled):
+        if over or (keyboard.ended and not runner.client.busy):
             break
 
 

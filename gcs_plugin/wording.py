@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Outcome, Reasons, Result, Stage, State
+from companion.wire.ids import Kind, Outcome, Policy, Reasons, Result, Stage, State
 from companion.wire.packing import Fractions
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
 from gcs_plugin.rovers import Rover
+from gcs_plugin.wishes import Wished
 
 _STATES = {
     State.STARTING: "starting",
@@ -22,6 +23,12 @@ _STATES = {
     State.BLOCKED: "way blocked",
     State.FAULT: "FAULT: it cannot judge",
     State.OFF: "OFF: nobody watches the trail",
+}
+_MEANS = {
+    Policy.REPORT: "it calls, and holds nothing",
+    Policy.SHADOW: "it calls, holds nothing, and counts what it would have held",
+    Policy.HOLD: "it holds the vehicle, and drives on only after a go",
+    Policy.OFF: "nobody watches the trail, and a hold is let go",
 }
 _HELD = {True: "vehicle held", False: "vehicle not held"}
 _LATER = {
@@ -177,6 +184,18 @@ def state(value: State, current_id: int) -> str:
     """The companion's state."""
     about = f" ({current_id})" if current_id else ""
     return f"companion {_STATES[value]}{about}"
+
+
+def policy(value: Policy, status: Wished) -> str:
+    """A policy that was asked for, and what became of it."""
+    became = {
+        Wished.WAITING: "waits: the companion is not heard",
+        Wished.SENT: "asked for",
+        Wished.GRANTED: f"is in force: {_MEANS[value]}",
+        Wished.REFUSED: "REFUSED: its text says why",
+        Wished.EXPIRED: "LOST: no word within 60 s",
+    }
+    return f"policy {value.name.lower()} {became[status]}"
 
 
 def status_lines(rover: Rover, now: float) -> list[str]:

@@ -88,6 +88,9 @@ class TinyRover:
         self.applied: list[tuple[int, ids.Motion, tuple[Operation, ...]]] = []
         self.heard_ground = False
         self.lists_asked = 0
+        self.policy = ids.Policy.HOLD
+        self.policies_asked: list[int] = []
+        self.grants = True
         self.sequence = 0
         self._parts: dict[int, dict[int, AnswerMessage]] = {}
         self._acknowledgements: dict[int, bytes] = {}
@@ -98,7 +101,7 @@ class TinyRover:
 
     def heartbeat(self) -> bytes:
         state = ids.State.CALLING if self.current_id else ids.State.OK
-        mode = ids.heartbeat_mode(state, self.current_id, ids.Policy.HOLD)
+        mode = ids.heartbeat_mode(state, self.current_id, self.policy)
         return self.companion.frame(mavlink.MAVLink_heartbeat_message(18, 8, 0, mode, 4, 3))
 
     def vehicle(self, mode: int = 10, base_mode: int = 0x81) -> bytes:
@@ -130,11 +133,21 @@ class TinyRover:
                 replies.append(
                     self.companion.frame(mavlink.MAVLink_param_value_message(b"AT_W_GRASS", 1.0, 9, 1, 0))
                 )
+            elif message.get_type() == "COMMAND_LONG":
+                replies.append(self._commanded(message))
             elif message.get_type() == "TUNNEL" and message.payload_type == ids.TUNNEL_ANSWER:
                 assert (message.target_system, message.target_component) == (self.system, 191)
                 part = AnswerMessage.unpack(bytes(message.payload[: message.payload_length]))
                 replies += self._answered(part)
         return replies
+
+    def _commanded(self, message: Any) -> bytes:
+        assert (message.target_system, message.target_component) == (self.system, 191)
+        assert (message.command, message.param1, message.param2) == (31010, 0, 5)
+        self.policies_asked.append(int(message.param3))
+        if self.grants:
+            self.policy = ids.Policy(int(message.param3))
+        return self.companion.frame(mavlink.MAVLink_command_ack_message(31010, 0 if self.grants else 2))
 
     def _answered(self, part: AnswerMessage) -> list[bytes]:
         known = self._parts.setdefault(part.transaction, {})

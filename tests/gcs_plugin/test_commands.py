@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.wire.ids import Motion
+from companion.wire.ids import Motion, Policy
 from gcs_plugin.commands import (
     Change,
     CommandError,
@@ -15,6 +15,7 @@ from gcs_plugin.commands import (
     ForgetAnswer,
     Reply,
     Select,
+    SetPolicy,
     Show,
     Tap,
     Word,
@@ -57,6 +58,9 @@ BOX = (0.4, 0.55, 0.6, 0.8)
         ("rover 2: C7 tap drum -1", Reply(Motion.NONE, (Tap("drum", -1.0),), 7, 2)),
         ("rover 2", Select(2)),
         ("rover 2 status", Show("status", 2)),
+        ("policy hold", SetPolicy(Policy.HOLD)),
+        ("rover 2 Policy  OFF", SetPolicy(Policy.OFF, 2)),
+        ("policy: -1", Reply(Motion.NONE, (Word("policy", -1.0),))),
         ("calls", Show("calls")),
         ("Quit", Show("quit")),
     ],

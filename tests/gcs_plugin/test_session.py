@@ -140,6 +140,16 @@ def test_what_fits_nothing_is_refused_with_what_to_do(desk: Make, thing_call: Ca
     assert at.rovers[0].applied == [(7, ids.Motion.GO, ())]
 
 
+def test_a_policy_goes_to_the_rover_that_is_meant(desk: Make) -> None:
+    at = desk(None, None)
+    at.type("policy off")
+    assert "rovers 1, 2 are heard" in at.paper.problems.pop()
+    at.type("rover 2 policy off")
+    assert [rover.policies_asked for rover in at.rovers] == [[], [ids.Policy.OFF]]
+    at.type("policy fast")
+    assert at.paper.problems == ["which policy? Write it as `policy report`, `shadow`, `hold` or `off`"]
+
+
 def test_before_any_rover_is_heard_a_line_says_so(desk: Make) -> None:
     at = desk()
     at.type("go")

@@ -23,6 +23,7 @@ from gcs_plugin.keyboard import MAX_WAITING, Keyboard
 from gcs_plugin.output import JsonOutput, TextOutput
 from gcs_plugin.pending import Status
 from gcs_plugin.vehicle import mode_name
+from gcs_plugin.wishes import Wished
 
 ACK = Acknowledgement(
     5, 7, ids.Result.NOT_COVERED, ids.Stage.OPEN, ids.Outcome.NONE, 0.34, 0.7,
@@ -46,6 +47,7 @@ def all_events(thing_call: CallData, quiet_summary: Summary) -> list[ev.Event]:
         ev.ParameterHeard(1, "AT_W_BUSH", -1.0),
         *(ev.AnswerMoved(1, 7, 5, status) for status in Status),
         ev.Acknowledged(1, ACK),
+        *(ev.PolicyMoved(1, ids.Policy.HOLD, status) for status in Wished),
         ev.NotUnderstood(1, "payload version 2"),
     ]
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from anytraverse.engine import AnyTraverse
@@ -29,6 +30,7 @@ from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.kept import saved_replies
 from companion.link.link import Link
+from companion.link.signing import Signing, open_signing
 from companion.loading import load
 from companion.model import Model
 from companion.overrides import Overrides
@@ -61,7 +63,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     journal = Journal(config.journal.path)
     closing.callback(journal.close)
     supervision = journal.load_supervision() or {}
-    link = Link(config.link.settings(), listed, time.monotonic())
+    link = Link(config.link.settings(), listed, time.monotonic(), signing=_signing(config))
     closing.callback(link.close)
     link.set_state(State.STARTING, open_id(supervision), first_policy(config, supervision))
     ready = load(partial(get_ready, config, journal.load_memory()), link, stop)
@@ -151,6 +153,13 @@ def _may_hold(hold_judge: HoldJudge, judging: Settings, news: list[str]) -> bool
         log.warning("stopping distance was not checked: %s", stopping)
         news.append(notices.stopping_unchecked())
     return refusal is None
+
+
+def _signing(config: Config) -> Signing | None:
+    if config.link.signing_key is None:
+        return None
+    key, exempt = Path(config.link.signing_key), config.link.unsigned_autopilot
+    return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
 def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowBook:

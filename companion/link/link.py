@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from companion.autopilots import known_autopilot
 from companion.files.tree import Tree
@@ -34,6 +35,7 @@ from companion.link.requests import Requests
 from companion.link.sender import BUDGETS
 from companion.link.setpoints import Setpoints
 from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.link.signing import Signing
 from companion.link.speaker import Speaker
 from companion.link.text_parameters import TextParameters
 from companion.link.transport import Transport, check_installed, open_transport
@@ -74,14 +76,25 @@ class Link:
         *,
         openers: Mapping[str, Callable[[], Transport]] | None = None,
         tree: Tree | None = None,
+        signing: Signing | None = None,
     ) -> None:
         """openers: make the transports in place of the urls', by name. tree: what the ground may read.
 
+        signing: signs all that leaves, and lets in only what is signed; each connection has a link id.
         Raises LinkError, ParameterError.
         """
+        self._signing = signing
         self._channels = [
-            Channel(name, one, (openers or {}).get(name) or _opener(one), now, system_id=settings.system_id)
-            for name, one in settings.connections().items()
+            Channel(
+                name,
+                one,
+                (openers or {}).get(name) or _opener(one),
+                now,
+                system_id=settings.system_id,
+                signing=signing,
+                link_id=number,
+            )
+            for number, (name, one) in enumerate(settings.connections().items())
         ]
         self._outbox = Outbox(self._channels)
         self._guard = Guard(settings.allowed_senders)
@@ -116,7 +129,10 @@ class Link:
     @property
     def trouble(self) -> str | None:
         """Where and why nothing can be said now, for a person; None when all is well."""
-        return "; ".join(channel.trouble for channel in self._channels if channel.trouble) or None
+        each = [channel.trouble for channel in self._channels]
+        if self._signing is not None:
+            each.append(self._signing.trouble)
+        return "; ".join(trouble for trouble in each if trouble) or None
 
     @property
     def counters(self) -> Counters:
@@ -144,18 +160,28 @@ class Link:
         """Give the devices back."""
         for channel in self._channels:
             channel.close()
+        if self._signing is not None:
+            self._signing.close()
 
     def poll(self, now: float) -> list[Heard]:
         """What arrived for the daemon; the protocol's own matters are answered here."""
         heard: list[Heard] = []
         for channel in self._channels:
             for message in channel.poll(now):
+                if not self._believes(message, now):
+                    continue
                 event = self._listener.hear(message, channel, now)
                 if isinstance(event, Pulses):
                     self._asking.hear_pulses(now)
                 if event is not None:
                     heard.append(event)
         return heard
+
+    def _believes(self, message: Any, now: float) -> bool:
+        reason = "" if self._signing is None else self._signing.refusal(message, now)
+        if reason:
+            self._guard.rejected[reason] += 1
+        return not reason
 
     def skip(self, now: float) -> None:
         """Throw away what waits to be read."""
@@ -166,6 +192,9 @@ class Link:
         """Send what is due, within pace and budgets."""
         self._tracker.tick(now)
         has_vehicle = self.vehicle is not None
+        if self._signing is not None:
+            self._signing.tick(now)
+            has_vehicle |= self._signing.behind
         speaking = [one for one in self._channels if one.may_speak(now, has_vehicle=has_vehicle)]
         self._setpoints.tick(self.vehicle, now)
         returns = self._tracker.returns + self._outbox.moves

@@ -14,6 +14,7 @@ from companion.link.link import Link
 from companion.link.memory import pair
 from companion.link.parser import Parser
 from companion.link.settings import MAIN, LinkSettings
+from companion.link.signing import Signing
 from companion.link.transport import Transport
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.parameters import Parameter, build
@@ -90,6 +91,7 @@ class Rehearsal(Wire):
         *,
         vehicle: int | None = 1,
         tree: Tree | None = None,
+        signing: Signing | None = None,
     ) -> None:
         super().__init__()
         self.now = 0.0
@@ -98,7 +100,7 @@ class Rehearsal(Wire):
         wires: dict[str, Wire] = {MAIN: self, **self.more}
         listed = build(["grass", "dry bush"], {"grass": 1.0}, {}) if parameters is None else parameters
         openers = {name: partial(_near, wire) for name, wire in wires.items()}
-        self.link = Link(self.settings, listed, self.now, openers=openers, tree=tree)
+        self.link = Link(self.settings, listed, self.now, openers=openers, tree=tree, signing=signing)
         self.vehicle = vehicle
         self.heard: list[Heard] = []
         self._heartbeat_at = 0.0

@@ -12,13 +12,17 @@ LAST_RETRY = 8.0
 
 
 class Connection:
-    """A transport that may be absent: tried again after 0.5 s, twice that, ... 8 s. Raises nothing."""
+    """A transport that may be absent: tried again after 0.5 s, twice that, ... 8 s. Raises nothing.
+
+    It is well again when something is read, or taken 8 s after it was opened.
+    """
 
     def __init__(self, opener: Callable[[], Transport], now: float) -> None:
         self._opener = opener
         self._transport: Transport | None = None
         self._retry_at = now
         self._delay = FIRST_RETRY
+        self._opened_at = now
         self.opened = 0
         self.trouble: str | None = None
 
@@ -43,8 +47,7 @@ class Connection:
             self._lost(error, now)
             return b""
         if data:
-            self._delay = FIRST_RETRY
-            self.trouble = None
+            self._well()
         return data
 
     def write(self, frame: bytes, now: float) -> bool:
@@ -52,10 +55,13 @@ class Connection:
         if self._transport is None:
             return False
         try:
-            return self._transport.write(frame)
+            taken = self._transport.write(frame)
         except OSError as error:
             self._lost(error, now)
             return False
+        if taken and now - self._opened_at >= LAST_RETRY:
+            self._well()
+        return taken
 
     def close(self) -> None:
         """Give the device back, until the next read."""
@@ -70,8 +76,13 @@ class Connection:
         try:
             self._transport = self._opener()
             self.opened += 1
+            self._opened_at = now
         except OSError as error:
             self._lost(error, now)
+
+    def _well(self) -> None:
+        self._delay = FIRST_RETRY
+        self.trouble = None
 
     def _lost(self, error: OSError, now: float) -> None:
         self.close()

@@ -1,0 +1,117 @@
+"""Whatever floods in and out, each connection keeps to its budgets, and what matters gets out soon."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.rehearsal import Rehearsal, Wire
+from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.wire.ids import Policy, State
+from companion.wire.parameters import build
+from tests.companion.link.test_one_sender import CALL, SUMMARY
+
+STEP = 0.05
+SOON = 4.0
+LIST = mavlink.MAVLink_param_request_list_message(1, 191)
+UNKNOWN = mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0)
+FLOODS = ("summaries", "numbers", "texts", "call", "lists", "news", "reads")
+NUMBERS = dict.fromkeys(("AT_TRAV", "AT_UNC", "AT_SIM", "AT_CALL"), 0.5)
+
+
+class Meter:
+    """Bytes of one budget over time: `excess` is the most by which a stretch of time went over its rate."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate = rate
+        self._lowest = 0.0
+        self._before = 0
+        self.excess = 0.0
+
+    def take(self, total: int, now: float) -> None:
+        self._lowest = min(self._lowest, self._before - self._rate * now)
+        self._before = total
+        self.excess = max(self.excess, total - self._rate * now - self._lowest)
+
+
+connections = st.builds(
+    ConnectionSettings,
+    st.just("udpout:127.0.0.1:14551"),
+    budget=st.sampled_from([150.0, 300.0, 1000.0]),
+    burst=st.sampled_from([300.0, 600.0]),
+    asked_budget=st.sampled_from([100.0, 1500.0]),
+)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    connections,
+    connections,
+    st.lists(st.sets(st.sampled_from(FLOODS)), min_size=6, max_size=6),
+    st.sampled_from(["main", "wifi", None]),
+)
+def test_every_budget_holds_and_what_matters_gets_out(
+    first: ConnectionSettings, second: ConnectionSettings, floods: list[set[str]], old: str | None
+) -> None:
+    main = LinkSettings(
+        "udpout:127.0.0.1:14550", first.budget, first.burst, first.asked_budget, more={"wifi": second}
+    )
+    stage = Rehearsal(main, build([f"word {number}" for number in range(20)], {}, {}))
+    wires: dict[str, Wire] = {"main": stage, "wifi": stage.more["wifi"]}
+    if old is not None:
+        wires[old].mavlink1 = True
+    meters = {
+        (name, budget): (Meter(rate), one.burst)
+        for name, one in main.connections().items()
+        for budget, rate in (("unsolicited", one.budget), ("asked", one.asked_budget))
+    }
+
+    def live(flooding: set[str], seconds: float) -> None:
+        for number in range(round(seconds / STEP)):
+            flood(stage, flooding, number)
+            stage.run(STEP, step=STEP)
+            for (name, budget), (meter, _) in meters.items():
+                meter.take(stage.link.counters.connections[name].sent[budget], stage.now)
+
+    live(floods[0], 2)
+    stage.link.announce(CALL, "C1 unknown thing ahead 38%: ok/stay/word", stage.now)
+    began = stage.now
+    for number, wire in enumerate(wires.values()):
+        wire.send(UNKNOWN, (255, number))
+    for flooding in floods:
+        live(flooding, 2)
+    for meter, burst in meters.values():
+        assert meter.excess <= burst + 1e-6
+    for name, wire in wires.items():
+        beats = wire.times("HEARTBEAT")
+        assert max(after - before for before, after in pairwise(beats)) < 1.6
+        said = [f.at for f in wire.frames if f.message.get_type() == "STATUSTEXT" and "C1" in f.message.text]
+        assert said[0] - began < SOON
+        if name != old:
+            data = [f.at for f in wire.frames if getattr(f.message, "payload_type", 0) == 45002]
+            assert data[0] - began < SOON
+        assert wire.times("COMMAND_ACK")[0] - began < SOON
+
+
+def flood(stage: Rehearsal, kinds: set[str], number: int) -> None:
+    now = stage.now
+    if "summaries" in kinds:
+        stage.link.summary(SUMMARY, now)
+        stage.link.set_state(State(1 + number // 20 % 2), number // 20, Policy.REPORT)
+    if "numbers" in kinds:
+        stage.link.numbers(NUMBERS, now)
+    if "texts" in kinds:
+        stage.link.say(f"a text that is quite long, at {now:.2f}", 6, now)
+    if "call" in kinds and now > 2:
+        stage.link.announce(replace(CALL, frame_id=number), f"C1 unknown thing {number}", now)
+    if "news" in kinds:
+        stage.link.set_parameter("AT_W_WORD_1", number % 20 / 20, now)
+    for wire in (stage, stage.more["wifi"]):
+        if "lists" in kinds:
+            wire.send(LIST)
+        if "reads" in kinds:
+            wire.send(mavlink.MAVLink_param_request_read_message(1, 191, b"", number % 20))

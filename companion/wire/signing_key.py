@@ -10,6 +10,7 @@ from companion.wire.signing import KEY_BYTES, SigningKey
 
 _LARGEST = 256
 _OTHERS = 0o077
+_NOT_OURS = "the signing key {path} is somebody else's: chown it to the user who runs this program"
 
 
 class SigningKeyError(ValueError):
@@ -22,6 +23,8 @@ def read_key(path: Path) -> SigningKey:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     except FileNotFoundError:
         raise SigningKeyError(f"there is no signing key {path}: make one, or take the setting out") from None
+    except PermissionError:
+        raise SigningKeyError(_NOT_OURS.format(path=path)) from None
     except OSError as error:
         raise SigningKeyError(f"signing key {path}: {(error.strerror or str(error)).lower()}") from None
     try:
@@ -36,8 +39,8 @@ def _check_rights(path: Path, status: os.stat_result) -> None:
         raise SigningKeyError(f"signing key {path} is no file")
     if status.st_mode & _OTHERS:
         raise SigningKeyError(f"others may open the signing key {path}: chmod 600 {path}")
-    if status.st_uid not in (0, os.geteuid()):
-        raise SigningKeyError(f"the signing key {path} is somebody else's: chown it to who runs this program")
+    if os.geteuid() != 0 and status.st_uid not in (0, os.geteuid()):
+        raise SigningKeyError(_NOT_OURS.format(path=path))
 
 
 def _parse(path: Path, content: bytes) -> SigningKey:

@@ -190,14 +190,18 @@ def test_a_key_that_others_may_open_is_refused(mode: int, tmp_path: Path) -> Non
         read_key(path)
 
 
-def test_somebody_elses_key_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_somebody_elses_key_is_refused_unless_root_asks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = key_file(tmp_path, SECRET)
-    if path.stat().st_uid == 0:
-        os.chown(path, 12_345, -1)
-    else:
-        monkeypatch.setattr(os, "geteuid", lambda: 12_345)
+    owner = path.stat().st_uid or 12_345
+    if os.geteuid() == 0:
+        os.chown(path, owner, -1)
+    monkeypatch.setattr(os, "geteuid", lambda: owner + 1)
     with pytest.raises(SigningKeyError, match="chown"):
         read_key(path)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    assert read_key(path)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from companion.autopilots import known_autopilot
 from companion.link import encode
 from companion.link.heard import Vehicle
 from companion.link.outbox import Outbox
+from companion.link.receiver import Receiver
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
@@ -17,6 +18,8 @@ POSITION_PERIOD = 0.5
 PULSES_SILENCE = 1.0
 PULSES_PATIENCE = 2.0
 """The off switch is asked for again sooner than a position."""
+HEALTH_SILENCE = 3.0
+HEALTH_PATIENCE = 10.0
 MODE_SILENCE = 2.0
 MODE_PATIENCE = 5.0
 
@@ -24,16 +27,12 @@ MODE_PATIENCE = 5.0
 class Asking:
     """Asks for what stays away, and at once for all when the autopilot is back: it may have rebooted."""
 
-    def __init__(self, outbox: Outbox) -> None:
+    def __init__(self, outbox: Outbox, receiver: Receiver) -> None:
         self.wants_pulses = False
         self._outbox = outbox
+        self._receiver = receiver
         self._returns = 0
-        self._pulses_at = -math.inf
         self._asked_at: dict[int, float] = {}
-
-    def hear_pulses(self, now: float) -> None:
-        """RC_CHANNELS came."""
-        self._pulses_at = now
 
     def tick(self, vehicle: Vehicle | None, returns: int, now: float) -> None:
         """Ask for what is due. returns: how often the autopilot was heard after a silence."""
@@ -42,7 +41,7 @@ class Asking:
         if returns != self._returns:
             self._returns = returns
             self._asked_at.clear()
-            self._pulses_at = -math.inf
+            self._receiver.forget()
         if vehicle.position_at is None:
             patience = MESSAGES["interval"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, POSITION_PERIOD, patience, now)
@@ -51,9 +50,12 @@ class Asking:
         if autopilot is not None and autopilot.tells_late and now - told_at > MODE_SILENCE:
             period = MESSAGES["mode told"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
-        if self.wants_pulses and now - self._pulses_at > PULSES_SILENCE:
+        if self.wants_pulses and now - self._receiver.pulses_at > PULSES_SILENCE:
             period = MESSAGES["rc"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_RC_CHANNELS, period, PULSES_PATIENCE, now)
+        if self.wants_pulses and now - self._receiver.health_at > HEALTH_SILENCE:
+            period = MESSAGES["rc health"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_SYS_STATUS, period, HEALTH_PATIENCE, now)
 
     def _ask(self, vehicle: Vehicle, message_id: int, period: float, patience: float, now: float) -> None:
         if now - self._asked_at.get(message_id, -math.inf) >= patience:

@@ -23,7 +23,6 @@ from companion.link.heard import (
     AnswerRequest,
     Heard,
     PolicyRequest,
-    Pulses,
     ResetRequest,
     Vehicle,
     WordsRequest,
@@ -118,7 +117,7 @@ class Link:
         self._listener = Listener(self._outbox, self._speaker, self._guard, self._tracker, requests)
         self._announcer = Announcer()
         self._returns = 0
-        self._asking = Asking(self._outbox)
+        self._asking = Asking(self._outbox, self._listener.receiver)
         self._setpoints = Setpoints(self._outbox, now)
 
     @property
@@ -171,8 +170,6 @@ class Link:
                 if not self._believes(message, now):
                     continue
                 event = self._listener.hear(message, channel, now)
-                if isinstance(event, Pulses):
-                    self._asking.hear_pulses(now)
                 if event is not None:
                     heard.append(event)
         return heard

@@ -8,8 +8,9 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.channel import Channel
 from companion.link.guard import Guard
-from companion.link.heard import Heard, ModeAck, Pulses, VehicleHeard
+from companion.link.heard import Heard, ModeAck, VehicleHeard
 from companion.link.outbox import Outbox
+from companion.link.receiver import Receiver
 from companion.link.repeats import Repeats
 from companion.link.requests import FILES, REQUESTS, Requests
 from companion.link.speaker import WARNING, Speaker
@@ -17,7 +18,9 @@ from companion.link.vehicle import VehicleTracker
 from companion.wire import notices
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
 
-_TELEMETRY = frozenset({"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "CURRENT_MODE", "COMMAND_ACK"})
+_TELEMETRY = frozenset(
+    {"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "SYS_STATUS", "CURRENT_MODE", "COMMAND_ACK"}
+)
 
 
 class Listener:
@@ -37,6 +40,8 @@ class Listener:
         self._tracker = tracker
         self._requests = requests
         self._repeats = Repeats()
+        self.receiver = Receiver()
+        """Of the remote control."""
 
     def hear(self, message: Any, channel: Channel, now: float) -> Heard | None:
         """Answer what came by `channel` here, or return what the daemon must know."""
@@ -82,9 +87,10 @@ class Listener:
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
             return self._hear_mode_ack(message)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
-            widths = tuple(int(getattr(message, f"chan{number}_raw")) for number in range(1, 19))
-            return Pulses(widths, int(message.chancount))
+            return self.receiver.hear_pulses(message, now)
         else:
+            if kind == "SYS_STATUS" and self._tracker.is_ours(system_id):
+                self.receiver.hear_health(message, now)
             return None
         return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
 

@@ -72,6 +72,7 @@ _ROWS: tuple[_Row, ...] = (
     ("vehicle",     "HEARTBEAT",           "id, mode, armed",   IN,   1.0,  21,  None, None,  "next one"),
     ("position",    "GLOBAL_POSITION_INT", "place, speed",      IN,   0.5,  40,  None, None,  "old in 5 s"),
     ("rc",          "RC_CHANNELS",         "off switch",        IN,   0.2,  54,  None, None,  "old in 3 s"),
+    ("rc health",   "SYS_STATUS",          "transmitter lost",  IN,   1.0,  55,  None, None,  "old in 5 s"),
     ("mode told",   "CURRENT_MODE",        "PX4 mode, sooner",  IN,   0.2,  21,  None, None,  "heartbeat"),
     ("mode ack",    "COMMAND_ACK",         "mode taken or not", IN,   None, 22,  None, None,  "next one"),
 )

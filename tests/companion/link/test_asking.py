@@ -91,3 +91,62 @@ def test_a_mode_that_is_not_wanted_any_more_is_not_sent() -> None:
     stage.link.forget_mode()
     stage.run(1.0)
     assert [message for message in stage.sent("COMMAND_LONG") if message.command == 176] == []
+
+
+def health(present: int, enabled: int, healthy: int) -> mavlink.MAVLink_sys_status_message:
+    return mavlink.MAVLink_sys_status_message(present, enabled, healthy, 0, 12000, -1, -1, 0, 0, 0, 0, 0, 0)
+
+
+def known(stage: Rehearsal, *messages: mavlink.MAVLink_message, wait: float = 0.1) -> list[int | None]:
+    """What is known of the switch from each pulse among these messages."""
+    before = len(stage.reported(Pulses))
+    for message in messages:
+        stage.send(message, (1, 1))
+        stage.run(wait)
+    return [told.of(7) for told in stage.reported(Pulses)[before:]]
+
+
+RECEIVER = 0x10000
+
+
+def test_pulses_that_are_repeated_with_the_transmitter_gone_are_not_known() -> None:
+    stage = Rehearsal()
+    stage.run(0.1)
+    gone, back = health(RECEIVER, RECEIVER, 0xFFFF), health(RECEIVER, RECEIVER, RECEIVER)
+    assert known(stage, pulses(1900), gone, pulses(1900), back, pulses(1900)) == [1900, None, 1900]
+    assert known(stage, gone, pulses(1900)) == [None]
+    stage.run(5.1)
+    assert known(stage, pulses(1900)) == [1900], "it is told no more"
+
+
+def test_an_autopilot_that_tells_nothing_of_the_receiver_is_believed() -> None:
+    stage = Rehearsal()
+    stage.run(0.1)
+    for silent in (health(0, 0, 0), health(RECEIVER, 0, 0), health(0xFFFF, 0xFFFF, 0)):
+        assert known(stage, silent, pulses(1900)) == [1900]
+
+
+def test_a_strength_that_falls_to_nothing_is_a_transmitter_gone() -> None:
+    def heard(strength: int) -> mavlink.MAVLink_rc_channels_message:
+        return mavlink.MAVLink_rc_channels_message(0, 16, *[1900] * 18, strength)
+
+    stage = Rehearsal()
+    stage.run(0.1)
+    assert known(stage, heard(0), heard(0)) == [1900, 1900], "nobody measures it"
+    assert known(stage, heard(255), heard(0)) == [1900, 1900], "nor here"
+    assert known(stage, heard(90), heard(0), heard(1)) == [1900, None, 1900]
+
+
+def test_the_receivers_health_is_asked_for_with_the_pulses() -> None:
+    stage = Rehearsal()
+    stage.run(5.0)
+    assert asked(stage, 1) == []
+    stage.link.ask_for_pulses()
+    stage.run(4.0)
+    assert len(asked(stage, 1)) == 1
+    for _ in range(30):
+        stage.send(health(0, 0, 0), (1, 1))
+        stage.run(1.0)
+    assert len(asked(stage, 1)) == 1
+    stage.run(4.0)
+    assert len(asked(stage, 1)) == 2

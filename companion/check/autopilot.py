@@ -72,7 +72,7 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
             overrun=known.overrun,
         )
     offboard = config.call.px4_hold == "offboard"
-    facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard)
+    facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard, config.call.policy)
     wrong = parameters.judge(autopilot.kind, facts, holds=config.call.policy == "hold")
     if not wrong:
         wrong = [passed(CHECK, f"{who}: {len(values)} parameters told, none makes a hold unsafe")]

@@ -120,9 +120,9 @@ class Interview:
         elif kind == "HEARTBEAT" and self.autopilot is None:
             self._adopt(sender[0], message)
         elif self.autopilot is not None and kind == "PARAM_VALUE":
-            name = str(message.param_id)
-            if self._questions.pop(name, None) is not None:
-                self.values[name] = value_of(message, self.autopilot.kind)
+            name, value = str(message.param_id), value_of(message, self.autopilot.kind)
+            if math.isfinite(value) and self._questions.pop(name, None) is not None:
+                self.values[name] = value
         elif kind == "PARAM_ERROR" and message.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST:
             self._questions.pop(str(message.param_id), None)
 

@@ -56,6 +56,7 @@ ARDUPILOT: tuple[Row, ...] = (
     ("AVOID_MARGIN", REAL32, 2.0, 0.1, 10.0),
     ("AVOID_BACKUP_SPD", REAL32, 0.0, 0.0, 2.0),
     ("FS_ACTION", INT8, 2, 0, 5),
+    ("FS_THR_ENABLE", INT8, 1, 0, 2),
     ("FS_GCS_ENABLE", INT8, 0, 0, 2),
     ("FS_GCS_TIMEOUT", REAL32, 5.0, 2.0, 120.0),
     ("FS_TIMEOUT", REAL32, 1.5, 1.0, 100.0),

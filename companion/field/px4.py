@@ -50,6 +50,8 @@ PARAMETERS: tuple[Row, ...] = (
     ("MAV_1_FORWARD", INT32, 1, 0, 1),
     ("COM_OF_LOSS_T", REAL32, 0.5, 0.0, 60.0),
     ("COM_OBL_RC_ACT", INT32, 0, 0, 7),
+    ("NAV_RCL_ACT", INT32, 1, 0, 6),
+    ("NAV_DLL_ACT", INT32, 0, 0, 6),
     ("RO_SPEED_LIM", REAL32, 2.5, 0.0, 5.0),
 )
 

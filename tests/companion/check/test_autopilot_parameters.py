@@ -51,6 +51,11 @@ def test_good_parameters_raise_nothing() -> None:
         (ARDUPILOT, "MAV_GCS_SYSID", 1, Verdict.FAIL, "passes for the ground station"),
         (ARDUPILOT, "SYSID_MYGCS", 77, Verdict.WARN, "allowed_senders"),
         (ARDUPILOT, "AVOID_BACKUP_SPD", 0.75, Verdict.WARN, "backs up"),
+        (ARDUPILOT, "ATS_TIMEOUT", 5, Verdict.WARN, "set 1.5"),
+        (ARDUPILOT, "ATS_FAULT", 0, Verdict.WARN, "set 1"),
+        (ARDUPILOT, "SERIAL2_OPTIONS", 1032, Verdict.WARN, "subtract 1024"),
+        (ARDUPILOT, "MAV3_OPTIONS", 3, Verdict.WARN, "subtract 2"),
+        (PX4, "MAV_2_FORWARD", 0, Verdict.WARN, "set 1"),
         (PX4, "MAV_1_FORWARD", 0, Verdict.WARN, "do not hear each other"),
         (PX4, "COM_OBL_RC_ACT", 3, Verdict.WARN, "drives the vehicle home"),
         (PX4, "COM_OF_LOSS_T", 5, Verdict.WARN, "noticed late"),
@@ -81,6 +86,45 @@ def test_a_script_that_does_not_run_and_one_that_cannot_are_told_apart() -> None
     none = {name: value for name, value in without.items() if not name.startswith("SCR_")}
     (found,) = judge(ARDUPILOT, Facts(none), holds=True)
     assert "runs no scripts" in found.text
+
+
+@pytest.mark.parametrize(
+    ("name", "policy", "told"),
+    [
+        ("ATS_NEED", "report", True),
+        ("ATS_NEED", "off", True),
+        ("ATS_NEED", "hold", False),
+        ("ATS_POLICY", "shadow", True),
+        ("ATS_POLICY", "off", False),
+        ("ATS_POLICY", "hold", False),
+    ],
+)
+def test_a_script_that_stops_more_than_the_companion_may_is_told(name: str, policy: str, told: bool) -> None:
+    found = judge(ARDUPILOT, Facts({**GOOD, name: 1.0}, policy=policy), holds=policy == "hold")
+    assert [one.check for one in found] == ([f"{name} 1"] if told else [])
+
+
+def test_a_demand_that_arming_does_not_ask_about_is_told() -> None:
+    (found,) = judge(ARDUPILOT, Facts({**GOOD, "ATS_NEED": 1.0, "ARMING_CHECK": 0.0}), holds=True)
+    assert found.check == "ARMING_CHECK 0"
+    assert judge(ARDUPILOT, Facts({**GOOD, "ARMING_CHECK": 0.0}), holds=True) == []
+
+
+@pytest.mark.parametrize("options", ["SERIAL2_OPTIONS", "MAV3_OPTIONS"])
+def test_other_options_of_a_port_are_no_concern(options: str) -> None:
+    assert judge(ARDUPILOT, Facts({**GOOD, options: 5.0}), holds=True) == []
+
+
+def test_what_was_not_told_is_as_bad_as_it_may_be() -> None:
+    untold = {name: value for name, value in GOOD.items() if name not in ("MIS_RESTART", "FS_ACTION")}
+    found = judge(ARDUPILOT, Facts(untold), holds=True)
+    assert [(one.check, one.verdict) for one in found] == [
+        ("MIS_RESTART untold", Verdict.FAIL),
+        ("FS_ACTION untold", Verdict.WARN),
+    ]
+    assert {one.verdict for one in judge(ARDUPILOT, Facts(untold), holds=False)} == {Verdict.WARN}
+    newer = {"MAV_GCS_SYSID" if name == "SYSID_MYGCS" else name: value for name, value in GOOD.items()}
+    assert judge(ARDUPILOT, Facts(newer), holds=True) == []
 
 
 def test_offboard_holding_makes_more_of_the_loss_of_setpoints() -> None:
@@ -120,6 +164,6 @@ def test_how_fast_it_drives_by_itself_is_the_autopilot_s_word(
 def test_every_parameter_is_asked_for_once_and_by_a_name_that_fits() -> None:
     for autopilot in (ARDUPILOT, PX4):
         asked = names(autopilot)
-        assert len(set(asked)) == len(asked) <= 24
+        assert len(set(asked)) == len(asked) <= 40
         assert all(0 < len(name) <= 16 for name in asked)
     assert names(0) == ()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import struct
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -150,6 +152,28 @@ def test_an_autopilot_that_answers_nothing_is_told_and_waited_for_no_longer_than
     (finding,) = found(talk)
     assert finding.verdict is Verdict.FAIL
     assert "answers none of our questions" in finding.text
+
+
+def test_an_autopilot_that_answers_late_has_answered() -> None:
+    counted: Counter[str] = Counter()
+    prompt = answering({"MIS_RESTART": 1.0, "FS_ACTION": 2.0})
+
+    def answer(message: Any) -> list[Any]:
+        name = getattr(message, "param_id", "")
+        counted[name] += 1
+        return [] if name and counted[name] < 3 else prompt(message)
+
+    talk = Talk(answer)
+    talk.run()
+    assert talk.interview.values == {"MIS_RESTART": 1.0, "FS_ACTION": 2.0}
+
+
+@pytest.mark.parametrize("rubbish", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_is_no_answer(rubbish: float) -> None:
+    talk = Talk(answering({"ATS_MODES": rubbish, "MIS_RESTART": rubbish, "FS_ACTION": 2.0}))
+    talk.run()
+    assert talk.interview.values == {"FS_ACTION": 2.0}
+    assert "MIS_RESTART untold" in {finding.check for finding in found(talk)}
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from companion.calls.switch import OffSwitch, Side
 from companion.config import Config
 from companion.tuning import judging_values
 from companion.wire.ids import Policy
-from companion.wire.parameters import BUDGET, NUMBER_RATE, SUMMARY_RATE, build
+from companion.wire.parameters import BUDGET, NUMBER_RATE, ROI, SUMMARY_RATE, build
 
 
 def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
@@ -59,6 +59,12 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
         fault_ends_hold=call.fault_ends_hold,
         px4_hold=call.px4_hold,
     )
+
+
+def first_values(config: Config) -> dict[str, float]:
+    """What the parameters say from the first moment on, before the perceiver is known."""
+    sides = {name: getattr(config.roi, side) for side, name in ROI.items()}
+    return {**sides, BUDGET: config.link.budget}
 
 
 def kept_values(config: Config, judging: Settings) -> dict[str, float]:

@@ -21,7 +21,7 @@ from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
 from companion.check.stopping import Stopping
 from companion.config import Config
-from companion.configured import call_numbers, kept_values, restored_policies
+from companion.configured import call_numbers, first_values, kept_values, restored_policies
 from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.eyes import Eyes
@@ -59,7 +59,7 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
 
 
 def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
-    listed = parameters.build(config.vocabulary, config.words, {}, aliases=config.aliases)
+    listed = parameters.build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     journal = Journal(config.journal.path)
     closing.callback(journal.close)
     supervision = journal.load_supervision() or {}

@@ -40,7 +40,7 @@ from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness, tasks
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
-from companion.wire.parameters import build
+from companion.wire.parameters import ROI, build
 from tests.anytraverse.conftest import AHEAD, CODES, GNOME, HEIGHT, WIDTH, Painted
 
 AUTO, HOLD, MANUAL = 10, 4, 0
@@ -114,7 +114,7 @@ class Rig:
         if forget_frame:
             (self.folder / "call.png").unlink()
         now = self.clock.now
-        self.listed = build(["grass", "rock", "drum"], WORDS, {})
+        self.listed = build(["grass", "rock", "drum"], WORDS, dict(zip(ROI.values(), self.roi, strict=True)))
         self.stage = Rehearsal(parameters=self.listed)
         self.stage.mode = mode
         self.stage.now = now

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import ParameterRequest
+from companion.link.heard import AnswerRequest, ParameterRequest
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkSettings
 from companion.wire.parameters import Parameter, ParameterError, build
@@ -201,3 +201,23 @@ def test_no_parameter_message_ever_raises(name: bytes, value: float, kind: int, 
     stage.send(mavlink.MAVLink_param_set_message(1, 191, name, value, kind))
     stage.send(mavlink.MAVLink_param_request_read_message(1, 191, name, index))
     stage.run(0.05)
+
+
+BIT_PATTERNS = st.integers(0, 2**32 - 1).map(lambda bits: struct.unpack("<f", struct.pack("<I", bits))[0])
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(FULL), st.floats(width=32) | BIT_PATTERNS | st.integers(-3, 9).map(float))
+def test_every_parameter_takes_what_it_may_be_and_echoes_the_old_value_otherwise(
+    entry: Parameter, value: float
+) -> None:
+    stage = Rehearsal(parameters=FULL)
+    stage.run(0.02)
+    taken = [*ask(stage, setting(entry.name, value)), *stage.reported(AnswerRequest)]
+    if not taken:
+        assert values(stage) == [(entry.name, round(entry.value, 4))]
+    elif isinstance(taken[0], ParameterRequest):
+        assert entry.accepts(taken[0].value)
+        assert taken[0].value == pytest.approx(value, abs=1e-6)
+    else:
+        assert 10 * taken[0].target + taken[0].motion == value

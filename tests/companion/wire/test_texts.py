@@ -14,6 +14,7 @@ NUMBER = st.integers(0, 0xFFFF)
 FIGURE = st.none() | st.floats()
 FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text", "most"}
 ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
+    "connection": st.from_regex(r"[a-z][a-z0-9_-]{0,11}", fullmatch=True),
     "call": NUMBER,
     "number": NUMBER,
     "kind": st.sampled_from(Kind),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
 
 from companion.files.opened import FileError, MissingError, Opened
-from companion.files.tree import Entry, Tree
+from companion.files.tree import Tree
 from companion.link import encode
+from companion.link.ftp.lists import Lists
 from companion.link.ftp.sessions import Burst, Session, Sessions
 from companion.link.guard import Guard
 from companion.link.heard import Sender
@@ -18,13 +18,14 @@ from companion.wire.ftp import MAX_DATA, SMALL_DATA, WRITES, FtpError, FtpPayloa
 from companion.wire.packing import PayloadError
 
 BURST_FRAMES = 64
-"""Frames of one burst: a client that is gone costs no more."""
+"""Frames of one burst at most: a client that is gone costs no more."""
+BURST_FOR = 2.0
+"""s of one burst at most: pymavlink's client gives up when it has said nothing for 3.7 s."""
 BURST_REPEAT = 0.3
 """s in which the same burst asked for again is a copy made on the way: clients wait longer."""
 NARROW = 10_000.0
 """B/s of budget up to which a burst goes in short frames."""
 MAX_REPLIES = 8
-MAX_LISTS = 8
 MAX_CHECKED = 1024 * 1024
 """Bytes of the largest file whose CRC is told: it is reckoned while the radio waits."""
 _BLOCK = 64 * 1024
@@ -38,7 +39,12 @@ class FtpServer:
         self._guard = guard
         self._tree = tree
         self._sessions = Sessions()
-        self._lists: OrderedDict[Sender, tuple[str, tuple[Entry, ...]]] = OrderedDict()
+        self._lists = Lists(tree)
+
+    @property
+    def open_files(self) -> int:
+        """How many somebody is reading."""
+        return len(self._sessions)
 
     def hear(self, sender: Sender, message: Any, now: float) -> None:
         """A request to us. A reply is never answered: two servers would not stop."""
@@ -54,7 +60,7 @@ class FtpServer:
             return
         reply = self._reply(sender, request, now)
         if reply is not None:
-            self._push("file reply", sender, reply, now)
+            self._tell(sender, reply, now)
 
     def tick(self, now: float) -> None:
         """Feed the bursts, one frame at a time for each connection, so that they never fill a queue."""
@@ -79,7 +85,8 @@ class FtpServer:
                     self._sessions.end(sender, request)
                     return request.ack()
                 case Opcode.LIST_DIRECTORY:
-                    return self._list(sender, request)
+                    page = self._lists.page(sender, request, self._data_size(sender))
+                    return request.ack(page) if page else request.nak(FtpError.END_OF_FILE)
                 case Opcode.OPEN_FILE_RO:
                     return self._open(sender, request, now)
                 case Opcode.READ_FILE | Opcode.BURST_READ_FILE:
@@ -96,23 +103,6 @@ class FtpServer:
             return request.nak(FtpError.FILE_NOT_FOUND)
         except FileError:
             return request.nak(FtpError.FAIL)
-
-    def _list(self, sender: Sender, request: FtpPayload) -> FtpPayload:
-        path = request.path()
-        kept, entries = self._lists.get(sender, ("", ()))
-        if request.offset == 0 or kept != path:
-            entries = self._tree.entries(path)
-            self._lists[sender] = path, entries
-            self._lists.move_to_end(sender)
-            if len(self._lists) > MAX_LISTS:
-                self._lists.popitem(last=False)
-        data = b""
-        for entry in entries[request.offset :]:
-            line = _line(entry)
-            if data and len(data) + len(line) > self._data_size(sender):
-                break
-            data += line
-        return request.ack(data) if data else request.nak(FtpError.END_OF_FILE)
 
     def _open(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload:
         session = self._sessions.repeated(sender, request, now)
@@ -137,6 +127,8 @@ class FtpServer:
         if running is None or running.request != request or now - running.started > BURST_REPEAT:
             step = min(asked, self._data_size(sender))
             session.burst = Burst(request, now, request.sequence, request.offset, step, asked, BURST_FRAMES)
+            if running is not None:  # what waits of it was asked for again
+                self._feed(session, now)
         return None
 
     def _feed(self, session: Session, now: float) -> None:
@@ -144,22 +136,25 @@ class FtpServer:
         assert burst is not None
         burst.left -= 1
         burst.sequence += 1
+        last = burst.left == 0 or now - burst.started >= BURST_FOR
         # Clients take a shorter last frame than they asked for as the file's end.
-        count = burst.step if burst.left else burst.asked
+        count = burst.asked if last else burst.step
         request = replace(burst.request, sequence=burst.sequence - 1 & 0xFFFF)
         try:
             data = session.opened.read(burst.offset, count)
         except FileError:
             session.burst = None
-            self._push("file reply", session.sender, request.nak(FtpError.FAIL), now)
+            self._tell(session.sender, request.nak(FtpError.FAIL), now)
             return
         reply = request.ack(data, offset=burst.offset)
         burst.offset += len(data)
-        if burst.left == 0 or burst.offset >= session.opened.size:
+        if last or burst.offset >= session.opened.size:
             session.burst = None
             reply = replace(reply, burst_complete=True)
         session.used_at = now
-        self._push("file data", session.sender, reply, now)
+        message = encode.file_transfer(reply.pack(), session.sender)
+        key = (session.sender, session.number)
+        self._outbox.push("file data", message, now, key=key, to=session.sender)
 
     def _checksum(self, request: FtpPayload) -> FtpPayload:
         opened = self._tree.open(request.path())
@@ -170,15 +165,10 @@ class FtpServer:
         finally:
             opened.close()
 
-    def _push(self, row: str, sender: Sender, reply: FtpPayload, now: float) -> None:
+    def _tell(self, sender: Sender, reply: FtpPayload, now: float) -> None:
         key = (sender, reply.session, reply.sequence, reply.request)
-        self._outbox.push(row, encode.file_transfer(reply.pack(), sender), now, key=key, to=sender)
-
-
-def _line(entry: Entry) -> bytes:
-    """Type, name, size and a NUL: one client overwrites the last byte of what it gets."""
-    text = f"D{entry.name}" if entry.size is None else f"F{entry.name}\t{entry.size}"
-    return text.encode() + b"\0"
+        message = encode.file_transfer(reply.pack(), sender)
+        self._outbox.push("file reply", message, now, key=key, to=sender)
 
 
 def _crc(opened: Opened) -> int:

@@ -1,0 +1,138 @@
+"""Sessions of MAVLink FTP: repeated requests, copies that come late, limits, silence."""
+
+from collections.abc import Iterator
+from itertools import count
+
+import pytest
+
+from companion.files.tree import Document, Documents, Tree
+from companion.link.ftp.rehearsal import FileClient
+from companion.link.ftp.sessions import IDLE
+from companion.link.rehearsal import Rehearsal
+from companion.wire.ftp import FtpError, FtpPayload, Opcode
+
+BYTES = bytes(number * 7 % 251 for number in range(20_000))
+FILES = {f"{size}.bin": BYTES[:size] for size in (80, 400, 20_000)}
+SIZES = {name: len(content) for name, content in FILES.items()}
+
+
+@pytest.fixture
+def versions() -> Iterator[int]:
+    return count(1)
+
+
+@pytest.fixture
+def stage(versions: Iterator[int]) -> Rehearsal:
+    def state() -> bytes:
+        return f"version {next(versions)}".encode()
+
+    files = Documents(lambda: SIZES, FILES.__getitem__)
+    return Rehearsal(tree=Tree({"state.json": Document(state), "files": files}))
+
+
+@pytest.fixture
+def client(stage: Rehearsal) -> FileClient:
+    return FileClient(stage)
+
+
+def error(reply: FtpPayload) -> FtpError:
+    assert reply.opcode == Opcode.NAK
+    return FtpError(reply.data[0])
+
+
+def test_a_repeated_request_gets_the_same_reply_and_opens_nothing_new(
+    client: FileClient, versions: Iterator[int]
+) -> None:
+    request = client.request(Opcode.OPEN_FILE_RO, b"/state.json")
+    assert client.ask(request) == client.ask(request)
+    assert next(versions) == 2
+    read = client.request(Opcode.READ_FILE, size=80)
+    assert client.ask(read) == client.ask(read)
+    end = client.request(Opcode.TERMINATE_SESSION)
+    assert client.ask(end) == client.ask(end) == end.ack()
+    assert error(client.read()) is FtpError.INVALID_SESSION
+
+
+def test_a_copy_of_an_old_end_does_not_close_a_newer_session(client: FileClient) -> None:
+    end, reset = client.request(Opcode.TERMINATE_SESSION), client.request(Opcode.RESET_SESSIONS)
+    client.ask(end)
+    client.open("/files/400.bin")
+    client.ask(end)
+    client.ask(reset)
+    assert client.read().data == BYTES[:80]
+
+
+def test_a_copy_of_a_burst_request_costs_nothing_and_a_late_one_begins_again(client: FileClient) -> None:
+    client.open("/files/20000.bin")
+    burst = client.request(Opcode.BURST_READ_FILE, size=80)
+    client.send(burst)
+    client.send(burst)
+    first = client.replies(0.5)
+    assert [reply.offset for reply in first] == [80 * count for count in range(len(first))]
+    client.send(burst)
+    assert client.replies(0.5)[0].offset == 0
+
+
+def test_opening_again_in_the_same_session_reads_the_newest(client: FileClient) -> None:
+    client.open("/state.json")
+    client.open("/state.json")
+    assert client.read().data == b"version 2"
+
+
+def test_a_reset_ends_the_senders_own_sessions_only(stage: Rehearsal) -> None:
+    one = FileClient(stage)
+    other = FileClient(stage, (254, 190))
+    one.open("/files/400.bin")
+    one.open("/files/80.bin", session=1)
+    other.open("/files/400.bin")
+    one.replies()
+    assert one.ask(one.request(Opcode.RESET_SESSIONS)).opcode == Opcode.ACK
+    for session in (0, 1):
+        reply = one.read(session=session)
+        assert error(reply) is FtpError.INVALID_SESSION
+    other.replies()
+    assert other.read().data == BYTES[:80]
+
+
+def test_a_sender_has_two_sessions_and_the_longest_idle_makes_room(client: FileClient) -> None:
+    for session in (0, 1, 2):
+        assert client.open("/files/400.bin", session=session).opcode == Opcode.ACK
+    reply = client.read(session=0)
+    assert error(reply) is FtpError.INVALID_SESSION
+    for session in (1, 2):
+        assert client.read(session=session).data == BYTES[:80]
+
+
+def test_four_sessions_in_all_and_the_fifth_waits_until_one_is_idle(stage: Rehearsal) -> None:
+    clients = [FileClient(stage, (250 + number, 190)) for number in range(3)]
+    for client in clients[:2]:
+        for session in (0, 1):
+            client.replies()
+            client.open("/files/400.bin", session=session)
+    late = clients[2]
+    late.replies()
+    assert error(late.open("/files/400.bin")) is FtpError.NO_SESSIONS_AVAILABLE
+    late.replies(IDLE + 1.0)
+    assert late.open("/files/400.bin").opcode == Opcode.ACK
+
+
+def test_a_session_in_use_outlives_the_idle_time_and_then_ends(client: FileClient) -> None:
+    client.open("/files/400.bin")
+    for _ in range(3):
+        client.replies(IDLE - 5.0)
+        assert client.read().opcode == Opcode.ACK
+    client.replies(IDLE + 1.0)
+    assert error(client.read()) is FtpError.INVALID_SESSION
+
+
+def test_two_bursts_take_turns(stage: Rehearsal) -> None:
+    one = FileClient(stage)
+    other = FileClient(stage, (254, 190))
+    for client in (one, other):
+        client.replies()
+        client.open("/files/20000.bin")
+        client.send(client.request(Opcode.BURST_READ_FILE, size=80))
+    one.replies(), other.replies(0.0)
+    shares = len(other.replies(1.0)), len(one.replies(0.0))
+    assert abs(shares[0] - shares[1]) <= 1
+    assert sum(shares) > 10

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.heard import AnswerRequest, Heard
 from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.link.settings import MAIN, LinkError, LinkSettings
+from companion.link.settings import MAIN, ConnectionSettings, LinkError, LinkSettings
 from companion.link.transport import Tcp, Udp, open_transport
 from companion.wire.ids import Motion
 from companion.wire.parameters import build
@@ -256,3 +256,41 @@ def test_without_pyserial_a_serial_link_says_what_to_install(monkeypatch: pytest
     monkeypatch.setitem(__import__("sys").modules, "serial", None)
     with pytest.raises(LinkError, match="pip install"):
         link_to("serial:/dev/ttyAMA0:57600")
+
+
+def test_an_autopilot_on_a_serial_port_and_ground_stations_by_network_at_once(ground: socket.socket) -> None:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    network = Udp(LinkSettings("udpin:127.0.0.1:0").address())
+    url = f"serial:{os.ttyname(slave)}:57600"
+    more = {"wifi": ConnectionSettings("udpin:127.0.0.1:0", budget=0.0)}
+    openers: dict[str, Callable[[], Any]] = {"wifi": lambda: network}
+    link = Link(LinkSettings(url, more=more), build(["grass"], {}, {}), time.monotonic(), openers=openers)
+    autopilot = Peer(lambda: os.read(master, 2048), lambda data: os.write(master, data))
+    second = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    second.settimeout(0)
+    there = ("127.0.0.1", network.port)
+    first = Peer(lambda: ground.recv(2048), lambda data: ground.sendto(data, there))
+    late = Peer(lambda: second.recv(2048), lambda data: second.sendto(data, there))
+    link.poll(time.monotonic())
+    for peer in (first, late):
+        peer.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(GROUND))
+    autopilot.send(HEARTBEAT.pack(AUTOPILOT))
+    everybody = (autopilot, first, late)
+    until(link, lambda: all("HEARTBEAT" in peer.types() for peer in everybody), *everybody)
+    assert len(link.filenos()) == 2
+    late.send(mavlink.MAVLink_param_request_list_message(1, 191).pack(GROUND))
+    link.set_mode(4, time.monotonic())
+    until(link, lambda: "COMMAND_LONG" in autopilot.types() and "PARAM_VALUE" in late.types(), *everybody)
+    os.close(slave)
+    os.close(master)
+    until(link, lambda: link.trouble is not None)
+    assert str(link.trouble).startswith("link lost: ")
+    before = late.types().count("HEARTBEAT")
+    until(link, lambda: late.types().count("HEARTBEAT") > before, first, late)
+    assert "PARAM_VALUE" not in autopilot.types()
+    assert "COMMAND_LONG" not in late.types()
+    link.close()
+    second.close()

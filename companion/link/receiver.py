@@ -1,4 +1,4 @@
-"""The remote control, as the autopilot tells of it, which may repeat the last pulses of a lost transmitter."""
+"""The remote control as the autopilot tells of it; it may repeat the last pulses of a lost transmitter."""
 
 from __future__ import annotations
 

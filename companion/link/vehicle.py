@@ -24,7 +24,8 @@ class VehicleTracker:
 
     def __init__(self, configured: int) -> None:
         self._configured = configured
-        self._candidate: tuple[int, float] | None = None
+        self._candidate = 0
+        self._candidate_since = self._candidate_at = -math.inf
         self.vehicle: Vehicle | None = None
         self.returns = 0
 
@@ -86,7 +87,9 @@ class VehicleTracker:
     def _adopts(self, system_id: int, now: float) -> bool:
         if system_id == self._configured:
             return True
-        if self._candidate is None:
-            self._candidate = (system_id, now)
-        first, since = self._candidate
-        return system_id == first and now - since >= SETTLE
+        if now - self._candidate_at > SILENCE:
+            self._candidate, self._candidate_since = system_id, now
+        if system_id != self._candidate:
+            return False
+        self._candidate_at = now
+        return now - self._candidate_since >= SETTLE

@@ -40,6 +40,16 @@ def test_another_id_is_adopted_when_the_configured_one_stays_silent() -> None:
     assert stage.sent("HEARTBEAT")[-1].get_srcSystem() == 7
 
 
+def test_one_that_passed_by_before_ours_does_not_keep_it_from_being_adopted() -> None:
+    stage = Rehearsal(vehicle=None)
+    stage.run(0.1)
+    stage.heartbeat(9)
+    stage.run(1.0)
+    stage.vehicle = 7
+    stage.run(7.0)
+    assert vehicle(stage).system_id == 7
+
+
 def test_the_first_heartbeat_under_a_new_id_leaves_at_once() -> None:
     stage = Rehearsal(vehicle=7)
     stage.run(3.5)

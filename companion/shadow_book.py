@@ -13,13 +13,15 @@ from anytraverse.assessment import Reason
 from companion.calls.decisions import WouldHold, WouldResume
 from companion.calls.shadow import Shadow
 from companion.wire import notices
-from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
+from companion.wire.parameters import MANY, SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 
 ENOUGH_HOURS = 0.1
 """Less says nothing about a rate."""
 _NEWEST = 50
 _KEEP_EVERY = 60.0
 """Seconds watched that a kill -9 may cost, so that a memory card is not worn out by a counter."""
+_LARGEST = 1e11
+"""As a Unix time a year that a date can still tell."""
 _REASONS = tuple(reason.value for reason in Reason)
 
 
@@ -132,7 +134,8 @@ class ShadowBook:
         """Parameter name -> value; the hours in tenths, so that they are no stream of their own."""
         counts = {SHADOW_REASONS[name]: float(count.holds) for name, count in self.counts.items()}
         hours = math.floor(shadow.watched / 360) / 10
-        return {SHADOW_HOLDS: float(shadow.count), SHADOW_HOURS: hours} | counts
+        values = {SHADOW_HOLDS: float(shadow.count), SHADOW_HOURS: hours} | counts
+        return {name: min(value, MANY) for name, value in values.items()}
 
     def begin_anew(self, shadow: Shadow, wall: float) -> None:
         """Forget what was counted."""
@@ -218,6 +221,6 @@ def _figure(value: Any) -> float:
     """A finite number that is not negative; TypeError or ValueError for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError(f"{value!r} is not a number")
-    if not 0 <= value < 1e12:
+    if not 0 <= value < _LARGEST:
         raise ValueError(f"{value} cannot be")
     return float(value)

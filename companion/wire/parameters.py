@@ -115,11 +115,12 @@ _MORE = (
 )
 """They stand last, so that the words' indices stay as they were."""
 
-_MANY = 1e6
+MANY = 1e6
+"""What is counted counts no further."""
 _COUNTS = (
-    Parameter(SHADOW_HOLDS, 0.0, 0.0, _MANY, whole=True),
-    Parameter(SHADOW_HOURS, 0.0, 0.0, _MANY, read_only=True),
-    *(Parameter(name, 0.0, 0.0, _MANY, whole=True, read_only=True) for name in SHADOW_REASONS.values()),
+    Parameter(SHADOW_HOLDS, 0.0, 0.0, MANY, whole=True),
+    Parameter(SHADOW_HOURS, 0.0, 0.0, MANY, read_only=True),
+    *(Parameter(name, 0.0, 0.0, MANY, whole=True, read_only=True) for name in SHADOW_REASONS.values()),
 )
 
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from anytraverse.assessment import Reason
+from anytraverse.preferences import Preferences
 from companion.calls.decisions import WouldHold, WouldResume
 from companion.calls.shadow import Shadow
 from companion.shadow_book import ShadowBook, rate
+from companion.wire.parameters import build
 
 OBJECT, BLOCKED = frozenset({Reason.UNKNOWN_OBJECT}), frozenset({Reason.BLOCKED, Reason.UNKNOWN_OBJECT})
+LISTED = {parameter.name: parameter for parameter in build([], Preferences({}), {})}
 WALL = 1_800_000_000.0
 
 
@@ -128,6 +131,9 @@ VALUES = st.recursive(
 )
 
 
+@example(key="since", value=9e11)
+@example(key="watched", value=9e10)
+@example(key="count", value=9e10)
 @given(key=st.sampled_from(sorted(counted()[0].saved(counted()[1], 0.0))), value=VALUES)
 def test_nonsense_in_the_journal_begins_anew_or_makes_sense(key: str, value: object) -> None:
     book, shadow = counted()
@@ -135,6 +141,7 @@ def test_nonsense_in_the_journal_begins_anew_or_makes_sense(key: str, value: obj
     restored, _ = ShadowBook.restored({**book.saved(shadow, 0.0), key: value}, again, "model", 0.0, WALL)
     json.dumps(restored.figures(again))
     restored.line(again)
+    assert all(LISTED[name].accepts(told) for name, told in restored.values(again).items())
 
 
 @pytest.mark.parametrize("saved", [3, "x", [], {"model": "model"}])

@@ -1,6 +1,7 @@
-# What a newcomer types. Each target does its own set-up, in .venv and nowhere else.
+# What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check bench-clipseg bench-stopping clean ready-rover ready-dev ready-export
+.PHONY: help demo test lint types check interop bench-clipseg bench-stopping clean
+.PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
 unexport PYTHONPATH PYTHONHOME
@@ -22,21 +23,24 @@ types: ready-dev ## check types
 
 check: lint types test ## all three, as before a commit
 
+interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.3 GB of packages); ARGS as for test
+	@INTEROP=.venv-interop $(PYTHON_IN_VENV) -m pytest tests/interop $(ARGS)
+
 bench-clipseg: ready-export ## time CLIPSeg against the authors' step (GBs of packages); ARGS=--quick, OUT=folder
 	@$(PYTHON_IN_VENV) -m bench.clipseg $(ARGS) $${OUT:+--out "$$OUT"}
 
 bench-stopping: ready-dev ## stop a rover by faults, 50 of each kind (half an hour); ARGS="--runs 2"
 	@$(PYTHON_IN_VENV) -m bench.stopping $(ARGS)
 
-clean: ## remove .venv, caches and builds (what a demo or a bench wrote stays)
-	@rm -rf .venv build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+clean: ## remove both .venv, caches and builds (what a demo or a bench wrote stays)
+	@rm -rf .venv .venv-interop build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 help: ## this list; PYTHON=python3.12 before or after any target chooses the interpreter
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1	\2/p' $(firstword $(MAKEFILE_LIST)) | while IFS='	' read -r name what; do \
 		printf '  make %-14s %s\n' "$$name" "$$what"; done
 
-# Three set-ups in one .venv: the first demo waits only for what a rover needs. The developer's tools, several
+# Three set-ups in one .venv, and one apart: the first demo waits only for what a rover needs. The developer's tools, several
 # times as big, come with the first `make test`, and what makes bundles of networks with the first bench.
-ready-rover ready-dev ready-export: ready-%:
+ready-rover ready-dev ready-export ready-interop: ready-%:
 	@GOAL='$(firstword $(MAKECMDGOALS))' sh .ci/setup.sh $*

@@ -1,11 +1,14 @@
 #!/bin/sh
-# Makes .venv ready for one extra of the distribution: sh .ci/setup.sh rover|dev|export
+# Makes .venv ready for one extra of the distribution: sh .ci/setup.sh rover|dev|export|interop
+# interop has .venv-interop to itself: MAVProxy brings an OpenCV that would overwrite the rover's.
 # Says nothing and calls no pip when it is ready already. PYTHON=... chooses the interpreter.
 set -eu
 
-extra=${1:?give the extra to install: rover, dev or export}
+extra=${1:?give the extra to install: rover, dev, export or interop}
 cd -- "$(dirname -- "$0")/.."
-venv=$(pwd -P)/.venv
+name=.venv
+[ "$extra" != interop ] || name=.venv-interop
+venv=$(pwd -P)/$name
 log=$venv/setup.log
 unfinished=$venv/.unfinished # stands while something is being changed: found at the start, it means "begin again"
 
@@ -98,16 +101,16 @@ explain_pip() {
 
 if is_kept; then
     [ "$(cat "$venv/.ready-$extra" 2>/dev/null)" != "$stamp" ] || exit 0
-    printf 'set-up: bringing .venv up to date for %s (log: .venv/setup.log)\n' "$extra"
+    printf 'set-up: bringing %s up to date for %s (log: %s/setup.log)\n' "$name" "$extra" "$name"
     : >"$unfinished"
 else
     choose_python
-    printf 'set-up: making .venv with Python %s for %s, once (log: .venv/setup.log)\n' "$version" "$extra"
+    printf 'set-up: making %s with Python %s for %s, once (log: %s/setup.log)\n' "$name" "$version" "$extra" "$name"
     rm -rf "$venv"
     mkdir "$venv"
     : >"$unfinished"
     "$python" -m venv "$venv" >"$log" 2>&1 ||
-        fail "$python could not make .venv: $(tail -n 1 "$log") The log: $log"
+        fail "$python could not make $name: $(tail -n 1 "$log") The log: $log"
     stamp="$(cksum <pyproject.toml) $(venv_identity)"
 fi
 
@@ -120,7 +123,7 @@ PIP_RETRIES=${PIP_RETRIES:-3} "$venv/bin/python" -m pip install --no-user --no-i
 }
 
 # dev and export contain rover.
-[ "$extra" = rover ] || printf '%s\n' "$stamp" >"$venv/.ready-rover"
+case $extra in dev | export) printf '%s\n' "$stamp" >"$venv/.ready-rover" ;; esac
 printf '%s\n' "$stamp" >"$venv/.ready-$extra"
 rm -f "$unfinished"
 echo 'set-up: ready'

@@ -73,6 +73,16 @@ def test_the_bench_of_stopping_runs_with_the_developer_s_set_up(checkout: Checko
     assert checkout.calls[-1] == "-m bench.stopping --runs 2"
 
 
+def test_real_ground_stations_get_an_environment_of_their_own(checkout: Checkout) -> None:
+    checkout.python()
+    done = checkout.run("make", "interop", "ARGS=-k ftp")
+    assert done.returncode == 0, done.stderr
+    made = [call.split()[-1].rpartition("/")[2] for call in checkout.calls[:-1]]
+    assert made == [".venv", ".[dev]", ".venv-interop", ".[interop]"]
+    assert checkout.calls[-1] == "-m pytest tests/interop -k ftp"
+    assert checkout.stamps == {".ready-rover", ".ready-dev"}
+
+
 def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> None:
     checkout.python()
     checkout.run("make", "ready-rover")
@@ -89,6 +99,7 @@ def test_make_alone_lists_every_target_with_what_it_does(checkout: Checkout) -> 
         "lint",
         "types",
         "check",
+        "interop",
         "bench-clipseg",
         "bench-stopping",
         "clean",
@@ -106,7 +117,7 @@ def test_clean_leaves_what_a_demo_wrote(checkout: Checkout) -> None:
     assert (checkout.root / "demo-out").exists()
 
 
-GATE = ("ready-dev", "ready-export", "lint", "types", "test")
+GATE = ("ready-dev", "ready-export", "lint", "types", "test", "interop")
 
 
 @pytest.mark.parametrize("failing", GATE)

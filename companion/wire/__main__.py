@@ -1,5 +1,7 @@
-"""`python -m companion.wire` prints the message table as markdown."""
+"""`python -m companion.wire` prints the table of messages as markdown, or of `parameters`."""
 
-from companion.wire.messages import markdown
+import sys
 
-print(markdown(), end="")
+from companion.wire import messages, parameter_page
+
+print((parameter_page if sys.argv[1:] == ["parameters"] else messages).markdown(), end="")

@@ -90,7 +90,7 @@ class Parameter:
     def allowed(self) -> str:
         """The range as a person reads it: "0 to 1 or -2"."""
         special = "" if self.special is None else f" or {self.special:g}"
-        return f"{self.minimum:g} to {self.maximum:g}{special}"
+        return f"{self.minimum:.9g} to {self.maximum:.9g}{special}"
 
 
 _SETTINGS = (

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
+from typing import Any
 
 from companion.link.bucket import TokenBucket
 from companion.link.heard import Sender
+from companion.link.signing import Signing
 
 REQUESTS_PER_SECOND = 20.0
 REQUESTS_AT_ONCE = 60.0
@@ -13,12 +15,20 @@ MAX_SENDERS = 32
 
 
 class Guard:
-    """The allow-list and each sender's rate. `rejected` counts by reason."""
+    """Signatures, the allow-list and each sender's rate. `rejected` counts by reason."""
 
-    def __init__(self, allowed: tuple[int, int]) -> None:
+    def __init__(self, allowed: tuple[int, int], signing: Signing | None = None) -> None:
         self._allowed = allowed
+        self._signing = signing
         self._rates: OrderedDict[tuple[Sender, str], TokenBucket] = OrderedDict()
         self.rejected: Counter[str] = Counter()
+
+    def believes(self, message: Any, now: float) -> bool:
+        """Whether a message may be heard at all: with a key, whether it is signed and new."""
+        reason = "" if self._signing is None else self._signing.refusal(message, now)
+        if reason:
+            self.rejected[reason] += 1
+        return not reason
 
     def may_change(self, sender: Sender) -> bool:
         """Whether this system id may answer calls and set values."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 from companion.autopilots import known_autopilot
 from companion.files.tree import Tree
@@ -33,11 +31,11 @@ from companion.link.parameter_server import ParameterServer
 from companion.link.requests import Requests
 from companion.link.sender import BUDGETS
 from companion.link.setpoints import Setpoints
-from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.link.settings import LinkSettings
 from companion.link.signing import Signing
 from companion.link.speaker import Speaker
 from companion.link.text_parameters import TextParameters
-from companion.link.transport import Transport, check_installed, open_transport
+from companion.link.transport import Transport, opener
 from companion.link.vehicle import VehicleTracker
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, TUNNEL_CALL, Policy, State
@@ -87,7 +85,7 @@ class Link:
             Channel(
                 name,
                 one,
-                (openers or {}).get(name) or _opener(one),
+                (openers or {}).get(name) or opener(one.address()),
                 now,
                 system_id=settings.system_id,
                 signing=signing,
@@ -96,7 +94,7 @@ class Link:
             for number, (name, one) in enumerate(settings.connections().items())
         ]
         self._outbox = Outbox(self._channels)
-        self._guard = Guard(settings.allowed_senders)
+        self._guard = Guard(settings.allowed_senders, signing)
         self._speaker = Speaker(self._outbox)
         self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
         self._texts = TextParameters(self._outbox, self._speaker, self._guard, self._parameters)
@@ -167,18 +165,12 @@ class Link:
         heard: list[Heard] = []
         for channel in self._channels:
             for message in channel.poll(now):
-                if not self._believes(message, now):
+                if not self._guard.believes(message, now):
                     continue
                 event = self._listener.hear(message, channel, now)
                 if event is not None:
                     heard.append(event)
         return heard
-
-    def _believes(self, message: Any, now: float) -> bool:
-        reason = "" if self._signing is None else self._signing.refusal(message, now)
-        if reason:
-            self._guard.rejected[reason] += 1
-        return not reason
 
     def skip(self, now: float) -> None:
         """Throw away what waits to be read."""
@@ -302,9 +294,3 @@ class Link:
         call = self._announcer.data(now)
         if call is not None:
             self._outbox.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)
-
-
-def _opener(settings: ConnectionSettings) -> Callable[[], Transport]:
-    address = settings.address()
-    check_installed(address)
-    return partial(open_transport, address)

@@ -6,6 +6,8 @@ import contextlib
 import errno
 import os
 import socket
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 from companion.link.settings import Address, LinkError
@@ -201,6 +203,12 @@ class Serial(_Stream):
     def close(self) -> None:
         with contextlib.suppress(Exception):
             self._port.close()
+
+
+def opener(address: Address) -> Callable[[], Transport]:
+    """Opens `address` each time that it is called. Raises LinkError where a library is missing for it."""
+    check_installed(address)
+    return partial(open_transport, address)
 
 
 def open_transport(address: Address) -> Transport:

@@ -60,7 +60,8 @@ class Trial:
         self._open: _Open | None = None
         self._looked_at = float("-inf")
         self.status: dict[str, Any] = {}
-        """Of the last one, for the status file: asked, id, state and text; who answered, after how many s."""
+        """Of the last one, for the status file: asked, id, state and text; who answered, after how many s;
+        what was asked meanwhile and refused."""
 
     @property
     def id(self) -> int:
@@ -124,7 +125,10 @@ class Trial:
         if self._open is not None or self._calls.current_id:
             kind = self._calls.kind if self._calls.current_id else Kind.CALL
             text = f"{texts.name(kind, self._calls.current_id or self.id)} is open: answer it first"
-            self.status = {"asked": asked, "id": 0, "state": "refused", "text": text}
+            if self._open is not None:
+                self.status["refused"] = {"asked": asked, "text": text}
+            else:
+                self.status = {"asked": asked, "id": 0, "state": "refused", "text": text}
             return
         number, newest = self._calls.take_id(), self._calls.sight.newest
         data = call_data(

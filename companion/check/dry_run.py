@@ -47,6 +47,8 @@ def _dry_run(folder: Path) -> dict[str, Any]:
     deadline, told = time.monotonic() + TAKEN_WITHIN, False
     while time.monotonic() < deadline:
         said = (status(folder) or {}).get("test_call") or {}
+        if (refused := said.get("refused") or {}).get("asked") == asked:
+            return {**refused, "id": 0, "state": "refused"}
         if said.get("asked") == asked:
             if said.get("state") in _OVER:
                 return dict(said)

@@ -140,6 +140,27 @@ def test_no_test_while_a_call_is_open(held: Rig) -> None:
     assert snapshot(held.calls)["last_id"] == 1, "no id was spent"
 
 
+def test_a_second_one_is_refused_and_the_first_goes_on_with_a_status_of_its_own(rig: Rig) -> None:
+    first = ask(rig)
+    rig.see(2.0)
+    second = ask(rig)
+    rig.see(2.0)
+    assert (status(rig)["asked"], status(rig)["state"]) == (first, "open")
+    assert status(rig)["refused"] == {"asked": second, "text": "C1 is open: answer it first"}
+    rig.answer(1, Motion.GO)
+    rig.see(1.0)
+    assert (status(rig)["asked"], status(rig)["id"], status(rig)["state"]) == (first, 1, "answered")
+
+
+def test_an_answer_that_is_sent_again_is_acknowledged_as_before(rig: Rig) -> None:
+    ask(rig)
+    rig.see(3.0)
+    for _ in range(2):
+        rig.answer(1, Motion.GO, transaction=5)
+        rig.see(1.0)
+    assert [ack.result for ack in rig.acks] == [Result.APPLIED] * 2
+
+
 def test_two_tests_take_two_ids_one_after_the_other(rig: Rig) -> None:
     for number in (1, 2):
         ask(rig)

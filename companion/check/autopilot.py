@@ -6,6 +6,8 @@ import select
 import time
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from companion.autopilots import known_autopilot
 from companion.check import parameters
@@ -15,6 +17,7 @@ from companion.check.parameters import NAMES, Facts
 from companion.config import Config
 from companion.link.connection import Connection
 from companion.link.settings import LinkError, LinkSettings
+from companion.link.signing import Signing, open_signing
 from companion.link.transport import check_installed, open_transport
 from companion.wire.ids import COMPONENT_ID
 
@@ -40,18 +43,30 @@ def ask(config: Config, url: str) -> Asked:
     try:
         address = LinkSettings(url).address()
         check_installed(address)
+        signing = _signing(config.link.signing_key)
     except LinkError as error:
         return Asked([failed(CHECK, str(error))])
     began = time.monotonic()
     connection = Connection(partial(open_transport, address), began)
-    interview = Interview(connection, parameters.names, config.link.system_id, began)
+    interview = Interview(connection, parameters.names, config.link.system_id, began, signing)
+    interview.sceptical = not config.link.unsigned_autopilot
     try:
         while not interview.turn(time.monotonic()) and time.monotonic() - began < LIMIT:
             readable = [number for number in (connection.fileno(),) if number is not None]
             select.select(readable, [], [], _TICK)
     finally:
         connection.close()
+        if signing is not None:
+            signing.close()
     return judged(config, url, interview)
+
+
+def _signing(key: str | None) -> Signing | None:
+    """With timestamps of its own, since the companion's belong to the companion."""
+    if key is None:
+        return None
+    with TemporaryDirectory() as folder:
+        return open_signing(Path(key), Path(folder))
 
 
 def judged(config: Config, url: str, interview: Interview) -> Asked:
@@ -86,6 +101,8 @@ def _silence(url: str, interview: Interview) -> str:
         return f"{url}: {trouble}: is the companion running? Stop it, or give the check a --link of its own"
     if trouble is not None:
         return f"{url}: {trouble}: check [link] url"
+    if interview.signing is not None and interview.signing.trouble is not None:
+        return f"{url}: {interview.signing.trouble}"
     if any(component == COMPONENT_ID for _, component in interview.others):
         return f"{url}: a companion is heard, and no autopilot: check the router, or what sends to this link"
     if interview.others:

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.check.parameters import PX4
 from companion.link.connection import Connection
 from companion.link.parser import Parser
+from companion.link.signing import Signing
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
 COMPONENT_ID = 194
@@ -51,6 +52,7 @@ class _Question:
 class Interview:
     """Call `turn` often, with the time in s, until it says that all is done.
 
+    signing: where a key is configured; `sceptical`: what is not signed with it is not heard.
     names: what to ask an autopilot of that kind. values: what it answered. others: who else was heard.
     """
 
@@ -58,6 +60,8 @@ class Interview:
     names: Callable[[int], Sequence[str]]
     system_id: int
     began: float
+    signing: Signing | None = None
+    sceptical: bool = True
     autopilot: Heartbeat | None = None
     values: dict[str, float] = field(default_factory=dict)
     others: set[tuple[int, int]] = field(default_factory=set)
@@ -77,7 +81,8 @@ class Interview:
                 break
             self.bytes += len(data)
             for message in self._parser.feed(data, whole=self.connection.datagrams):
-                self._hear(message)
+                if not self._doubts(message, now):
+                    self._hear(message)
         if now - self._beat_at >= 1.0:
             self._beat_at = now
             self._send(
@@ -97,6 +102,9 @@ class Interview:
         return all(
             asked.tries >= TRIES and now - asked.asked_at >= PATIENCE for asked in self._questions.values()
         )
+
+    def _doubts(self, message: Any, now: float) -> bool:
+        return self.signing is not None and self.sceptical and self.signing.refusal(message, now) != ""
 
     def _ask(self, autopilot: Heartbeat, now: float) -> None:
         if now - self._sent_at < PACE:
@@ -134,7 +142,9 @@ class Interview:
         self._questions = {name: _Question() for name in self.names(self.autopilot.kind)}
 
     def _send(self, message: Any, now: float) -> None:
-        frame = message.pack(self._mav)
+        frame = bytes(message.pack(self._mav))
+        if self.signing is not None:
+            frame = self.signing.sign(frame, message, now)
         if self.connection.write(frame, now):
             self._mav.seq = (self._mav.seq + 1) % 256
 

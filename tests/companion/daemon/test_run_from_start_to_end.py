@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +20,11 @@ from companion import readiness, run
 from companion.config import Config, load_config
 from companion.journal import Journal
 from companion.link.rehearsal import Rehearsal
+from companion.link.settings import LinkError
 from companion.loading import load
 from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
+from companion.wire.signing import SigningKey, Timestamps, refusal
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
 
@@ -65,6 +68,38 @@ def until(fits: Callable[[], bool]) -> Callable[[], bool]:
     """A stop that waits for something, but not for ever."""
     deadline = time.monotonic() + PATIENCE
     return lambda: fits() or time.monotonic() > deadline
+
+
+def test_with_a_key_all_that_it_says_is_signed_and_the_key_stays_where_it_is(
+    config: Config, tmp_path: Path, radio: socket.socket
+) -> None:
+    key, secret = tmp_path / "signing.key", bytes(range(100, 132))
+    key.touch(0o600)
+    key.write_bytes(secret)
+    config = replace(config, link=replace(config.link, signing_key=str(key)))
+    path = tmp_path / "state" / "status.json"
+    radio.settimeout(0)
+    heard: list[bytes] = []
+
+    def told() -> bool:
+        with suppress(BlockingIOError):
+            heard.append(radio.recv(4096))
+        return len(heard) >= 5 and path.is_file()
+
+    assert run.main(config, until(told)) == 0
+    assert {refusal(frame, SigningKey(secret), Timestamps(), None) for frame in heard} == {""}
+    state = (tmp_path / "state" / "signing.state").read_bytes()
+    for form in (secret, secret.hex().encode()):
+        assert form not in state
+        assert form not in path.read_bytes()
+
+
+def test_a_key_that_others_may_read_ends_it_at_once(config: Config, tmp_path: Path) -> None:
+    key = tmp_path / "signing.key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o644)
+    with pytest.raises(LinkError, match="chmod 600"):
+        run.main(replace(config, link=replace(config.link, signing_key=str(key))), lambda: True)
 
 
 def test_it_judges_tells_and_leaves_nothing_running(

@@ -23,7 +23,7 @@ types: ready-dev ## check types
 
 check: lint types test ## all three, as before a commit
 
-interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.3 GB of packages); ARGS as for test
+interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.2 GB of packages); ARGS as for test
 	@INTEROP=.venv-interop $(PYTHON_IN_VENV) -m pytest tests/interop $(ARGS)
 
 bench-clipseg: ready-export ## time CLIPSeg against the authors' step (GBs of packages); ARGS=--quick, OUT=folder

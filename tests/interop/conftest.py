@@ -5,6 +5,7 @@ Nothing is collected without INTEROP, the folder of the environment that holds t
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import queue
@@ -47,6 +48,16 @@ class Stage:
     def _start(self, name: str, arguments: list[str]) -> Child:
         self._children.append(Child(name, arguments, self.out / f"{name}.log"))
         return self._children[-1]
+
+    def wait_until_ok(self) -> None:
+        """Until the daemon has judged its first frame and knows that it may hold."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            with contextlib.suppress(OSError, ValueError):
+                if json.loads((self.out / "state" / "status.json").read_text())["state"] == "ok":
+                    return
+            time.sleep(0.1)
+        raise self.daemon.error("saw nothing that it knows")
 
     def close(self) -> None:
         for child in reversed(self._children):

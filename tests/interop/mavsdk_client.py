@@ -51,10 +51,11 @@ def _numbers(rover: Any) -> dict[str, Any]:
 
 def _texts(rover: Any) -> dict[str, Any]:
     parameters = _parameters(rover, ProtocolVersion.EXT)
-    before = parameters.get_param_custom("AT_WORDS")
-    parameters.set_param_custom("AT_WORDS", "bush: -0.5; gravel: 1")
-    nonsense = _error(lambda: parameters.set_param_custom("AT_WORDS", "bush"))
-    return {"before": before, "after": parameters.get_param_custom("AT_WORDS"), "nonsense": nonsense}
+    before = parameters.get_param_custom("AT_WORDS").decode()
+    parameters.set_param_custom("AT_WORDS", b"bush: -0.5; gravel: 1")
+    nonsense = _error(lambda: parameters.set_param_custom("AT_WORDS", b"bush"))
+    after = parameters.get_param_custom("AT_WORDS").decode()
+    return {"before": before, "after": after, "nonsense": nonsense}
 
 
 def _files(rover: Any, folder: str) -> dict[str, Any]:

@@ -125,7 +125,8 @@ def _init(options: argparse.Namespace) -> int:
             except FileExistsError:
                 print(f"{path}: is there already, left as it is")
     except OSError as error:
-        raise UserError(f"{error.filename or folder}: {(error.strerror or str(error)).lower()}") from error
+        why = (error.strerror or str(error)).lower()
+        raise UserError(f"{error.filename or folder}: {why}: name a folder that you may write") from error
     print(f"Edit them, then: companion config check {folder / _SHIPPED[0]}")
     return 0
 

@@ -31,7 +31,9 @@ def test_init_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_init_where_a_file_stands_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("")
     assert main(["init", str(tmp_path / "file")]) == 2
-    assert capsys.readouterr().err.startswith("companion init: ")
+    told = capsys.readouterr().err
+    assert told.startswith("companion init: ")
+    assert "name a folder that you may write" in told
 
 
 def test_what_check_prints_is_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,7 +65,7 @@ _ROWS: tuple[_Row, ...] = (
     ("text set",    "PARAM_EXT_SET",       "words as text",     DOWN, None, 159, None, None,  "sent again"),
     ("text read",   "PARAM_EXT_REQUEST_*", "one or all",        DOWN, None, 32,  None, None,  "asked again"),
     ("request",     "COMMAND_LONG",        "version, rates",    DOWN, None, 45,  None, None,  "sent again"),
-    ("file request", "FILE_TRANSFER_PROTOCOL", "list, open, read", DOWN, None, 266, None, None, "asked again"),
+    ("file request", "FILE_TRANSFER_PROTOCOL", "list, read", DOWN, None, 266, None, None, "asked again"),
     ("mode",        "COMMAND_LONG 176",    "hold and resume",   OUT,  None, 45,  0,    None,  "three tries"),
     ("interval",    "COMMAND_LONG 511",    "asks for streams",  OUT,  10.0, 45,  7,    None,  "next one"),
     ("setpoint",    "SET_POSITION_TARGET_LOCAL_NED", "stand still (PX4)", OUT, 0.2, 65, 0, None, "next one"),

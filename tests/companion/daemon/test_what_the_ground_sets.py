@@ -8,10 +8,18 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.engine import AnyTraverse
+from anytraverse.memory import first_memory
+from anytraverse.regions import Box
+from companion import run
+from companion.config import Config
 from companion.config.schema import Mount, Stopping
+from companion.configured import judging_settings
+from companion.trial import REQUEST
 from companion.wire.ids import Motion, Policy
 from companion.wire.parameters import ROI
-from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
+from tests.anytraverse.conftest import Painted
+from tests.companion.daemon.rig import AUTO, HOLD, WORDS, MakeRig, Rig
 
 LEFT, TOP, RIGHT, BOTTOM = ROI.values()
 
@@ -188,3 +196,27 @@ def test_stay_by_parameter_to_the_current_one(held: Rig) -> None:
     assert held.stage.mode == HOLD
     assert held.calls.call is not None
     assert held.calls.call.quiet
+
+
+def test_a_start_takes_up_what_was_set_and_tells_what_it_left_out(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    config, perceiver, news = Config(), Painted(), list[str]()
+    engine = AnyTraverse(perceiver, judging_settings(config, perceiver), first_memory("painted-1", WORDS))
+    values = {TOP: [0.5, 0.6], LEFT: [0.2, 0.3], "AT_SUM_HZ": [2.0, 1.0]}
+    saved = {"model": perceiver.model_id, "values": values}
+    overrides = run._restore_settings(config, engine, saved, news)
+    assert engine.settings.region.bounds == Box(0.333, 0.5, 0.667, 0.95)
+    assert overrides.values == {TOP: 0.5, "AT_SUM_HZ": 2.0}
+    assert news == [f"{LEFT}: edited in the file, which wins"]
+    assert "set by the ground, not as in the file" in caplog.text
+
+
+def test_a_test_call_is_answered_by_parameter_too(rig: Rig) -> None:
+    (rig.folder / REQUEST).touch()
+    rig.see(3.0)
+    assert rig.state == ("OK", 1)
+    rig.set("AT_ANSWER", 11)
+    rig.see(0.5)
+    assert rig.echoes("AT_ANSWER") == [11.0]
+    assert rig.state == ("OK", 0)

@@ -161,11 +161,11 @@ class Keeper:
         )
 
     def write_status(self, figures: Mapping[str, Any], *, last: bool = False) -> None:
-        """The status file: figures and frames judged.
+        """The status file: figures, frames judged, and whose they are.
 
         last: with when the newest frames were taken and judged; that list is long, and memory cards wear out.
         """
-        status = {**figures, "frames": self._frames}
+        status = {**figures, "frames": self._frames, "pid": os.getpid()}
         if last:
             status["recent"] = list(self._recent)
         torn = self._status.with_suffix(".part")

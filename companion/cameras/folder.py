@@ -44,7 +44,7 @@ class PictureFolder:
     """
 
     def __init__(self, place: str, playback: Playback) -> None:
-        self._folder = Path(os.path.expanduser(place))
+        self._folder = Path(os.path.expanduser(place)).absolute()
         self._loop = playback.loop
         self._pace = Pace(playback.rate or _USUAL_RATE)
         self._frames: Iterator[Path] = iter(pictures(self._folder))

@@ -19,7 +19,7 @@ class VideoFile:
     """A video file that OpenCV can decode. `captured_at` is the time at which a frame was due."""
 
     def __init__(self, place: str, playback: Playback) -> None:
-        self._path = Path(os.path.expanduser(place))
+        self._path = Path(os.path.expanduser(place)).absolute()
         self._loop = playback.loop
         self._video = self._open()
         self._read_in_lap = 0

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 from companion.autopilots import known_autopilot
 from companion.check import parameters
-from companion.check.finding import Finding, failed, passed
+from companion.check.finding import Finding, failed, passed, warned
 from companion.check.interview import HEARD_WITHIN, Interview
 from companion.check.parameters import NAMES, Facts
 from companion.config import Config
@@ -24,6 +24,10 @@ from companion.wire.ids import COMPONENT_ID
 CHECK = "autopilot"
 LIMIT = 40.0
 _TICK = 0.02
+_UNGUARDED = (
+    "when the companion dies a PX4 rover drives on, and no parameter changes that: "
+    "keep a transmitter with a HOLD switch in somebody's hand"
+)
 
 
 @dataclass
@@ -91,6 +95,8 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     wrong = parameters.judge(autopilot.kind, facts, holds=config.call.policy == "hold")
     if not wrong:
         wrong = [passed(CHECK, f"{who}: {len(values)} parameters told, none makes a hold unsafe")]
+    if autopilot.kind == parameters.PX4:
+        wrong.append(warned(CHECK, _UNGUARDED))
     return Asked(wrong, parameters.speed(autopilot.kind, values), known.overrun)
 
 

@@ -1,4 +1,4 @@
-"""What can be checked on this computer alone: perceiver, journal, disk."""
+"""What can be checked on this computer alone: who runs, perceiver, journal, disk."""
 
 from __future__ import annotations
 
@@ -37,7 +37,20 @@ def status(folder: Path) -> dict[str, Any] | None:
         said = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return said if isinstance(said, dict) else None
+    return said if isinstance(said, dict) and _is_alive(said.get("pid")) else None
+
+
+def _is_alive(pid: object) -> bool:
+    """Whether that process is there, or nothing is known of it: its file stays young for a while after it."""
+    if not isinstance(pid, int) or pid <= 0:
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 class Perceives(NamedTuple):

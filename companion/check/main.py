@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from companion.check.autopilot import CHECK, Asked, ask
+from companion.check.camera import check_camera
 from companion.check.finding import Finding, Verdict, failed, passed, warned
 from companion.check.here import Perceives, check_disk, check_journal, check_perceiver, state_folder, status
 from companion.check.stopping import judge
@@ -38,6 +39,7 @@ def _findings(file: str, link: str | None) -> Iterator[Finding]:
     running = status(folder)
     perceives = check_perceiver(config)
     yield perceives.finding
+    yield check_camera(config, running)
     yield check_journal(folder, running=running is not None)
     yield check_disk(folder)
     asked = Asked()

@@ -100,16 +100,19 @@ class Stopping:
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"
-        slower = _down(self.fits)
-        speed = f"drive at most {slower:.2f} m/s" if slower >= _SLOWEST else "it cannot be slow enough"
-        higher = (
-            f", or raise [roi] top to {math.floor(100 * self.top) / 100:.2f}" if self.top is not None else ""
-        )
-        other = ', or set [call] px4_hold = "offboard"' if self.overrun else ""
-        return (
-            f"{way}: {speed}{higher}{other}, or mount the camera higher or tilted less, "
-            "or judge more often (a quicker perceiver, [camera] rate, a smaller [call] freshness)"
-        )
+        return f"{way}: {', or '.join(self._remedies())}"
+
+    def _remedies(self) -> list[str]:
+        slower, remedies = _down(self.fits), []
+        if slower >= _SLOWEST:
+            remedies.append(f"drive at most {slower:.2f} m/s")
+        if self.top is not None:
+            remedies.append(f"set [roi] top = {_down(self.top):.2f} (further up the picture)")
+        if self.overrun:
+            remedies.append('set [call] px4_hold = "offboard"')
+        remedies.append("mount the camera higher or tilted less")
+        remedies.append("judge more often (a quicker perceiver, [camera] rate, a smaller [call] freshness)")
+        return remedies if slower >= _SLOWEST else [f"no speed is slow enough: {remedies[0]}", *remedies[1:]]
 
 
 def judge(
@@ -147,5 +150,5 @@ def judge(
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 
 
-def _down(speed: float) -> float:
-    return math.floor(100 * speed) / 100
+def _down(figure: float) -> float:
+    return math.floor(100 * figure) / 100

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -66,7 +67,7 @@ def test_the_demo_s_rover_stops_before_what_it_sees_and_its_autopilot_is_asked(
     check(str(config), link=field["companion"], as_json=True)
     said = rows(capsys)
     assert said["stopping"][0] == "pass", said["stopping"]
-    assert [said[name][0] for name in ("config", "perceiver", "journal", "disk")] == ["pass"] * 4
+    assert [said[name][0] for name in ("config", "perceiver", "camera", "journal", "disk")] == ["pass"] * 5
     assert not any(name.startswith(("MIS_RESTART", "FS_ACTION", "SYSID")) for name in said)
     assert not (tmp_path / "state").exists(), "a check leaves nothing behind"
 
@@ -142,6 +143,7 @@ def test_beside_a_running_companion_the_check_leaves_its_link_alone(
     assert said["autopilot"][0] == "warn"
     assert "owns the link" in said["autopilot"][1]
     assert "in use by the companion" in said["journal"][1]
+    assert said["camera"] == ("pass", "delivering, with the companion that runs")
 
 
 def test_a_dry_run_without_a_companion_says_to_start_it(
@@ -170,6 +172,15 @@ def test_a_status_file_that_is_old_or_torn_is_no_running_companion(tmp_path: Pat
     assert here.status(tmp_path) is None
     (tmp_path / "status.json").write_text('{"state": "ok"}')
     assert here.status(tmp_path) == {"state": "ok"}
+
+
+def test_a_companion_that_ended_a_moment_ago_does_not_run(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait(PATIENCE)
+    (tmp_path / "status.json").write_text(json.dumps({"pid": ended.pid}))
+    assert here.status(tmp_path) is None
+    (tmp_path / "status.json").write_text(json.dumps({"pid": os.getpid()}))
+    assert here.status(tmp_path) == {"pid": os.getpid()}
 
 
 def test_the_service_s_folder_is_meant_where_nothing_else_is_said(

@@ -227,7 +227,9 @@ def test_what_it_drives_on_in_the_mode_that_holds_it_is_known_with_the_autopilot
     talk.say(heartbeat(kind))
     talk.run()
     config = replace(HOLDS, call=replace(HOLDS.call, px4_hold=px4_hold))
-    assert judged(config, "", talk.interview).overrun == overrun
+    asked = judged(config, "", talk.interview)
+    assert asked.overrun == overrun
+    assert any("drives on" in finding.text for finding in asked.findings) is (kind == PX4)
 
 
 def test_px4_s_whole_numbers_are_read_bytewise_and_ardupilot_s_as_floats() -> None:

@@ -144,7 +144,7 @@ def test_what_outruns_its_eyes_is_told_the_speed_and_the_row_that_would_do() -> 
         "at 2.5 m/s",
         "to stop",
         "drive at most 2.11",
-        "raise [roi] top to 0.45",
+        "or set [roi] top = 0.45 (further up the picture)",
         "[call] freshness",
     ):
         assert part in told, told
@@ -166,7 +166,7 @@ def test_what_is_driven_on_in_the_mode_that_holds_comes_on_top_and_has_a_remedy_
 def test_what_stands_before_nothing_can_be_seen_is_not_told_a_speed_of_nought() -> None:
     blind = replace(CONFIG, mount=Mount(1.0, 80.0, front=3.0))
     assert judged(blind).sees == 0.0
-    assert "cannot be slow enough" in judged(blind).told()
+    assert "no speed is slow enough: mount the camera" in judged(blind).told()
 
 
 @pytest.mark.parametrize(

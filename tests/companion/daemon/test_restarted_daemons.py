@@ -123,6 +123,7 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "camera",
         "link",
         "frames",
+        "pid",
     }
     assert (status["state"], status["policy"], status["frames"]) == ("ok", "hold", 10)
     rig.keeper.write_status(rig.daemon.status(), last=True)

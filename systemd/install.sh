@@ -25,7 +25,14 @@ else
     source=${1:-}
     [ -n "$source" ] || fail "say what to install: sh $0 anytraverse_companion-0.1.0-py3-none-any.whl"
 fi
-[ ! -e "$source" ] || source="${source}[rover]"
+if [ -e "$source" ]; then
+    source="${source}[rover]"
+else
+    case $source in
+    *://*) ;;
+    /* | ./* | ../* | *.whl) fail "there is no $source: name a checkout or a wheel" ;;
+    esac
+fi
 
 [ -n "$destination" ] || [ "$(id -u)" -eq 0 ] || fail "this needs root: type: sudo sh $0 $*"
 "$python" -c 'import ensurepip, struct, sys, venv

@@ -90,6 +90,19 @@ def test_a_python_without_venv_is_refused_before_anything_is_installed(
     assert not (tmp_path / "stage").exists()
 
 
+def test_a_source_that_is_not_there_is_refused_before_anything_is_installed(
+    checkout: Checkout, tmp_path: Path
+) -> None:
+    checkout.python()
+    bring_service_files(checkout)
+    stage = tmp_path / "stage"
+    for source in ("nothing.whl", str(tmp_path / "nothing")):
+        done = checkout.run("sh", "systemd/install.sh", source, PYTHON="python3", DESTDIR=str(stage))
+        assert done.returncode == 1
+        assert done.stderr == f"install: there is no {source}: name a checkout or a wheel\n"
+    assert not stage.exists()
+
+
 def bring_service_files(checkout: Checkout) -> None:
     for folder in ("config", "systemd"):
         shutil.copytree(ROOT / folder, checkout.root / folder, dirs_exist_ok=True)

@@ -126,6 +126,8 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "pid",
     }
     assert (status["state"], status["policy"], status["frames"]) == ("ok", "hold", 10)
+    assert status["link"]["connections"]["main"]["mavlink"] == 2
+    assert status["link"]["connections"]["main"]["sent"] == status["link"]["sent"]
     rig.keeper.write_status(rig.daemon.status(), last=True)
     assert len(json.loads(path.read_text())["recent"]) == 10
 

@@ -93,7 +93,11 @@ RULES = (
 TABLE = Table(
     RULES,
     needed=(
-        Needed("SCR_ENABLE", "", f"this firmware runs no scripts, unless the answer was lost: {DIES}: take one that does"),
+        Needed(
+            "SCR_ENABLE",
+            "",
+            f"this firmware runs no scripts, unless the answer was lost: {DIES}: take one that does",
+        ),
         Needed("ATS_ENABLE", "SCR_ENABLE", f"anytraverse.lua does not run: {DIES}: {_SCRIPT}"),
     ),
     always=(

@@ -97,9 +97,7 @@ def test_what_waited_while_scripting_was_stopped_is_no_news() -> None:
 
 def test_it_needs_nothing_that_real_scripts_have_not() -> None:
     board = Board()
-    source = (
-        "assert(not (select or setmetatable or rawget or load or debug)) return function() end, 9"
-    )
+    source = "assert(not (select or setmetatable or rawget or load or debug)) return function() end, 9"
     board.scripting = Scripting(source, "probe.lua", board)
     board.scripting.poll()
     assert board.scripting.ended == ""

@@ -19,12 +19,11 @@ def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
     """Up to 5 s for a first picture. running: what the companion that runs, if one does, says of itself."""
     if running is not None:
         return _of_the_running(running.get("camera") or {})
-    source = config.camera.source
     try:
         width, height = _look(config)
     except CameraError as error:
-        return failed(CHECK, f"{source}: {error}")
-    what = f"{source}, {width} x {height}"
+        return failed(CHECK, str(error))
+    what = f"{config.camera.source}, {width} x {height}"
     aspect = config.mount.aspect
     if config.mount.height is not None and abs(width / height / aspect - 1.0) > _ASPECT_OFF:
         return warned(

@@ -96,7 +96,7 @@ class Stopping:
         circling = f", then {self.overrun:g} m on in LOITER" if self.overrun else ""
         way = (
             f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop ({self.react:.1f} s to react, then "
-            f"{self.braking:g} m/s2{circling}), and a thing is seen {self.sees:.1f} m ahead"
+            f"braking at {self.braking:g} m/s2{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"

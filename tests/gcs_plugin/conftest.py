@@ -133,7 +133,7 @@ class TinyRover:
                 replies.append(
                     self.companion.frame(mavlink.MAVLink_param_value_message(b"AT_W_GRASS", 1.0, 9, 1, 0))
                 )
-            elif message.get_type() == "COMMAND_LONG":
+            elif message.get_type() == "COMMAND_LONG" and message.target_component == ids.COMPONENT_ID:
                 replies.append(self._commanded(message))
             elif message.get_type() == "TUNNEL" and message.payload_type == ids.TUNNEL_ANSWER:
                 assert (message.target_system, message.target_component) == (self.system, 191)

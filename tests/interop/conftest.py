@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import queue
 import socket
@@ -102,12 +103,12 @@ class Program:
         self.type(line)
         return self.wait_for(part)
 
-    def ask_until(self, line: str, part: str) -> None:
-        """The same, typed again each second."""
-        for _ in range(round(PATIENCE)):
+    def ask_until(self, line: str, part: str, every: float = 1.0) -> None:
+        """The same, typed again every so many seconds."""
+        for _ in range(math.ceil(PATIENCE / every)):
             self._forget()
             self.type(line)
-            if self._next(part, 1.0) is not None:
+            if self._next(part, every) is not None:
                 return
         raise AssertionError(f'"{line}" never gave "{part}":\n' + "\n".join(self.said[-25:]))
 

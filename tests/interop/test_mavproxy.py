@@ -17,6 +17,7 @@ MODULE = "gcs_plugin.mavproxy_anytraverse"
 
 @pytest.fixture(scope="module")
 def proxy(stage: Any, mavproxy: Callable[..., Any]) -> Any:
+    stage.wait_until_ok()
     proxy = mavproxy(stage.ground)
     proxy.wait_for("online system 1")  # which would set the target component back to the autopilot's
     proxy.type("set target_component 191")
@@ -24,9 +25,8 @@ def proxy(stage: Any, mavproxy: Callable[..., Any]) -> Any:
 
 
 def test_parameters_are_fetched_shown_and_set(proxy: Any) -> None:
-    proxy.ask_until(
-        "param fetch", "Received "
-    )  # the first one asks for a file, and only hears that there is none
+    # The first one asks for a file, and hears that there is none.
+    proxy.ask_until("param fetch", "Received ", every=10.0)
     assert int(re.findall(r"Received (\d+) parameters", "\n".join(proxy.said))[-1]) >= 24
     assert "1.0" in proxy.ask("param show AT_W_GRASS", "AT_W_GRASS ")
     proxy.type("param set AT_W_GRASS 0.5")
@@ -83,8 +83,8 @@ def test_two_rovers_on_two_links_in_the_dialect_of_ardupilot(
     links = [radio(rover).address for rover in rovers]
     proxy = mavproxy(*links, options=("--dialect", "ardupilotmega", "--load-module", MODULE))
     for system in (1, 2):
-        proxy.wait_for(f"Detected vehicle {system}:191")
-    proxy.wait_for("rover 2: C7 unknown thing ahead")
+        proxy.ask_until("at status", f"rover {system}: heard, companion CALLING")
+    proxy.ask_until("at calls", "C7 unknown thing ahead")
     proxy.ask("at go", "rovers 1, 2 are heard")
     proxy.ask("at rover 2 go", "answer to 7: done")
     assert [rover.applied for rover in rovers] == [[], [(7, Motion.GO, ())]]

@@ -204,11 +204,29 @@ def test_an_offboard_that_was_on_its_way_when_it_was_switched_off_is_left_in_loi
     assert scene.autopilot.mode == LOITER
 
 
+def test_off_and_on_again_while_offboard_is_on_its_way_is_a_hold_like_any_other() -> None:
+    scene = driving(OFFBOARD_HOLD)
+    scene.autopilot.delay = 0.6
+    scene.run(1.0, DRUM)
+    assert scene.modes() == [OFFBOARD]
+    scene.policy(Policy.OFF)
+    scene.policy(Policy.HOLD)
+    scene.run(5.0, DRUM)
+    assert scene.autopilot.mode == OFFBOARD
+    assert LOITER not in scene.modes()
+    assert scene.hold.stage is HoldStage.STANDING
+    scene.go()
+    scene.run(2.0, DRUM)
+    assert scene.autopilot.mode == MISSION
+
+
 def test_setpoints_stay_until_loiter_is_taken() -> None:
     scene = held(OFFBOARD_HOLD)
     scene.autopilot.deaf = True
     scene.policy(Policy.OFF)
     scene.run(20.0)
+    asked = [at for at, one in scene.log if isinstance(one, SetMode) and one.mode == LOITER]
+    assert [round(at - asked[0]) for at in asked] == [0, 1, 2, 3, 8, 13, 18]
     assert scene.calls.holding.streams
     assert scene.autopilot.mode == OFFBOARD
     scene.autopilot.deaf = False

@@ -138,6 +138,17 @@ def test_switched_on_again_what_is_there_is_called_anew(held: Scene) -> None:
     assert held.autopilot.mode == HOLD
 
 
+def test_switched_on_again_nothing_that_was_accepted_counts(held: Scene) -> None:
+    held.go()
+    held.run(1.5)
+    assert held.autopilot.mode == AUTO
+    held.policy(Policy.OFF)
+    held.policy(Policy.HOLD)
+    held.run(1.0)
+    assert held.opened() == [1, 2]
+    assert held.autopilot.mode == HOLD
+
+
 def test_a_blackout_while_off_is_a_fault_when_switched_on() -> None:
     scene = Scene(Policy.HOLD)
     scene.run(1.0)

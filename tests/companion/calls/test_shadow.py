@@ -93,8 +93,12 @@ def test_a_would_be_hold_is_watched_time_too(shadow: Scene) -> None:
     assert shadow.calls.shadow.watched == pytest.approx(watched + 10.0, abs=0.1)
 
 
-def test_a_daemon_that_was_stopped_has_watched_nothing_meanwhile(shadow: Scene) -> None:
+def test_a_daemon_that_was_stopped_has_watched_nothing_meanwhile() -> None:
+    shadow = Scene(Policy.SHADOW)
+    shadow.autopilot.silent = True
+    shadow.run(1.0)
     watched = shadow.calls.shadow.watched
+    assert watched == pytest.approx(1.0, abs=0.1), "without any autopilot all time counts"
     shadow.now += 600.0
     shadow.calls.tick(shadow.now)
     assert shadow.calls.shadow.watched == watched

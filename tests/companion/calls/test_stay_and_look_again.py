@@ -7,6 +7,7 @@ from companion.wire.ids import Motion, Outcome, Policy, Result, Stage
 from tests.companion.calls.scenes import (
     AHEAD,
     AUTO,
+    BROKEN,
     CLEAR,
     DRUM,
     HOLD,
@@ -81,6 +82,14 @@ def test_to_look_again_and_again_does_not_keep_the_rover_driving() -> None:
         scene.answer(Motion.LOOK_AGAIN)
         scene.run(0.1)
     assert scene.autopilot.mode == HOLD
+
+
+def test_to_look_again_with_broken_eyes_is_no_excuse(hold: Scene) -> None:
+    hold.show(BROKEN, BROKEN)
+    hold.answer(Motion.LOOK_AGAIN)
+    assert hold.calls.sight.reasons(hold.now) == {Reason.FAULT}
+    hold.show(CLEAR, CLEAR)
+    assert hold.calls.sight.reasons(hold.now) == set()
 
 
 def test_look_again_at_a_blocked_way_resumes_nothing(blocked: Scene) -> None:

@@ -251,6 +251,16 @@ def test_a_way_back_that_shows_late_is_ours_and_is_held_again(held: Scene) -> No
     assert held.modes() == [HOLD, AUTO, HOLD, HOLD]
 
 
+def test_the_mode_before_shown_long_after_a_call_back_is_a_humans(held: Scene) -> None:
+    held.autopilot.delay = 0.3
+    held.go()
+    held.show(DRUM, DRUM, DRUM, DRUM, DRUM, LOG)
+    held.run(5.0, LOG)
+    assert stage(held) is HoldStage.STANDING
+    held.human(AUTO)
+    assert held.events()[-1] is HoldEvent.TAKEN_OVER
+
+
 def test_a_position_alone_confirms_no_hold(held: Scene) -> None:
     held.autopilot.deaf = True
     held.go()

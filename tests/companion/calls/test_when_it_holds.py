@@ -141,6 +141,16 @@ def test_a_hold_that_fails_on_a_silent_autopilot_is_told_and_nothing_more_is_com
     assert len(hold.modes()) <= before + 1
 
 
+def test_a_hold_that_was_asked_for_is_not_asked_for_again_while_nobody_knows_the_mode(hold: Scene) -> None:
+    hold.autopilot.deaf = True
+    hold.run(0.5, DRUM)
+    hold.autopilot.silent = True
+    hold.run(5.5, DRUM)
+    asked = hold.modes()
+    hold.run(20.0, DRUM)
+    assert hold.modes() == asked
+
+
 def test_a_call_that_opens_while_a_blocked_hold_stands_names_it(blocked: Scene) -> None:
     blocked.run(1.0, DRUM)
     assert blocked.opened() == [2]

@@ -6,6 +6,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
+from companion.wire import layouts
 from companion.wire.ids import VERSION, Motion, Outcome, Reasons, Result, Stage
 from companion.wire.packing import (
     Fractions,
@@ -23,12 +24,7 @@ from companion.wire.payloads import check_version
 
 MAX_PAYLOAD = 128
 MAX_WORD_BYTES = 96
-_HEAD = struct.Struct("<BIHBBBB")
 _CODE = struct.Struct("<B")
-_WEIGHT = struct.Struct("<h")
-_TAP = struct.Struct("<I4Hh")
-_ID = struct.Struct("<H")
-_ACK = struct.Struct("<BIHBBBHHBI")
 
 
 class _Code(IntEnum):
@@ -84,16 +80,16 @@ def _pack_operation(operation: Operation) -> bytes:
         case SetWord(word, weight):
             return (
                 _CODE.pack(_Code.SET)
-                + _WEIGHT.pack(signed_to_i16(weight))
+                + layouts.SET.struct.pack(signed_to_i16(weight))
                 + text_to_bytes(word, MAX_WORD_BYTES)
             )
         case TapBox(frame_id, box, word, weight):
-            tap = _TAP.pack(frame_id & 0xFFFFFFFF, *box_to_u16(box), signed_to_i16(weight))
+            tap = layouts.TAP.struct.pack(frame_id & 0xFFFFFFFF, *box_to_u16(box), signed_to_i16(weight))
             return _CODE.pack(_Code.TAP) + tap + text_to_bytes(word, MAX_WORD_BYTES)
         case ForgetWord(word):
             return _CODE.pack(_Code.FORGET_WORD) + text_to_bytes(word, MAX_WORD_BYTES)
         case ForgetCall(call_id):
-            return _CODE.pack(_Code.FORGET_CALL) + _ID.pack(call_id)
+            return _CODE.pack(_Code.FORGET_CALL) + layouts.FORGET_CALL.struct.pack(call_id)
         case NewEpisode():
             return _CODE.pack(_Code.NEW_EPISODE)
 
@@ -108,10 +104,10 @@ def _weight(raw: int) -> float:
 def _read_operation(reader: Reader) -> Operation:
     (code,) = reader.take(_CODE)
     if code == _Code.SET:
-        (raw,) = reader.take(_WEIGHT)
+        (raw,) = reader.take(layouts.SET.struct)
         return SetWord(reader.text(), _weight(raw))
     if code == _Code.TAP:
-        frame_id, left, top, right, bottom, raw = reader.take(_TAP)
+        frame_id, left, top, right, bottom, raw = reader.take(layouts.TAP.struct)
         box = u16_to_box((left, top, right, bottom))
         if box is None:
             raise PayloadError("a tap has no box")
@@ -119,7 +115,7 @@ def _read_operation(reader: Reader) -> Operation:
     if code == _Code.FORGET_WORD:
         return ForgetWord(reader.text())
     if code == _Code.FORGET_CALL:
-        (call_id,) = reader.take(_ID)
+        (call_id,) = reader.take(layouts.FORGET_CALL.struct)
         return ForgetCall(call_id)
     if code == _Code.NEW_EPISODE:
         return NewEpisode()
@@ -144,7 +140,7 @@ class AnswerMessage:
 
     def pack(self) -> bytes:
         """The payload's bytes. Raises PayloadError over 128 bytes: send the operations in several parts."""
-        head = _HEAD.pack(
+        head = layouts.ANSWER.struct.pack(
             VERSION, self.transaction, self.target, self.motion, self.part, self.parts, len(self.operations)
         )
         payload = head + b"".join(_pack_operation(operation) for operation in self.operations)
@@ -156,7 +152,7 @@ class AnswerMessage:
     def unpack(cls, payload: bytes) -> AnswerMessage:
         """Read and check. Raises PayloadError."""
         reader = Reader(payload)
-        version, transaction, target, motion, part, parts, count = reader.take(_HEAD)
+        version, transaction, target, motion, part, parts, count = reader.take(layouts.ANSWER.struct)
         check_version(version)
         if transaction == 0 or part >= parts:
             raise PayloadError("transaction 0 or a part beyond the last")
@@ -190,7 +186,7 @@ class Acknowledgement:
 
     def pack(self) -> bytes:
         """The payload's bytes."""
-        return _ACK.pack(
+        return layouts.ACKNOWLEDGEMENT.struct.pack(
             VERSION,
             self.transaction,
             self.target,
@@ -207,7 +203,9 @@ class Acknowledgement:
     def unpack(cls, payload: bytes) -> Acknowledgement:
         """Read and check. Raises PayloadError."""
         reader = Reader(payload)
-        version, transaction, target, result, stage, outcome, mean, tile, reasons, words = reader.take(_ACK)
+        version, transaction, target, result, stage, outcome, mean, tile, reasons, words = reader.take(
+            layouts.ACKNOWLEDGEMENT.struct
+        )
         text = reader.text()
         reader.end()
         check_version(version)

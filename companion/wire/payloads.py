@@ -5,9 +5,9 @@ The operator's answer (45003) and its acknowledgement (45004) are in `answers`.
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 
+from companion.wire import layouts
 from companion.wire.ids import VERSION, Kind, Outcome, Policy, Reasons, Stage, State
 from companion.wire.packing import (
     Fractions,
@@ -25,8 +25,6 @@ from companion.wire.packing import (
 SECTORS = 16
 UNKNOWN_SECTOR = 255
 _SECTOR_SCALE = 200
-_SUMMARY = struct.Struct("<BBBBHHIHHHHHhBIH16B")
-_CALL = struct.Struct("<BBBBBBHIH8HHHHhiiHBI")
 _NO_COORDINATE = 0x7FFFFFFF
 _NO_HEADING = 0xFFFF
 
@@ -72,7 +70,7 @@ class Summary:
             UNKNOWN_SECTOR if share is None else round(min(1.0, max(0.0, share)) * _SECTOR_SCALE)
             for share in self.sectors
         ]
-        return _SUMMARY.pack(
+        return layouts.SUMMARY.struct.pack(
             VERSION,
             self.state,
             self.policy,
@@ -97,7 +95,7 @@ class Summary:
         """Read and check. Raises PayloadError."""
         reader = Reader(payload)
         (version, state, policy, reasons, sequence, current, frame, age, latency, *rest) = reader.take(
-            _SUMMARY
+            layouts.SUMMARY.struct
         )
         reader.end()
         check_version(version)
@@ -162,7 +160,7 @@ class CallData:
 
     def pack(self) -> bytes:
         """The payload's bytes."""
-        return _CALL.pack(
+        return layouts.CALL.struct.pack(
             VERSION,
             self.kind,
             self.stage,
@@ -189,7 +187,9 @@ class CallData:
     def unpack(cls, payload: bytes) -> CallData:
         """Read and check. Raises PayloadError."""
         reader = Reader(payload)
-        (version, kind, stage, outcome, reasons, flags, call_id, frame, age, *rest) = reader.take(_CALL)
+        (version, kind, stage, outcome, reasons, flags, call_id, frame, age, *rest) = reader.take(
+            layouts.CALL.struct
+        )
         picture = reader.text()
         reader.end()
         check_version(version)

@@ -1,0 +1,163 @@
+"""Where what stands in the TUNNEL payloads. Packing, reading and docs/protocol.md take it from here.
+
+Little-endian, without gaps. A text is a length byte and so many bytes of UTF-8.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+TEXT = "text"
+_TYPES = {"B": "u8", "H": "u16", "I": "u32", "h": "i16", "i": "i32"}
+_ID = "0: none"
+_FIGURE = ("0 to 10000 in 1e-4", "65535")
+_BOX = ("left, top, right, bottom, each 0 to 10000 in 1e-4 of the frame", "all 65535")
+_SIMILARITY = ("-10000 to 10000 in 1e-4", "-32768")
+_HASH = "of the words in use, see below"
+
+
+class Field(NamedTuple):
+    """code: of `struct`, or TEXT. values: unit, scale and range. unknown: what says that there is none."""
+
+    code: str
+    name: str
+    values: str
+    unknown: str = ""
+
+    @property
+    def size(self) -> int:
+        """Bytes; of a text without its content."""
+        return 1 if self.code == TEXT else struct.calcsize(f"<{self.code}")
+
+    @property
+    def type(self) -> str:
+        """ "u16", "u8[16]"."""
+        count, letter = self.code[:-1], self.code[-1]
+        return TEXT if self.code == TEXT else _TYPES[letter] + (f"[{count}]" if count else "")
+
+
+class Layout:
+    """A payload, or one operation of an answer: fixed fields, and a text at the end where there is one."""
+
+    def __init__(self, title: str, *fields: Field, start: int = 0) -> None:
+        """start: bytes before the first field, which are read apart."""
+        self.title = title
+        self.fields = fields
+        self._start = start
+        self.struct = struct.Struct("<" + "".join(one.code for one in fields if one.code != TEXT))
+
+    def markdown(self) -> str:
+        """The table for docs/protocol.md."""
+        rows = ["| offset | bytes | type | field | values | unknown |", "|---|---|---|---|---|---|"]
+        offset = self._start
+        for field in self.fields:
+            size = "1 + n" if field.code == TEXT else str(field.size)
+            cells = (str(offset), size, field.type, field.name, field.values, field.unknown)
+            rows.append(f"| {' | '.join(cells)} |")
+            offset += field.size
+        return "\n".join(rows) + "\n"
+
+
+_VERSION = Field("B", "version", "1; refuse others")
+
+SUMMARY = Layout(
+    "Summary, 45001",
+    _VERSION,
+    Field("B", "state", "number"),
+    Field("B", "policy", "number"),
+    Field("B", "reasons", "bits, of the newest frame"),
+    Field("H", "sequence", "rises by one with each on this connection, then 0 again"),
+    Field("H", "current id", f"of the open call or hold, {_ID}"),
+    Field("I", "frame id", "of the newest frame"),
+    Field("H", "frame age", "ms, capture to sending; 65535: that or more"),
+    Field("H", "latency", "ms, capture to judgement; 65535: that or more"),
+    Field("H", "traversability", *_FIGURE),
+    Field("H", "uncertainty", *_FIGURE),
+    Field("H", "worst tile", *_FIGURE),
+    Field("h", "similarity", *_SIMILARITY),
+    Field("B", "field of view", "degrees, horizontal", "0"),
+    Field("I", "words", _HASH),
+    Field("H", "dropped", "summaries that the budget kept off this connection; 65535: that or more"),
+    Field(
+        "16B", "sectors", "16 image columns of equal width from the left, 0 to 200 in 1/200 drivable", "255"
+    ),
+)
+
+CALL = Layout(
+    "Call or hold, 45002",
+    _VERSION,
+    Field("B", "kind", "number"),
+    Field("B", "stage", "number"),
+    Field("B", "outcome", "number; 0 until it is closed"),
+    Field("B", "reasons", "bits, all that it has had"),
+    Field("B", "flags", "bit 0: the vehicle stands because of it; bit 1: a test; ignore the others"),
+    Field("H", "id", "1 to 65535, from the one counter of calls and holds"),
+    Field("I", "frame id", "of the frame that made it"),
+    Field("H", "age", "s since it was announced; 65535: that or more"),
+    Field("4H", "region of interest", *_BOX),
+    Field("4H", "worst tile's box", *_BOX),
+    Field("H", "uncertainty", *_FIGURE),
+    Field("H", "worst tile", *_FIGURE),
+    Field("H", "drivable share", *_FIGURE),
+    Field("h", "similarity", *_SIMILARITY),
+    Field("i", "latitude", "1e-7 degrees", "2147483647"),
+    Field("i", "longitude", "1e-7 degrees", "2147483647"),
+    Field("H", "heading", "0 to 35999 in 0.01 degrees from north", "65535"),
+    Field("B", "words in use", "how many"),
+    Field("I", "words", _HASH),
+    Field(TEXT, "picture", "name, n up to 60", "n = 0"),
+)
+
+ANSWER = Layout(
+    "Answer, 45003",
+    _VERSION,
+    Field("I", "transaction", "1 to 4294967295, chosen at random"),
+    Field("H", "target", "id of the call or hold; 0: the current one"),
+    Field("B", "motion", "number"),
+    Field("B", "part", "from 0"),
+    Field("B", "parts", "1 to 4"),
+    Field("B", "operations", "how many follow in this part"),
+)
+
+_WEIGHT = Field("h", "weight", "-10000 to 10000 in 1e-4")
+_WORD = Field(TEXT, "word", "n 1 to 96")
+
+SET = Layout("1 SET a word's weight", _WEIGHT, _WORD, start=1)
+TAP = Layout(
+    "2 TAP a thing in the call's frame",
+    Field("I", "frame id", "the call's"),
+    Field("4H", "box", "left, top, right, bottom, each 0 to 10000 in 1e-4; left < right, top < bottom"),
+    _WEIGHT,
+    _WORD,
+    start=1,
+)
+FORGET_WORD = Layout("3 FORGET WORD: out of use", _WORD, start=1)
+FORGET_CALL = Layout(
+    "4 FORGET CALL: take what its answer taught out of the memory",
+    Field("H", "id", "of the answered call"),
+    start=1,
+)
+NEW_EPISODE = Layout("5 NEW EPISODE: forget all answered places", start=1)
+OPERATIONS = {1: SET, 2: TAP, 3: FORGET_WORD, 4: FORGET_CALL, 5: NEW_EPISODE}
+
+ACKNOWLEDGEMENT = Layout(
+    "Acknowledgement, 45004",
+    _VERSION,
+    Field("I", "transaction", "the answer's"),
+    Field("H", "target", f"the id that it was applied to, {_ID}"),
+    Field("B", "result", "number"),
+    Field("B", "stage", "number: where that call or hold stands now"),
+    Field("B", "outcome", "number: how it was closed by this"),
+    Field("H", "uncertainty", "of the call's frame judged again, " + _FIGURE[0], _FIGURE[1]),
+    Field("H", "worst tile", "the same", _FIGURE[1]),
+    Field("B", "reasons", "bits, of the newest frame judged again"),
+    Field("I", "words", _HASH),
+    Field(TEXT, "text", "for a person, n up to 90"),
+)
+
+
+def markdown() -> str:
+    """All tables under their titles."""
+    layouts = (SUMMARY, CALL, ANSWER, *OPERATIONS.values(), ACKNOWLEDGEMENT)
+    return "\n".join(f"{one.title}\n\n{one.markdown()}" for one in layouts)

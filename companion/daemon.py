@@ -7,7 +7,6 @@ import select
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 from anytraverse.history import Place
@@ -28,6 +27,7 @@ from companion.odometer import Odometer
 from companion.settings_desk import SettingsDesk
 from companion.shadow_teller import ShadowTeller
 from companion.slumber import Slumber
+from companion.status import Status
 from companion.tasks import Liveness
 from companion.telling import summary
 from companion.trial import Trial
@@ -66,16 +66,13 @@ class Daemon:
     ) -> None:
         """model: of the eyes. view: the camera's horizontal field of view, degrees, 0 where not known."""
         self._link = link
-        self._camera = camera
         self._eyes = eyes
         self._calls = calls
         self._keeper = keeper
         self._conversation = conversation
         self._desk = desk
-        self._model = model
         self._weak_words = WeakWords(model.trust)
         self._view = view
-        self._took = 0.0
         self._announcement = Announcement(calls)
         self._odometer = Odometer()
         self._mishaps = Mishaps(lambda now: link.say(notices.mishap(), ERROR, now))
@@ -92,6 +89,7 @@ class Daemon:
             self._shadow,
         )
         self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, self.place)
+        self._status = Status(link, camera, calls, conversation, desk, self._trial, model)
         self._slumber = Slumber(link, calls, time.monotonic())
         self._replies: list[Heard] = []
 
@@ -140,36 +138,7 @@ class Daemon:
 
     def status(self) -> dict[str, Any]:
         """Figures for the status file."""
-        now = time.monotonic()
-        newest, camera = self._calls.sight.newest, self._camera.status
-        return {
-            "state": self._calls.state(now).name.lower(),
-            "reasons": sorted(reason.value for reason in self._calls.sight.reasons(now)),
-            "current_id": self._calls.current_id,
-            "policy": self._calls.policy.name.lower(),
-            "switches": self._desk.policy.figures(),
-            "shadow": self._desk.book.figures(self._calls.shadow),
-            "words": self._conversation.words.format(),
-            "set_by_ground": self._desk.overrides.figures(),
-            "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
-            "similarity": newest.similarity if newest else None,
-            "perceiver": {
-                "model": self._model.id,
-                "precision": self._model.precision,
-                "why": self._model.why,
-                "step_ms": round(1e3 * self._took, 1),
-                "scene_age": round(newest.scene_age, 3) if newest else None,
-            },
-            "test_call": self._trial.status,
-            "hold_refused": self._desk.policy.hold_refused,
-            "camera": {
-                "state": camera.state.value,
-                "reason": camera.reason,
-                "read": camera.read,
-                "dropped": camera.dropped,
-            },
-            "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
-        }
+        return self._status.figures(time.monotonic())
 
     def _wait(self) -> None:
         readable = [*self._link.filenos(), self._eyes.fileno()]
@@ -205,7 +174,7 @@ class Daemon:
 
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
-        self._took = judged.took
+        self._status.took = judged.took
         self._keeper.save_memory(judged.memory)
         self._conversation.words = judged.memory.preferences
         self._acting.carry_out(self._calls.assessed(seen, now), now)

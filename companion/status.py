@@ -1,0 +1,69 @@
+"""What the companion is doing, as figures: for the status file, and for whoever asks from the ground."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from companion.calls.machine import OperatorCalls
+from companion.cameras.newest import CameraThread
+from companion.conversation import Conversation
+from companion.link.link import Link
+from companion.model import Model
+from companion.settings_desk import SettingsDesk
+from companion.trial import Trial
+
+
+class Status:
+    """Looks at the parts and changes none. took: s that the newest frame took to judge."""
+
+    def __init__(
+        self,
+        link: Link,
+        camera: CameraThread,
+        calls: OperatorCalls,
+        conversation: Conversation,
+        desk: SettingsDesk,
+        trial: Trial,
+        model: Model,
+    ) -> None:
+        self._link = link
+        self._camera = camera
+        self._calls = calls
+        self._conversation = conversation
+        self._desk = desk
+        self._trial = trial
+        self._model = model
+        self.took = 0.0
+
+    def figures(self, now: float) -> dict[str, Any]:
+        """All of it as JSON values."""
+        newest, camera = self._calls.sight.newest, self._camera.status
+        return {
+            "state": self._calls.state(now).name.lower(),
+            "reasons": sorted(reason.value for reason in self._calls.sight.reasons(now)),
+            "current_id": self._calls.current_id,
+            "policy": self._calls.policy.name.lower(),
+            "switches": self._desk.policy.figures(),
+            "shadow": self._desk.book.figures(self._calls.shadow),
+            "words": self._conversation.words.format(),
+            "set_by_ground": self._desk.overrides.figures(),
+            "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
+            "similarity": newest.similarity if newest else None,
+            "perceiver": {
+                "model": self._model.id,
+                "precision": self._model.precision,
+                "why": self._model.why,
+                "step_ms": round(1e3 * self.took, 1),
+                "scene_age": round(newest.scene_age, 3) if newest else None,
+            },
+            "test_call": self._trial.status,
+            "hold_refused": self._desk.policy.hold_refused,
+            "camera": {
+                "state": camera.state.value,
+                "reason": camera.reason,
+                "read": camera.read,
+                "dropped": camera.dropped,
+            },
+            "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
+        }

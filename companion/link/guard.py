@@ -8,6 +8,7 @@ from typing import Any
 from companion.link.bucket import TokenBucket
 from companion.link.heard import Sender
 from companion.link.signing import Signing
+from companion.wire.refusals import Rejected
 
 REQUESTS_PER_SECOND = 20.0
 REQUESTS_AT_ONCE = 60.0
@@ -21,7 +22,7 @@ class Guard:
         self._allowed = allowed
         self._signing = signing
         self._rates: OrderedDict[tuple[Sender, str], TokenBucket] = OrderedDict()
-        self.rejected: Counter[str] = Counter()
+        self.rejected: Counter[Rejected] = Counter()
 
     def believes(self, message: Any, now: float) -> bool:
         """Whether a message may be heard at all: with a key, whether it is signed and new."""

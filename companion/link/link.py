@@ -140,7 +140,7 @@ class Link:
             dropped_summaries=sum(one.dropped_summaries for one in each.values()),
             lost=sum(one.lost for one in each.values()),
             bad=sum(one.bad for one in each.values()),
-            rejected=dict(self._guard.rejected),
+            rejected=dict(self._guard.rejected.items()),
             connections=each,
         )
 

@@ -14,6 +14,7 @@ from companion.link.outbox import Outbox
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
+from companion.wire.refusals import Rejected
 
 WARNING = 4
 _DIGITS = 6
@@ -128,7 +129,7 @@ class ParameterServer:
         message = encode.parameter(self._entries[index], index, len(self._entries))
         self._outbox.push(row, message, now, key=index, to=to)
 
-    def _refusal(self, entry: Parameter, sender: Sender, value: float) -> tuple[str, str] | None:
+    def _refusal(self, entry: Parameter, sender: Sender, value: float) -> tuple[Rejected, str] | None:
         if not self._guard.may_change(sender):
             return "sender", notices.sender_refused(sender[0])
         if entry.read_only:

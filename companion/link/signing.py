@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from companion.link.settings import LinkError
 from companion.link.signing_clock import SigningClock
@@ -80,7 +80,7 @@ class Signing:
             return f"{NAME} is not written ({self._store.trouble}): free the disk before a restart"
         return None
 
-    def refusal(self, message: Any, now: float) -> str:
+    def refusal(self, message: Any, now: float) -> wire.Refusal | Literal["echo"]:
         """Why a decoded message is not heard: unsigned, signature, replay, ahead, echo; "" when it is."""
         frame = bytes(message.get_msgbuf())
         if not wire.is_signed(frame) and self._may_be_unsigned(frame, message):

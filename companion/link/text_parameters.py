@@ -17,6 +17,7 @@ from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.answers import Operation
 from companion.wire.parameters import WORDS_TEXT
+from companion.wire.refusals import Rejected
 from companion.wire.words_text import read_weight, read_words, weight_text, words_text
 
 PENDING_FOR = 30.0
@@ -64,7 +65,8 @@ class TextParameters:
     def set(self, sender: Sender, message: Any, now: float) -> WordsRequest | None:
         """PARAM_EXT_SET; acknowledged here when it is refused."""
         name, raw = message.param_id, bytes(message._param_value_raw)
-        reason, text = "", ""
+        reason: Rejected | None = None
+        text = ""
         operations: tuple[Operation, ...] = ()
         if not self._guard.may_change(sender):
             reason, text = "sender", notices.sender_refused(sender[0])

@@ -90,7 +90,7 @@ CALL = Layout(
     Field("B", "kind", "number"),
     Field("B", "stage", "number"),
     Field("B", "outcome", "number; 0 until it is closed"),
-    Field("B", "reasons", "bits, all that it has had"),
+    Field("B", "reasons", "bits: those of now, and until it is answered its own"),
     Field("B", "flags", "bit 0: the vehicle stands because of it; bit 1: a test; ignore the others"),
     Field("H", "id", "1 to 65535, from the one counter of calls and holds"),
     Field("I", "frame id", "of the frame that made it"),

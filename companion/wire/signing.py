@@ -10,7 +10,7 @@ import hashlib
 import hmac
 import struct
 from collections.abc import Mapping
-from typing import NamedTuple, NoReturn
+from typing import Final, Literal, NamedTuple, NoReturn
 
 from pymavlink.generator.mavcrc import x25crc
 
@@ -27,8 +27,13 @@ FARTHEST_AHEAD = 366 * 24 * 60 * MINUTE
 """What a clock that is thought right moves forward at most, when a verified frame says so."""
 MAX_STREAMS = 64
 
-UNSIGNED, SIGNATURE, REPLAY, AHEAD = "unsigned", "signature", "replay", "ahead"
+UNSIGNED: Final = "unsigned"
+SIGNATURE: Final = "signature"
+REPLAY: Final = "replay"
+AHEAD: Final = "ahead"
 """Why a frame is refused: no signature; not by our key; not newer than what was heard; a year ahead of us."""
+
+Refusal = Literal["", "unsigned", "signature", "replay", "ahead"]
 
 _V2 = 0xFD
 _SIGNED = 1
@@ -122,7 +127,7 @@ class Timestamps:
         self._note(stream, self.last)
         return self.last
 
-    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> str:
+    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> Refusal:
         """Take in what a verified frame carries; why it is refused, "" when it is not.
 
         clock: our time, None where it is not known: then only what was heard before counts.
@@ -147,7 +152,7 @@ class Timestamps:
             self.floor = max(self.floor, self._streams.pop(forgotten))
 
 
-def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> str:
+def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> Refusal:
     """Why a whole frame is not believed, "" when it is. The timestamp counts only after the signature."""
     if not is_signed(frame):
         return UNSIGNED

@@ -11,8 +11,8 @@ PYTHON_IN_VENV := .venv/bin/python
 demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
 
-test: ready-dev ## run the tests; ARGS="-k wheel" passes options on to pytest
-	@$(PYTHON_IN_VENV) -m pytest $(ARGS)
+test: ready-dev ## run the tests on all cores; ARGS="-k wheel" passes options on to pytest
+	@$(PYTHON_IN_VENV) -m pytest -n auto --dist=loadfile $(ARGS)
 
 lint: ready-dev ## check style and format
 	@$(PYTHON_IN_VENV) -m ruff check .

@@ -1,4 +1,7 @@
-"""The operator's side must import where only pymavlink is installed, and leave the process as it was."""
+"""The operator's side must import where only pymavlink is installed, and leave the process as it was.
+
+MAVProxy, which its module is loaded by, is stood in for: `make interop` runs the real one.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,11 @@ from pathlib import Path
 import gcs_plugin
 
 _PROGRAM = """
-import importlib, os, pkgutil, sys
+import importlib, os, pkgutil, sys, types
+
+for name in ("MAVProxy", "MAVProxy.modules", "MAVProxy.modules.lib"):
+    sys.modules[name] = types.ModuleType(name)
+sys.modules["MAVProxy.modules.lib"].mp_module = types.SimpleNamespace(MPModule=object)
 
 class Refuse:
     def find_spec(self, name, path=None, target=None):

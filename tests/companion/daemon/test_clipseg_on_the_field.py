@@ -64,7 +64,7 @@ class Drive:
     def __init__(self, folder: Path, step: float) -> None:
         """step: seconds that a frame takes on this machine."""
         self.folder = folder
-        self.rate = min(RATE, 1.0 / step)
+        self.rate = max(0.5, min(RATE, 1.0 / step))
         needed = SLACK * Pace(step, 1.0 / self.rate, 0.0).worst_age
         self.freshness = round(min(LONGEST_FRESHNESS, max(SHORTEST_FRESHNESS, needed)), 2)
         self.events: list[tuple[float, dict[str, Any]]] = []

@@ -12,6 +12,7 @@ import itertools
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -217,8 +218,17 @@ def test_a_signal_while_the_networks_load_ends_it_cleanly(folder: Path) -> None:
     config = folder / "companion.toml"
     place = {"frames": "127.0.0.1:9", "companion": "udpout:127.0.0.1:9"}
     config.write_text(CONFIG.format(**place, folder=folder, rate=RATE, freshness=SHORTEST_FRESHNESS))
-    for wait in (1.0, 1.7):
+    for wait in (0.0, 0.7):
         daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+        deadline = time.monotonic() + 20.0
+        while not _catches_sigterm(daemon.process.pid) and time.monotonic() < deadline:
+            time.sleep(0.02)
         time.sleep(wait)
         daemon.process.terminate()
         assert daemon.process.wait(10.0) == 0, daemon.error("ended badly")
+
+
+def _catches_sigterm(pid: int) -> bool:
+    status = Path(f"/proc/{pid}/status").read_text()
+    caught = next(line for line in status.splitlines() if line.startswith("SigCgt:"))
+    return bool(int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1)

@@ -11,17 +11,18 @@ from companion.wire.packing import PayloadError
 
 MAX_PARTS = 4
 MAX_OPEN = 8
-PATIENCE = 10.0
+PATIENCE = 30.0
+"""s without another part; a sender that backs off and a radio that loses half take 8 s or twice that."""
 
 
 @dataclass
 class _Pieces:
-    since: float
+    newest_at: float
     parts: dict[int, AnswerMessage] = field(default_factory=dict)
 
 
 class Assembly:
-    """Collects at most four parts of an answer for at most 10 s; at most eight answers at a time."""
+    """Collects at most four parts of an answer, 30 s from one to the next; at most eight answers at a time."""
 
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[Sender, int], _Pieces] = OrderedDict()
@@ -35,9 +36,11 @@ class Assembly:
             return part
         if part.parts > MAX_PARTS:
             raise PayloadError(f"{part.parts} parts, at most {MAX_PARTS}")
-        self._open = OrderedDict((k, p) for k, p in self._open.items() if now - p.since < PATIENCE)
+        self._open = OrderedDict((k, p) for k, p in self._open.items() if now - p.newest_at < PATIENCE)
         key = (sender, part.transaction)
         pieces = self._open.setdefault(key, _Pieces(now))
+        pieces.newest_at = now
+        self._open.move_to_end(key)
         if len(self._open) > MAX_OPEN:
             self._open.popitem(last=False)
         if any(_frame(other) != _frame(part) for other in pieces.parts.values()):

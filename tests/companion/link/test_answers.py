@@ -148,8 +148,17 @@ def test_a_long_answer_comes_in_parts_in_any_order(stage: Rehearsal, order: tupl
 def test_parts_that_come_too_late_are_not_put_together(stage: Rehearsal) -> None:
     parts = [AnswerMessage(5, 7, Motion.NONE, (NewEpisode(),), part, 2).pack() for part in (0, 1)]
     assert heard(stage, tunnel(parts[0])) == []
-    stage.run(11, step=0.1)
+    stage.run(31, step=0.1)
     assert heard(stage, tunnel(parts[1])) == []
+
+
+def test_parts_of_several_rounds_of_a_sender_that_backs_off_are_put_together(stage: Rehearsal) -> None:
+    parts = [AnswerMessage(5, 7, Motion.NONE, (NewEpisode(),), part, 3).pack() for part in range(3)]
+    assert heard(stage, tunnel(parts[0])) == []
+    stage.run(8.0)
+    assert heard(stage, tunnel(parts[1])) == []
+    stage.run(16.0)
+    assert len(heard(stage, tunnel(parts[2]))) == 1
 
 
 def test_parts_that_contradict_each_other_are_refused_with_the_reason(stage: Rehearsal) -> None:

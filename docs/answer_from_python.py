@@ -1,0 +1,162 @@
+"""Hear a rover and answer it with pymavlink alone: pip install pymavlink. To copy and change.
+
+python answer_from_python.py udpin:0.0.0.0:14550      then type: go, stay, look, go gravel 1 (with a word),
+word gravel 1, command go (as COMMAND_LONG), set AT_W_GRASS 0.5, get /state.json
+"""
+
+import os
+import queue
+import random
+import struct
+import sys
+import threading
+import time
+
+os.environ["MAVLINK20"] = "1"
+from pymavlink import mavutil
+
+COMPANION, COMMAND, SESSION, NAK = 191, 31010, 7, 129
+SUMMARY, CALL, ANSWER, ACK = 45001, 45002, 45003, 45004
+STATES = ("starting", "ok", "calling", "holding", "blocked", "fault", "off")
+MOTIONS = {"word": 0, "go": 1, "stay": 2, "look": 3}
+RESULTS = ("applied", "applied, not remembered", "not covered", "stale", "refused", "denied", "busy")
+
+
+def share(raw):
+    return None if raw in (65535, -32768) else raw / 10_000
+
+
+def read(kind, payload):
+    if kind in (SUMMARY, CALL, ACK) and payload[0] != 1:
+        raise ValueError(f"payload of version {payload[0]}: this client speaks 1")
+    if kind == SUMMARY:
+        raw = struct.unpack("<BBBBHHIHHHHHhBIH16B", payload)
+        told = {"state": STATES[raw[1]], "sequence": raw[4], "id": raw[5], "traversability": share(raw[9])}
+        told |= {"uncertainty": share(raw[10]), "worst tile": share(raw[11]), "similarity": share(raw[12])}
+        return told | {"sectors": [None if sector == 255 else sector / 200 for sector in raw[16:]]}
+    if kind == CALL:
+        raw = struct.unpack_from("<BBBBBBHIH8HHHHhiiHBIB", payload)
+        told = {"id": raw[6], "stage": raw[2], "reasons": raw[4], "holding": bool(raw[5] & 1)}
+        told |= {"frame": raw[7], "box": [share(side) for side in raw[13:17]], "uncertainty": share(raw[17])}
+        return told | {"similarity": share(raw[20]), "picture": payload[54 : 54 + raw[-1]].decode()}
+    if kind == ACK:
+        raw = struct.unpack_from("<BIHBBBHHBIB", payload)
+        text = payload[20 : 20 + raw[-1]].decode()
+        return {"transaction": raw[1], "id": raw[2], "result": RESULTS[raw[3]], "text": text}
+    return {}
+
+
+def pack_answer(transaction, target, motion, words):
+    payload = struct.pack("<BIHBBBB", 1, transaction, target, motion, 0, 1, len(words))
+    for word, weight in words.items():
+        payload += struct.pack("<BhB", 1, round(weight * 10_000), len(word.encode())) + word.encode()
+    return payload
+
+
+class Client:
+    def __init__(self, url):
+        self.link = mavutil.mavlink_connection(url, source_system=255, source_component=190, dialect="common")
+        self.rover = self.call = self.sequence = 0
+        self.heard_at = self.told_at = float("-inf")
+
+    def hear(self):
+        """A message of the companion, or None after 0.1 s. A heartbeat a second: routers answer who spoke."""
+        if time.monotonic() - self.told_at > 1.0:
+            self.told_at = time.monotonic()
+            self.link.mav.heartbeat_send(6, 8, 0, 0, 4)
+        message = self.link.recv_match(blocking=True, timeout=0.1)
+        if message is None or message.get_srcComponent() != COMPANION:
+            return None
+        if self.rover not in (0, message.get_srcSystem()):  # another rover's
+            return None
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            self.rover, self.heard_at = message.get_srcSystem(), time.monotonic()
+            self.call = message.custom_mode >> 8 & 0xFFFF
+        elif kind == "TUNNEL":
+            message.told = read(message.payload_type, bytes(message.payload[: message.payload_length]))
+        if kind in ("STATUSTEXT", "TUNNEL"):
+            print(message.text if kind == "STATUSTEXT" else message.told, flush=True)
+        return message
+
+    def ask(self, message, reply_kind, is_reply, **fields):
+        """Send again, with growing pauses, until the reply comes."""
+        send = getattr(self.link.mav, f"{message}_send")
+        for attempt in range(5):
+            if "confirmation" in fields:  # which marks a repetition
+                fields["confirmation"] = attempt
+            send(target_system=self.rover, target_component=COMPANION, **fields)
+            deadline = time.monotonic() + 1.0 + attempt
+            while time.monotonic() < deadline:
+                heard = self.hear()
+                if heard and heard.get_type() == reply_kind and is_reply(heard):
+                    return heard
+        raise ValueError(f"no {reply_kind} came")
+
+    def answer(self, motion, words):
+        number = random.randrange(1, 2**32)
+        payload = pack_answer(number, self.call, motion, words)
+        fields = {"payload_type": ANSWER, "payload_length": len(payload)}
+        fields |= {"payload": payload.ljust(128, b"\0")}
+
+        def is_reply(heard):
+            return heard.told.get("transaction") == number and heard.told["result"] != "busy"
+
+        return self.ask("tunnel", "TUNNEL", is_reply, **fields).told["result"]
+
+    def command(self, motion):
+        fields = {f"param{place}": 0 for place in range(3, 8)} | {"param1": self.call, "param2": motion}
+        fields |= {"command": COMMAND, "confirmation": 0}
+        return self.ask("command_long", "COMMAND_ACK", lambda ack: ack.command == COMMAND, **fields).result
+
+    def set(self, name, value):
+        fields = {"param_id": name.encode(), "param_value": value, "param_type": 9}
+        return self.ask("param_set", "PARAM_VALUE", lambda echo: echo.param_id == name, **fields).param_value
+
+    def transfer(self, opcode, size, offset=0, data=b""):
+        self.sequence = (self.sequence + 2) & 0xFFFF
+        head = struct.pack("<HBBBBBBI", self.sequence, SESSION, opcode, size, 0, 0, 0, offset)
+        expected = struct.pack("<H", (self.sequence + 1) & 0xFFFF)
+        fields = {"target_network": 0, "payload": (head + data).ljust(251, b"\0")}
+        kind = "FILE_TRANSFER_PROTOCOL"
+        raw = self.ask(
+            kind.lower(), kind, lambda reply: bytes(reply.payload[:2]) == expected, **fields
+        ).payload
+        if raw[3] == NAK:
+            raise ValueError(f"NAK {raw[12]}")
+        return bytes(raw[12 : 12 + raw[4]])
+
+    def get(self, path):
+        size = int.from_bytes(self.transfer(4, len(path.encode()), data=path.encode()), "little")
+        content = b""
+        while len(content) < size:
+            content += self.transfer(5, 80, offset=len(content))
+        self.transfer(1, 0)
+        return content.decode(errors="replace")
+
+    def obey(self, line):
+        if time.monotonic() - self.heard_at > 3.0:  # an old ArduPilot would execute what it cannot hand on
+            return "the companion is not heard"
+        match line.split():
+            case ["command", motion]:
+                return f"MAV_RESULT {self.command(MOTIONS[motion])}"
+            case ["set", name, value]:
+                return f"{name} = {self.set(name, float(value))}"
+            case ["get", path]:
+                return self.get(path)
+            case [motion, *words] if motion in MOTIONS:
+                return self.answer(MOTIONS[motion], {" ".join(words[:-1]): float(words[-1])} if words else {})
+        return "type go, stay, look, word, command, set or get"
+
+
+if __name__ == "__main__":
+    client = Client(sys.argv[1] if len(sys.argv) > 1 else "udpin:0.0.0.0:14550")
+    typed = queue.Queue()
+    threading.Thread(target=lambda: [typed.put(line) for line in sys.stdin], daemon=True).start()
+    while True:
+        client.hear()
+        if not typed.empty():
+            try:
+                print(client.obey(typed.get()), flush=True)
+            except (KeyError, ValueError) as error:
+                print("not done:", error, flush=True)

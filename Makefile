@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check interop bench-clipseg bench-stopping clean
+.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-stopping clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -28,6 +28,9 @@ interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.2 
 
 bench-clipseg: ready-export ## time CLIPSeg against the authors' step (GBs of packages); ARGS=--quick, OUT=folder
 	@$(PYTHON_IN_VENV) -m bench.clipseg $(ARGS) $${OUT:+--out "$$OUT"}
+
+bench-link: ready-dev ## calls over a bad radio, each answered once; ARGS="lossy --calls 20"
+	@$(PYTHON_IN_VENV) -m bench.link $(ARGS)
 
 bench-stopping: ready-dev ## stop a rover by faults, 50 of each kind (half an hour); ARGS="--runs 2"
 	@$(PYTHON_IN_VENV) -m bench.stopping $(ARGS)

@@ -1,0 +1,119 @@
+"""Calls over a bad radio in virtual time: each is answered once, whatever the radio does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from unittest import mock
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from bench.link.drive import Outcome, drive
+from bench.link.ether import Ether, Weather
+from bench.link.operator import Operator
+from bench.link.rover import Rover
+from companion.link.memory import pair
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID
+
+WEATHERS = {
+    "clear": Weather(),
+    "loss 10 %": Weather(loss=0.1),
+    "loss 30 %": Weather(loss=0.3),
+    "loss 50 %": Weather(loss=0.5),
+    "duplicates": Weather(twice=0.3),
+    "reordering": Weather(shuffled=0.3),
+    "stalls of 1 s": Weather(stall_every=4.0),
+    "1 kB/s": Weather(rate=1000.0),
+    "all of it": Weather(loss=0.3, twice=0.2, shuffled=0.2, stall_every=8.0, rate=1000.0),
+}
+"""All of them each way."""
+STEP = 0.02
+_COMMAND_LONG = 76
+
+
+class Clock:
+    """Seconds that pass when told to."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@contextmanager
+def virtual_time() -> Iterator[Clock]:
+    """`time.monotonic` is the clock's, and the daemon waits for nothing."""
+    clock = Clock()
+    with mock.patch("time.monotonic", clock), mock.patch("companion.daemon.TICK", 0.0):
+        yield clock
+
+
+class Radio:
+    """The rover's only wire, and what the operator's client has as its connection."""
+
+    name = "radio"
+    trouble = ""
+
+    def __init__(self, weather: Weather, seed: str) -> None:
+        self.near, self._far = pair()
+        self.up, self.down = Ether(weather, f"up {seed}"), Ether(weather, f"down {seed}")
+        self._autopilot = mavlink.MAVLink(None, 1, AUTOPILOT_COMPONENT_ID)
+        self._heartbeat_at = 0.0
+
+    def carry(self, now: float) -> None:
+        """Between the autopilot, whom nothing is lost for, the rover and the radio."""
+        if now >= self._heartbeat_at:
+            self._heartbeat_at = now + 1.0
+            self._far.write(self._heartbeat())
+        while frame := self._far.read():
+            if int.from_bytes(frame[7:10], "little") != _COMMAND_LONG:
+                self.up.put(frame, now)
+        for frame in self.down.take(now):
+            self._far.write(frame)
+
+    def read(self) -> bytes:
+        """What came over to the operator."""
+        return b"".join(self.up.take(time.monotonic()))
+
+    def write(self, frame: bytes) -> None:
+        """To the rover."""
+        self.down.put(frame, time.monotonic())
+
+    def fileno(self) -> int | None:
+        """There is none."""
+        return None
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def _heartbeat(self) -> bytes:
+        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        message = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, flags, 10, 4, 3
+        )
+        frame = bytes(message.pack(self._autopilot))
+        self._autopilot.seq = (self._autopilot.seq + 1) % 256
+        return frame
+
+
+def run(weather: Weather, calls: int, folder: Path, seed: str = "1", step_s: float = STEP) -> Outcome:
+    """So many calls in virtual time, `step_s` s from one round of the daemon to the next."""
+    with virtual_time() as clock:
+        radio = Radio(weather, seed)
+        rover = Rover(folder, lambda: radio.near)
+        operator = Operator(radio, seed, lambda: rover.shows)
+
+        def step() -> None:
+            clock.now += step_s
+            radio.carry(clock.now)
+            rover.turn()
+            radio.carry(clock.now)
+            operator.step(clock.now)
+
+        try:
+            return drive(rover, operator, calls, step)
+        finally:
+            rover.close()

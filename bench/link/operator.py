@@ -1,0 +1,103 @@
+"""The operator's side: the client as it ships, and somebody who answers every call at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from random import Random
+
+from bench.link.plates import thing
+from companion.wire.answers import Operation, SetWord
+from companion.wire.ids import Motion, Result
+from companion.wire.payloads import CallData
+from gcs_plugin import events as ev
+from gcs_plugin.client import OperatorClient
+from gcs_plugin.connection import Connection
+from gcs_plugin.pending import Pending, Status
+from gcs_plugin.runner import Runner
+
+SYSTEM = 1
+_FINAL = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.STALE)
+_WORDS = 10
+
+
+@dataclass
+class Told:
+    """One call as the operator knows it, times in s. answers: what was sent for it, in order."""
+
+    heard_at: float
+    answers: list[Pending] = field(default_factory=list)
+    known_at: float | None = None
+    """When the operator knew that an answer had counted."""
+
+
+class Operator:
+    """`shown` tells what is ahead of the rover, as the call's picture would."""
+
+    def __init__(self, connection: Connection, seed: str, shown: Callable[[], int]) -> None:
+        random = Random(seed)
+        self.client = OperatorClient(lambda: random.randrange(1, 1 << 32))
+        self.calls: dict[int, Told] = {}
+        self._runner = Runner(connection, self.client)
+        self._shown = shown
+        self._number = 0
+
+    def step(self, now: float) -> None:
+        """Hear, answer, send."""
+        self._runner.step(now)
+        for event in self.client.events():
+            self._hear(event, now)
+        if SYSTEM not in self.client.rovers:
+            return
+        busy = {pending.target for pending in self.client.unsettled}
+        for call in self.client.rovers[SYSTEM].open_calls():
+            told = self.calls.get(call.data.id)
+            if told is not None and told.known_at is None and call.data.id not in busy:
+                told.answers.append(self._answer(call.data, now))
+
+    def settled(self, number: int) -> bool:
+        """Whether the operator knows that this call is answered, and nothing more is sent for it."""
+        told = self.calls.get(number)
+        return told is not None and told.known_at is not None and all(one.settled for one in told.answers)
+
+    def close(self) -> None:
+        """Give the link back."""
+        self._runner.close()
+
+    def _hear(self, event: ev.Event, now: float) -> None:
+        match event:
+            case ev.LinkChanged(up=True):
+                self.client.request_parameters(SYSTEM)
+            case ev.CallOpened(call=call):
+                self.calls.setdefault(call.id, Told(now)).known_at = None
+            case ev.Acknowledged(acknowledgement=ack) if ack.target in self.calls and ack.result in _FINAL:
+                self._known(ack.target, now)
+            case ev.CallClosed(call=call) if call.id in self.calls:
+                self._known(call.id, now)
+            case _:
+                pass
+
+    def _known(self, number: int, now: float) -> None:
+        told = self.calls[number]
+        if told.known_at is None:
+            told.known_at = now
+
+    def _answer(self, call: CallData, now: float) -> Pending:
+        """By turns: go; a word; a word and go; more words than one frame takes, and go."""
+        self._number += 1
+        name = SetWord(thing(self._shown()), 1.0)
+        kind = self._number % 4
+        if kind == 0:
+            others = [SetWord(f"a thing of some length, {n}", -0.5) for n in range(_WORDS)]
+            return self._send(call.id, Motion.GO, (*others, name), now)
+        if kind == 1:
+            return self._send(call.id, Motion.GO, (), now)
+        return self._send(call.id, Motion.NONE if kind == 2 else Motion.GO, (name,), now)
+
+    def _send(self, target: int, motion: Motion, operations: tuple[Operation, ...], now: float) -> Pending:
+        return self.client.answer(SYSTEM, target, motion, operations, now)
+
+
+def expired(told: Told) -> int:
+    """How many of its answers ran out of time."""
+    return sum(one.status is Status.EXPIRED for one in told.answers)

@@ -18,12 +18,16 @@ Embedding = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Place:
-    """Where and when, as far as known: degrees, degrees from north, seconds since 1970."""
+    """Where and when, as far as known: degrees, degrees from north, seconds since 1970.
+
+    attitude: roll, pitch and yaw, degrees; positive to the right, up, and clockwise from north.
+    """
 
     latitude: float | None = None
     longitude: float | None = None
     heading: float | None = None
     time: float | None = None
+    attitude: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,6 +75,7 @@ class Acting:
             case CallOpened(call):
                 log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))
                 self._announcement.last_call = call.id
+                call.place = self._place()
                 self._keeper.call_opened(call, self._calls.state(now))
             case CallClosed(call):
                 log.info("call %d closed: %s", call.id, call.outcome.name.lower())

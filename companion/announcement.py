@@ -83,7 +83,7 @@ class Announcement:
             call.seen,
             call.frame_id,
             words,
-            place,
+            call.place if call.place.latitude is not None else place,
             now - call.opened_at,
         )
 

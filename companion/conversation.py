@@ -141,7 +141,8 @@ class Conversation:
             )
         asked = _Asked(request, target or 0, bool(changes), self._asked + 1, now)
         go = request.motion is Motion.GO
-        if not self._eyes.answer(asked, changes, call=observation, call_id=call.id if call else 0, go=go):
+        number, place = (call.id, call.place) if call is not None else (0, None)
+        if not self._eyes.answer(asked, changes, call=observation, call_id=number, go=go, place=place):
             return self._reply(request, target or 0, Result.BUSY, _EYES_BUSY)
         self._asked = asked.number
         return Heard()

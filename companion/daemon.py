@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from anytraverse.history import Place
 from companion.acting import Acting
 from companion.announcement import Announcement
 from companion.autopilots import known_autopilot
@@ -33,6 +32,7 @@ from companion.telling import summary
 from companion.trial import Trial
 from companion.watch import Watch
 from companion.weak_words import WeakWords
+from companion.whereabouts import Whereabouts
 from companion.wire import notices, texts
 from companion.wire.ids import Policy, State
 
@@ -75,6 +75,9 @@ class Daemon:
         self._view = view
         self._announcement = Announcement(calls)
         self._odometer = Odometer()
+        self.whereabouts = Whereabouts(link)
+        place = self.whereabouts.place
+        keeper.stamp = self.whereabouts.clock.stamp
         self._mishaps = Mishaps(lambda now: link.say(notices.mishap(), ERROR, now))
         self._watch = Watch(liveness, link, camera, eyes, calls, keeper)
         self._shadow = ShadowTeller(desk.book, calls, link, keeper)
@@ -85,10 +88,10 @@ class Daemon:
             self._announcement,
             self._mishaps,
             lambda: conversation.words,
-            self.place,
+            place,
             self._shadow,
         )
-        self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, self.place)
+        self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, place)
         self._status = Status(link, camera, calls, conversation, desk, self._trial, model)
         self._slumber = Slumber(link, calls, time.monotonic())
         self._replies: list[Heard] = []
@@ -237,9 +240,12 @@ class Daemon:
             log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
         open_id = self._calls.current_id or self._trial.id
         self._link.set_state(self._calls.state(now), open_id, self._calls.policy)
-        place = self.place()
         said = self._announcement.now(
-            self._conversation.words, place, self._keeper.call_picture, self._watch.silent(now), now
+            self._conversation.words,
+            self.whereabouts.place(),
+            self._keeper.call_picture,
+            self._watch.silent(now),
+            now,
         )
         if said is not None:
             self._link.announce(said.data, said.text, now, quiet=said.quiet, severity=said.severity)
@@ -250,12 +256,6 @@ class Daemon:
         else:
             self._link.announce(None, self._desk.policy.reminder, now, quiet=True, severity=WARNING)
         self._desk.tell_changes(self._conversation.words, now)
-
-    def place(self) -> Place:
-        """Where the vehicle is, as far as it says."""
-        position = self._link.vehicle.position if self._link.vehicle is not None else None
-        latitude, longitude, heading = position or (None, None, None)
-        return Place(latitude, longitude, heading, time.time())
 
 
 def stop_on_signals() -> Callable[[], bool]:

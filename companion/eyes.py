@@ -116,9 +116,16 @@ class Eyes:
         return taken
 
     def answer(
-        self, token: object, changes: Changes, *, call: Observation | None, call_id: int, go: bool
+        self,
+        token: object,
+        changes: Changes,
+        *,
+        call: Observation | None,
+        call_id: int,
+        go: bool,
+        place: Place | None = None,
     ) -> bool:
-        """Have an answer applied; an `Applied` with `token` follows.
+        """Have an answer applied; an `Applied` with `token` follows. place: the call's, by default ours now.
 
         False when too many wait, or the thread hangs.
         """
@@ -126,7 +133,7 @@ class Eyes:
         def job() -> Result:
             try:
                 outcome = self._engine.answer(
-                    changes, time.monotonic(), call=call, call_id=call_id, go=go, place=self.place()
+                    changes, time.monotonic(), call=call, call_id=call_id, go=go, place=place or self.place()
                 )
                 return Applied(token, outcome, None, self._engine.memory)
             except AnyTraverseError as error:

@@ -56,6 +56,8 @@ class Keeper:
         self._replies: deque[Kept] = deque(replies, _REPLIES)
         self._frame_lost = False
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
+        self.stamp: Callable[[], float] = time.time
+        """Asked for the time that calls and answers get, seconds since 1970."""
         self.call_picture = ""
         """Name of the open call's picture, or its path where that is short enough for the wire."""
 
@@ -104,7 +106,7 @@ class Keeper:
 
     def call_closed(self, call: Call) -> None:
         """Nothing is asked any more."""
-        self._write("call", self._journal.record_call, call)
+        self._write("call", partial(self._journal.record_call, at=self.stamp()), call)
         self.call_picture = ""
 
     def picture(self, seen: Assessment, state: State, title: str) -> None:
@@ -193,7 +195,8 @@ class Keeper:
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,
         }
-        self._write("answer", partial(self._journal.record_answer, acknowledgement.target), record)
+        record_answer = partial(self._journal.record_answer, acknowledgement.target, at=self.stamp())
+        self._write("answer", record_answer, record)
 
     def _write(self, what: str, write: Callable[[Any], None], value: Any) -> bool:
         now = time.monotonic()

@@ -113,7 +113,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     daemon = Daemon(
         link, camera, eyes, calls, keeper, conversation, desk, Liveness(tasks(numbers), now), model, view
     )
-    eyes.place, eyes.moving = daemon.place, partial(is_moving, link, calls)
+    eyes.place, eyes.moving = daemon.whereabouts.place, partial(is_moving, link, calls)
     if model.int8_idle and config.perceiver.precision == "auto":
         news.append(notices.int8_idle())
     _tell(news, link, now)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from anytraverse.assessment import Assessment, Reason
+from anytraverse.history import Place
 from companion.calls.acceptance import Acceptance
 from companion.calls.hold import Hold, HoldEvent
 from companion.wire.ids import Outcome
@@ -21,6 +22,7 @@ class Call:
     learnt: its place is in the history.
     quiet: "stay" ended the escalation. gone_since: when its reasons were gone, None while they are there.
     worst: mean uncertainty of the ROI at its worst, worst_frame_id: and where.
+    place: where the vehicle was, and when, as it was announced.
     """
 
     id: int
@@ -38,6 +40,7 @@ class Call:
     outcome: Outcome = Outcome.NONE
     worst: float = 0.0
     worst_frame_id: int = 0
+    place: Place = field(default_factory=Place)
 
     def add(self, seen: Assessment) -> None:
         """Another frame while it is open: a worse one is added to the record."""

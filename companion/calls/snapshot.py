@@ -15,6 +15,7 @@ from companion.calls.hold import Hold, HoldStage
 from companion.calls.holding import Vehicle
 from companion.calls.machine import OperatorCalls
 from companion.calls.sight import CALLS_FOR_WORDS
+from companion.places import place_figures, read_place
 from companion.wire.ids import Policy
 
 _U16 = 0xFFFF
@@ -36,6 +37,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "answered": call.answered and not call.accepted,
             "learnt": call.learnt,
             "quiet": call.quiet,
+            "place": place_figures(call.place),
         },
         "hold": hold
         and {
@@ -83,6 +85,7 @@ def _call(saved: Any, now: float) -> Call:
         answered=_flag(saved["answered"]),
         learnt=_flag(saved["learnt"]),
         quiet=_flag(saved["quiet"]),
+        place=read_place(saved.get("place")),
     )
 
 

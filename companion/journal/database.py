@@ -10,7 +10,7 @@ from typing import Any
 
 from companion.journal.errors import Damaged, JournalError
 
-VERSION = 1
+VERSION = 2
 _OURS = 0x41547251
 """application_id: tells our files from other programs' ones."""
 _PAGE = 4096
@@ -20,7 +20,8 @@ _TABLES = {
     "memory": "only INTEGER PRIMARY KEY CHECK (only = 1), model_id TEXT NOT NULL, clock INTEGER NOT NULL,"
     " scenes INTEGER NOT NULL, reference BLOB",
     "entries": "stamp INTEGER PRIMARY KEY, matched INTEGER NOT NULL, call_id INTEGER NOT NULL,"
-    " embedding BLOB NOT NULL, latitude REAL, longitude REAL, heading REAL, time REAL",
+    " embedding BLOB NOT NULL, latitude REAL, longitude REAL, heading REAL, time REAL,"
+    " roll REAL, pitch REAL, yaw REAL",
     "words": "owner INTEGER NOT NULL, position INTEGER NOT NULL, word TEXT NOT NULL, weight REAL NOT NULL,"
     " stamp INTEGER NOT NULL, PRIMARY KEY (owner, position)",
     "vectors": "id INTEGER PRIMARY KEY, model_id TEXT NOT NULL, vector BLOB NOT NULL,"
@@ -35,6 +36,8 @@ _TABLES = {
     " record TEXT NOT NULL",
 }
 """`owner` of words and examples: the stamp of an entry, or one of rows.IN_FORCE and rows.CONFIGURED."""
+_SINCE = {2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw"))}
+"""What makes a file of the version before one of this version."""
 
 
 class Database:
@@ -123,12 +126,21 @@ class Database:
         complaints = [text for (text,) in execute("PRAGMA quick_check(1)")]
         if complaints != ["ok"]:
             raise Damaged(str(complaints[0]))
+        if version < VERSION:
+            self._bring_up_from(version)
 
     def _create(self) -> None:
         with self.writing() as connection:
             for name, columns in _TABLES.items():
                 connection.execute(f"CREATE TABLE {name} ({columns})")
             connection.execute(f"PRAGMA application_id = {_OURS}")
+            connection.execute(f"PRAGMA user_version = {VERSION}")
+
+    def _bring_up_from(self, version: int) -> None:
+        with self.writing() as connection:
+            for newer in range(version + 1, VERSION + 1):
+                for statement in _SINCE.get(newer, ()):
+                    connection.execute(statement)
             connection.execute(f"PRAGMA user_version = {VERSION}")
 
     def _trouble(self, error: sqlite3.Error) -> JournalError:

@@ -100,14 +100,14 @@ class Journal:
                 _log.warning("the frame of the open call is lost: %s", error)
             return None
 
-    def record_call(self, call: Call) -> None:
-        """Keep what a closed call was about. Raises JournalError."""
-        row = (call.id, time.time(), call.outcome.name.lower(), _json(record_of(call)))
+    def record_call(self, call: Call, at: float | None = None) -> None:
+        """Keep what a closed call was about. at: seconds since 1970, by default now. Raises JournalError."""
+        row = (call.id, at or time.time(), call.outcome.name.lower(), _json(record_of(call)))
         self._append("calls", "id, closed_at, outcome, record", row)
 
-    def record_answer(self, call_id: int, record: Mapping[str, Any]) -> None:
-        """Keep what was answered to a call: JSON values. Raises JournalError."""
-        row = (call_id, time.time(), _json(record))
+    def record_answer(self, call_id: int, record: Mapping[str, Any], at: float | None = None) -> None:
+        """Keep what was answered to a call: JSON values. at: as for a call. Raises JournalError."""
+        row = (call_id, at or time.time(), _json(record))
         self._append("answers", "call_id, answered_at, record", row)
 
     def calls(self, limit: int = 20) -> list[CallRecord]:
@@ -116,11 +116,12 @@ class Journal:
             "SELECT id, closed_at, outcome, record FROM calls ORDER BY number DESC LIMIT ?", limit
         )
         return [
-            CallRecord(number, closed_at, outcome, json.loads(record), self._answers(number))
+            CallRecord(number, closed_at, outcome, json.loads(record), self.answers(number))
             for number, closed_at, outcome, record in found
         ]
 
-    def _answers(self, call_id: int) -> tuple[Mapping[str, Any], ...]:
+    def answers(self, call_id: int) -> tuple[Mapping[str, Any], ...]:
+        """What was answered to a call, in order. Raises JournalError."""
         query = "SELECT record FROM answers WHERE call_id = ? ORDER BY number"
         return tuple(json.loads(record) for (record,) in self._database.rows(query, call_id))
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.calls.decisions import Call
+from companion.places import place_figures
 
 
 @dataclass(frozen=True)
 class CallRecord:
     """A closed call. closed_at: seconds since 1970. outcome: as in wire.ids.Outcome, lower case.
 
-    record: frame id, reasons and the figures that the call was made for. answers: as they were recorded.
+    record: frame id, reasons, place and figures that the call was made for. answers: as recorded.
     """
 
     id: int
@@ -33,5 +34,7 @@ def record_of(call: Call) -> dict[str, Any]:
         "words": seen.words.format() if seen is not None else None,
         "roi_uncertainty": roi.uncertainty if roi is not None else None,
         "worst_tile": roi.worst_tile.uncertainty if roi is not None else None,
+        "drivable_share": roi.drivable_share if roi is not None else None,
         "similarity": seen.similarity if seen is not None else None,
+        "place": place_figures(call.place),
     }

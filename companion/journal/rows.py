@@ -40,10 +40,11 @@ def read_memory(rows: Query) -> Memory | None:
                 matched=matched,
                 call_id=call_id,
                 examples=examples.get(stamp, {}),
-                place=Place(*place),
+                place=_place(*place),
             )
             for stamp, matched, call_id, embedding, *place in rows(
-                "SELECT stamp, matched, call_id, embedding, latitude, longitude, heading, time FROM entries"
+                "SELECT stamp, matched, call_id, embedding,"
+                " latitude, longitude, heading, time, roll, pitch, yaw FROM entries"
             )
         ]
         return Memory(
@@ -141,7 +142,7 @@ def _write_examples(
 def _write_entry(connection: sqlite3.Connection, entry: Entry) -> None:
     place = entry.place
     connection.execute(
-        "INSERT INTO entries VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT INTO entries VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         (
             entry.order,
             entry.matched,
@@ -151,10 +152,19 @@ def _write_entry(connection: sqlite3.Connection, entry: Entry) -> None:
             place.longitude,
             place.heading,
             place.time,
+            *(place.attitude or (None, None, None)),
         ),
     )
     _write_words(connection, entry.order, entry.preferences)
     _write_examples(connection, entry.order, entry.examples)
+
+
+def _place(
+    latitude: float | None, longitude: float | None, heading: float | None, time: float | None, *angles: float
+) -> Place:
+    return Place(
+        latitude, longitude, heading, time, None if None in angles else (angles[0], angles[1], angles[2])
+    )
 
 
 def _blob(vector: Embedding) -> bytes:

@@ -14,7 +14,6 @@ from companion.link.receiver import Receiver
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
-POSITION_PERIOD = 0.5
 PULSES_SILENCE = 1.0
 PULSES_PATIENCE = 2.0
 """The off switch is asked for again sooner than a position."""
@@ -22,6 +21,8 @@ HEALTH_SILENCE = 3.0
 HEALTH_PATIENCE = 10.0
 MODE_SILENCE = 2.0
 MODE_PATIENCE = 5.0
+_MISSED = 6
+"""Periods of silence after which a stream is asked for again."""
 
 
 class Asking:
@@ -42,9 +43,14 @@ class Asking:
             self._returns = returns
             self._asked_at.clear()
             self._receiver.forget()
-        if vehicle.position_at is None:
-            patience = MESSAGES["interval"].period or 0.0
-            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, POSITION_PERIOD, patience, now)
+        for row, message_id, heard_at in (
+            ("position", mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, vehicle.position_at),
+            ("attitude", mavlink.MAVLINK_MSG_ID_ATTITUDE, vehicle.attitude_at),
+            ("time", mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, vehicle.clock_at),
+        ):
+            period = MESSAGES[row].period or 0.0
+            if heard_at is None or now - heard_at > _MISSED * period:
+                self._ask(vehicle, message_id, period, MESSAGES["interval"].period or 0.0, now)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
         told_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
         if autopilot is not None and autopilot.tells_late and now - told_at > MODE_SILENCE:

@@ -20,7 +20,8 @@ class Vehicle:
 
     autopilot: MAV_AUTOPILOT. type: MAV_TYPE. heard_at: its last heartbeat. mode_at: its last CURRENT_MODE.
     position: (latitude, longitude, heading or None) in degrees, None without a fix or when older than 5 s.
-    speed: over ground, m/s, known with the position.
+    speed: over ground, m/s, known with the position. attitude: roll, pitch, yaw in degrees, None when older
+    than 5 s. clock: its time when `now` was 0, s since 1970; None where it knows none.
     """
 
     system_id: int
@@ -33,6 +34,10 @@ class Vehicle:
     position_at: float | None = None
     type: int = 0
     mode_at: float | None = None
+    attitude: tuple[float, float, float] | None = None
+    attitude_at: float | None = None
+    clock: float | None = None
+    clock_at: float | None = None
 
 
 @dataclass(frozen=True)

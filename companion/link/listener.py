@@ -19,7 +19,16 @@ from companion.wire import notices
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
 
 _TELEMETRY = frozenset(
-    {"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "SYS_STATUS", "CURRENT_MODE", "COMMAND_ACK"}
+    {
+        "HEARTBEAT",
+        "GLOBAL_POSITION_INT",
+        "ATTITUDE",
+        "SYSTEM_TIME",
+        "RC_CHANNELS",
+        "SYS_STATUS",
+        "CURRENT_MODE",
+        "COMMAND_ACK",
+    }
 )
 
 
@@ -91,6 +100,10 @@ class Listener:
         else:
             if kind == "SYS_STATUS" and self._tracker.is_ours(system_id):
                 self.receiver.hear_health(message, now)
+            elif kind == "ATTITUDE":
+                self._tracker.attitude(system_id, message, now)
+            elif kind == "SYSTEM_TIME":
+                self._tracker.time(system_id, message, now)
             return None
         return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
 

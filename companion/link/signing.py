@@ -22,7 +22,15 @@ log = logging.getLogger(__name__)
 RECENT = 10.0
 LOG_EVERY = 60.0
 PRIVATE_TELEMETRY = frozenset(
-    {"HEARTBEAT", "GLOBAL_POSITION_INT", "RC_CHANNELS", "CURRENT_MODE", "COMMAND_ACK"}
+    {
+        "HEARTBEAT",
+        "GLOBAL_POSITION_INT",
+        "ATTITUDE",
+        "SYSTEM_TIME",
+        "RC_CHANNELS",
+        "CURRENT_MODE",
+        "COMMAND_ACK",
+    }
 )
 """What an autopilot without a key may say on a wire of its own."""
 RADIO_FRAMES = frozenset({"RADIO", "RADIO_STATUS"})

@@ -5,10 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from companion.wall_clock import SOFTWARE_MADE
 from companion.wire.signing import MINUTE, TICKS, ticks
 
-SOFTWARE_MADE = ticks(1_767_225_600)
-"""2026-01-01: a clock before it has never been set."""
 DAY = 24 * 60 * MINUTE
 
 
@@ -19,7 +18,7 @@ class SigningClock:
     """
 
     def __init__(self, heard: int, wall: Callable[[], float] = time.time) -> None:
-        self._least = max(SOFTWARE_MADE, heard - DAY)
+        self._least = max(ticks(SOFTWARE_MADE), heard - DAY)
         self._wall = wall
         self._told: int | None = None
 

@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.heard import Vehicle
+from companion.wall_clock import is_set
 
 POSITION_LIFETIME = 5.0
 SETTLE = 2.5
@@ -76,13 +77,30 @@ class VehicleTracker:
         )
         return True
 
-    def tick(self, now: float) -> None:
-        """Forget a position that is too old."""
-        vehicle = self.vehicle
-        if vehicle is None or vehicle.position_at is None:
+    def attitude(self, system_id: int, message: Any, now: float) -> None:
+        """ATTITUDE; told in radians."""
+        angles = (message.roll, message.pitch, message.yaw)
+        if self.vehicle is None or system_id != self.vehicle.system_id:
             return
-        if vehicle.position is not None and now - vehicle.position_at > POSITION_LIFETIME:
-            self.vehicle = replace(vehicle, position=None, speed=None)
+        if all(abs(angle) <= math.tau for angle in angles):  # False for NaN
+            roll, pitch, yaw = (round(math.degrees(angle), 2) for angle in angles)
+            self.vehicle = replace(self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now)
+
+    def time(self, system_id: int, message: Any, now: float) -> None:
+        """SYSTEM_TIME; 0 or some year long ago where the autopilot does not know it."""
+        seconds = message.time_unix_usec / 1e6
+        if self.is_ours(system_id) and self.vehicle is not None and is_set(seconds):
+            self.vehicle = replace(self.vehicle, clock=seconds - now, clock_at=now)
+
+    def tick(self, now: float) -> None:
+        """Forget a position and an attitude that are too old."""
+        vehicle = self.vehicle
+        if vehicle is None:
+            return
+        if vehicle.position is not None and now - (vehicle.position_at or 0.0) > POSITION_LIFETIME:
+            self.vehicle = vehicle = replace(vehicle, position=None, speed=None)
+        if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
+            self.vehicle = replace(vehicle, attitude=None)
 
     def _adopts(self, system_id: int, now: float) -> bool:
         if system_id == self._configured:

@@ -71,6 +71,8 @@ _ROWS: tuple[_Row, ...] = (
     ("setpoint",    "SET_POSITION_TARGET_LOCAL_NED", "stand still (PX4)", OUT, 0.2, 65, 0, None, "next one"),
     ("vehicle",     "HEARTBEAT",           "id, mode, armed",   IN,   1.0,  21,  None, None,  "next one"),
     ("position",    "GLOBAL_POSITION_INT", "place, speed",      IN,   0.5,  40,  None, None,  "old in 5 s"),
+    ("attitude",    "ATTITUDE",            "how it stands",     IN,   0.5,  40,  None, None,  "old in 5 s"),
+    ("time",        "SYSTEM_TIME",         "where ours is not set", IN, 5.0, 24, None, None, "next one"),
     ("rc",          "RC_CHANNELS",         "off switch",        IN,   0.2,  54,  None, None,  "old in 3 s"),
     ("rc health",   "SYS_STATUS",          "transmitter lost",  IN,   1.0,  55,  None, None,  "old in 5 s"),
     ("mode told",   "CURRENT_MODE",        "PX4 mode, sooner",  IN,   0.2,  21,  None, None,  "heartbeat"),

@@ -8,6 +8,7 @@ import pytest
 
 from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.errors import UnknownWordError
+from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from companion.conversation import Conversation, Heard
@@ -28,9 +29,19 @@ class Queue:
         self.jobs: list[tuple[Any, Changes, bool, bool]] = []
         self.full = False
 
-    def answer(self, token: object, changes: Changes, *, call: object, call_id: int, go: bool) -> bool:
+    def answer(
+        self,
+        token: object,
+        changes: Changes,
+        *,
+        call: object,
+        call_id: int,
+        go: bool,
+        place: Place | None = None,
+    ) -> bool:
         """As `Eyes.answer`."""
         assert (call_id > 0) or call is None
+        assert (place is None) == (call_id == 0)
         if not self.full:
             self.jobs.append((token, changes, call is not None, go))
         return not self.full

@@ -6,6 +6,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
+from companion.wire.layouts import FILE_TRANSFER
 from companion.wire.packing import PayloadError
 
 PAYLOAD = 251
@@ -13,7 +14,7 @@ MAX_DATA = 239
 SMALL_DATA = 80
 """Bytes of a file in one frame of a burst on a link with a budget: radios cut and lose long frames."""
 
-_HEAD = struct.Struct("<HBBBBBBI")
+_HEAD = FILE_TRANSFER.struct
 
 
 class Opcode(IntEnum):

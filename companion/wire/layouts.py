@@ -14,7 +14,7 @@ _ID = "0: none"
 _FIGURE = ("0 to 10000 in 1e-4", "65535")
 _BOX = ("left, top, right, bottom, each 0 to 10000 in 1e-4 of the frame", "all 65535")
 _SIMILARITY = ("-10000 to 10000 in 1e-4", "-32768")
-_HASH = "of the words in use, see below"
+_HASH = "CRC-32 of the words in use, see Payloads"
 
 
 class Field(NamedTuple):
@@ -92,7 +92,7 @@ CALL = Layout(
     Field("B", "outcome", "number; 0 until it is closed"),
     Field("B", "reasons", "bits: those of now, and until it is answered its own"),
     Field("B", "flags", "bit 0: the vehicle stands because of it; bit 1: a test; ignore the others"),
-    Field("H", "id", "1 to 65535, from the one counter of calls and holds"),
+    Field("H", "id", "1 to 65535, then 1 again: one counter of calls and holds"),
     Field("I", "frame id", "of the frame that made it"),
     Field("H", "age", "s since it was announced; 65535: that or more"),
     Field("4H", "region of interest", *_BOX),
@@ -156,8 +156,21 @@ ACKNOWLEDGEMENT = Layout(
     Field(TEXT, "text", "for a person, n up to 90"),
 )
 
+FILE_TRANSFER = Layout(
+    "FILE_TRANSFER_PROTOCOL",
+    Field("H", "sequence", "the request's; the reply has one more"),
+    Field("B", "session", "chosen by the client, the reply has the same"),
+    Field("B", "opcode", "of a request as below; of a reply 128 ACK or 129 NAK"),
+    Field("B", "size", "bytes of data, 0 to 239; in a read, how many are asked for"),
+    Field("B", "request", "in a reply, the opcode that it answers"),
+    Field("B", "burst complete", "1 in a burst's last frame"),
+    Field("B", "padding", "0"),
+    Field("I", "offset", "bytes into the file, or entries into a list"),
+)
+"""As mavlink.io's FTP service has it; 239 bytes of data follow, a path among them without a length byte."""
+
 
 def markdown() -> str:
     """All tables under their titles."""
-    layouts = (SUMMARY, CALL, ANSWER, *OPERATIONS.values(), ACKNOWLEDGEMENT)
+    layouts = (SUMMARY, CALL, ANSWER, *OPERATIONS.values(), ACKNOWLEDGEMENT, FILE_TRANSFER)
     return "\n".join(f"{one.title}\n\n{one.markdown()}" for one in layouts)

@@ -130,7 +130,7 @@ def test_every_byte_of_an_example_reads_as_the_tables_say_and_is_what_the_code_p
 
 
 def test_the_page_shows_layouts_numbers_and_refusals_as_they_are() -> None:
-    tables = [layouts.SUMMARY, layouts.CALL, layouts.ANSWER, layouts.ACKNOWLEDGEMENT]
+    tables = [layouts.SUMMARY, layouts.CALL, layouts.ANSWER, layouts.ACKNOWLEDGEMENT, layouts.FILE_TRANSFER]
     tables += [one for one in layouts.OPERATIONS.values() if one.fields]
     for layout in tables:
         assert layout.markdown() in PAGE, layout.title

@@ -207,15 +207,15 @@ def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> 
 
 def _draw_boxes(picture: Image, assessment: Assessment, roi: Box) -> None:
     outline(picture, roi, PAPER, 2)
-    if assessment.roi is not None and _looks_unsure(assessment):
+    if assessment.roi is not None and looks_unsure(assessment):
         outline(picture, assessment.roi.worst_tile.box, YELLOW, 2)
 
 
 def _roi_note(assessment: Assessment) -> str:
-    return "white: ROI, yellow: look here" if _looks_unsure(assessment) else "white: ROI"
+    return "white: ROI, yellow: look here" if looks_unsure(assessment) else "white: ROI"
 
 
-def _looks_unsure(assessment: Assessment) -> bool:
+def looks_unsure(assessment: Assessment) -> bool:
     """Whether the worst tile deserves a look: something is unknown, or nearly so."""
     if assessment.roi is None:
         return False

@@ -23,6 +23,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import snapshot
 from companion.conversation import Reply
 from companion.eyes import Applied, Eyes
+from companion.files.calls import CallFiles
 from companion.journal import Journal, JournalError
 from companion.kept import Kept, kept_reply
 from companion.wire.ids import State
@@ -31,7 +32,6 @@ log = logging.getLogger(__name__)
 
 _CALL_FRAME = object()
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
-_LONGEST_NAME = 60
 _RECENT = 1200
 _REPLIES = 16
 _PATIENCE = 0.5
@@ -42,11 +42,18 @@ class Keeper:
     """Writes what changed; `failing` when it cannot. The daemon goes on unremembered."""
 
     def __init__(
-        self, journal: Journal, album: Album, status: Path, frame_id: int = 0, replies: Sequence[Kept] = ()
+        self,
+        journal: Journal,
+        album: Album,
+        files: CallFiles,
+        status: Path,
+        frame_id: int = 0,
+        replies: Sequence[Kept] = (),
     ) -> None:
         """frame_id: of the last call, over all restarts. replies: those kept before the restart."""
         self._journal = journal
         self._album = album
+        self._files = files
         self._status = status
         self._memory: Memory | None = None
         self._calls: dict[str, Any] | None = None
@@ -59,7 +66,7 @@ class Keeper:
         self.stamp: Callable[[], float] = time.time
         """Asked for the time that calls and answers get, seconds since 1970."""
         self.call_picture = ""
-        """Name of the open call's picture, or its path where that is short enough for the wire."""
+        """Where the ground finds the open call's picture, "" without one."""
 
     @property
     def folder(self) -> Path:
@@ -102,11 +109,13 @@ class Keeper:
             return
         self._write("frame", self._journal.save_frame, call.seen.frame.image)
         reasons = " ".join(sorted(reason.value.replace("_", " ") for reason in call.reasons))
-        self.call_picture = self._wire_name(self._album.keep(call.seen, state, f"C{call.id} {reasons}"))
+        self._show(call, call.seen, state, f"C{call.id} {reasons}")
 
     def call_closed(self, call: Call) -> None:
         """Nothing is asked any more."""
-        self._write("call", partial(self._journal.record_call, at=self.stamp()), call)
+        at = self.stamp()
+        self._write("call", partial(self._journal.record_call, at=at), call)
+        self._files.closed(call, at)
         self.call_picture = ""
 
     def picture(self, seen: Assessment, state: State, title: str) -> None:
@@ -137,7 +146,7 @@ class Keeper:
         if applied.outcome is None or applied.outcome.call is None:
             self._frame_lost = True
         else:
-            self._show(calls, applied.outcome.call, now)
+            self._take_up(calls, applied.outcome.call, now)
 
     def replace_lost_frame(self, calls: OperatorCalls, seen: Assessment, now: float) -> bool:
         """Whether `seen` took the place of the restored call's frame, because that one is lost."""
@@ -146,11 +155,11 @@ class Keeper:
             return False
         self._frame_lost = False
         calls.call.frame_id = seen.frame.id
-        self._show(calls, seen, now)
+        self._take_up(calls, seen, now)
         self._write("frame", self._journal.save_frame, seen.frame.image)
         return True
 
-    def _show(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
+    def _take_up(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
         call = calls.call
         if call is None or call.seen is not None:
             return
@@ -158,9 +167,19 @@ class Keeper:
         call.scope = Acceptance.of(
             seen, frozenset(call.reasons), calls.numbers, now, calls.autopilot.travelled
         )
-        self.call_picture = self._wire_name(
-            self._album.keep(seen, State.CALLING, f"C{call.id} after a restart")
-        )
+        self._show(call, seen, State.CALLING, f"C{call.id} after a restart")
+
+    def _show(self, call: Call, seen: Assessment, state: State, title: str) -> None:
+        kept = self._album.keep(seen, state, title)
+        large = self._album.path(kept) if kept else None
+        self.call_picture = self._files.opened(call, large, self._answers(call))
+
+    def _answers(self, call: Call) -> Sequence[Mapping[str, Any]]:
+        try:
+            return self._journal.answers(call.id)
+        except JournalError as error:
+            log.warning("earlier answers to call %d are not told: %s", call.id, error)
+            return ()
 
     def write_status(self, figures: Mapping[str, Any], *, last: bool = False) -> None:
         """The status file: figures, frames judged, and whose they are.
@@ -177,10 +196,6 @@ class Keeper:
         except OSError as error:
             log.warning("no status file: %s", error)
 
-    def _wire_name(self, name: str) -> str:
-        path = str(self._album.path(name))
-        return path if name and len(path.encode()) <= _LONGEST_NAME else name
-
     def _answered(self, reply: Reply) -> None:
         request, acknowledgement = reply.request, reply.acknowledgement
         kept = kept_reply(request, acknowledgement)
@@ -195,8 +210,9 @@ class Keeper:
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,
         }
-        record_answer = partial(self._journal.record_answer, acknowledgement.target, at=self.stamp())
-        self._write("answer", record_answer, record)
+        at = self.stamp()
+        self._write("answer", partial(self._journal.record_answer, acknowledgement.target, at=at), record)
+        self._files.answered(acknowledgement.target, {"at": round(at, 2), **record})
 
     def _write(self, what: str, write: Callable[[Any], None], value: Any) -> bool:
         now = time.monotonic()

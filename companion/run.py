@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -14,6 +14,7 @@ from typing import Any
 from anytraverse.engine import AnyTraverse
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
+from anytraverse.regions import Region
 from companion.album import Album
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
@@ -25,13 +26,17 @@ from companion.configured import call_numbers, first_values, kept_values, restor
 from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.eyes import Eyes
+from companion.files.calls import CallFiles
+from companion.files.offer import Offer
+from companion.files.state import State as StateFile
 from companion.frozen import is_moving
 from companion.journal import Journal
 from companion.keeper import Keeper
-from companion.kept import saved_replies
+from companion.kept import Kept, saved_replies
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.loading import load
+from companion.logbook import logbook
 from companion.model import Model
 from companion.overrides import Overrides
 from companion.readiness import get_ready
@@ -62,8 +67,10 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     listed = parameters.build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     journal = Journal(config.journal.path)
     closing.callback(journal.close)
+    closing.enter_context(logbook(config.journal.path))
+    offer = Offer(config.journal.path)
     supervision = journal.load_supervision() or {}
-    link = Link(config.link.settings(), listed, time.monotonic(), signing=_signing(config))
+    link = Link(config.link.settings(), listed, time.monotonic(), tree=offer.tree, signing=_signing(config))
     closing.callback(link.close)
     link.set_state(State.STARTING, open_id(supervision), first_policy(config, supervision))
     ready = load(partial(get_ready, config, journal.load_memory()), link, stop)
@@ -88,9 +95,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     book = _open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, news)
     last_frame = _whole(supervision.get("frame_id"))
     replies = saved_replies(supervision.get("replies"))
-    folder, region = config.journal.path, lambda: calls.numbers.judging.region
-    album = Album(folder / "pictures", config.pictures.keep, region)
-    keeper = Keeper(journal, album, folder / "status.json", last_frame, replies)
+    keeper = _open_keeper(config, journal, calls, offer, last_frame, replies)
     camera = _open_camera(config, last_frame + 1)
     closing.callback(camera.close)
     eyes = Eyes(engine, camera, pace.period)
@@ -112,6 +117,10 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     model, view = Model.of(engine.perceiver), round(config.camera.view)
     daemon = Daemon(
         link, camera, eyes, calls, keeper, conversation, desk, Liveness(tasks(numbers), now), model, view
+    )
+    offer.show(
+        StateFile(daemon.status, calls, conversation, desk, keeper, daemon.whereabouts).figures,
+        lambda: calls.sight.newest,
     )
     eyes.place, eyes.moving = daemon.whereabouts.place, partial(is_moving, link, calls)
     if model.int8_idle and config.perceiver.precision == "auto":
@@ -172,6 +181,22 @@ def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: l
         for over in calls.shadow.leave(now):
             book.ended(over)
     return book
+
+
+def _open_keeper(
+    config: Config,
+    journal: Journal,
+    calls: OperatorCalls,
+    offer: Offer,
+    last_frame: int,
+    replies: Sequence[Kept],
+) -> Keeper:
+    def region() -> Region:
+        return calls.numbers.judging.region
+
+    folder = config.journal.path
+    album = Album(folder / "pictures", config.pictures.keep, region)
+    return Keeper(journal, album, CallFiles(offer.calls, region), folder / "status.json", last_frame, replies)
 
 
 def _open_camera(config: Config, first_id: int) -> CameraThread:

@@ -83,6 +83,16 @@ class SettingsDesk:
         )
         self.book = book or ShadowBook()
 
+    @property
+    def vocabulary(self) -> list[str]:
+        """The words that have a parameter."""
+        return list(self._words.values())
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Parameter name -> the value in force, without the words' weights."""
+        return {name: value for name, value in self._told.items() if name not in self._words}
+
     def start(self, now: float) -> None:
         """Put in force what the ground set of the link, and tell every setting's value."""
         values = self.overrides.configured | dict(self.overrides.values)

@@ -25,6 +25,7 @@ from companion.config import Config
 from companion.configured import kept_values
 from companion.conversation import Conversation
 from companion.daemon import Daemon
+from companion.files.calls import CallFiles
 from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.link.link import Link
@@ -95,7 +96,8 @@ class Rover:
         engine = AnyTraverse(perceiver, judging, first_memory(perceiver.model_id, words))
         self.eyes = SteppedEyes(engine, self._camera, FRAME_PERIOD)
         conversation = Conversation(self.calls, self.eyes, words)
-        keeper = Keeper(self.journal, Album(folder / "pictures", 0, lambda: _ROI), folder / "status.json")
+        album, files = Album(folder / "pictures", 0, lambda: _ROI), CallFiles(folder / "calls", lambda: _ROI)
+        keeper = Keeper(self.journal, album, files, folder / "status.json")
         book, _ = ShadowBook.restored(None, self.calls.shadow, perceiver.model_id, now, time.time())
         judge = HoldJudge(Config(), Pace(0.02, FRAME_PERIOD, judging.freshness))
         desk = SettingsDesk(

@@ -59,10 +59,10 @@ class Story:
             self.tell(seconds, f"state {event['state'].upper()}: {_REASONS[event['state']]}")
 
     def picture(self, event: dict[str, Any], out: Path, seconds: float) -> None:
-        """Where a call's picture lies, when the message had room for its name alone."""
-        name = Path(str(event.get("picture") or "/"))
-        if event.get("event") == "call" and not name.is_absolute():
-            self.tell(seconds, f"picture: {out / 'state' / 'pictures' / name}")
+        """Where a call's large picture lies on this computer."""
+        if event.get("event") == "call" and event.get("picture"):
+            name = Path(str(event["picture"])).stem
+            self.tell(seconds, f"picture: {out / 'state' / 'calls' / f'{name}-large.jpg'}")
 
     def field(self, status: dict[str, Any], seconds: float) -> None:
         """The field's status: place, mode, and what was touched."""

@@ -35,7 +35,7 @@ def test_a_place_comes_back_from_json(
 
 
 def test_nonsense_is_no_place() -> None:
-    for saved in (
+    nonsense: list[object] = [
         None,
         [],
         "north",
@@ -43,7 +43,8 @@ def test_nonsense_is_no_place() -> None:
         {"latitude": math.nan},
         {"roll": 1.0},
         {"time": True},
-    ):
+    ]
+    for saved in nonsense:
         assert read_place(saved) == Place()
 
 

@@ -29,6 +29,9 @@ from companion.configured import kept_values
 from companion.conversation import Conversation
 from companion.daemon import Daemon
 from companion.eyes import Eyes
+from companion.files.calls import CallFiles
+from companion.files.offer import Offer
+from companion.files.state import State
 from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.kept import saved_replies
@@ -115,7 +118,8 @@ class Rig:
             (self.folder / "call.png").unlink()
         now = self.clock.now
         self.listed = build(["grass", "rock", "drum"], WORDS, dict(zip(ROI.values(), self.roi, strict=True)))
-        self.stage = Rehearsal(parameters=self.listed)
+        self.offer = Offer(self.folder)
+        self.stage = Rehearsal(parameters=self.listed, tree=self.offer.tree)
         self.stage.mode = mode
         self.stage.now = now
         self.journal = Journal(self.folder)
@@ -137,7 +141,8 @@ class Rig:
         replies = saved_replies(supervision.get("replies"))
         album = Album(self.folder / "pictures", self.pictures, lambda: judging.region)
         last_frame = int(supervision.get("frame_id", 0))
-        self.keeper = Keeper(self.journal, album, self.folder / "status.json", last_frame, replies)
+        files = CallFiles(self.offer.calls, lambda: judging.region)
+        self.keeper = Keeper(self.journal, album, files, self.folder / "status.json", last_frame, replies)
         self.camera = PlayedCamera()
         self.engine = AnyTraverse(self.perceiver, judging, memory)
         self.eyes = Eyes(self.engine, cast(Any, self.camera), PERIOD)
@@ -167,6 +172,15 @@ class Rig:
             liveness,
             Model.of(self.perceiver),
         )
+        state = State(
+            self.daemon.status,
+            self.calls,
+            self.conversation,
+            self.desk,
+            self.keeper,
+            self.daemon.whereabouts,
+        )
+        self.offer.show(state.figures, lambda: self.calls.sight.newest)
         self.keeper.restore_call_frame(self.calls, self.eyes)
 
     def kill(self) -> None:

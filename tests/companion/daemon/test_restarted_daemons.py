@@ -42,8 +42,8 @@ def test_a_call_is_told_with_a_picture_before_and_after_a_restart(make_rig: Make
     for _ in range(2):
         rig.see(3.0, "drum")
         told = [CallData.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
-        name = told[-1].picture.rpartition("/")[2]
-        assert (rig.folder / "pictures" / name).is_file()
+        assert told[-1].picture == "/calls/1.jpg"
+        assert (rig.folder / "calls" / "1.jpg").is_file()
         rig.restart()
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from companion.link.signing_clock import DAY, SOFTWARE_MADE, SigningClock
+from companion.link.signing_clock import DAY, SigningClock
 from companion.link.signing_store import NAME, RESERVE, SYNC_EVERY, TimestampFile
+from companion.wall_clock import SOFTWARE_MADE
 from companion.wire.signing import EPOCH, MAX_STREAMS, REPLAY, TICKS, Stream, ticks
 
 BOOT, NEXT_BOOT = bytes([1] * 16), bytes([2] * 16)
@@ -187,7 +188,7 @@ def test_a_clock_that_was_never_set_is_not_believed_until_a_verified_source_tell
     wall = [0.0]
     clock = SigningClock(0, lambda: wall[0])
     assert clock.now(5.0) is None
-    clock.tell(SOFTWARE_MADE - 1, 6.0)
+    clock.tell(ticks(SOFTWARE_MADE) - 1, 6.0)
     assert clock.now(6.0) is None
     clock.tell(NOW, 10.0)
     clock.tell(NOW - 50 * TICKS, 11.0)
@@ -199,4 +200,4 @@ def test_a_clock_that_was_never_set_is_not_believed_until_a_verified_source_tell
 def test_a_clock_over_a_day_behind_what_was_heard_before_is_not_believed() -> None:
     assert SigningClock(NOW + DAY, lambda: WALL).now(0.0) == NOW
     assert SigningClock(NOW + DAY + 1, lambda: WALL).now(0.0) is None
-    assert EPOCH + SOFTWARE_MADE / TICKS == 1_767_225_600
+    assert EPOCH + ticks(SOFTWARE_MADE) / TICKS == 1_767_225_600

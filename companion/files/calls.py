@@ -1,0 +1,113 @@
+"""What each call was, for the ground: N.json, its picture sized for a radio, and the album's.
+
+Copies on the disk of what the journal and the album keep: one that cannot be written is no fault.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from anytraverse.regions import Region
+from companion.calls.decisions import Call
+from companion.files.thumbnail import thumbnail
+from companion.journal.records import record_of
+
+log = logging.getLogger(__name__)
+
+PATTERN = "[0-9]*.j*"
+"""What may be seen of the folder."""
+KEPT = 50
+"""Calls whose files are kept; the oldest go."""
+_NAME = re.compile(r"([0-9]{1,5})(-large)?\.(json|jpg)\Z", re.ASCII)
+
+
+class CallFiles:
+    """A folder that `companion.files.folder.Folder` can serve as it is."""
+
+    def __init__(self, folder: Path, region: Callable[[], Region]) -> None:
+        """region: asked for the region of interest in force."""
+        self._folder = folder
+        self._region = region
+        self._record: dict[str, Any] = {}
+
+    def opened(self, call: Call, large: Path | None, answers: Sequence[Mapping[str, Any]] = ()) -> str:
+        """Write all of a call; its picture's path as the ground asks for it, "" without one.
+
+        large: the album's picture, None: no pictures are kept. answers: those of before a restart.
+        """
+        pictures = {} if large is None else self._pictures(call, large)
+        self._record = {
+            "id": call.id,
+            **record_of(call),
+            **pictures,
+            "outcome": None,
+            "closed": None,
+            "answers": [dict(answer) for answer in answers],
+        }
+        self._write_record()
+        self._prune(call.id)
+        return pictures.get("picture", "")
+
+    def answered(self, call_id: int, answer: Mapping[str, Any]) -> None:
+        """One more answer to the newest call."""
+        if call_id == self._record.get("id"):
+            self._record["answers"].append(dict(answer))
+            self._write_record()
+
+    def closed(self, call: Call, at: float) -> None:
+        """The newest call is over. at: seconds since 1970."""
+        if call.id == self._record.get("id"):
+            reasons = sorted(reason.value for reason in call.reasons)
+            self._record |= {"reasons": reasons, "outcome": call.outcome.name.lower(), "closed": round(at, 2)}
+            self._write_record()
+
+    def _pictures(self, call: Call, large: Path) -> dict[str, str]:
+        assert call.seen is not None
+        names = {"picture": f"{call.id}.jpg", "large": f"{call.id}-large.jpg"}
+        try:
+            self._write(names["picture"], thumbnail(call.seen, self._region()))
+            self._copy(large, names["large"])
+        except Exception as error:  # whatever the drawing raises, a picture is worth no fault
+            log.warning("no picture of call %d for the ground: %r", call.id, error)
+        return {what: f"/calls/{name}" for what, name in names.items() if (self._folder / name).is_file()}
+
+    def _copy(self, source: Path, name: str) -> None:
+        target = self._folder / name
+        target.unlink(missing_ok=True)
+        try:
+            os.link(source, target)
+        except OSError:  # a file system without links
+            shutil.copyfile(source, target)
+
+    def _write_record(self) -> None:
+        try:
+            content = json.dumps(self._record, separators=(",", ":")).encode()
+            self._write(f"{self._record['id']}.json", content)
+        except OSError as error:
+            log.warning("call %d cannot be told to the ground: %s", self._record["id"], error)
+
+    def _write(self, name: str, content: bytes) -> None:
+        torn = self._folder / f".{name}.part"
+        self._folder.mkdir(parents=True, exist_ok=True)
+        torn.write_bytes(content)
+        os.replace(torn, self._folder / name)
+
+    def _prune(self, newest: int) -> None:
+        """By their ids, counted back from the newest: a clock may have been wrong."""
+        found: dict[int, list[Path]] = {}
+        try:
+            for path in self._folder.iterdir():
+                if named := _NAME.match(path.name):
+                    found.setdefault(newest - int(named[1]) & 0xFFFF, []).append(path)
+            for age in sorted(found)[KEPT:]:
+                for path in found[age]:
+                    path.unlink(missing_ok=True)
+        except OSError as error:
+            log.warning("old calls are not cleared away: %s", error)

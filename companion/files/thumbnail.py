@@ -1,0 +1,65 @@
+"""A judged frame as a picture of 1.5 kB: whole, so that fractions of it are fractions of the frame."""
+
+from __future__ import annotations
+
+from anytraverse.assessment import Assessment
+from anytraverse.frame import Image
+from anytraverse.regions import Region
+
+LIMIT = 1500
+"""Bytes: 19 short frames, a second or two on a radio."""
+WIDTHS = (160, 128, 96)
+"""Pixels. A narrower picture shows more than a coarser one."""
+FAIR = 25
+_FINEST, _COARSEST = 90, 5
+
+
+def thumbnail(seen: Assessment, region: Region, limit: int = LIMIT) -> bytes:
+    """JPEG of at most `limit` bytes. White: the ROI. Yellow: its worst tile, where something is unknown.
+
+    The widest whose quality is fair, else the narrowest. Raises ValueError where even that is too long,
+    ImportError without OpenCV.
+    """
+    for width in WIDTHS:
+        coarsest = _COARSEST if width == WIDTHS[-1] else FAIR
+        found = _finest(_marked(seen, region, width), coarsest, limit)
+        if found is not None:
+            return found
+    raise ValueError(f"no picture fits {limit} bytes")
+
+
+def _marked(seen: Assessment, region: Region, width: int) -> Image:
+    from anytraverse.drawing import PAPER, YELLOW, fitted, outline
+    from anytraverse.panel import looks_unsure
+
+    picture = fitted(seen.frame.image, width)
+    outline(picture, region.bounds, PAPER, 1)
+    if seen.roi is not None and looks_unsure(seen):
+        outline(picture, seen.roi.worst_tile.box, YELLOW, 1)
+    return picture
+
+
+def _finest(picture: Image, coarsest: int, limit: int) -> bytes | None:
+    """The best quality that fits, by halving; None when not even the coarsest does."""
+    best = _encoded(picture, coarsest)
+    if len(best) > limit:
+        return None
+    low, high = coarsest, _FINEST
+    while low < high:
+        middle = (low + high + 1) // 2
+        tried = _encoded(picture, middle)
+        if len(tried) <= limit:
+            low, best = middle, tried
+        else:
+            high = middle - 1
+    return best
+
+
+def _encoded(picture: Image, quality: int) -> bytes:
+    import cv2
+
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+    done, encoded = cv2.imencode(".jpg", picture[..., ::-1], options)
+    if not done:
+        raise ValueError("the picture could not be encoded")
+    return encoded.tobytes()

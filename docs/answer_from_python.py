@@ -35,14 +35,13 @@ def read(kind, payload):
         told |= {"uncertainty": share(raw[10]), "worst tile": share(raw[11]), "similarity": share(raw[12])}
         return told | {"sectors": [None if sector == 255 else sector / 200 for sector in raw[16:]]}
     if kind == CALL:
-        raw = struct.unpack_from("<BBBBBBHIH8HHHHhiiHBIB", payload)
+        raw = struct.unpack_from("<BBBBBBHIH8HHHHhiiHBI", payload)
         told = {"id": raw[6], "stage": raw[2], "reasons": raw[4], "holding": bool(raw[5] & 1)}
         told |= {"frame": raw[7], "box": [share(side) for side in raw[13:17]], "uncertainty": share(raw[17])}
-        return told | {"similarity": share(raw[20]), "picture": payload[54 : 54 + raw[-1]].decode()}
+        return told | {"similarity": share(raw[20]), "picture": payload[54:].decode()}
     if kind == ACK:
-        raw = struct.unpack_from("<BIHBBBHHBIB", payload)
-        text = payload[20 : 20 + raw[-1]].decode()
-        return {"transaction": raw[1], "id": raw[2], "result": RESULTS[raw[3]], "text": text}
+        raw = struct.unpack_from("<BIHBBBHHBI", payload)
+        return {"transaction": raw[1], "id": raw[2], "result": RESULTS[raw[3]], "text": payload[20:].decode()}
     return {}
 
 
@@ -65,14 +64,12 @@ class Client:
             self.told_at = time.monotonic()
             self.link.mav.heartbeat_send(6, 8, 0, 0, 4)
         message = self.link.recv_match(blocking=True, timeout=0.1)
-        if message is None or message.get_srcComponent() != COMPANION:
-            return None
-        if self.rover not in (0, message.get_srcSystem()):  # another rover's
+        rover = message.get_srcSystem() if message and message.get_srcComponent() == COMPANION else 0
+        if not rover or self.rover not in (0, rover):  # one rover's companion
             return None
         kind = message.get_type()
         if kind == "HEARTBEAT":
-            self.rover, self.heard_at = message.get_srcSystem(), time.monotonic()
-            self.call = message.custom_mode >> 8 & 0xFFFF
+            self.rover, self.heard_at, self.call = rover, time.monotonic(), message.custom_mode >> 8 & 0xFFFF
         elif kind == "TUNNEL":
             message.told = read(message.payload_type, bytes(message.payload[: message.payload_length]))
         if kind in ("STATUSTEXT", "TUNNEL"):
@@ -83,8 +80,7 @@ class Client:
         """Send again, with growing pauses, until the reply comes."""
         send = getattr(self.link.mav, f"{message}_send")
         for attempt in range(5):
-            if "confirmation" in fields:  # which marks a repetition
-                fields["confirmation"] = attempt
+            fields |= {"confirmation": attempt} if "confirmation" in fields else {}  # marks a repetition
             send(target_system=self.rover, target_component=COMPANION, **fields)
             deadline = time.monotonic() + 1.0 + attempt
             while time.monotonic() < deadline:
@@ -95,9 +91,8 @@ class Client:
 
     def answer(self, motion, words):
         number = random.randrange(1, 2**32)
-        payload = pack_answer(number, self.call, motion, words)
-        fields = {"payload_type": ANSWER, "payload_length": len(payload)}
-        fields |= {"payload": payload.ljust(128, b"\0")}
+        data = pack_answer(number, self.call, motion, words)
+        fields = {"payload_type": ANSWER, "payload_length": len(data), "payload": data.ljust(128, b"\0")}
 
         def is_reply(heard):
             return heard.told.get("transaction") == number and heard.told["result"] != "busy"
@@ -119,16 +114,15 @@ class Client:
         expected = struct.pack("<H", (self.sequence + 1) & 0xFFFF)
         fields = {"target_network": 0, "payload": (head + data).ljust(251, b"\0")}
         kind = "FILE_TRANSFER_PROTOCOL"
-        raw = self.ask(
-            kind.lower(), kind, lambda reply: bytes(reply.payload[:2]) == expected, **fields
-        ).payload
+        reply = self.ask(kind.lower(), kind, lambda heard: bytes(heard.payload[:2]) == expected, **fields)
+        raw = bytes(reply.payload)
         if raw[3] == NAK:
             raise ValueError(f"NAK {raw[12]}")
-        return bytes(raw[12 : 12 + raw[4]])
+        return raw[12 : 12 + raw[4]]
 
     def get(self, path):
-        size = int.from_bytes(self.transfer(4, len(path.encode()), data=path.encode()), "little")
-        content = b""
+        name, content = path.encode(), b""
+        size = int.from_bytes(self.transfer(4, len(name), data=name), "little")
         while len(content) < size:
             content += self.transfer(5, 80, offset=len(content))
         self.transfer(1, 0)
@@ -137,16 +131,17 @@ class Client:
     def obey(self, line):
         if time.monotonic() - self.heard_at > 3.0:  # an old ArduPilot would execute what it cannot hand on
             return "the companion is not heard"
-        match line.split():
-            case ["command", motion]:
-                return f"MAV_RESULT {self.command(MOTIONS[motion])}"
-            case ["set", name, value]:
-                return f"{name} = {self.set(name, float(value))}"
-            case ["get", path]:
-                return self.get(path)
-            case [motion, *words] if motion in MOTIONS:
-                return self.answer(MOTIONS[motion], {" ".join(words[:-1]): float(words[-1])} if words else {})
-        return "type go, stay, look, word, command, set or get"
+        first, *rest = line.split() or [""]
+        try:
+            if first == "command":
+                return f"MAV_RESULT {self.command(MOTIONS[rest[0]])}"
+            if first == "set":
+                return f"{rest[0]} = {self.set(rest[0], float(rest[1]))}"
+            if first == "get":
+                return self.get(rest[0])
+            return self.answer(MOTIONS[first], {" ".join(rest[:-1]): float(rest[-1])} if rest else {})
+        except (IndexError, KeyError, ValueError) as error:
+            return f"not done: {error}"
 
 
 if __name__ == "__main__":
@@ -156,7 +151,4 @@ if __name__ == "__main__":
     while True:
         client.hear()
         if not typed.empty():
-            try:
-                print(client.obey(typed.get()), flush=True)
-            except (KeyError, ValueError) as error:
-                print("not done:", error, flush=True)
+            print(client.obey(typed.get()), flush=True)

@@ -1,7 +1,8 @@
 """The radio link proven. Prints a line a run; the last line is one JSON object.
 
-lossy: calls over a bad radio in virtual time. The exit code is 1 if one was not answered exactly once.
-Run: make bench-link, or python -m bench.link lossy
+lossy: calls over a bad radio in virtual time; each must be answered exactly once.
+fuzz: mutated frames with right checksums; nothing may escape, strangers change nothing, memory stays flat.
+The exit code is 1 if a promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+TRACED = 100_000
+"""Frames at most during which every byte taken is counted, which is slow."""
 _Report = tuple[dict[str, Any], bool]
 """Figures, and whether all promises were kept."""
 
@@ -37,14 +40,30 @@ def _lossy(given: argparse.Namespace) -> _Report:
     told, good = {}, True
     for name, weather in WEATHERS.items():
         with tempfile.TemporaryDirectory(prefix="atl-") as folder:
-            outcome = run(weather, given.calls, Path(folder), given.seed)
+            outcome = run(weather, given.calls, Path(folder), str(given.seed))
         told[name] = outcome.figures()
         good &= outcome.good and outcome.calls == given.calls
         print(f"{name:14} {outcome}", flush=True)
     return told, good
 
 
-RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {"lossy": _lossy}
+def _fuzz(given: argparse.Namespace) -> _Report:
+    from bench.link.fuzz import Broken, Fuzz
+
+    try:
+        fuzzed = Fuzz(given.seed).run(given.frames)
+        traced = Fuzz(given.seed + 1).run(min(given.frames, TRACED), traced=True)
+    except Broken as broken:
+        print(f"fuzz           {broken}", flush=True)
+        return {"broken": str(broken)}, False
+    print(
+        f"fuzz           {fuzzed.frames} frames: {sum(fuzzed.requests.values())} requests let through",
+        flush=True,
+    )
+    return {**fuzzed.figures(), "growth": traced.growth}, True
+
+
+RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {"lossy": _lossy, "fuzz": _fuzz}
 
 
 def _arguments() -> argparse.Namespace:
@@ -53,7 +72,8 @@ def _arguments() -> argparse.Namespace:
         "what", nargs="*", choices=[[], *RUNS], metavar="WHAT", help=f"{', '.join(RUNS)}; else all"
     )
     parser.add_argument("--calls", type=int, default=200, help="in each weather (default 200)")
-    parser.add_argument("--seed", default="1", help="of the radio (default 1)")
+    parser.add_argument("--frames", type=int, default=1_000_000, help="of the fuzz (default 1000000)")
+    parser.add_argument("--seed", type=int, default=1, help="of radio and frames (default 1)")
     return parser.parse_args()
 
 

@@ -1,0 +1,248 @@
+"""Mutated frames into the receiver: nothing escapes, strangers change nothing, memory stays flat."""
+
+from __future__ import annotations
+
+import gc
+import math
+import sys
+import tracemalloc
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
+from companion.files.tree import Document, Documents, Tree
+from companion.link.heard import (
+    AnswerRequest,
+    Heard,
+    ModeAck,
+    ParameterRequest,
+    PolicyRequest,
+    Pulses,
+    ResetRequest,
+    VehicleHeard,
+    WordsRequest,
+)
+from companion.link.link import Link
+from companion.link.memory import pair
+from companion.link.parser import Parser
+from companion.link.settings import MAIN, LinkSettings
+from companion.wire.answers import Acknowledgement, ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
+from companion.wire.ids import (
+    AUTOPILOT_COMPONENT_ID,
+    Motion,
+    Outcome,
+    Policy,
+    Reasons,
+    Result,
+    Stage,
+)
+from companion.wire.parameters import build
+
+BATCH = 64
+_TICKS, _TICK = 6, 0.02
+WARM_UP = 0.3
+"""Share of the frames after which memory must not grow."""
+GROWTH = 64 * 1024
+MORE_BLOCKS = 4000
+"""Bytes and blocks that it may, for what comes and goes: queues, lists that are told, half answers."""
+SILENCE = 1.5
+"""s at most between two heartbeats, but for 10 s after another component 191 was heard."""
+CLASH = 11.5
+
+
+class Broken(AssertionError):  # noqa: N818
+    """A promise of the link was not kept; the message says which."""
+
+
+@dataclass
+class Fuzzed:
+    """frames: put in. requests: by kind, that the link let through. sent: messages of the link, by type.
+
+    rejected: as the link counts it. growth, blocks: memory taken after the warm-up; bytes only if traced.
+    """
+
+    frames: int = 0
+    requests: Counter[str] = field(default_factory=Counter)
+    sent: Counter[str] = field(default_factory=Counter)
+    rejected: dict[str, int] = field(default_factory=dict)
+    bad: int = 0
+    growth: int = 0
+    blocks: int = 0
+
+    def figures(self) -> dict[str, Any]:
+        """For the report."""
+        return {**vars(self), "requests": dict(self.requests), "sent": dict(self.sent)}
+
+
+class Fuzz:
+    """A link, its autopilot once a second, and a daemon that grants whatever it is asked for."""
+
+    def __init__(self, seed: int) -> None:
+        self.now = 0.0
+        self.told = Fuzzed()
+        self._mutants = Mutants(seed)
+        self._near, self._far = pair()
+        self._listed = build(["grass", "dry bush"], {"grass": 1.0}, {})
+        settings = LinkSettings("udpout:127.0.0.1:14550", asked_budget=0.0, pace=0.0, allowed_senders=ALLOWED)
+        self._link = Link(settings, self._listed, self.now, openers={MAIN: lambda: self._near}, tree=_tree())
+        self._parser = Parser()
+        self._autopilot = mavlink.MAVLink(None, OURS, AUTOPILOT_COMPONENT_ID)
+        self._heartbeat_at = 0.0
+        self._beat_at = self._clash_at = -math.inf
+        self._clashes = 0
+
+    def run(self, frames: int, *, traced: bool = False) -> Fuzzed:
+        """Strangers and all, batch by batch; traced: bytes are counted too, five times as slowly.
+
+        Raises Broken, and whatever escapes the link.
+        """
+        if traced:
+            tracemalloc.start()
+        try:
+            blocks, size = self._until(int(frames * WARM_UP))
+            blocks_after, size_after = self._until(frames)
+        finally:
+            tracemalloc.stop()
+        self.told.blocks, self.told.growth = blocks_after - blocks, size_after - size
+        if self.told.blocks > MORE_BLOCKS or self.told.growth > GROWTH:
+            raise Broken(f"memory grew by {self.told.growth} bytes, {self.told.blocks} blocks")
+        counters = self._link.counters
+        self.told.rejected, self.told.bad = dict(counters.rejected), counters.bad
+        return self.told
+
+    def _until(self, frames: int) -> tuple[int, int]:
+        """Blocks, and bytes where they are traced, that are in use after so many frames."""
+        while self.told.frames < frames:
+            self._batch("strangers" if self.told.frames // BATCH % 2 else "all")
+        gc.collect()
+        return sys.getallocatedblocks(), tracemalloc.get_traced_memory()[0]
+
+    def _batch(self, crowd: Crowd) -> None:
+        self._step()
+        before = self._state()
+        for _ in range(BATCH):
+            self._far.write(self._mutants.next(crowd))
+        self.told.frames += BATCH
+        heard = self._link.poll(self.now)
+        if crowd == "strangers" and (heard or self._state() != before):
+            raise Broken(f"a stranger got through: {heard}")
+        for event in heard:
+            self._grant(event)
+        self._watch_clash()
+
+    def _step(self) -> None:
+        """A moment passes; the autopilot is heard, and all that the link says is looked at."""
+        for _ in range(_TICKS):
+            self.now += _TICK
+            if self.now >= self._heartbeat_at:
+                self._heartbeat_at = self.now + 1.0
+                message = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)
+                self._far.write(message.pack(self._autopilot))
+            for event in self._link.poll(self.now):
+                if not isinstance(event, VehicleHeard):
+                    raise Broken(f"from a heartbeat: {event}")
+            self._link.tick(self.now)
+        while data := self._far.read():
+            for message in self._parser.feed(data, whole=True):
+                self.told.sent[message.get_type()] += 1
+                if message.get_type() == "HEARTBEAT":
+                    self._beat_at = self.now
+        if self._parser.bad:
+            raise Broken("the link sent a broken frame")
+        if self.now - self._beat_at > SILENCE and self.now - self._clash_at > CLASH and self.now > SILENCE:
+            raise Broken(f"no heartbeat for {self.now - self._beat_at:.1f} s")
+
+    def _watch_clash(self) -> None:
+        clashes = self._link.counters.rejected.get("clash", 0)
+        if clashes != self._clashes:
+            self._clashes, self._clash_at = clashes, self.now
+
+    def _state(self) -> object:
+        vehicle = self._link.vehicle
+        mode = vehicle and (
+            vehicle.system_id,
+            vehicle.autopilot,
+            vehicle.type,
+            vehicle.custom_mode,
+            vehicle.armed,
+        )
+        return mode, [self._link._parameters.value(one.name) for one in self._listed]
+
+    def _grant(self, event: Heard) -> None:
+        if isinstance(event, VehicleHeard | Pulses | ModeAck):
+            return
+        if not ALLOWED[0] <= event.sender[0] <= ALLOWED[1]:
+            raise Broken(f"not from one that may: {event}")
+        if not well_formed(event, {one.name for one in self._listed}):
+            raise Broken(f"not well-formed: {event}")
+        self.told.requests[type(event).__name__] += 1
+        link, now = self._link, self.now
+        match event:
+            case AnswerRequest():
+                link.acknowledge(event, _granted(event), now)
+            case ParameterRequest(name=name, value=value):
+                link.set_parameter(name, value, now)
+            case WordsRequest():
+                link.acknowledge_words(event, now, accepted=True)
+            case ResetRequest():
+                link.acknowledge_reset(event, mavlink.MAV_RESULT_ACCEPTED, now)
+            case PolicyRequest():
+                link.acknowledge_policy(event, now, accepted=True)
+
+
+def well_formed(event: Heard, names: set[str]) -> bool:
+    """Whether the daemon can believe what it is asked."""
+    match event:
+        case AnswerRequest(transaction=transaction, target=target, motion=motion, operations=operations):
+            whole = isinstance(motion, Motion) and 0 <= target <= 0xFFFF and transaction != 0
+            return whole and all(map(_is_operation, operations))
+        case ParameterRequest(name=name, value=value):
+            return name in names and math.isfinite(value)
+        case WordsRequest(operations=operations):
+            return 0 < len(operations) <= 16 and all(map(_is_operation, operations))
+        case PolicyRequest(policy=policy):
+            return isinstance(policy, Policy)
+        case _:
+            return True
+
+
+def _is_operation(operation: object) -> bool:
+    match operation:
+        case SetWord(word, weight):
+            return isinstance(word, str) and -1.0 <= weight <= 1.0
+        case TapBox(frame_id, box, word, weight):
+            left, top, right, bottom = box
+            inside = 0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0
+            return inside and frame_id >= 0 and isinstance(word, str) and -1.0 <= weight <= 1.0
+        case ForgetWord() | ForgetCall() | NewEpisode():
+            return True
+        case _:
+            return False
+
+
+def _granted(request: AnswerRequest) -> Acknowledgement:
+    number = request.transaction or 0
+    return Acknowledgement(
+        number,
+        request.target,
+        Result.APPLIED,
+        Stage.CLOSED,
+        Outcome.ANSWERED,
+        0.1,
+        0.2,
+        Reasons.NONE,
+        1,
+        "C1",
+    )
+
+
+def _tree() -> Tree:
+    return Tree(
+        {
+            "state.json": Document(lambda: b'{"words": {}}' * 40),
+            "calls": Documents(lambda: {"1.json": 300}, lambda _: b"x" * 300),
+        }
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ class Offer:
     def __init__(self, folder: Path) -> None:
         """folder: where the companion keeps what must survive."""
         self.calls = folder / "calls"
+        with suppress(OSError):  # whoever writes there says what is wrong
+            self.calls.mkdir(parents=True, exist_ok=True)
         self._figures: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
         self._newest: Callable[[], Assessment | None] = lambda: None
         self.tree = Tree(

@@ -1,0 +1,167 @@
+"""What the ground can fetch of a daemon: while it starts, while a call is open, after a restart and after."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.files.offer import Offer
+from companion.files.thumbnail import LIMIT
+from companion.logbook import logbook
+from companion.wire.answers import SetWord
+from companion.wire.ids import TUNNEL_CALL, Motion
+from companion.wire.payloads import CallData
+from tests.companion.daemon.rig import MakeRig, Rig
+
+
+def fetched(rig: Rig, path: str) -> bytes:
+    opened = rig.offer.tree.open(path)
+    return opened.read(0, opened.size)
+
+
+def told(rig: Rig, path: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(fetched(rig, path))
+    return found
+
+
+def names(rig: Rig, folder: str) -> dict[str, int | None]:
+    return dict(rig.offer.tree.entries(folder))
+
+
+def place(rig: Rig) -> None:
+    rig.stage.send(
+        mavlink.MAVLink_global_position_int_message(0, 470000000, 80000000, 0, 0, 0, 0, 0, 9000), (1, 1)
+    )
+    rig.stage.send(mavlink.MAVLink_attitude_message(0, 0.1, -0.05, 1.5, 0.0, 0.0, 0.0), (1, 1))
+
+
+def test_the_state_tells_what_counts_in_two_thousand_bytes(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=3)
+    state = told(rig, "/state.json")
+    assert (state["state"], state["policy"], state["open"]) == ("ok", "hold", None)
+    assert state["words"] == {"grass": 1.0, "rock": -1.0}
+    assert state["vocabulary"] == ["grass", "rock", "drum"]
+    assert (state["settings"]["AT_THR_ROI"], state["set_by_ground"]) == (0.3, [])
+    assert (state["model"], state["protocol"]) == ("painted-1", 1)
+    rig.set("AT_THR_ROI", 0.4)
+    rig.set("AT_W_ROCK", -0.5)
+    place(rig)
+    rig.see(3.0, "drum")
+    content = fetched(rig, "/state.json")
+    assert len(content) < 2000
+    state = json.loads(content)
+    assert (state["settings"]["AT_THR_ROI"], state["set_by_ground"]) == (0.4, ["AT_THR_ROI"])
+    assert state["words"]["rock"] == -0.5
+    assert (state["open"]["id"], state["open"]["kind"], state["open"]["holding"]) == (1, "call", True)
+    assert state["open"]["picture"] == "/calls/1.jpg"
+    assert state["place"]["latitude"] == 47.0
+    assert (state["place"]["roll"], state["place"]["heading"]) == (5.73, 90.0)
+
+
+def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=3)
+    rig.see(3.0, "drum")
+    data = CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+    content = fetched(rig, data.picture)
+    assert len(content) <= LIMIT
+    drawn = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert drawn is not None
+    call = told(rig, "/calls/1.json")
+    assert call["picture"] == data.picture
+    large = cv2.imdecode(np.frombuffer(fetched(rig, call["large"]), np.uint8), cv2.IMREAD_COLOR)
+    assert large is not None
+    assert large.shape[1] == 480
+    assert names(rig, "/calls").keys() == {"1.json", "1.jpg", "1-large.jpg"}
+
+
+def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=3)
+    place(rig)
+    rig.see(3.0, "drum")
+    call = told(rig, "/calls/1.json")
+    assert (call["reasons"], call["outcome"], call["closed"]) == (["unknown_object"], None, None)
+    assert (call["place"]["longitude"], call["place"]["yaw"]) == (8.0, 85.94)
+    assert call["words"] == "grass: 1; rock: -1"
+    rig.answer(1, Motion.STAY)
+    rig.see(0.5, "drum")
+    rig.restart()
+    rig.see(1.0, "drum")
+    again = told(rig, "/calls/1.json")
+    assert again["place"] == call["place"]
+    assert [one["motion"] for one in again["answers"]] == ["stay"]
+    assert again["picture"] == "/calls/1.jpg"
+    rig.answer(1, Motion.GO, SetWord("drum", 1.0), transaction=8)
+    rig.see(3.0, "drum")
+    closed = told(rig, "/calls/1.json")
+    assert [one["motion"] for one in closed["answers"]] == ["stay", "go"]
+    assert closed["outcome"] == "answered"
+    assert abs(closed["closed"] - call["place"]["time"]) < 60
+    entry = next(one for one in rig.engine.memory.history if one.call_id == 1)
+    assert (entry.place.latitude, entry.place.attitude) == (47.0, (5.73, -2.86, 85.94))
+
+
+def test_without_pictures_a_call_is_told_all_the_same(held: Rig) -> None:
+    assert names(held, "/calls").keys() == {"1.json"}
+    assert "picture" not in told(held, "/calls/1.json")
+    assert CallData.unpack(held.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
+
+
+def test_the_newest_maps_are_small_grey_pictures_of_one_frame(rig: Rig) -> None:
+    rig.see(0.5, "drum")
+    sizes = names(rig, "/maps")
+    assert sizes.keys() == {"traversability.png", "uncertainty.png"}
+    for name, size in sizes.items():
+        content = fetched(rig, f"/maps/{name}")
+        assert len(content) == size
+        drawn = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert drawn is not None
+        assert drawn.ndim == 2
+        assert drawn.shape[1] <= 64
+        assert int(drawn.max()) == 255, "some of it is grass, and the drum is unknown"
+
+
+def test_what_cannot_be_written_costs_the_file_and_no_call(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=3)
+    (rig.folder / "calls").rmdir()
+    (rig.folder / "calls").write_text("a file in the folder's place")
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 1)
+    assert CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
+
+
+def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
+    tree = Offer(tmp_path).tree
+    opened = tree.open("/state.json")
+    assert json.loads(opened.read(0, 99)) == {"state": "starting"}
+    assert tree.entries("/maps") == ()
+    assert tree.entries("/calls") == ()
+    with logbook(tmp_path):
+        logging.getLogger("companion.test").warning("it looks")
+        (entry,) = tree.entries("/logs")
+    content = tree.open("/logs/companion.log").read(0, 200)
+    assert len(content) == entry.size
+    assert content.endswith(b"WARNING companion.test: it looks\n")
+
+
+def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.logbook.LONGEST", 2000)
+    with logbook(tmp_path):
+        for number in range(200):
+            logging.getLogger("companion.test").warning("line %d", number)
+    sizes = [entry.size for entry in Offer(tmp_path).tree.entries("/logs")]
+    assert len(sizes) == 2
+    assert all(size is not None and size <= 2000 for size in sizes)
+    logging.getLogger("companion.test").warning("nobody listens any more")
+
+
+def test_a_log_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
+    (tmp_path / "logs").write_text("a file in the folder's place")
+    with logbook(tmp_path):
+        logging.getLogger("companion.test").warning("said all the same")

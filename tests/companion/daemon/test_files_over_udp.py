@@ -1,0 +1,95 @@
+"""`companion run` with a call open, and pymavlink's own file client on a socket."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from pymavlink import mavftp, mavutil
+
+from companion import readiness, run
+from companion.config import load_config
+from companion.files.thumbnail import LIMIT
+from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL
+from companion.wire.payloads import CallData
+from tests.anytraverse.conftest import Painted
+from tests.companion.daemon.rig import picture
+
+
+@pytest.fixture
+def ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A ground station's connection to a companion before whose wheels lies a drum without a word."""
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    cv2.imwrite(str(frames / "0.png"), picture()[..., ::-1])
+    for number in range(1, 30):
+        cv2.imwrite(str(frames / f"{number}.png"), picture("drum")[..., ::-1])
+    master = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, source_component=190)
+    port = master.port.getsockname()[1]
+    config = tmp_path / "companion.toml"
+    config.write_text(
+        f"""
+        [camera]
+        source = "folder:{frames}"
+        loop = true
+        [vehicle]
+        file = ""
+        [link]
+        url = "udpout:127.0.0.1:{port}"
+        budget = 0
+        asked_budget = 0
+        [journal]
+        folder = "{tmp_path / "state"}"
+        [words]
+        grass = 1.0
+        """
+    )
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+    over = threading.Event()
+    thread = threading.Thread(target=run.main, args=(load_config(str(config)), over.is_set))
+    thread.start()
+    yield master
+    over.set()
+    thread.join()
+    master.close()
+
+
+def call_told(master: Any) -> CallData:
+    for _ in range(500):
+        message = master.recv_match(type="TUNNEL", blocking=True, timeout=10)
+        assert message is not None
+        if message.payload_type == TUNNEL_CALL:
+            return CallData.unpack(bytes(message.payload[: message.payload_length]))
+    raise AssertionError("no call")
+
+
+def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path: Path) -> None:
+    call = call_told(ground)
+    client = mavftp.MAVFTP(ground, 1, COMPONENT_ID)
+
+    def listed(folder: str) -> dict[str, int]:
+        return {entry.name: entry.size_b for entry in client.cmd_list([folder]).directory_listing}
+
+    def fetched(path: str) -> bytes:
+        copy = tmp_path / "copy"
+        client.cmd_get([path, str(copy)])
+        assert client.process_ftp_reply("Get", timeout=20).error_code == 0
+        return copy.read_bytes()
+
+    assert listed("/").keys() == {"state.json", "calls", "maps", "logs"}
+    number = call.id
+    assert listed("/calls").keys() >= {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg"}
+    assert listed("/logs").keys() == {"companion.log"}
+    state = json.loads(fetched("/state.json"))
+    assert (state["state"], state["open"]["id"], state["words"]) == ("calling", number, {"grass": 1.0})
+    assert json.loads(fetched(f"/calls/{number}.json"))["reasons"] == ["unknown_object"]
+    small = fetched(call.picture)
+    assert len(small) <= LIMIT
+    assert cv2.imdecode(np.frombuffer(small, np.uint8), cv2.IMREAD_COLOR) is not None
+    assert fetched("/maps/uncertainty.png").startswith(b"\x89PNG")

@@ -2,7 +2,7 @@
 
 lossy: calls over a bad radio in virtual time; each must be answered exactly once.
 fuzz: mutated frames with right checksums; nothing may escape, strangers change nothing, memory stays flat.
-The exit code is 1 if a promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
+Exit code 1: a promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
 """
 
 from __future__ import annotations

@@ -9,17 +9,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.files.tree import Document, Tree
+from companion.link import encode
 from companion.link.rehearsal import Rehearsal, Wire
 from companion.link.settings import ConnectionSettings, LinkSettings
-from companion.wire.ids import Policy, State
+from companion.wire.ftp import FtpPayload, Opcode
+from companion.wire.ids import COMPONENT_ID, TUNNEL_SUMMARY, Policy, Stage, State
 from companion.wire.parameters import build
+from companion.wire.payloads import Summary
 from tests.companion.link.test_one_sender import CALL, SUMMARY
 
 STEP = 0.05
 SOON = 4.0
 LIST = mavlink.MAVLink_param_request_list_message(1, 191)
 UNKNOWN = mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0)
-FLOODS = ("summaries", "numbers", "texts", "call", "lists", "news", "reads")
+FLOODS = ("summaries", "numbers", "texts", "call", "lists", "news", "reads", "files")
+TREE = Tree({"state.json": Document(lambda: b"x" * 60_000)})
+FILES = (
+    FtpPayload(1, 0, Opcode.OPEN_FILE_RO, 11, data=b"/state.json"),
+    FtpPayload(2, 0, Opcode.BURST_READ_FILE, 80),
+    FtpPayload(3, 0, Opcode.LIST_DIRECTORY, 1, data=b"/"),
+    FtpPayload(4, 0, Opcode.READ_FILE, 239, offset=30_000),
+    FtpPayload(5, 0, Opcode.BURST_READ_FILE, 239, offset=10_000),
+)
+FILE = "FILE_TRANSFER_PROTOCOL"
 NUMBERS = dict.fromkeys(("AT_TRAV", "AT_UNC", "AT_SIM", "AT_CALL"), 0.5)
 
 
@@ -60,7 +73,7 @@ def test_every_budget_holds_and_what_matters_gets_out(
     main = LinkSettings(
         "udpout:127.0.0.1:14550", first.budget, first.burst, first.asked_budget, more={"wifi": second}
     )
-    stage = Rehearsal(main, build([f"word {number}" for number in range(20)], {}, {}))
+    stage = Rehearsal(main, build([f"word {number}" for number in range(20)], {}, {}), tree=TREE)
     wires: dict[str, Wire] = {"main": stage, "wifi": stage.more["wifi"]}
     if old is not None:
         wires[old].mavlink1 = True
@@ -95,6 +108,35 @@ def test_every_budget_holds_and_what_matters_gets_out(
             data = [f.at for f in wire.frames if getattr(f.message, "payload_type", 0) == 45002]
             assert data[0] - began < SOON
         assert wire.times("COMMAND_ACK")[0] - began < SOON
+    # What the floods kept off the wire is told by the next summary that there is room for.
+    calm(stage)
+    dropped = stage.link.counters.connections
+    for name, wire in wires.items():
+        if name != old:
+            assert Summary.unpack(wire.tunnels(TUNNEL_SUMMARY)[-1]).dropped == dropped[name].dropped_summaries
+
+
+def test_a_download_goes_on_under_all_floods_and_what_was_dropped_is_counted_and_shown() -> None:
+    wifi = {"wifi": ConnectionSettings("udpout:127.0.0.1:14551")}
+    main = LinkSettings("udpout:127.0.0.1:14550", budget=150.0, more=wifi)
+    stage = Rehearsal(main, build([f"word {number}" for number in range(20)], {}, {}), tree=TREE)
+    for number in range(400):
+        flood(stage, set(FLOODS), number)
+        stage.run(STEP, step=STEP)
+    calm(stage)
+    counters = stage.link.counters
+    assert sum(frame.size for frame in stage.frames if frame.message.get_type() == FILE) > 1000
+    assert counters.rejected["rate"] > 0
+    assert counters.lost > 0
+    assert Summary.unpack(stage.tunnels(TUNNEL_SUMMARY)[-1]).dropped > 0
+    assert counters.dropped_summaries == sum(one.dropped_summaries for one in counters.connections.values())
+
+
+def calm(stage: Rehearsal) -> None:
+    stage.link.announce(replace(CALL, stage=Stage.CLOSED), "", stage.now)
+    for _ in range(60):
+        stage.link.summary(SUMMARY, stage.now)
+        stage.run(0.2, step=STEP)
 
 
 def flood(stage: Rehearsal, kinds: set[str], number: int) -> None:
@@ -115,3 +157,6 @@ def flood(stage: Rehearsal, kinds: set[str], number: int) -> None:
             wire.send(LIST)
         if "reads" in kinds:
             wire.send(mavlink.MAVLink_param_request_read_message(1, 191, b"", number % 20))
+        if "files" in kinds:
+            request = FILES[number % len(FILES)]
+            wire.send(encode.file_transfer(request.pack(), (1, COMPONENT_ID)), (255, 191))

@@ -106,7 +106,7 @@ CALL = Layout(
     Field("H", "heading", "0 to 35999 in 0.01 degrees from north", "65535"),
     Field("B", "words in use", "how many"),
     Field("I", "words", _HASH),
-    Field(TEXT, "picture", "name, n up to 60", "n = 0"),
+    Field(TEXT, "picture", "path to fetch it by, n up to 60", "n = 0"),
 )
 
 ANSWER = Layout(

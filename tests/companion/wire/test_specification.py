@@ -77,7 +77,7 @@ EXAMPLES: dict[str, Summary | CallData | AnswerMessage | Acknowledgement] = {
         heading=271.5,
         word_count=3,
         words=words_hash(BEFORE),
-        picture="7.jpg",
+        picture="/calls/7.jpg",
     ),
     "Answering by program, 45003": AnswerMessage(
         0x1F2E3D4C, 7, Motion.GO, (SetWord("gravel", 0.8), TapBox(48197, BOX, "drum", -1.0))
@@ -195,7 +195,7 @@ def test_the_client_reads_what_the_code_packs(client: ModuleType) -> None:
     assert told["sectors"][0] is None
     assert told["sectors"][7] == 0.4
     told = client.read(TUNNEL_CALL, call.pack())
-    assert (told["id"], told["frame"], told["picture"]) == (7, 48197, "7.jpg")
+    assert (told["id"], told["frame"], told["picture"]) == (7, 48197, "/calls/7.jpg")
     assert told["box"] == list(BOX)
     told = client.read(TUNNEL_ACKNOWLEDGEMENT, acknowledgement.pack())
     assert (told["transaction"], told["result"]) == (0x1F2E3D4C, "applied")

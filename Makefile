@@ -29,7 +29,7 @@ interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.2 
 bench-clipseg: ready-export ## time CLIPSeg against the authors' step (GBs of packages); ARGS=--quick, OUT=folder
 	@$(PYTHON_IN_VENV) -m bench.clipseg $(ARGS) $${OUT:+--out "$$OUT"}
 
-bench-link: ready-dev ## calls over a bad radio, each answered once; ARGS="lossy --calls 20"
+bench-link: ready-dev ## a bad radio, a million mutated frames, and how fast the link is; ARGS="lossy --calls 20"
 	@$(PYTHON_IN_VENV) -m bench.link $(ARGS)
 
 bench-stopping: ready-dev ## stop a rover by faults, 50 of each kind (half an hour); ARGS="--runs 2"

@@ -1,6 +1,7 @@
 """The radio link proven. Prints a line a run; the last line is one JSON object.
 
 lossy: calls over a bad radio in virtual time; each must be answered exactly once.
+udp: a tenth as many over real sockets, in real time, through a bad relay.
 fuzz: mutated frames with right checksums; nothing may escape, strangers change nothing, memory stays flat.
 Exit code 1: a promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
 """
@@ -47,6 +48,16 @@ def _lossy(given: argparse.Namespace) -> _Report:
     return told, good
 
 
+def _udp(given: argparse.Namespace) -> _Report:
+    from bench.link.udp import WEATHER, run
+
+    calls = max(1, given.calls // 10)
+    with tempfile.TemporaryDirectory(prefix="atl-") as folder:
+        outcome = run(WEATHER, calls, Path(folder), str(given.seed))
+    print(f"{'udp':14} {outcome}", flush=True)
+    return outcome.figures(), outcome.good and outcome.calls == calls
+
+
 def _fuzz(given: argparse.Namespace) -> _Report:
     from bench.link.fuzz import Broken, Fuzz
 
@@ -63,7 +74,7 @@ def _fuzz(given: argparse.Namespace) -> _Report:
     return {**fuzzed.figures(), "growth": traced.growth}, True
 
 
-RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {"lossy": _lossy, "fuzz": _fuzz}
+RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {"lossy": _lossy, "udp": _udp, "fuzz": _fuzz}
 
 
 def _arguments() -> argparse.Namespace:

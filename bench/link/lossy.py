@@ -51,6 +51,32 @@ def virtual_time() -> Iterator[Clock]:
         yield clock
 
 
+class Autopilot:
+    """An ArduPilot rover in AUTO, as far as it is heard."""
+
+    def __init__(self) -> None:
+        self._mavlink = mavlink.MAVLink(None, 1, AUTOPILOT_COMPONENT_ID)
+        self._heartbeat_at = 0.0
+
+    def says(self, now: float) -> list[bytes]:
+        """Its heartbeat, once a second."""
+        if now < self._heartbeat_at:
+            return []
+        self._heartbeat_at = now + 1.0
+        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        message = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, flags, 10, 4, 3
+        )
+        frame = bytes(message.pack(self._mavlink))
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return [frame]
+
+
+def is_for_autopilot(frame: bytes) -> bool:
+    """A command; whatever else the companion says is for the ground too."""
+    return int.from_bytes(frame[7:10], "little") == _COMMAND_LONG
+
+
 class Radio:
     """The rover's only wire, and what the operator's client has as its connection."""
 
@@ -60,18 +86,14 @@ class Radio:
     def __init__(self, weather: Weather, seed: str) -> None:
         self.near, self._far = pair()
         self.up, self.down = Ether(weather, f"up {seed}"), Ether(weather, f"down {seed}")
-        self._autopilot = mavlink.MAVLink(None, 1, AUTOPILOT_COMPONENT_ID)
-        self._heartbeat_at = 0.0
+        self._autopilot = Autopilot()
 
     def carry(self, now: float) -> None:
         """Between the autopilot, whom nothing is lost for, the rover and the radio."""
-        if now >= self._heartbeat_at:
-            self._heartbeat_at = now + 1.0
-            self._far.write(self._heartbeat())
         while frame := self._far.read():
-            if int.from_bytes(frame[7:10], "little") != _COMMAND_LONG:
+            if not is_for_autopilot(frame):
                 self.up.put(frame, now)
-        for frame in self.down.take(now):
+        for frame in (*self.down.take(now), *self._autopilot.says(now)):
             self._far.write(frame)
 
     def read(self) -> bytes:
@@ -88,15 +110,6 @@ class Radio:
 
     def close(self) -> None:
         """Nothing to give back."""
-
-    def _heartbeat(self) -> bytes:
-        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        message = mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, flags, 10, 4, 3
-        )
-        frame = bytes(message.pack(self._autopilot))
-        self._autopilot.seq = (self._autopilot.seq + 1) % 256
-        return frame
 
 
 def run(weather: Weather, calls: int, folder: Path, seed: str = "1", step_s: float = STEP) -> Outcome:

@@ -42,12 +42,13 @@ from companion.wire.ids import (
 from companion.wire.parameters import build
 
 BATCH = 64
+CALM = 350
 _TICKS, _TICK = 6, 0.02
 WARM_UP = 0.3
 """Share of the frames after which memory must not grow."""
 GROWTH = 64 * 1024
 MORE_BLOCKS = 4000
-"""Bytes and blocks that it may, for what comes and goes: queues, lists that are told, half answers."""
+"""Bytes and blocks that it may, for tables of bounded size that are not full at first."""
 SILENCE = 1.5
 """s at most between two heartbeats, but for 10 s after another component 191 was heard."""
 CLASH = 11.5
@@ -117,6 +118,8 @@ class Fuzz:
         """Blocks, and bytes where they are traced, that are in use after so many frames."""
         while self.told.frames < frames:
             self._batch("strangers" if self.told.frames // BATCH % 2 else "all")
+        for _ in range(CALM):  # what waits leaves, what is half told or open ends
+            self._step()
         gc.collect()
         return sys.getallocatedblocks(), tracemalloc.get_traced_memory()[0]
 

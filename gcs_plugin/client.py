@@ -14,6 +14,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Operation
+from companion.wire.ftp import FtpPayload
 from companion.wire.ids import (
     ANSWER_COMMAND,
     AUTOPILOT_COMPONENT_ID,
@@ -29,6 +30,7 @@ from companion.wire.ids import (
 from companion.wire.packing import PayloadError
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin import events as ev
+from gcs_plugin.fetch import Fetch
 from gcs_plugin.pending import Pending, Status
 from gcs_plugin.rovers import Rover
 from gcs_plugin.vehicle import read_vehicle
@@ -60,6 +62,7 @@ class OperatorClient:
         self._may_send_at: dict[int, float] = {}
         self._lists_wanted: set[int] = set()
         self._wishes: dict[int, PolicyWish] = {}
+        self._fetches: dict[int, Fetch] = {}
         self._problems: set[tuple[int, str]] = set()
 
     @property
@@ -74,7 +77,9 @@ class OperatorClient:
 
     @property
     def busy(self) -> bool:
-        """Whether an answer or a policy is still on its way."""
+        """Whether an answer, a policy or a file is still on its way."""
+        if any(not fetch.settled for fetch in self._fetches.values()):
+            return True
         return bool(self.unsettled) or any(not wish.settled for wish in self._wishes.values())
 
     def receive(self, message: Any, now: float) -> None:
@@ -109,6 +114,8 @@ class OperatorClient:
         for wish in self._wishes.values():
             if wish.settle(now):
                 self._events.append(_policy_moved(wish))
+        for fetch in self._fetches.values():
+            fetch.settle(now)
         messages = (self._next(rover, now) for rover in self._rovers.values())
         return [message for message in messages if message is not None]
 
@@ -145,6 +152,11 @@ class OperatorClient:
             self._events.append(_policy_moved(wish))
         return wish
 
+    def fetch(self, system: int, path: str, now: float) -> Fetch:
+        """Fetch a file of the rover's companion, in place of one on its way; look at what becomes of it."""
+        self._fetches[system] = fetch = Fetch(system, path, now)
+        return fetch
+
     def request_parameters(self, system: int) -> None:
         """Ask the rover's companion for its list, as soon as it is heard."""
         self._lists_wanted.add(system)
@@ -164,6 +176,8 @@ class OperatorClient:
             return rover.hear_parameter(message.param_id, message.param_value)
         if kind == "TUNNEL":
             return self._unwrap(rover, message, now)
+        if kind == "FILE_TRANSFER_PROTOCOL" and rover.system in self._fetches:
+            self._fetches[rover.system].hear(FtpPayload.unpack(bytes(message.payload)), now)
         if kind == "COMMAND_ACK" and message.command == ANSWER_COMMAND:
             wish = self._wishes.get(rover.system)
             granted = message.result == mavlink.MAV_RESULT_ACCEPTED
@@ -207,6 +221,8 @@ class OperatorClient:
         if message is None and rover.system in self._lists_wanted:
             self._lists_wanted.discard(rover.system)
             message = mavlink.MAVLink_param_request_list_message(rover.system, COMPONENT_ID)
+        if message is None and rover.system in self._fetches:
+            message = self._fetches[rover.system].due(now)
         if message is not None:
             self._may_send_at[rover.system] = now + PACE_S
         return message

@@ -2,6 +2,7 @@
 
     [rover N] [call id] [changes] [go | stay | look]
     [rover N] policy report | shadow | hold | off
+    [rover N] picture [call id] [large]
 
 Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
 `forget call 7`, `new episode`.
@@ -34,6 +35,7 @@ _TAP = re.compile(r"tap\s+(.*)", re.IGNORECASE)
 _FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
 _FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
+_PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(\s+large)?\Z", re.ASCII | re.IGNORECASE)
 _NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
 
 
@@ -106,6 +108,15 @@ class SetPolicy:
 
 
 @dataclass(frozen=True)
+class Picture:
+    """`picture`, `picture 7`, `picture 7 large`; call_id None: of what is open."""
+
+    call_id: int | None = None
+    large: bool = False
+    rover: int | None = None
+
+
+@dataclass(frozen=True)
 class Show:
     """`status`, `calls`, `words`, `help` or `quit`."""
 
@@ -114,7 +125,7 @@ class Show:
 
 
 SHOWS = ("status", "calls", "words", "help", "quit")
-Command = Reply | Select | SetPolicy | Show
+Command = Reply | Select | SetPolicy | Picture | Show
 
 
 def parse(line: str) -> Command | None:
@@ -135,6 +146,9 @@ def parse(line: str) -> Command | None:
         return Show(rest.lower(), rover)
     if found := _POLICY.match(rest):
         return SetPolicy(_policy(found[1]), rover)
+    if found := _PICTURE.match(rest):
+        number = None if found[1] is None else _in_range("call", int(found[1]), 1, 0xFFFF)
+        return Picture(number, found[2] is not None, rover)
     call_id, rest = _leading(_CALL, rest)
     if call_id is not None:
         _in_range("call", call_id, 1, 0xFFFF)

@@ -11,6 +11,7 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from MAVProxy.modules.lib import mp_module
@@ -18,6 +19,7 @@ from MAVProxy.modules.lib import mp_module
 from companion.wire.ids import COMPONENT_ID
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.output import TextOutput
+from gcs_plugin.pictures import Pictures
 from gcs_plugin.session import Session
 
 NAMES = ("anytraverse", "at")
@@ -77,7 +79,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         super().__init__(mpstate, __name__, "what rovers ask, and your answers", multi_vehicle=True)
         self._client = OperatorClient()
         self._output = TextOutput(_Console(mpstate), colours=False, before="at ")
-        self._session = Session(self._client, self._output)
+        self._session = Session(self._client, self._output, keep=Pictures(Path()).keep)
         self._next_at = float("-inf")
         self._problems: set[str] = set()
         for name in NAMES:

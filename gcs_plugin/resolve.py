@@ -7,7 +7,17 @@ from dataclasses import dataclass
 
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
 from companion.wire.ids import Motion
-from gcs_plugin.commands import Change, CommandError, Episode, Forget, ForgetAnswer, Reply, Tap, Word
+from gcs_plugin.commands import (
+    Change,
+    CommandError,
+    Episode,
+    Forget,
+    ForgetAnswer,
+    Picture,
+    Reply,
+    Tap,
+    Word,
+)
 from gcs_plugin.rovers import Call, Rover
 
 
@@ -43,6 +53,18 @@ def current_call(rover: Rover) -> int:
         return rover.current_id
     waiting = rover.open_calls()
     return waiting[-1].data.id if waiting else 0
+
+
+def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
+    """Path on the rover and name here of a call's picture. Raises CommandError when none is open."""
+    number = picture.call_id or current_call(rover)
+    if not number:
+        raise CommandError("no call is open: name one, `picture 7`")
+    call = rover.calls.get(number)
+    if call is not None and call.open and not call.data.picture:
+        raise CommandError(f"{number} has no picture: is `[pictures] keep` 0 on the rover?")
+    large = "-large" * picture.large
+    return f"/calls/{number}{large}.jpg", f"rover{rover.system}-call{number}{large}.jpg"
 
 
 def address(reply: Reply, rover: Rover) -> Addressed:

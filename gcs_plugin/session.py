@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from companion.wire.packing import PayloadError
 from gcs_plugin import events as ev
 from gcs_plugin import wording
 from gcs_plugin.client import OperatorClient
-from gcs_plugin.commands import CommandError, Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.commands import CommandError, Picture, Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.fetch import Fetch, Fetched
 from gcs_plugin.output import Output
-from gcs_plugin.resolve import address, choose_rover
+from gcs_plugin.resolve import address, choose_rover, picture_of
 from gcs_plugin.rovers import Rover
 from gcs_plugin.script import Script
 from gcs_plugin.totals import Totals
 
+PROGRESS_S = 3.0
 HELP = """\
   go                       drive on; the thing in the call is accepted once
   stay                     keep standing, stop the alarm; teaches nothing
@@ -22,19 +26,32 @@ HELP = """\
   forget bush              take a word out of use; `forget call 7`: what call 7 taught; `new episode`: all
   bush: -1, go             any change, and drive on; also `tap drum -1 go`
   policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
+  picture                  fetch what the call saw, to tap in it; `picture 7`, and `picture 7 large`
   7 go                     for call 7 instead of the current one; `rover 2 go`, or `rover 2` to stay there
   status, calls, words, help, quit""".splitlines()
 
 
 class Session:
-    """Ties a client to an output; `script` answers beside the person."""
+    """Ties a client to an output; `script` answers beside the person.
 
-    def __init__(self, client: OperatorClient, output: Output, script: Script | None = None) -> None:
+    keep: stores a fetched picture under a name, and says where it lies.
+    """
+
+    def __init__(
+        self,
+        client: OperatorClient,
+        output: Output,
+        script: Script | None = None,
+        keep: Callable[[str, bytes], str] | None = None,
+    ) -> None:
         self.quit = False
         self.totals = Totals()
         self._client = client
         self._output = output
         self._script = script
+        self._keep = keep
+        self._fetches: dict[str, Fetch] = {}
+        self._told_at = 0.0
         self._selected: int | None = None
         self._asked: set[int] = set()
 
@@ -47,6 +64,8 @@ class Session:
             if isinstance(event, ev.LinkChanged) and event.up and event.system not in self._asked:
                 self._asked.add(event.system)
                 self._client.request_parameters(event.system)
+        for name, fetch in list(self._fetches.items()):
+            self._follow(name, fetch, now)
         for rover in rovers.values():
             if self._script is not None and rover.alive(now):
                 self._answer_by(self._script, rover, now)
@@ -64,6 +83,8 @@ class Session:
                 case SetPolicy():
                     rover = choose_rover(self._client.rovers, command.rover, self._selected)
                     self._client.set_policy(rover.system, command.policy, now)
+                case Picture():
+                    self._fetch(command, now)
                 case Show():
                     self._show(command, now)
         except (CommandError, PayloadError) as error:
@@ -73,6 +94,33 @@ class Session:
         rover = choose_rover(self._client.rovers, reply.rover, self._selected)
         answer = address(reply, rover)
         self._client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
+
+    def _fetch(self, picture: Picture, now: float) -> None:
+        if self._keep is None:
+            raise CommandError("pictures are not fetched here: `ftp get /calls/7.jpg` does it")
+        rover = choose_rover(self._client.rovers, picture.rover, self._selected)
+        path, name = picture_of(picture, rover)
+        same = [one for one, fetch in self._fetches.items() if fetch.system == rover.system]
+        for replaced in same:
+            del self._fetches[replaced]
+        self._fetches[name] = self._client.fetch(rover.system, path, now)
+        self._told_at = now
+        self._output.say([f"{path} is asked for"])
+
+    def _follow(self, name: str, fetch: Fetch, now: float) -> None:
+        if fetch.status is Fetched.DONE and self._keep is not None:
+            try:
+                self._output.say([f"picture  {self._keep(name, fetch.content)}"])
+            except OSError as error:
+                self._output.problem(f"the picture cannot be kept: {error}")
+        elif fetch.status is Fetched.FAILED:
+            self._output.problem(f"{fetch.path} did not come: {fetch.problem}")
+        elif now - self._told_at >= PROGRESS_S:
+            self._told_at = now
+            size = "" if fetch.size is None else f" of {fetch.size}"
+            self._output.say([f"{fetch.path}: {fetch.received}{size} bytes"])
+        if fetch.settled:
+            del self._fetches[name]
 
     def _show(self, show: Show, now: float) -> None:
         if show.what == "quit":

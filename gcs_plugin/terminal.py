@@ -16,6 +16,7 @@ from gcs_plugin.client import OperatorClient
 from gcs_plugin.connection import EXAMPLES, Connection, LinkError, open_connection
 from gcs_plugin.keyboard import Keyboard
 from gcs_plugin.output import Both, JsonOutput, Output, TextOutput
+from gcs_plugin.pictures import Pictures
 from gcs_plugin.runner import Runner
 from gcs_plugin.script import Script, ScriptError
 from gcs_plugin.session import Session
@@ -49,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     if log is not None:
         output = Both(output, JsonOutput(log, started))
-    session = Session(client, output, script)
+    pictures = Pictures(options.pictures, show=options.show)
+    session = Session(client, output, script, pictures.keep)
     try:
         output.started(connection.name)
         _run(runner, session, _Doubts(connection, client, output, signing), stopped, options.quit_after)
@@ -172,6 +174,14 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--script", type=Path, metavar="FILE.json", help="answer by this table")
     parser.add_argument("--events", action="store_true", help="one JSON object per event, for programs")
     parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="also write those objects to a file")
+    parser.add_argument(
+        "--pictures",
+        type=Path,
+        default=Path(),
+        metavar="FOLDER",
+        help="where `picture` puts them",
+    )
+    parser.add_argument("--show", action="store_true", help="open each with the desktop's viewer")
     parser.add_argument("--quit-after", type=float, metavar="SECONDS", help="end by itself")
     return parser.parse_args(argv)
 

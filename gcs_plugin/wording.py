@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Result, Stage, State
@@ -123,24 +122,14 @@ def headline(call: CallData, age: float) -> str:
 
 
 def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
-    """The headline, the box to look at, the picture if it lies on this computer, and the answers that fit."""
+    """The headline, the box to look at, whether a picture can be fetched, and the answers that fit."""
     lines = [headline(call, age)]
     if call.worst_tile_box and call.stage is Stage.OPEN and call.kind is Kind.CALL:
         lines.append("  look at  " + " ".join(f"{side:.2f}" for side in call.worst_tile_box))
-    picture = local_picture(call)
-    if picture is not None:
-        lines.append(f"  picture  {picture}")
+    if call.picture:
+        lines.append(f"  picture  {before}picture {call.id}")
     lines.append("  answer   " + "  |  ".join(fitting_answers(call, before)))
     return lines
-
-
-def local_picture(call: CallData) -> Path | None:
-    """The call's picture where both ends share a disk."""
-    path = Path(call.picture)
-    try:
-        return path if call.picture.isprintable() and path.is_file() else None
-    except (OSError, ValueError):
-        return None
 
 
 def changed(call: CallData, age: float, before: str = "") -> str:

@@ -7,7 +7,6 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -125,15 +124,10 @@ def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallData) -> None
     assert ["blocked" in told[0], "clear now" in told[1], len(told)] == [True, True, 2]
 
 
-def test_the_picture_is_named_only_when_it_lies_here(thing_call: CallData, tmp_path: Path) -> None:
-    picture = tmp_path / "7.jpg"
-    there = replace(thing_call, picture=str(picture))
-    assert wording.local_picture(there) is None
-    picture.touch()
-    assert wording.local_picture(there) == picture
-    assert any(str(picture) in line for line in wording.call_lines(there, 0.0))
-    for name in ("", "a\0b", "x" * 5000, str(tmp_path)):
-        assert wording.local_picture(replace(thing_call, picture=name)) is None
+def test_a_picture_that_can_be_fetched_is_told_with_what_to_type(thing_call: CallData) -> None:
+    there = replace(thing_call, picture="/calls/7.jpg")
+    assert "  picture  at picture 7" in wording.call_lines(there, 0.0, "at ")
+    assert not any("picture" in line for line in wording.call_lines(replace(thing_call, picture=""), 0.0))
 
 
 _SHARES = st.none() | st.floats(0, 1)

@@ -1,0 +1,160 @@
+"""A file on its way from a rover: asked for again where something is missing, from where it stopped."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.wire.ftp import MAX_DATA, FtpError, FtpPayload, Opcode
+from companion.wire.ids import COMPONENT_ID
+
+LIFETIME_S = 60.0
+"""Without one new byte."""
+FIRST_BACK_OFF_S = 0.8
+LONGEST_BACK_OFF_S = 4.0
+FULL_S = 3.0
+"""Before the next try where the companion serves four already."""
+MAX_BYTES = 8 << 20
+_READS = (Opcode.READ_FILE, Opcode.BURST_READ_FILE)
+
+
+class Fetched(Enum):
+    """Where it is. The last two are final."""
+
+    WAITING = "waiting"
+    """Not sent yet: the companion is not heard."""
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+
+
+@dataclass(eq=False)
+class Fetch:
+    """One file of one rover; the owner asks `due` for what to send now and tells it what was heard.
+
+    size: bytes, None until the companion has told. problem: why it failed, for a person.
+    session: 1 to 255; 0 is what other clients on the same radio use.
+    """
+
+    system: int
+    path: str
+    created: float
+    session: int = field(default_factory=lambda: 1 + secrets.randbelow(255))
+    status: Fetched = Fetched.WAITING
+    size: int | None = None
+    problem: str = ""
+    _content: bytearray = field(default_factory=bytearray, repr=False)
+    _have: bytearray = field(default_factory=bytearray, repr=False)
+    _opened: bool = False
+    _over: bool = False
+    _sequence: int = 0
+    _silent: int = 0
+    _next_at: float = 0.0
+    _moved_at: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._next_at = self._moved_at = self.created
+
+    @property
+    def settled(self) -> bool:
+        """Whole, or given up."""
+        return self.status in (Fetched.DONE, Fetched.FAILED)
+
+    @property
+    def received(self) -> int:
+        """Bytes so far."""
+        return self._have.count(1)
+
+    @property
+    def content(self) -> bytes:
+        """The file, once it is `DONE`."""
+        return bytes(self._content)
+
+    def due(self, now: float) -> Any | None:
+        """The request to send now, if any; after the last byte one that gives the session back."""
+        if self._over or now < self._next_at:
+            return None
+        if self.settled:
+            self._over = True
+            return self._request(Opcode.TERMINATE_SESSION)
+        self.status = Fetched.RUNNING
+        self._next_at = now + min(FIRST_BACK_OFF_S * 1.5**self._silent, LONGEST_BACK_OFF_S)
+        self._silent = min(self._silent + 1, 8)
+        if not self._opened:
+            return self._request(Opcode.OPEN_FILE_RO, data=self.path.encode())
+        gap = self._have.find(0)
+        end = self._have.find(1, gap)
+        if end < 0:
+            return self._request(Opcode.BURST_READ_FILE, offset=gap, size=MAX_DATA)
+        return self._request(Opcode.READ_FILE, offset=gap, size=min(MAX_DATA, end - gap))
+
+    def hear(self, reply: FtpPayload, now: float) -> None:
+        """A file transfer message of this rover, maybe for somebody else."""
+        if self.settled or reply.session != self.session or self.status is Fetched.WAITING:
+            return
+        if reply.opcode == Opcode.NAK and reply.data:
+            self._refused(reply, now)
+        elif reply.opcode == Opcode.ACK and reply.request == Opcode.OPEN_FILE_RO and reply.size == 4:
+            self._open(int.from_bytes(reply.data, "little"), now)
+        elif reply.opcode == Opcode.ACK and reply.request in _READS and self._opened:
+            self._take(reply, now)
+
+    def settle(self, now: float) -> bool:
+        """True when time alone has settled it just now."""
+        if self.settled or now - self._moved_at < LIFETIME_S:
+            return False
+        self._fail(f"no byte for {LIFETIME_S:.0f} s: is the companion heard?")
+        self._over = True
+        return True
+
+    def _open(self, size: int, now: float) -> None:
+        if self._opened:
+            return
+        if size > MAX_BYTES:
+            self._fail(f"it is {size} bytes, more than {MAX_BYTES}")
+            return
+        if size != self.size:
+            self.size, self._content, self._have = size, bytearray(size), bytearray(size)
+        self._opened = True
+        self._goes_on(now, at_once=True)
+
+    def _take(self, reply: FtpPayload, now: float) -> None:
+        end = reply.offset + len(reply.data)
+        if end > len(self._content):
+            return
+        fresh = self._have[reply.offset : end].count(0)
+        self._content[reply.offset : end] = reply.data
+        self._have[reply.offset : end] = b"\1" * len(reply.data)
+        last = reply.burst_complete or reply.request == Opcode.READ_FILE
+        if fresh or last:
+            self._goes_on(now, at_once=last)
+
+    def _goes_on(self, now: float, *, at_once: bool) -> None:
+        self._moved_at, self._silent = now, 0
+        self._next_at = now if at_once else now + FIRST_BACK_OFF_S
+        if self._have.find(0) < 0:
+            self.status, self._next_at = Fetched.DONE, now
+
+    def _refused(self, reply: FtpPayload, now: float) -> None:
+        error = reply.data[0]
+        if reply.request in _READS and error == FtpError.INVALID_SESSION:
+            self._opened, self._next_at = False, now
+        elif reply.request == Opcode.OPEN_FILE_RO and error == FtpError.NO_SESSIONS_AVAILABLE:
+            self._next_at = now + FULL_S
+        elif reply.request == Opcode.OPEN_FILE_RO or (reply.request in _READS and self._opened):
+            missing = error == FtpError.FILE_NOT_FOUND
+            self._fail("the companion has no such file" if missing else f"refused with error {error}")
+
+    def _fail(self, problem: str) -> None:
+        self.status, self.problem = Fetched.FAILED, problem
+
+    def _request(self, opcode: Opcode, *, data: bytes = b"", offset: int = 0, size: int = 0) -> Any:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        request = FtpPayload(
+            self._sequence, self.session, opcode, size or len(data), offset=offset, data=data
+        )
+        return mavlink.MAVLink_file_transfer_protocol_message(0, self.system, COMPONENT_ID, request.pack())

@@ -3,6 +3,7 @@
 lossy: calls over a bad radio in virtual time; each must be answered exactly once.
 udp: a tenth as many over real sockets, in real time, through a bad relay.
 fuzz: mutated frames with right checksums; nothing may escape, strangers change nothing, memory stays flat.
+speed: frames handled, CPU share at rest, and how soon a summary is on the wire; figures, no promise.
 Exit code 1: a promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
 """
 
@@ -74,7 +75,21 @@ def _fuzz(given: argparse.Namespace) -> _Report:
     return {**fuzzed.figures(), "growth": traced.growth}, True
 
 
-RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {"lossy": _lossy, "udp": _udp, "fuzz": _fuzz}
+def _speed(given: argparse.Namespace) -> _Report:
+    from bench.link.speed import run
+
+    with tempfile.TemporaryDirectory(prefix="atl-") as folder:
+        told = run(given.seconds, Path(folder))
+    print(f"speed          {told}", flush=True)
+    return told, True
+
+
+RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {
+    "lossy": _lossy,
+    "udp": _udp,
+    "fuzz": _fuzz,
+    "speed": _speed,
+}
 
 
 def _arguments() -> argparse.Namespace:
@@ -84,6 +99,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--calls", type=int, default=200, help="in each weather (default 200)")
     parser.add_argument("--frames", type=int, default=1_000_000, help="of the fuzz (default 1000000)")
+    parser.add_argument("--seconds", type=float, default=20.0, help="for each figure of speed (default 20)")
     parser.add_argument("--seed", type=int, default=1, help="of radio and frames (default 1)")
     return parser.parse_args()
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.regions import Box
-from companion.eyes import Eyes
+from companion.eyes import Eyes, FrameSource
 
 GRASS = "grass"
 _HEIGHT, _WIDTH = 20, 30
@@ -64,8 +65,9 @@ class Plates:
 class SteppedEyes(Eyes):
     """The daemon's own, without a thread: they look when they are told to. `asked` keeps what was taught."""
 
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
+    def __init__(self, engine: AnyTraverse, camera: FrameSource, period: float) -> None:
+        super().__init__(engine, camera, period)
+        self.engine = engine
         self.asked: list[object] = []
 
     def look(self, frame: Any, now: float) -> None:

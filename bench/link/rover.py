@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.engine import AnyTraverse
@@ -25,6 +25,7 @@ from companion.config import Config
 from companion.configured import kept_values
 from companion.conversation import Conversation
 from companion.daemon import Daemon
+from companion.eyes import Eyes
 from companion.files.calls import CallFiles
 from companion.journal import Journal
 from companion.keeper import Keeper
@@ -79,54 +80,85 @@ class PlayedCamera:
     def __init__(self) -> None:
         self.delivered_at: float | None = None
 
+    def take(self, timeout: float) -> Frame | None:  # noqa: ARG002
+        """Stepped eyes are handed their frames."""
+        return None
 
-class Rover:
-    """Policy report; `shows` is the number of what is ahead. Call `turn` some 50 times a second."""
 
-    def __init__(self, folder: Path, opener: Callable[[], Transport]) -> None:
+class Companion:
+    """The daemon, put together as `companion run` does; policy report. Call `turn` some 50 times a second."""
+
+    def __init__(
+        self,
+        folder: Path,
+        opener: Callable[[], Transport],
+        engine: AnyTraverse,
+        eyes: Eyes,
+        camera: PlayedCamera,
+    ) -> None:
         now = time.monotonic()
-        perceiver, words = Plates(), Preferences.parse(f"{GRASS}: 1")
-        listed = build([GRASS], words, {})
-        judging = Settings(region=_ROI)
+        words, judging, model = engine.memory.preferences, engine.settings, Model.of(engine.perceiver)
+        listed = build(list(words), words, {})
         self.journal = Journal(folder)
         self.link = Link(LinkSettings(_NOWHERE), listed, now, openers={MAIN: opener})
         self.calls = CountedCalls(Numbers(policy=Policy.REPORT, judging=judging), now)
-        self.shows = 0
-        self._camera = PlayedCamera()
-        engine = AnyTraverse(perceiver, judging, first_memory(perceiver.model_id, words))
-        self.eyes = SteppedEyes(engine, self._camera, FRAME_PERIOD)
-        conversation = Conversation(self.calls, self.eyes, words)
+        self._seeing = eyes
+        conversation = Conversation(self.calls, eyes, words)
         album, files = Album(folder / "pictures", 0, lambda: _ROI), CallFiles(folder / "calls", lambda: _ROI)
         keeper = Keeper(self.journal, album, files, folder / "status.json")
-        book, _ = ShadowBook.restored(None, self.calls.shadow, perceiver.model_id, now, time.time())
+        book, _ = ShadowBook.restored(None, self.calls.shadow, model.id, now, time.time())
         judge = HoldJudge(Config(), Pace(0.02, FRAME_PERIOD, judging.freshness))
         desk = SettingsDesk(
             listed,
             self.link,
-            self.eyes,
+            eyes,
             self.calls,
             conversation,
             judge.refuses,
-            Overrides(kept_values(Config(), judging), perceiver.model_id),
+            Overrides(kept_values(Config(), judging), model.id),
             book=book,
         )
         desk.start(now)
         self._daemon = Daemon(
             self.link,
-            cast(CameraThread, self._camera),
-            self.eyes,
+            cast(CameraThread, camera),
+            eyes,
             self.calls,
             keeper,
             conversation,
             desk,
             Liveness(tasks(self.calls.numbers), now),
-            Model.of(perceiver),
+            model,
         )
-        self._frame_id = 0
-        self._frame_at = now
 
     def turn(self) -> None:
-        """One round of the daemon's loop, after a look at what is ahead."""
+        """One round of the daemon's loop."""
+        self._daemon.turn()
+
+    def close(self) -> None:
+        """Give everything back."""
+        self._seeing.stop()
+        self.link.close()
+        self.journal.close()
+
+
+class Rover(Companion):
+    """With eyes that are stepped; `shows` is the number of what is ahead."""
+
+    def __init__(self, folder: Path, opener: Callable[[], Transport]) -> None:
+        perceiver = Plates()
+        memory = first_memory(perceiver.model_id, Preferences.parse(f"{GRASS}: 1"))
+        self._camera = PlayedCamera()
+        self.eyes = SteppedEyes(
+            AnyTraverse(perceiver, Settings(region=_ROI), memory), self._camera, FRAME_PERIOD
+        )
+        super().__init__(folder, opener, self.eyes.engine, self.eyes, self._camera)
+        self.shows = 0
+        self._frame_id = 0
+        self._frame_at = time.monotonic()
+
+    def turn(self) -> None:
+        """After a look at what is ahead."""
         now = time.monotonic()
         frame = None
         if now >= self._frame_at:
@@ -135,20 +167,10 @@ class Rover:
             frame = Frame(self._frame_id, now, picture(self.shows))
             self._camera.delivered_at = now
         self.eyes.look(frame, now)
-        self._daemon.turn()
+        super().turn()
 
     @property
     def clear(self) -> bool:
         """Whether nothing is asked, nothing accepted and all is well: the next thing makes a call."""
         sight = self.calls.sight
         return self.calls.current_id == 0 and sight.acceptance is None and sight.ok_run > 0
-
-    def status(self) -> dict[str, Any]:
-        """As the daemon's status file has it."""
-        return self._daemon.status()
-
-    def close(self) -> None:
-        """Give everything back."""
-        self.eyes.stop()
-        self.link.close()
-        self.journal.close()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 from pymavlink import mavutil
@@ -27,12 +29,18 @@ def main(link: str) -> dict[str, Any]:
     client = MAVFTP(master, heard.get_srcSystem(), COMPANION)
     listed = client.cmd_list(["/"])
     names = [entry.name for entry in client.list_result]
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "state.json"
+        client.cmd_get(["/state.json", str(copy)])
+        client.process_ftp_reply("OpenFileRO", timeout=20)
+        state = json.loads(copy.read_text())
     begun = time.monotonic()
     client.cmd_get(["/no-such-file", "nothing"])
     missing = client.process_ftp_reply("OpenFileRO", timeout=10)
     return {
         "listed": listed.error_code,
         "names": names,
+        "state": state,
         "missing": missing.error_code,
         "missing after": time.monotonic() - begun,
     }

@@ -57,6 +57,8 @@ def test_pymavlinks_file_client_lists_and_is_told_what_is_missing(
 ) -> None:
     told = json.loads(start(str(HERE / "mavftp_client.py"), stage.ground).wait_for('{"listed"'))
     assert told["listed"] == 0
+    assert {"state.json", "calls", "maps", "logs"} <= set(told["names"])
+    assert "grass" in told["state"]["words"]
     assert told["missing"] == 10, "FileNotFound"
     assert told["missing after"] < 5.0, "it always waits 3.7 s"
 

@@ -12,6 +12,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.assessment import Reason
+from anytraverse.regions import Box
+from companion.calls.decisions import Call
+from companion.files.calls import KEPT, CallFiles
 from companion.files.offer import Offer
 from companion.files.thumbnail import LIMIT
 from companion.logbook import logbook
@@ -165,3 +169,30 @@ def test_a_log_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     (tmp_path / "logs").write_text("a file in the folder's place")
     with logbook(tmp_path):
         logging.getLogger("companion.test").warning("said all the same")
+
+
+def test_a_computer_without_a_clock_stamps_with_the_autopilots_time(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig()
+    monkeypatch.setattr(rig.daemon.whereabouts.clock, "_wall", lambda: 1000.0)
+    rig.stage.send(mavlink.MAVLink_system_time_message(1_790_000_000_000_000, 0), (1, 1))
+    rig.see(3.0, "drum")
+    rig.answer(1, Motion.GO, SetWord("drum", 1.0))
+    rig.see(3.0, "drum")
+    call = told(rig, "/calls/1.json")
+    times = [call["place"]["time"], call["answers"][0]["at"], call["closed"]]
+    assert all(0 < stamp - 1_790_000_000 < 10 for stamp in times)
+    assert [round(record.closed_at, 2) for record in rig.journal.calls()] == [call["closed"]]
+    entry = next(one for one in rig.engine.memory.history if one.call_id == 1)
+    assert entry.place.time is not None
+    assert abs(entry.place.time - 1_790_000_000) < 10
+
+
+def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) -> None:
+    folder = tmp_path / "calls"
+    files = CallFiles(folder, lambda: Box(0, 0, 1, 1))
+    for number in [*range(65530, 65536), *range(1, 60)]:
+        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
+    kept = sorted(int(path.stem) for path in folder.iterdir())
+    assert kept == list(range(60 - KEPT, 60))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -17,7 +17,6 @@ from anytraverse.pace import Pace
 from anytraverse.regions import Region
 from companion.album import Album
 from companion.calls.machine import OperatorCalls
-from companion.calls.snapshot import restore
 from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
 from companion.check.stopping import Stopping
@@ -41,8 +40,8 @@ from companion.model import Model
 from companion.overrides import Overrides
 from companion.readiness import get_ready
 from companion.refusal import HoldJudge
+from companion.restored import first_policy, open_book, open_id, restore_calls, whole
 from companion.settings_desk import SettingsDesk
-from companion.shadow_book import ShadowBook
 from companion.tasks import Liveness, tasks
 from companion.wire import notices, parameters, texts
 from companion.wire.ids import Policy, State
@@ -50,7 +49,6 @@ from companion.wire.ids import Policy, State
 log = logging.getLogger(__name__)
 
 _STATUS_PERIOD = 1.0
-_U32 = 0xFFFFFFFF
 
 
 def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
@@ -91,9 +89,9 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     numbers = replace(numbers, policy=policies.in_force)
     calls = OperatorCalls(numbers, now)
     if supervision:
-        _restore(calls, supervision, now, news)
-    book = _open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, news)
-    last_frame = _whole(supervision.get("frame_id"))
+        restore_calls(calls, supervision, now, news)
+    book = open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, news)
+    last_frame = whole(supervision.get("frame_id"))
     replies = saved_replies(supervision.get("replies"))
     keeper = _open_keeper(config, journal, calls, offer, last_frame, replies)
     camera = _open_camera(config, last_frame + 1)
@@ -171,18 +169,6 @@ def _signing(config: Config) -> Signing | None:
     return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
-def _open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowBook:
-    """The counts of shadow policy as they were left; what stood under another policy stands no more."""
-    book, notice = ShadowBook.restored(saved, calls.shadow, model, now, time.time())
-    if notice:
-        log.warning("%s", notice)
-        news.append(notice)
-    if calls.policy is not Policy.SHADOW:
-        for over in calls.shadow.leave(now):
-            book.ended(over)
-    return book
-
-
 def _open_keeper(
     config: Config,
     journal: Journal,
@@ -218,29 +204,3 @@ def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
         raise
     daemon.leave()
     keeper.write_status(daemon.status(), last=True)
-
-
-def first_policy(config: Config, saved: Mapping[str, Any]) -> Policy:
-    """What will be in force unless holding is refused: the autopilot's script goes by it from the start."""
-    configured = Policy[config.call.policy.upper()]
-    return restored_policies(config, configured, saved.get("policy"), time.monotonic()).in_force
-
-
-def open_id(saved: Mapping[str, Any]) -> int:
-    """The call or hold that was open: told from the first heartbeat on, so that nobody thinks it closed."""
-    open_one = saved.get("call") or saved.get("hold")
-    return _whole(open_one.get("id")) if isinstance(open_one, dict) else 0
-
-
-def _whole(value: Any) -> int:
-    return value if isinstance(value, int) and 0 <= value <= _U32 else 0
-
-
-def _restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float, news: list[str]) -> None:
-    calls.last_id = _whole(saved.get("last_id")) & 0xFFFF
-    try:
-        restore(calls, saved, now)
-    except (KeyError, TypeError, ValueError) as error:
-        news.append(f"open call not restored: {error!r}")
-    if calls.current_id:
-        log.warning("restarted with %s %d open", calls.kind.name.lower(), calls.current_id)

@@ -17,7 +17,6 @@ from anytraverse.memory import first_memory
 from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion import run
 from companion.album import Album
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
@@ -39,6 +38,7 @@ from companion.link.rehearsal import Rehearsal
 from companion.model import Model
 from companion.overrides import Overrides
 from companion.refusal import HoldJudge
+from companion.restored import open_book, restore_calls
 from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness, tasks
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
@@ -135,8 +135,8 @@ class Rig:
         self.calls = OperatorCalls(Numbers(policy=self.policies.in_force, judging=judging), now)
         notices: list[str] = []
         if supervision:
-            run._restore(self.calls, supervision, now, notices)
-        book = run._open_book(self.perceiver.model_id, self.calls, supervision.get("shadow"), now, notices)
+            restore_calls(self.calls, supervision, now, notices)
+        book = open_book(self.perceiver.model_id, self.calls, supervision.get("shadow"), now, notices)
         assert notices == []
         replies = saved_replies(supervision.get("replies"))
         album = Album(self.folder / "pictures", self.pictures, lambda: judging.region)

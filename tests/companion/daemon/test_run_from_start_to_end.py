@@ -22,6 +22,7 @@ from companion.journal import Journal
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkError
 from companion.loading import load
+from companion.restored import first_policy
 from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
 from companion.wire.signing import SigningKey, Timestamps, refusal
@@ -204,4 +205,4 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
 def test_while_it_starts_it_tells_the_policy_that_will_be_in_force(
     config: Config, saved: dict[str, object], policy: Policy
 ) -> None:
-    assert run.first_policy(replace(config, call=replace(config.call, policy="hold")), saved) is policy
+    assert first_policy(replace(config, call=replace(config.call, policy="hold")), saved) is policy

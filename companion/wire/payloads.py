@@ -133,7 +133,7 @@ class CallData:
     roi, worst_tile_box: (left, top, right, bottom) in fractions of the call's frame, or None.
     roi_uncertainty, worst_tile, drivable_share: [0, 1] or None. similarity: [-1, 1] or None.
     age_s: since it was announced. latitude, longitude: degrees; heading: degrees from north; None unknown.
-    picture: a name or a local path, at most 60 bytes; "" for none.
+    picture: the path under which it can be fetched, at most 60 bytes; "" for none.
     """
 
     id: int

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from anytraverse.regions import Box
 from companion.calls.decisions import Call
 from companion.places import place_figures
 
@@ -24,6 +25,10 @@ class CallRecord:
     answers: tuple[Mapping[str, Any], ...] = ()
 
 
+def _sides(box: Box) -> list[float]:
+    return [round(side, 4) for side in (box.left, box.top, box.right, box.bottom)]
+
+
 def record_of(call: Call) -> dict[str, Any]:
     """The figures of a call as JSON values."""
     seen = call.seen
@@ -34,6 +39,7 @@ def record_of(call: Call) -> dict[str, Any]:
         "words": seen.words.format() if seen is not None else None,
         "roi_uncertainty": roi.uncertainty if roi is not None else None,
         "worst_tile": roi.worst_tile.uncertainty if roi is not None else None,
+        "worst_tile_box": _sides(roi.worst_tile.box) if roi is not None else None,
         "drivable_share": roi.drivable_share if roi is not None else None,
         "similarity": seen.similarity if seen is not None else None,
         "place": place_figures(call.place),

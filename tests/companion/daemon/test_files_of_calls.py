@@ -93,6 +93,9 @@ def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(ma
     assert (call["reasons"], call["outcome"], call["closed"]) == (["unknown_object"], None, None)
     assert (call["place"]["longitude"], call["place"]["yaw"]) == (8.0, 85.94)
     assert call["words"] == "grass: 1; rock: -1"
+    left, top, right, bottom = call["worst_tile_box"]
+    assert 0 < left < right < 1
+    assert 0 < top < bottom < 1
     rig.answer(1, Motion.STAY)
     rig.see(0.5, "drum")
     rig.restart()

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from anytraverse.assessment import Assessment
 from anytraverse.frame import Image
-from anytraverse.regions import Region
+from anytraverse.regions import Box, Region
+
+if TYPE_CHECKING:
+    from anytraverse.drawing import Colour
 
 LIMIT = 1500
 """Bytes: 19 short frames, a second or two on a radio."""
@@ -29,14 +34,26 @@ def thumbnail(seen: Assessment, region: Region, limit: int = LIMIT) -> bytes:
 
 
 def _marked(seen: Assessment, region: Region, width: int) -> Image:
-    from anytraverse.drawing import PAPER, YELLOW, fitted, outline
+    from anytraverse.drawing import INK, PAPER, YELLOW, fitted
     from anytraverse.panel import looks_unsure
 
     picture = fitted(seen.frame.image, width)
-    outline(picture, region.bounds, PAPER, 1)
+    _frame(picture, region.bounds, PAPER)
     if seen.roi is not None and looks_unsure(seen):
-        outline(picture, seen.roi.worst_tile.box, YELLOW, 1)
+        tile = seen.roi.worst_tile.box
+        _frame(picture, tile, INK, around=2)
+        _frame(picture, tile, YELLOW, around=1)
     return picture
+
+
+def _frame(picture: Image, box: Box, colour: Colour, around: int = 0) -> None:
+    """One pixel wide, `around` pixels outside of `box`: what it points at stays free."""
+    import cv2
+
+    height, width = picture.shape[:2]
+    first = round(box.left * (width - 1)) - around, round(box.top * (height - 1)) - around
+    last = round(box.right * (width - 1)) + around, round(box.bottom * (height - 1)) + around
+    cv2.rectangle(picture, first, last, colour, 1)
 
 
 def _finest(picture: Image, coarsest: int, limit: int) -> bytes | None:

@@ -22,7 +22,7 @@ class _Pieces:
 
 
 class Assembly:
-    """Collects at most four parts of an answer, 30 s from one to the next; at most eight answers at a time."""
+    """Collects at most four parts of an answer, 30 s from one to the next; at most eight answers at once."""
 
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[Sender, int], _Pieces] = OrderedDict()

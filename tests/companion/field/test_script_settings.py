@@ -211,7 +211,8 @@ class TestNoNumber:
 
     @pytest.mark.parametrize("name", ["ENABLE", "TIMEOUT", "MODES", "FAULT", "PRX", "RC"])
     def test_nor_does_it_keep_one_from_holding(self, name: str) -> None:
-        board = driving(**{f"ATS_{name}": float("nan")})
+        strange: dict[str, Any] = {f"ATS_{name}": float("nan")}
+        board = driving(**strange)
         assert until_held(board) <= 1.5 + 2 * CYCLE
 
 

@@ -20,6 +20,9 @@ _STATE_GAP = 0.25
 _NUMBER_LIFETIME = 5.0
 _PATIENCE = 0.3
 """s to wait for a newer summary when one is due."""
+_BEFORE, _AFTER = 0.05, 0.1
+"""s around the time at which a summary falls due: frames leave apart, so that one now would hold it up."""
+_AT_WORK = 1.0
 _TOLERANCE = 1e-6
 _OLDEST = 0xFFFF
 """ms that a summary can say."""
@@ -93,14 +96,24 @@ class Telling:
 
     def tick(self, now: float, *, calling: bool) -> None:
         """Queue what is due."""
+        period = self.periods["summary"]
+        if calling:
+            period = max(period, SUMMARY_PERIOD_WHILE_CALLING)
+        awaited = self._awaits_summary(now, period)
         silent = now - self._heartbeat_at + _TOLERANCE
-        if silent >= (_STATE_GAP if self._heartbeat_now else _period("heartbeat")):
+        beat = _period("heartbeat") + (_BEFORE + _AFTER if awaited else 0.0)
+        if silent >= (_STATE_GAP if self._heartbeat_now else beat):
             self._heartbeat_at, self._heartbeat_now = now, False
             self._outbox.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
-        period = self.periods["summary"]
-        self._summary_tick(now, max(period, SUMMARY_PERIOD_WHILE_CALLING) if calling else period)
-        if not calling and now - self._numbers_at < _NUMBER_LIFETIME:
+        self._summary_tick(now, period)
+        if not calling and not awaited and now - self._numbers_at < _NUMBER_LIFETIME:
             self._tell_numbers(now)
+
+    def _awaits_summary(self, now: float, period: float) -> bool:
+        """Whether one falls due about now; what is not urgent goes right behind it."""
+        if self._newest is None or now - self._newest[1] > _AT_WORK:
+            return False
+        return -_BEFORE <= now - self._summary_at - period <= _AFTER
 
     def _summary_tick(self, now: float, period: float) -> None:
         """The first that comes once one is due; an older one only where no new one comes soon."""

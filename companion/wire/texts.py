@@ -1,6 +1,6 @@
 """STATUSTEXT texts of calls and holds: what happened and what to do, in at most 50 bytes.
 
-"C7" is call 7, "H9" hold 9; "ok/stay/word" are the three answers: go, stay, or name the thing.
+"C7" is call 7, "H9" hold 9; "go/stay/word" are the three answers: go, stay, or name the thing.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 
 from companion.wire.ids import MAX_TEXT, Kind, Outcome
 
-_ANSWERS = "ok/stay/word"
+_ANSWERS = "go/stay/word"
 _OUTCOMES = {
     Outcome.NONE: "over",
     Outcome.ANSWERED: "answered, thank you",

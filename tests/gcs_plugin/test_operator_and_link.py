@@ -50,7 +50,7 @@ def both(thing_call: CallData, quiet_summary: Summary) -> Callable[..., Both]:
         pair = Both(sender)
         pair.link.link.set_state(ids.State.CALLING, thing_call.id, ids.Policy.HOLD)
         pair.link.link.summary(quiet_summary, 0.0)
-        pair.link.link.announce(thing_call, "C7 unknown thing ahead 38%: ok/stay/word", 0.0)
+        pair.link.link.announce(thing_call, "C7 unknown thing ahead 38%: go/stay/word", 0.0)
         pair.run(3.0)
         return pair
 
@@ -67,7 +67,7 @@ def acknowledgement(request: AnswerRequest, result: ids.Result = ids.Result.APPL
 def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thing_call: CallData) -> None:
     pair = both()
     assert [event.call for event in pair.of(ev.CallOpened)] == [thing_call]
-    assert [event.text for event in pair.of(ev.TextHeard)][:1] == ["C7 unknown thing ahead 38%: ok/stay/word"]
+    assert [event.text for event in pair.of(ev.TextHeard)][:1] == ["C7 unknown thing ahead 38%: go/stay/word"]
     assert pair.of(ev.NotUnderstood) == []
     rover = pair.client.rovers[1]
     assert (rover.state, rover.current_id, rover.counters.summaries_lost) == (ids.State.CALLING, 7, 0)

@@ -69,5 +69,5 @@ def test_the_example_shows_a_call_and_answers_it(stage: Any, address: str, start
     example.ask("AT_W_GRASS 0.75", "AT_W_GRASS = 0.75")
     example.ask("go", "go: denied")
     stage.control.start()
-    example.wait_for(": ok/stay/word")
+    example.wait_for(": go/stay/word")
     example.ask_until("stay", "stay: done")

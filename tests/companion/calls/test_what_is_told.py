@@ -51,17 +51,17 @@ def test_with_nothing_open_nothing_is_told(report: Scene) -> None:
 
 def test_a_call_for_a_thing_says_what_and_how_to_answer(report: Scene) -> None:
     report.run(1.0, DRUM)
-    assert text(report) == "C1 unknown thing ahead 12%: ok/stay/word"
+    assert text(report) == "C1 unknown thing ahead 12%: go/stay/word"
 
 
 def test_a_call_for_a_place_says_so(report: Scene) -> None:
     report.run(1.0, ELSEWHERE)
-    assert text(report) == "C1 new place 0.50: ok/stay/word"
+    assert text(report) == "C1 new place 0.50: go/stay/word"
 
 
 def test_a_call_for_both_says_both(report: Scene) -> None:
     report.run(1.0, View((Thing(AHEAD),), turned=60.0))
-    assert text(report) == "C1 new place, unknown thing 12%: ok/stay/word"
+    assert text(report) == "C1 new place, unknown thing 12%: go/stay/word"
 
 
 def test_words_that_did_not_cover_are_told_with_the_figure(report: Scene) -> None:
@@ -73,7 +73,7 @@ def test_words_that_did_not_cover_are_told_with_the_figure(report: Scene) -> Non
 def test_the_largest_id_and_the_longest_fault_fit(report: Scene) -> None:
     report.calls.last_id = 0xFFFE
     report.run(1.0, View((Thing(AHEAD),), turned=60.0))
-    assert text(report).startswith("C65535 new place, unknown thing 12%: ok/st")
+    assert text(report).startswith("C65535 new place, unknown thing 12%: go/stay/word")
     assert text(report) == text(report).strip()
 
 
@@ -168,7 +168,7 @@ def test_a_call_that_a_restart_found_open_is_told_without_figures(held: Scene) -
     held.restarted()
     told = data(held)
     assert (told.id, told.roi_uncertainty, told.worst_tile_box) == (1, None, None)
-    assert text(held) == "C1 unknown thing ahead ?%: ok/stay/word"
+    assert text(held) == "C1 unknown thing ahead ?%: go/stay/word"
 
 
 def test_data_survive_whatever_is_not_known_or_too_much(report: Scene) -> None:

@@ -39,7 +39,7 @@ def status(rig: Rig) -> dict[str, Any]:
 def test_a_test_call_is_told_like_a_call_and_says_that_it_is_one(rig: Rig) -> None:
     asked = ask(rig)
     rig.see(2.0)
-    assert "C1 TEST call, nothing is wrong: ok/stay/word" in rig.texts
+    assert "C1 TEST call, nothing is wrong: go/stay/word" in rig.texts
     data = told(rig)[-1]
     assert (data.id, data.kind, data.stage, data.reasons) == (1, Kind.CALL, Stage.OPEN, Reasons.NONE)
     assert not data.holding

@@ -84,7 +84,7 @@ def test_what_waited_while_scripting_was_stopped_is_no_news() -> None:
     for _ in range(20):
         board.ms += 1000
         board.beat(State.FAULT)
-        board.tell(b"C7 unknown thing ahead 38%: ok/stay/word")
+        board.tell(b"C7 unknown thing ahead 38%: go/stay/word")
     said = len(board.said)
     board.scripting.restart()
     board.pass_time(2 * CYCLE)

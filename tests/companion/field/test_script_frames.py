@@ -18,7 +18,7 @@ from tests.companion.field.stubs import AUTO, CYCLE, HOLD, MANUAL, SOURCE, Board
 
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 
-CALL = b"C7 unknown thing ahead 38%: ok/stay/word"
+CALL = b"C7 unknown thing ahead 38%: go/stay/word"
 MODE = heartbeat_mode(State.OK, 7, Policy.HOLD)
 
 

@@ -228,7 +228,7 @@ def test_an_obstacle_feed_that_dies_stops_it(scene: Scene) -> None:
 
 def test_the_companion_s_call_is_heard_as_the_autopilot_s(scene: Scene) -> None:
     scene.pass_time(2.0)
-    call = mavlink.MAVLink_statustext_message(3, b"C7 unknown thing ahead 38%: ok/stay/word")
+    call = mavlink.MAVLink_statustext_message(3, b"C7 unknown thing ahead 38%: go/stay/word")
     scene.hear(Port.COMPANION, bytes(call.pack(scene.companion)))
     scene.pass_time(0.5)
     said = [frame.get_srcComponent() for frame in scene.heard if getattr(frame, "text", "").startswith("C7")]

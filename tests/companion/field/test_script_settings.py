@@ -36,7 +36,7 @@ class TestSwitchedOff:
     def test_by_its_parameter(self) -> None:
         board = driving()
         board.parameters["ATS_ENABLE"] = 0.0
-        board.tell(b"C7 unknown thing ahead 38%: ok/stay/word")
+        board.tell(b"C7 unknown thing ahead 38%: go/stay/word")
         board.pass_time(10.0)
         assert board.set_modes == []
         assert board.texts(4) == ["Companion guard is off: ATS_ENABLE or switch"]

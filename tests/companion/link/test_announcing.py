@@ -35,7 +35,7 @@ CALL = CallData(
     picture="calls/7.jpg",
 )
 CLOSED = replace(CALL, stage=Stage.CLOSED, outcome=Outcome.ANSWERED)
-TEXT = "C7 unknown thing ahead 38%: ok/stay/word"
+TEXT = "C7 unknown thing ahead 38%: go/stay/word"
 SUMMARY = Summary(
     State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
 )
@@ -144,7 +144,7 @@ def test_a_closed_call_is_told_even_when_the_next_one_follows_at_once() -> None:
     stage.run(0.5)
     stage.link.announce(CLOSED, "C7 closed: answered", stage.now)
     stage.link.announce(None, "", stage.now)
-    stage.link.announce(replace(CALL, id=8), "C8 new place 0.62: ok/stay/word", stage.now)
+    stage.link.announce(replace(CALL, id=8), "C8 new place 0.62: go/stay/word", stage.now)
     stage.run(6, step=0.02)
     told = [(call.id, call.stage) for call in calls(stage)]
     assert told.count((7, Stage.CLOSED)) == 3
@@ -152,7 +152,7 @@ def test_a_closed_call_is_told_even_when_the_next_one_follows_at_once() -> None:
     assert [text for _, _, text in texts(stage)] == [
         TEXT,
         "C7 closed: answered",
-        "C8 new place 0.62: ok/stay/word",
+        "C8 new place 0.62: go/stay/word",
     ]
 
 

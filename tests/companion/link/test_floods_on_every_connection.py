@@ -91,7 +91,7 @@ def test_every_budget_holds_and_what_matters_gets_out(
                 meter.take(stage.link.counters.connections[name].sent[budget], stage.now)
 
     live(floods[0], 2)
-    stage.link.announce(CALL, "C1 unknown thing ahead 38%: ok/stay/word", stage.now)
+    stage.link.announce(CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
     began = stage.now
     for number, wire in enumerate(wires.values()):
         wire.send(UNKNOWN, (255, number))

@@ -80,7 +80,7 @@ def test_our_own_frames_that_come_back_change_nothing(stage: Rehearsal) -> None:
 
 def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_counted(stage: Rehearsal) -> None:
     drive(stage, 4)
-    stage.link.announce(CALL, "C1 unknown thing ahead 38%: ok/stay/word", stage.now)
+    stage.link.announce(CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
     stage.send(mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0))
     stage.send(GO)

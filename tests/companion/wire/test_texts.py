@@ -74,12 +74,12 @@ def test_the_longest_ids_and_figures_leave_the_answers_readable() -> None:
         texts.unknown_both(65535, 1.0),
         texts.trial_call(65535),
     ):
-        assert text.endswith(": ok/stay/word")
+        assert text.endswith(": go/stay/word")
 
 
 def test_texts_say_what_happened_and_what_to_do() -> None:
-    assert texts.unknown_object(7, 0.384) == "C7 unknown thing ahead 38%: ok/stay/word"
-    assert texts.unknown_scene(8, 0.62) == "C8 new place 0.62: ok/stay/word"
+    assert texts.unknown_object(7, 0.384) == "C7 unknown thing ahead 38%: go/stay/word"
+    assert texts.unknown_scene(8, 0.62) == "C8 new place 0.62: go/stay/word"
     assert texts.blocked(9, 0.12) == "H9 blocked 12% drivable: waiting"
     assert texts.clear(Kind.HOLD, 9) == "H9 clear now, go?"
     assert texts.still_unknown(7, 0.34) == "C7 stays open: still unknown 34%"
@@ -88,8 +88,8 @@ def test_texts_say_what_happened_and_what_to_do() -> None:
 
 @pytest.mark.parametrize("figure", [None, float("nan"), float("inf")])
 def test_an_unknown_figure_shows_as_unknown(figure: float | None) -> None:
-    assert texts.unknown_object(7, figure) == "C7 unknown thing ahead ?%: ok/stay/word"
-    assert texts.unknown_scene(8, figure) == "C8 new place: ok/stay/word"
+    assert texts.unknown_object(7, figure) == "C7 unknown thing ahead ?%: go/stay/word"
+    assert texts.unknown_scene(8, figure) == "C8 new place: go/stay/word"
 
 
 def test_a_long_word_is_cut_between_characters() -> None:

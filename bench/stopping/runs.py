@@ -199,7 +199,7 @@ def untested(told: set[tuple[State, Policy]]) -> str:
     """Why a lap without orders proves nothing, from what the companion told; "" where it does."""
     if {policy for _, policy in told} - {Policy.REPORT}:
         return "it was not in policy report all the time"
-    missing = {State.OK, State.CALLING, State.FAULT} - {state for state, _ in told}
+    missing = {State.CALLING, State.FAULT} - {state for state, _ in told}
     return ", ".join(f"it never told {state.name.lower()}" for state in sorted(missing))
 
 

@@ -94,6 +94,8 @@ class OperatorClient:
             if kind == "HEARTBEAT":
                 vehicle = read_vehicle(message.autopilot, message.base_mode, message.custom_mode)
                 self._events.extend(rover.hear_vehicle(vehicle))
+            elif kind == "STATUSTEXT":
+                self._events.extend(rover.hear_vehicle_text(message.severity, message.text, now))
             return
         rover.counters.bytes += len(message.get_msgbuf() or b"")
         try:

@@ -92,6 +92,16 @@ class TextHeard:
 
 
 @dataclass(frozen=True)
+class VehicleTextHeard:
+    """A STATUSTEXT of the autopilot, WARNING or worse, that is not the companion's said again."""
+
+    event: ClassVar = "vehicle_text"
+    system: int
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True)
 class ParameterHeard:
     """A parameter of the companion that is new or has changed."""
 
@@ -149,6 +159,7 @@ Event = (
     | CallClosed
     | SummaryHeard
     | TextHeard
+    | VehicleTextHeard
     | ParameterHeard
     | AnswerMoved
     | Acknowledged

@@ -16,7 +16,7 @@ from typing import Any
 
 from MAVProxy.modules.lib import mp_module
 
-from companion.wire.ids import COMPONENT_ID
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.output import TextOutput
 from gcs_plugin.pictures import Pictures
@@ -89,6 +89,8 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
 
     def mavlink_packet(self, message: Any) -> None:
         """Every message of every vehicle on every link."""
+        if _is_autopilot_text(message) and self.message_is_from_primary_vehicle(message):
+            return  # MAVProxy prints it
         with self._telling_problems():
             self._client.receive(message, time.monotonic())
 
@@ -145,6 +147,10 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
 
     def _words(self, _text: str) -> list[str]:
         return [word.lower() for rover in self._client.rovers.values() for word in rover.words()]
+
+
+def _is_autopilot_text(message: Any) -> bool:
+    return bool(message.get_type() == "STATUSTEXT" and message.get_srcComponent() == AUTOPILOT_COMPONENT_ID)
 
 
 def init(mpstate: Any) -> AnyTraverse:

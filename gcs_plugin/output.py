@@ -182,6 +182,9 @@ class TextOutput:
             case ev.TextHeard():
                 fresh = self._fresh(event, now)
                 return [f'says "{wording.clean(event.text)}"'] * fresh, _FAINT
+            case ev.VehicleTextHeard():
+                fresh = self._fresh(event, now)
+                return [f'autopilot says "{wording.clean(event.text)}"'] * fresh, _ALARM
             case ev.AnswerMoved():
                 subject = str(event.target) if event.target else "no call"
                 alarm = event.status in (Status.WAITING, Status.EXPIRED)
@@ -208,8 +211,8 @@ class TextOutput:
             return [wording.also(call, added, self._before)]
         return [wording.stands(call)] * (told[2] != now[2])
 
-    def _fresh(self, event: ev.TextHeard, now: float) -> bool:
-        """A call's text repeats every 15 s until it is answered: to read it once a minute is enough."""
+    def _fresh(self, event: ev.TextHeard | ev.VehicleTextHeard, now: float) -> bool:
+        """A text repeats, the companion's also from the autopilot: to read it once a minute is enough."""
         self._texts = {key: at for key, at in self._texts.items() if now - at < REPEATED_S}
         key = event.system, _FIGURE.sub("%", event.text)
         fresh = key not in self._texts

@@ -7,6 +7,8 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from statistics import median
 
+from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
+
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Kind, Outcome, Policy, Result, Stage, State, read_heartbeat_mode
 from companion.wire.parameters import WORD_PREFIX
@@ -18,6 +20,8 @@ FRESH_S = 3.0
 """The companion is there when its heartbeat is younger than this."""
 ANEW_S = 10.0
 """A hold that was announced so much later than the known one of its id is another: the rover began anew."""
+ECHO_S = 5.0
+"""The autopilot's script says a text again within this."""
 MAX_CALLS = 64
 MAX_PARAMETERS = 64
 MAX_LATENCIES = 4096
@@ -183,6 +187,13 @@ class Rover:
     def hear_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         self.texts.append((now, severity, text))
         return [ev.TextHeard(self.system, severity, text)]
+
+    def hear_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
+        """The autopilot's WARNING or worse; its script says the companion's texts again, which is no news."""
+        echo = any(told == text and now - at < ECHO_S for at, _, told in self.texts)
+        if severity > MAV_SEVERITY_WARNING or echo:
+            return []
+        return [ev.VehicleTextHeard(self.system, severity, text)]
 
     def hear_parameter(self, name: str, value: float) -> list[ev.Event]:
         if not name or not math.isfinite(value) or self.parameters.get(name) == value:

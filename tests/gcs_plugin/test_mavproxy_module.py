@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
 from companion.wire.answers import ForgetWord, SetWord
@@ -23,6 +24,10 @@ class Module:
 
     def __init__(self, mpstate: Any, name: str, _description: str, *, multi_vehicle: bool = False) -> None:
         self.mpstate, self.name, self.multi_vehicle = mpstate, name, multi_vehicle
+        self.target = 1, 1
+
+    def message_is_from_primary_vehicle(self, message: Any) -> bool:
+        return (message.get_srcSystem(), message.get_srcComponent()) == self.target
 
     def add_command(self, name: str, callback: Any, _description: str, completions: list[str]) -> None:
         self.mpstate.command_map[name] = callback
@@ -194,6 +199,19 @@ def test_nothing_is_sent_to_a_companion_that_fell_silent(proxy: Make, thing_call
     at.run(5.0, silent=True)
     assert at.rovers[0].applied == []
     assert any("waits: the companion is not heard" in line for line in at.lines)
+
+
+def test_what_the_autopilot_says_is_printed_only_where_mavproxy_hides_it(proxy: Make) -> None:
+    at = proxy(None)
+    for number, at.module.target in enumerate([(1, 1), (1, 191)]):
+        text = f"HOLD: companion silent, {number}".encode()
+        frame = at.rovers[0].autopilot.frame(mavlink.MAVLink_statustext_message(2, text))
+        for message in at.ground.parse(frame):
+            at.module.mavlink_packet(message)
+        at.run(0.1)
+    printed = [line for line in at.lines if "HOLD: companion silent" in line]
+    assert len(printed) == 1
+    assert printed[0].endswith('autopilot says "HOLD: companion silent, 1"')
 
 
 def test_every_line_of_its_own_help_and_of_the_page_is_understood(plugin: ModuleType) -> None:

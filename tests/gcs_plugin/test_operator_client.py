@@ -99,6 +99,24 @@ def test_a_call_that_repeats_is_told_once(sky: Sky) -> None:
     assert sky.of(ev.CallChanged) == []
 
 
+def test_warnings_of_the_autopilot_are_told_and_its_echoes_of_the_companion_are_not(sky: Sky) -> None:
+    def says(severity: int, text: str) -> bytes:
+        frame: bytes = sky.rover.autopilot.frame(mavlink.MAVLink_statustext_message(severity, text.encode()))
+        return frame
+
+    sky.run(1.0)
+    sky.hear(sky.rover.text("C7 FAULT camera silent"), says(3, "C7 FAULT camera silent"))
+    sky.hear(says(2, "HOLD: companion silent. AUTO again = go blind"), says(4, "warned"), says(6, "chat"))
+    sky.now += 10.0
+    sky.hear(says(3, "C7 FAULT camera silent"))
+    sky.run(0.1)
+    assert [(event.severity, event.text) for event in sky.of(ev.VehicleTextHeard)] == [
+        (2, "HOLD: companion silent. AUTO again = go blind"),
+        (4, "warned"),
+        (3, "C7 FAULT camera silent"),
+    ]
+
+
 def test_an_answer_is_applied_acknowledged_and_closes_the_call(sky: Sky) -> None:
     sky.run(2.0)
     pending = sky.answer(BUSH)

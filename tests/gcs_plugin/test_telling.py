@@ -43,6 +43,7 @@ def all_events(thing_call: CallData, quiet_summary: Summary) -> list[ev.Event]:
         ev.CallClosed(1, closed, 12.0),
         ev.SummaryHeard(1, quiet_summary),
         ev.TextHeard(1, 3, "C7 unknown thing\x1b[2J ahead"),
+        ev.VehicleTextHeard(1, 2, "HOLD: companion silent"),
         ev.ParameterHeard(1, "AT_W_BUSH", -1.0),
         *(ev.AnswerMoved(1, 7, 5, status) for status in Status),
         ev.Acknowledged(1, ACK),
@@ -100,6 +101,14 @@ def test_a_text_whose_figure_alone_changes_is_a_repeat() -> None:
     for figure in (80, 81, 80, 79):
         output.event(ev.TextHeard(1, 4, f"C1 blocked {figure}% drivable: waiting"), 1.0, several=False)
     assert page.getvalue().count("waiting") == 1
+
+
+def test_a_text_that_the_autopilot_brought_first_is_read_once() -> None:
+    page = io.StringIO()
+    output = TextOutput(page, colours=False)
+    output.event(ev.VehicleTextHeard(1, 3, "C7 FAULT camera silent"), 1.0, several=False)
+    output.event(ev.TextHeard(1, 3, "C7 FAULT camera silent"), 1.3, several=False)
+    assert page.getvalue().count("C7 FAULT") == 1
 
 
 def test_that_the_vehicle_is_held_now_is_told_without_the_rest(thing_call: CallData) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from companion.link.desk import INFO, PENDING_FOR, REMEMBERED, REPEAT_WITHIN, WARNING
+from companion.link.desk import PENDING_FOR, REMEMBERED, REPEAT_WITHIN
 from companion.link.guard import Guard
 from companion.link.heard import AnswerRequest, ParameterRequest, Sender
 from companion.link.parameter_server import ParameterServer
@@ -47,7 +47,7 @@ class AnswerParameter:
         if not 1 <= code <= max(Motion):
             if value:
                 self._guard.rejected["range"] += 1
-                self._speaker.say(notices.answer_refused(), WARNING, now)
+                self._speaker.refuse(notices.answer_refused(), now)
             self._parameters.echo(ANSWER, 0.0, sender, now)
             return None
         key = (sender, target, Motion(code))
@@ -63,7 +63,7 @@ class AnswerParameter:
         """What became of it, as echo and as text. What was not taken may be asked again at once."""
         taken = ack.result in _TAKEN
         value = request.value if taken and request.value is not None else 0.0
-        self._speaker.say(ack.text, INFO if taken else WARNING, now)
+        self._speaker.answer(ack.text, now, taken=taken)
         self._parameters.echo(ANSWER, value, request.sender, now)
         for target in (request.target, ack.target):
             key = (request.sender, target, request.motion)

@@ -12,9 +12,8 @@ from companion.link import encode
 from companion.link.guard import Guard
 from companion.link.heard import ParameterRequest, ResetRequest, Sender
 from companion.link.outbox import Outbox
-from companion.link.parameter_server import WARNING, ParameterServer
+from companion.link.parameter_server import ParameterServer
 from companion.link.speaker import Speaker
-from companion.wire import notices
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import NUMBER_RATE, SUMMARY_RATE
 
@@ -76,7 +75,7 @@ class CommandDesk:
         if self._guard.may_change(sender):
             return True
         self._guard.rejected["sender"] += 1
-        self._speaker.say(notices.sender_refused(sender[0]), WARNING, now)
+        self._speaker.refuse_sender(sender, now)
         return False
 
     def _tell(self, message_id: float, to: Sender, now: float) -> int:

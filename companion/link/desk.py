@@ -37,8 +37,6 @@ REMEMBERED = 64
 PENDING_FOR = 30.0
 REPEAT_WITHIN = 5.0
 MAX_ID = 0xFFFF
-WARNING = 4
-INFO = 6
 
 _COMMAND_RESULTS = {
     Result.APPLIED: mavlink.MAV_RESULT_ACCEPTED,
@@ -81,11 +79,11 @@ class AnswerDesk:
             other = bool(payload) and payload[0] != VERSION
             self._guard.rejected["version" if other else "payload"] += 1
             if other:
-                self._speaker.say(notices.other_version(), WARNING, now)
+                self._speaker.refuse(notices.other_version(), now)
             return None
         if not self._guard.may_change(sender):
             self._guard.rejected["sender"] += 1
-            self._speaker.say(notices.sender_refused(sender[0]), WARNING, now)
+            self._speaker.refuse_sender(sender, now)
             self._reply(sender, _refusal(part, Result.DENIED, "this sender may not answer"), now)
             return None
         if self._known(("tunnel", sender, part.transaction), sender, now):
@@ -105,7 +103,7 @@ class AnswerDesk:
         """The answer command; always acknowledged, by the daemon or here."""
         if not self._guard.may_change(sender):
             self._guard.rejected["sender"] += 1
-            self._speaker.say(notices.sender_refused(sender[0]), WARNING, now)
+            self._speaker.refuse_sender(sender, now)
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
             return None
         if message.param2 == SET_POLICY and (policy := _whole(message.param3, 0, max(Policy))) is not None:
@@ -114,7 +112,7 @@ class AnswerDesk:
         if request is None:
             self._guard.rejected["command"] += 1
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
-            self._speaker.say(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), WARNING, now)
+            self._speaker.refuse(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), now)
             return None
         # The same command once more is a new wish, unless it says that it is a repetition.
         again = getattr(message, "confirmation", 0) > 0
@@ -128,7 +126,7 @@ class AnswerDesk:
         if request.transaction is None:
             key: object = request
             reply: Any = _COMMAND_RESULTS[ack.result]
-            self._speaker.say(ack.text, INFO if reply == mavlink.MAV_RESULT_ACCEPTED else WARNING, now)
+            self._speaker.answer(ack.text, now, taken=reply == mavlink.MAV_RESULT_ACCEPTED)
             self._command_ack(request.sender, reply, now)
         else:
             key = ("tunnel", request.sender, request.transaction)

@@ -12,7 +12,11 @@ from companion.wire.refusals import Rejected
 
 REQUESTS_PER_SECOND = 20.0
 REQUESTS_AT_ONCE = 60.0
+STRANGERS_PER_SECOND = 5.0
+STRANGERS_AT_ONCE = 20.0
 MAX_SENDERS = 32
+STRANGERS: Sender = (0, 0)
+"""Who may only read counts as one: under many names nobody gets more than his share."""
 
 
 class Guard:
@@ -38,11 +42,17 @@ class Guard:
     def admits(self, sender: Sender, now: float, *, kind: str = "") -> bool:
         """Count one request of `sender`; False beyond 20 a second after the first 60.
 
-        kind: of requests that are counted apart, so that a download does not keep an answer out.
+        All who may only read have 5 a second after 20, together. kind: of requests that are counted apart, so
+        that a download does not keep an answer out.
         """
-        key = (sender, kind)
+        known = self.may_change(sender)
+        key = (sender if known else STRANGERS, kind)
         if key not in self._rates:
-            self._rates[key] = TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, now)
+            self._rates[key] = (
+                TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, now)
+                if known
+                else TokenBucket(STRANGERS_PER_SECOND, STRANGERS_AT_ONCE, now)
+            )
             if len(self._rates) > MAX_SENDERS:
                 self._rates.popitem(last=False)
         self._rates.move_to_end(key)

@@ -50,14 +50,16 @@ class Counters:
     """Since the start, of all connections together; `connections`: of each by name.
 
     sent: bytes by budget ("unsolicited", "asked", "autopilot"). dropped_summaries: kept off the wire by the
-    budget. lost: frames that waited too long or found the queue full. bad: broken frames heard. rejected:
-    requests turned away, by reason.
+    budget. lost: frames that waited too long or found the queue full. bad: broken frames heard. unsaid: texts
+    kept back because too many waited, or too many wishes were refused. rejected: requests turned away, by
+    reason.
     """
 
     sent: Mapping[str, int]
     dropped_summaries: int
     lost: int
     bad: int
+    unsaid: int
     rejected: Mapping[str, int]
     connections: Mapping[str, ChannelCounters]
 
@@ -140,6 +142,7 @@ class Link:
             dropped_summaries=sum(one.dropped_summaries for one in each.values()),
             lost=sum(one.lost for one in each.values()),
             bad=sum(one.bad for one in each.values()),
+            unsaid=self._speaker.unsaid,
             rejected=dict(self._guard.rejected.items()),
             connections=each,
         )

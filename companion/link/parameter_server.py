@@ -16,7 +16,6 @@ from companion.wire import notices
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 from companion.wire.refusals import Rejected
 
-WARNING = 4
 _DIGITS = 6
 _INTEGER_BITS = 1e-30
 
@@ -91,11 +90,16 @@ class ParameterServer:
             self._guard.rejected["unknown parameter"] += 1
             return None
         entry = self._entries[index]
-        refusal = self._refusal(entry, sender, message.param_value)
+        if not self._guard.may_change(sender):
+            self._guard.rejected["sender"] += 1
+            self._speaker.refuse_sender(sender, now)
+            self._tell("echo", index, now, sender)
+            return None
+        refusal = self._refusal(entry, message.param_value)
         if refusal is not None:
             reason, text = refusal
             self._guard.rejected[reason] += 1
-            self._speaker.say(text, WARNING, now)
+            self._speaker.refuse(text, now)
             self._tell("echo", index, now, sender)
             return None
         self._asked[entry.name] = sender
@@ -129,9 +133,7 @@ class ParameterServer:
         message = encode.parameter(self._entries[index], index, len(self._entries))
         self._outbox.push(row, message, now, key=index, to=to)
 
-    def _refusal(self, entry: Parameter, sender: Sender, value: float) -> tuple[Rejected, str] | None:
-        if not self._guard.may_change(sender):
-            return "sender", notices.sender_refused(sender[0])
+    def _refusal(self, entry: Parameter, value: float) -> tuple[Rejected, str] | None:
         if entry.read_only:
             return "read-only", notices.read_only(entry.name)
         # An integer's bits in the float's place read as a number next to nothing.

@@ -18,6 +18,7 @@ from companion.wire.messages import MESSAGES, Bucket
 from companion.wire.signing import BLOCK
 
 MAX_WAITING = 64
+"""Frames of one budget: whoever asks for much pushes out only what others asked for."""
 BUDGETS = ("unsolicited", "asked", "autopilot")
 LIFETIME = 5.0
 _REMEMBERED = 64
@@ -40,7 +41,8 @@ class _Frame:
 class Sender:
     """One frame per `pace` s, the most urgent first. What a budget does not allow yet waits a while.
 
-    Within a budget nothing overtakes a more urgent frame, so a call never starves behind small change.
+    Within a budget nothing overtakes a more urgent frame, so a call never starves behind small change. What
+    was asked for never goes twice in a row while something else may, so no flood of requests silences us.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class Sender:
         self._queue: list[_Frame] = []
         self._order = 0
         self._next_at = now
+        self._was_asked = False
         self._recent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
         self.sent = dict.fromkeys(BUDGETS, 0)
         self.lost = 0
@@ -93,7 +96,7 @@ class Sender:
     ) -> None:
         """Queue a message of the table's row `name`; one with the same name and key takes its place.
 
-        Forgotten after `lifetime` s. When the queue is full the least urgent frame is lost, and counted.
+        Forgotten after `lifetime` s. When 64 frames of a budget wait, its least urgent is lost, and counted.
         What MAVLink 1 has no id for is left out where that is spoken, and counted.
         """
         row = MESSAGES[name]
@@ -113,8 +116,9 @@ class Sender:
                     return
         self._queue.append(frame)
         self._queue.sort()
-        if len(self._queue) > MAX_WAITING:
-            self._queue.pop()
+        of_budget = [waiting for waiting in self._queue if waiting.bucket == row.bucket]
+        if len(of_budget) > MAX_WAITING:
+            self._queue.remove(of_budget[-1])
             self.lost += 1
 
     def set_budget(self, rate: float, now: float) -> None:
@@ -156,6 +160,7 @@ class Sender:
                 self._next_at = now + max(self._pace, _REFUSED)
                 return
             self._queue.remove(frame)
+            self._was_asked = frame.bucket == "asked"
             self.version.told(packed, now)
             if frame.bucket is not None:
                 self._buckets[frame.bucket].take(len(packed), now)
@@ -189,13 +194,14 @@ class Sender:
         return pack_1(message, self._mav) if fits_1(message) else None
 
     def _first(self, now: float) -> _Frame | None:
-        blocked: set[Bucket] = set()
+        """The most urgent of those that each budget lets go now, the budgets' turns considered."""
+        first: dict[Bucket | None, _Frame] = {}
         for frame in self._queue:
-            if frame.bucket is None:
-                return frame
-            if frame.bucket in blocked:
-                continue
-            if self._buckets[frame.bucket].affords(frame.size, now):
-                return frame
-            blocked.add(frame.bucket)
-        return None
+            first.setdefault(frame.bucket, frame)
+        ready = [
+            frame
+            for bucket, frame in first.items()
+            if bucket is None or self._buckets[bucket].affords(frame.size, now)
+        ]
+        unasked = [frame for frame in ready if frame.bucket != "asked"]
+        return min(unasked if self._was_asked and unasked else ready, default=None)

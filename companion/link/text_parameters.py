@@ -12,7 +12,7 @@ from companion.link import encode
 from companion.link.guard import Guard
 from companion.link.heard import Sender, WordsRequest
 from companion.link.outbox import Outbox
-from companion.link.parameter_server import WARNING, ParameterServer
+from companion.link.parameter_server import ParameterServer
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.answers import Operation
@@ -69,7 +69,7 @@ class TextParameters:
         text = ""
         operations: tuple[Operation, ...] = ()
         if not self._guard.may_change(sender):
-            reason, text = "sender", notices.sender_refused(sender[0])
+            reason = "sender"
         elif name not in self._names:
             reason = "unknown parameter"
         elif message.param_type != mavlink.MAV_PARAM_EXT_TYPE_CUSTOM:
@@ -82,8 +82,10 @@ class TextParameters:
                 reason, text = "range", notices.refused(what)
         if reason:
             self._guard.rejected[reason] += 1
-            if text:
-                self._speaker.say(text, WARNING, now)
+            if reason == "sender":
+                self._speaker.refuse_sender(sender, now)
+            elif text:
+                self._speaker.refuse(text, now)
             unsupported = reason == "range"
             result = mavlink.PARAM_ACK_VALUE_UNSUPPORTED if unsupported else mavlink.PARAM_ACK_FAILED
             self._acknowledge(sender, message._param_id_raw, self._value(name), result, now)

@@ -33,7 +33,11 @@ Rejected = Literal[
 _SILENCE = "nothing"
 COUNTED: dict[Rejected, tuple[str, str]] = {
     "sender": ("a system id that is not in `allowed_senders` wants to change something", "DENIED and a text"),
-    "rate": ("more than 20 requests a second from one sender, after 60 at once", _SILENCE),
+    "rate": (
+        "more than 20 requests a second from one sender, after 60 at once; 5 after 20 of all together who "
+        "may not change anything",
+        _SILENCE,
+    ),
     "repeated": ("the same request on another connection within a second", "the first one's reply"),
     "target": ("what changes something, or a file request, to system 0 or component 0", _SILENCE),
     "payload": ("a torn or impossible TUNNEL or file transfer payload", _SILENCE),

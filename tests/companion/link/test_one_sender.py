@@ -139,8 +139,10 @@ def test_a_full_queue_loses_the_least_urgent_frame_and_counts_it() -> None:
     for number in range(MAX_WAITING):
         sender.push("list", mavlink.MAVLink_param_value_message(b"AT_X", 0, 9, 1, number), 0.0)
     sender.push("heartbeat", mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), 0.0)
+    assert sender.lost == 0, "another budget's"
+    sender.push("command ack", mavlink.MAVLink_command_ack_message(31010, 0), 0.0)
     assert sender.lost == 1
-    assert sender.waiting("heartbeat") == 1
+    assert sender.waiting("heartbeat") == sender.waiting("command ack") == 1
     assert sender.waiting("list") == MAX_WAITING - 1
 
 

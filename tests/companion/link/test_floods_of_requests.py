@@ -1,0 +1,82 @@
+"""Somebody asks and asks, under one name or under many: what the companion says by itself still gets out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.guard import STRANGERS_AT_ONCE, STRANGERS_PER_SECOND
+from companion.link.rehearsal import Rehearsal
+from companion.link.settings import LinkSettings
+from companion.wire.ids import TUNNEL_SUMMARY
+from tests.companion.link.test_one_sender import SUMMARY
+
+SECONDS = 6
+PER_SECOND = 20
+OPERATOR = (255, 190)
+UNKNOWN = mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0)
+SET = mavlink.MAVLink_param_set_message(1, 191, b"AT_W_GRASS", 0.5, 9)
+
+
+def flooded(
+    senders: Iterable[tuple[int, int]],
+    make: Callable[[int], Any] = lambda _: UNKNOWN,
+    pace: float = 0.05,
+) -> Rehearsal:
+    """Each sender asks 20 times a second for 6 s, while the companion works."""
+    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", pace=pace))
+    stage.link.ask_for_pulses()
+    names = list(senders)
+    for number in range(SECONDS * PER_SECOND):
+        for sender in names:
+            stage.send(make(number), sender)
+        stage.link.summary(SUMMARY, stage.now)
+        stage.link.numbers({"AT_TRAV": 0.5}, stage.now)
+        stage.run(1 / PER_SECOND, step=0.025)
+    return stage
+
+
+def test_who_asks_in_every_slot_does_not_silence_summaries_and_questions_to_the_autopilot() -> None:
+    stage = flooded([OPERATOR])
+    assert len(stage.tunnels(TUNNEL_SUMMARY)) >= SECONDS - 1
+    assert len(stage.sent("NAMED_VALUE_FLOAT")) >= 2
+    asked = [message.param1 for message in stage.sent("COMMAND_LONG") if message.command == 511]
+    assert asked.count(mavlink.MAVLINK_MSG_ID_RC_CHANNELS) >= 2, "the off switch is looked for"
+
+
+def test_requests_that_fill_the_queue_push_out_only_each_other() -> None:
+    stage = flooded([(255, component) for component in range(10)])
+    assert len(stage.tunnels(TUNNEL_SUMMARY)) >= SECONDS - 1
+    assert stage.link.counters.lost > 0
+
+
+def test_strangers_under_many_names_get_no_more_than_one_of_them() -> None:
+    stage = flooded([(system, 1 + system) for system in range(2, 42)])
+    answered = len(stage.sent("COMMAND_ACK"))
+    assert answered <= STRANGERS_AT_ONCE + STRANGERS_PER_SECOND * SECONDS + 1
+    assert stage.link.counters.rejected["rate"] > 3000
+    stage.send(UNKNOWN, OPERATOR)
+    stage.run(4)
+    acked = [(message.target_system, message.target_component) for message in stage.sent("COMMAND_ACK")]
+    assert OPERATOR in acked
+
+
+def test_strangers_who_may_not_change_anything_are_named_one_in_a_while() -> None:
+    stage = flooded([(system, 7) for system in range(2, 122)], lambda _: SET)
+    told = [text for message in stage.sent("STATUSTEXT") if "refused" in (text := message.text)]
+    assert 1 <= len(told) <= 1 + SECONDS / 5
+    assert len(stage.tunnels(TUNNEL_SUMMARY)) >= SECONDS - 1
+
+
+def test_the_texts_of_refused_wishes_leave_room_for_others() -> None:
+    def nonsense(number: int) -> Any:
+        return mavlink.MAVLink_param_ext_set_message(1, 191, b"AT_WORDS", f"x{number}".encode(), 11)
+
+    stage = flooded([OPERATOR], nonsense, pace=0.03)
+    assert len(stage.tunnels(TUNNEL_SUMMARY)) >= SECONDS - 1
+    stage.link.say("Companion sees again", 5, stage.now)
+    stage.run(1)
+    assert stage.link.counters.unsaid > 50
+    assert "Companion sees again" in [message.text for message in stage.sent("STATUSTEXT")]

@@ -42,6 +42,7 @@ MAX_ROVERS = 16
 MAX_PENDING = 64
 MAX_EVENTS = 1024
 MAX_PROBLEMS = 8
+_TO_ONE = frozenset({"COMMAND_ACK", "FILE_TRANSFER_PROTOCOL"})
 
 
 def _random_transaction() -> int:
@@ -51,10 +52,12 @@ def _random_transaction() -> int:
 class OperatorClient:
     """Follows every rover of a link and brings answers to them.
 
-    transactions: gives a new random id in 1..2^32-1 for each answer.
+    transactions: gives a new random id in 1..2^32-1 for each answer. ids: the system and component id that
+    its messages leave with, None while not known: what is told to others on the same radio is not for us.
     """
 
     def __init__(self, transactions: Callable[[], int] = _random_transaction) -> None:
+        self.ids: tuple[int, int] | None = None
         self._transactions = transactions
         self._rovers: dict[int, Rover] = {}
         self._pending: deque[Pending] = deque(maxlen=MAX_PENDING)
@@ -178,6 +181,8 @@ class OperatorClient:
             return rover.hear_parameter(message.param_id, message.param_value)
         if kind == "TUNNEL":
             return self._unwrap(rover, message, now)
+        if kind in _TO_ONE and not self._is_for_us(message):
+            return []
         if kind == "FILE_TRANSFER_PROTOCOL" and rover.system in self._fetches:
             self._fetches[rover.system].hear(FtpPayload.unpack(bytes(message.payload)), now)
         if kind == "COMMAND_ACK" and message.command == ANSWER_COMMAND:
@@ -185,6 +190,11 @@ class OperatorClient:
             granted = message.result == mavlink.MAV_RESULT_ACCEPTED
             return [_policy_moved(wish)] if wish is not None and wish.acknowledge(granted=granted) else []
         return []
+
+    def _is_for_us(self, message: Any) -> bool:
+        """An acknowledgement of MAVLink 1 says not for whom it is: it may be ours."""
+        to = message.target_system, message.target_component
+        return self.ids is None or all(said in (0, own) for said, own in zip(to, self.ids, strict=True))
 
     def _unwrap(self, rover: Rover, message: Any, now: float) -> list[ev.Event]:
         if message.payload_length > MAX_PAYLOAD:

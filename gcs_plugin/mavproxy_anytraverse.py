@@ -127,7 +127,12 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
 
     def _send(self, message: Any) -> None:
         """On the links on which that companion was heard."""
-        self.mpstate.foreach_mav(message.target_system, COMPONENT_ID, lambda mav: mav.send(message))
+
+        def send(mav: Any) -> None:
+            self._client.ids = mav.srcSystem, mav.srcComponent
+            mav.send(message)
+
+        self.mpstate.foreach_mav(message.target_system, COMPONENT_ID, send)
 
     @contextmanager
     def _telling_problems(self) -> Iterator[None]:

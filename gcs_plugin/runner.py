@@ -30,6 +30,7 @@ class Runner:
         signing: Signing | None = None,
     ) -> None:
         self.client = client
+        client.ids = system, component
         self._signing = signing
         self._connection = connection
         self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)

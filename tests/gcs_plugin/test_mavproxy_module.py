@@ -54,6 +54,8 @@ class Console:
 class Wire:
     """The sending end of one link."""
 
+    srcSystem, srcComponent = 255, 230  # noqa: N815  # MAVLink's names
+
     def __init__(self, ground: Any, rover: Any) -> None:
         self.ground, self.rover = ground, rover
         self.replies: list[bytes] = []
@@ -270,3 +272,18 @@ def test_unloading_leaves_nothing_behind_and_names_what_is_given_up(
     assert (at.state.command_map, at.state.completions, at.state.completion_functions) == ({}, {}, {})
     assert at.state.unloaded
     assert "answer to 7 is not acknowledged" in at.lines[-1]
+
+
+def test_what_is_told_to_another_ground_station_is_not_for_this_one(proxy: Callable[..., Proxy]) -> None:
+    ours = proxy(None)
+    ours.rovers[0].hear = lambda _: []
+    ours.type("at policy off")
+    ours.run(0.5)
+    for target in ((255, 190), (255, 230)):
+        ack = mavlink.MAVLink_command_ack_message(31010, 0, 0, 0, *target)
+        for message in ours.ground.parse(ours.rovers[0].companion.frame(ack)):
+            ours.module.mavlink_packet(message)
+        before = len(ours.lines)
+        ours.run(0.2)
+        said = [line for line in ours.lines[before:] if "policy" in line]
+        assert bool(said) == (target == (255, 230))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.ids import Policy
 from gcs_plugin import events as ev
@@ -19,6 +20,7 @@ class Sky:
     def __init__(self, rover: Any, ground: Any) -> None:
         self.rover, self.ground = rover, ground
         self.client = OperatorClient()
+        self.client.ids = 255, 190
         self.now = 0.0
         self.down = self.up = True
         self.told: list[Wished] = []
@@ -101,3 +103,16 @@ def test_a_newer_wish_takes_the_place_of_an_older(sky: Sky) -> None:
     sky.down = True
     sky.run(20.0)
     assert sky.rover.policies_asked == [Policy.OFF]
+
+
+@pytest.mark.parametrize("other", [(254, 190), (255, 230)])
+def test_what_another_ground_station_is_told_settles_nothing(sky: Sky, other: tuple[int, int]) -> None:
+    sky.down = False
+    sky.wish(Policy.OFF)
+    sky.run(1.0)
+    ack = mavlink.MAVLink_command_ack_message(31010, 0, 0, 0, *other)
+    for message in sky.ground.parse(sky.rover.companion.frame(ack)):
+        sky.client.receive(message, sky.now)
+    sky.run(0.2)
+    assert sky.told == [Wished.SENT]
+    assert sky.client.busy

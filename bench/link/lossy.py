@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -52,24 +53,34 @@ def virtual_time() -> Iterator[Clock]:
 
 
 class Autopilot:
-    """An ArduPilot rover in AUTO, as far as it is heard."""
+    """An ArduPilot rover in AUTO, as far as it is heard: what it is asked for it streams."""
 
     def __init__(self) -> None:
         self._mavlink = mavlink.MAVLink(None, 1, AUTOPILOT_COMPONENT_ID)
-        self._heartbeat_at = 0.0
+        self._says_at = 0.0
 
     def says(self, now: float) -> list[bytes]:
-        """Its heartbeat, once a second."""
-        if now < self._heartbeat_at:
+        """Heartbeat, position, attitude and time, once a second."""
+        if now < self._says_at:
             return []
-        self._heartbeat_at = now + 1.0
+        self._says_at = now + 1.0
         flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        message = mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, flags, 10, 4, 3
-        )
+        uptime = int(1000 * now) & 0xFFFFFFFF
+        return [
+            self._packed(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, flags, 10, 4, 3
+                )
+            ),
+            self._packed(mavlink.MAVLink_global_position_int_message(uptime, 1, 1, 1, 1, 0, 0, 0, 9000)),
+            self._packed(mavlink.MAVLink_attitude_message(uptime, 0, 0, 0, 0, 0, 0)),
+            self._packed(mavlink.MAVLink_system_time_message(1_790_000_000_000_000, uptime)),
+        ]
+
+    def _packed(self, message: Any) -> bytes:
         frame = bytes(message.pack(self._mavlink))
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
-        return [frame]
+        return frame
 
 
 def is_for_autopilot(frame: bytes) -> bool:

@@ -64,13 +64,16 @@ def test_the_bench_of_networks_gets_its_own_set_up_and_options(
     assert checkout.calls[-1] == expected
 
 
-def test_the_bench_of_stopping_runs_with_the_developer_s_set_up(checkout: Checkout) -> None:
+@pytest.mark.parametrize(("bench", "arguments"), [("stopping", "--runs 2"), ("link", "lossy --calls 20")])
+def test_other_benches_run_with_the_developer_s_set_up(
+    checkout: Checkout, bench: str, arguments: str
+) -> None:
     checkout.python()
-    done = checkout.run("make", "bench-stopping", "ARGS=--runs 2")
+    done = checkout.run("make", f"bench-{bench}", f"ARGS={arguments}")
     assert done.returncode == 0, done.stderr
     (install,) = (call for call in checkout.calls if call.startswith("-m pip"))
     assert install.endswith("-e .[dev]")
-    assert checkout.calls[-1] == "-m bench.stopping --runs 2"
+    assert checkout.calls[-1] == f"-m bench.{bench} {arguments}"
 
 
 def test_real_ground_stations_get_an_environment_of_their_own(checkout: Checkout) -> None:
@@ -101,6 +104,7 @@ def test_make_alone_lists_every_target_with_what_it_does(checkout: Checkout) -> 
         "check",
         "interop",
         "bench-clipseg",
+        "bench-link",
         "bench-stopping",
         "clean",
         "help",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from companion.link import encode
 from companion.link.guard import Guard
 from companion.link.heard import ParameterRequest, Sender
 from companion.link.outbox import Outbox
+from companion.link.rounds import Rounds
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
@@ -18,15 +19,6 @@ from companion.wire.refusals import Rejected
 
 _DIGITS = 6
 _INTEGER_BITS = 1e-30
-
-
-@dataclass
-class _List:
-    """A list that is told on one connection: who asked last, what is next, how many are left."""
-
-    to: Sender
-    at: int = 0
-    left: int = 0
 
 
 class ParameterServer:
@@ -43,7 +35,7 @@ class ParameterServer:
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
         self._asked: dict[str, Sender] = {}
-        self._lists: dict[str, _List] = {}
+        self._lists = Rounds(outbox, "list", len(self._entries))
 
     def at(self, index: int) -> Parameter | None:
         """The parameter with this index."""
@@ -69,11 +61,8 @@ class ParameterServer:
         self._outbox.push("echo", message, now, key=index, to=to)
 
     def list_all(self, sender: Sender) -> None:
-        """PARAM_REQUEST_LIST: go round once from here, so that two askers on a connection cost one list."""
-        channel = self._outbox.channel(sender)
-        if channel is not None:
-            told = self._lists.setdefault(channel.name, _List(sender))
-            told.to, told.left = sender, len(self._entries)
+        """PARAM_REQUEST_LIST."""
+        self._lists.begin(sender)
 
     def read(self, sender: Sender, message: Any, now: float) -> None:
         """PARAM_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
@@ -122,12 +111,9 @@ class ParameterServer:
             self._tell("news", index, now)
 
     def tick(self, now: float) -> None:
-        """Feed the lists, one value at a time, so that they never fill a queue."""
-        for told in self._lists.values():
-            if told.left and not self._outbox.waiting("list", told.to):
-                self._tell("list", told.at, now, told.to)
-                told.at = (told.at + 1) % len(self._entries)
-                told.left -= 1
+        """Feed the lists."""
+        for index, to in self._lists.due():
+            self._tell("list", index, now, to)
 
     def _tell(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
         message = encode.parameter(self._entries[index], index, len(self._entries))

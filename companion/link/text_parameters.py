@@ -13,6 +13,7 @@ from companion.link.guard import Guard
 from companion.link.heard import Sender, WordsRequest
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
+from companion.link.rounds import Rounds
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.answers import Operation
@@ -39,18 +40,15 @@ class TextParameters:
         self._names = [WORDS_TEXT, *self._words_of]
         self._words = ""
         self._pending: dict[tuple[Sender, str], tuple[bytes, float]] = {}
-        self._list_to: Sender | None = None
-        self._list_left: list[int] = []
+        self._lists = Rounds(outbox, "text list", len(self._names))
 
     def set_words(self, words: Mapping[str, float]) -> None:
         """The words in force."""
         self._words = words_text(words)
 
     def list_all(self, sender: Sender) -> None:
-        """PARAM_EXT_REQUEST_LIST; two askers at a time cost one list."""
-        self._list_to = sender
-        told = [index for index in range(len(self._names)) if index not in self._list_left]
-        self._list_left += told
+        """PARAM_EXT_REQUEST_LIST."""
+        self._lists.begin(sender)
 
     def read(self, sender: Sender, message: Any, now: float) -> None:
         """PARAM_EXT_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
@@ -100,10 +98,10 @@ class TextParameters:
         self._acknowledge(request.sender, request.name.encode(), value, result, now)
 
     def tick(self, now: float) -> None:
-        """Feed the list, one at a time, so that it never fills the queue."""
+        """Feed the lists."""
         self._pending = {key: one for key, one in self._pending.items() if now - one[1] < PENDING_FOR}
-        if self._list_left and not self._outbox.waiting("text list"):
-            self._tell("text list", self._list_left.pop(0), self._list_to, now)
+        for index, to in self._lists.due():
+            self._tell("text list", index, to, now)
 
     def _open(self, request: WordsRequest, raw: bytes, now: float) -> WordsRequest | None:
         key = (request.sender, request.name)
@@ -137,7 +135,7 @@ class TextParameters:
             return self._words.encode()
         return weight_text(self._parameters.value(name)).encode() if name in self._words_of else b""
 
-    def _tell(self, row: str, index: int, to: Sender | None, now: float) -> None:
+    def _tell(self, row: str, index: int, to: Sender, now: float) -> None:
         name = self._names[index]
         message = encode.text_parameter(name, self._value(name).decode(), index, len(self._names))
         self._outbox.push(row, message, now, key=index, to=to)

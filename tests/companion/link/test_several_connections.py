@@ -8,6 +8,7 @@ from companion.link.outbox import MAX_ROUTES
 from companion.link.rehearsal import Rehearsal, Wire
 from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State
+from companion.wire.parameters import build
 from companion.wire.payloads import Summary
 
 GO = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 7, 1, 0, 0, 0, 0, 0)
@@ -79,6 +80,18 @@ def test_lists_asked_for_on_two_connections_do_not_disturb_each_other(stage: Reh
     stage.run(4)
     lists = [[message.param_index for message in wire.sent("PARAM_VALUE")] for wire in (stage, wifi)]
     assert lists[0] == lists[1] == list(range(len(lists[0])))
+
+
+def test_lists_of_texts_asked_for_on_two_connections_are_whole_on_both() -> None:
+    stage = Rehearsal(BOTH, build([f"word {number}" for number in range(12)], {}, {}))
+    stage.run(0.5)
+    request = mavlink.MAVLink_param_ext_request_list_message(1, 191)
+    stage.send(request, (254, 190))
+    stage.run(0.1)
+    stage.more["wifi"].send(request, (255, 190))
+    stage.run(4)
+    for wire in (stage, stage.more["wifi"]):
+        assert [message.param_index for message in wire.sent("PARAM_EXT_VALUE")] == list(range(13))
 
 
 def test_a_value_that_somebody_changed_is_told_to_the_others_too(stage: Rehearsal, wifi: Wire) -> None:

@@ -17,6 +17,8 @@ from companion.wire.ids import COMPONENT_ID
 
 READS_PER_POLL = 512
 """More than a UDP socket keeps by default: after a stall the newest mode is heard before one decides."""
+BYTES_PER_POLL = 256 * 1024
+"""As much; whoever sends faster than it is read must not keep us from deciding."""
 READS_AT_MOST = 4096
 CLASH_FOR = 10.0
 _IDLE = 0.1
@@ -114,8 +116,10 @@ class Channel:
 
     def poll(self, now: float) -> Iterator[Any]:
         """The messages that arrived."""
+        room = BYTES_PER_POLL
         for _ in range(READS_PER_POLL):
-            data = self._connection.read(now)
+            data = self._connection.read(now) if room > 0 else b""
+            room -= len(data)
             if self._opened != self._connection.opened:
                 self._opened = self._connection.opened
                 self.sender.version.forget()

@@ -39,7 +39,7 @@ class Transport(Protocol):
 
 
 class Udp:
-    """udpin: bound, answers the newest few peers. udpout: sends to one address and hears only it."""
+    """udpin: bound, answers the four peers heard last. udpout: sends to one address and hears only it."""
 
     datagrams = True
 
@@ -67,11 +67,10 @@ class Udp:
             datagram, peer = self._socket.recvfrom(65536)
         except (BlockingIOError, ConnectionRefusedError, InterruptedError):
             return b""
-        if peer in self._peers:
-            return datagram
         if self._fixed:
-            return b""
-        self._peers = [*self._peers[-(_MAX_PEERS - 1) :], peer]
+            return datagram if peer in self._peers else b""
+        others = [other for other in self._peers if other != peer]
+        self._peers = [*others[-(_MAX_PEERS - 1) :], peer]
         return datagram
 
     def write(self, frame: bytes) -> bool:

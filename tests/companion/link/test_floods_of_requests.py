@@ -52,6 +52,18 @@ def test_requests_that_fill_the_queue_push_out_only_each_other() -> None:
     assert stage.link.counters.lost > 0
 
 
+def test_one_look_at_a_flood_takes_in_no_more_than_a_part_of_it() -> None:
+    stage = Rehearsal()
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 77, 1))
+    for _ in range(100):
+        stage.far.write(beat * 300)
+    stage.link.poll(0.0)
+    left = 0
+    while stage.near.read():
+        left += 1
+    assert left > 50
+
+
 def test_strangers_under_many_names_get_no_more_than_one_of_them() -> None:
     stage = flooded([(system, 1 + system) for system in range(2, 42)])
     answered = len(stage.sent("COMMAND_ACK"))

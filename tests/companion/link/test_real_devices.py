@@ -146,6 +146,31 @@ def test_udpin_answers_the_newest_four_peers_only() -> None:
             peer.close()
 
 
+def test_udpin_keeps_a_peer_that_goes_on_speaking() -> None:
+    transport = Udp(ConnectionSettings("udpin:127.0.0.1:0").address())
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(5)]
+    router, *others = sockets
+    router.bind(("127.0.0.1", 0))
+    router.settimeout(DEADLINE)
+    try:
+        for other in others:
+            for speaker in (router, other):
+                speaker.sendto(b"hello", ("127.0.0.1", transport.port))
+                until_read(transport)
+        assert transport.write(b"to all")
+        assert router.recv(64) == b"to all"
+    finally:
+        transport.close()
+        for each in sockets:
+            each.close()
+
+
+def until_read(transport: Udp) -> None:
+    end = time.monotonic() + DEADLINE
+    while not transport.read():
+        assert time.monotonic() < end, "too late"
+
+
 def test_a_udp_port_where_nobody_listens_is_harmless() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))

@@ -18,6 +18,7 @@ from companion.wire.ids import VERSION
 from companion.wire.payloads import CallData
 
 _DIGITS = 4
+_OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
 
 
 class State:
@@ -59,6 +60,7 @@ class State:
             "settings": {name: round(value, _DIGITS) for name, value in self._desk.settings.items()},
             "set_by_ground": sorted(status["set_by_ground"]),
             "place": place_figures(place),
+            "link": {name: status["link"][name] for name in _OF_THE_LINK},
         }
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from companion.autopilots import known_autopilot
 from companion.files.tree import Tree
@@ -12,8 +11,9 @@ from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
 from companion.link.answer_parameter import AnswerParameter
 from companion.link.asking import Asking
-from companion.link.channel import Channel, ChannelCounters
+from companion.link.channel import Channel
 from companion.link.command_desk import CommandDesk
+from companion.link.counters import Counters, count
 from companion.link.desk import AnswerDesk
 from companion.link.ftp.server import FtpServer
 from companion.link.guard import Guard
@@ -29,7 +29,6 @@ from companion.link.listener import Listener
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.requests import Requests
-from companion.link.sender import BUDGETS
 from companion.link.setpoints import Setpoints
 from companion.link.settings import LinkSettings
 from companion.link.signing import Signing
@@ -43,25 +42,6 @@ from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
 MODE_LIFETIME = 1.0
-
-
-@dataclass(frozen=True)
-class Counters:
-    """Since the start, of all connections together; `connections`: of each by name.
-
-    sent: bytes by budget ("unsolicited", "asked", "autopilot"). dropped_summaries: kept off the wire by the
-    budget. lost: frames that waited too long or found the queue full. bad: broken frames heard. unsaid: texts
-    kept back because too many waited, or too many wishes were refused. rejected: requests turned away, by
-    reason.
-    """
-
-    sent: Mapping[str, int]
-    dropped_summaries: int
-    lost: int
-    bad: int
-    unsaid: int
-    rejected: Mapping[str, int]
-    connections: Mapping[str, ChannelCounters]
 
 
 class Link:
@@ -136,16 +116,7 @@ class Link:
     @property
     def counters(self) -> Counters:
         """What was sent and what was turned away."""
-        each = {channel.name: channel.counters for channel in self._channels}
-        return Counters(
-            sent={budget: sum(one.sent[budget] for one in each.values()) for budget in BUDGETS},
-            dropped_summaries=sum(one.dropped_summaries for one in each.values()),
-            lost=sum(one.lost for one in each.values()),
-            bad=sum(one.bad for one in each.values()),
-            unsaid=self._speaker.unsaid,
-            rejected=dict(self._guard.rejected.items()),
-            connections=each,
-        )
+        return count(self._channels, self._outbox, self._speaker, self._guard)
 
     def filenos(self) -> list[int]:
         """For select: the devices that are there. Ask each time: a reconnect changes them."""

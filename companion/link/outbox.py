@@ -56,6 +56,11 @@ class Outbox:
             self.moves += 1
         return self.is_home(channel)
 
+    @property
+    def home(self) -> str | None:
+        """Name of the connection on which the autopilot is listened to; None before it was heard."""
+        return None if self._home is None else self._home.name
+
     def is_home(self, channel: Channel) -> bool:
         """Whether the autopilot is listened to on `channel`: on one only, or all would count twice."""
         return self._home is channel

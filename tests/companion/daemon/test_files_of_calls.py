@@ -69,6 +69,16 @@ def test_the_state_tells_what_counts_in_two_thousand_bytes(make_rig: MakeRig) ->
     assert (state["place"]["roll"], state["place"]["heading"]) == (5.73, 90.0)
 
 
+def test_the_state_tells_what_the_link_turned_away(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    rig.see(0.5)
+    rig.stage.send(mavlink.MAVLink_param_set_message(1, 191, b"AT_W_ROCK", 0.5, 9), (7, 1))
+    rig.see(0.5)
+    state = told(rig, "/state.json")
+    assert state["link"]["rejected"] == {"sender": 1}
+    assert (state["link"]["autopilot"], state["link"]["trouble"]) == ("main", None)
+
+
 def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(make_rig: MakeRig) -> None:
     rig = make_rig(pictures=3)
     rig.see(3.0, "drum")

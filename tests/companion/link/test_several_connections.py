@@ -162,6 +162,7 @@ def test_an_autopilot_that_falls_silent_on_one_connection_is_reached_by_the_othe
     for _ in range(5):
         wifi.heartbeat(1)
         stage.run(1)
+    assert stage.link.counters.autopilot == "wifi"
     stage.link.set_mode(4, stage.now)
     stage.run(0.2)
     assert (commands(stage, 176), commands(wifi, 176)) == (0, 1)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass
 
-from companion.link.desk import PENDING_FOR, REMEMBERED, REPEAT_WITHIN
+from companion.link.desk import PENDING_FOR, REPEAT_WITHIN
 from companion.link.guard import Guard
-from companion.link.heard import AnswerRequest, ParameterRequest, Sender
+from companion.link.heard import AnswerRequest, ParameterRequest
 from companion.link.parameter_server import ParameterServer
+from companion.link.remembered import Remembered
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
@@ -16,7 +16,6 @@ from companion.wire.ids import Motion, Result
 from companion.wire.parameters import ANSWER
 
 _TAKEN = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
-_Key = tuple[Sender, int, Motion]
 
 
 @dataclass
@@ -38,7 +37,7 @@ class AnswerParameter:
         self._speaker = speaker
         self._guard = guard
         self._parameters = parameters
-        self._cases: OrderedDict[_Key, _Case] = OrderedDict()
+        self._cases: Remembered[_Case] = Remembered()
 
     def hear(self, request: ParameterRequest, now: float) -> AnswerRequest | None:
         """A value in range: id x 10 + motion. 0 says nothing."""
@@ -56,7 +55,7 @@ class AnswerParameter:
             if case.taken:
                 self._parameters.echo(ANSWER, value, sender, now)
             return None
-        self._remember(key, _Case(now))
+        self._cases.put(key, _Case(now))
         return AnswerRequest(sender, None, target, Motion(code), (), value)
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
@@ -67,14 +66,9 @@ class AnswerParameter:
         self._parameters.echo(ANSWER, value, request.sender, now)
         for target in (request.target, ack.target):
             key = (request.sender, target, request.motion)
-            self._cases.pop(key, None)
+            self._cases.pop(key)
             if taken:
-                self._remember(key, _Case(now, taken=True))
+                self._cases.put(key, _Case(now, taken=True))
 
     def _repeats(self, case: _Case, now: float) -> bool:
         return now - case.at <= (REPEAT_WITHIN if case.taken else PENDING_FOR)
-
-    def _remember(self, key: _Key, case: _Case) -> None:
-        self._cases[key] = case
-        while len(self._cases) > REMEMBERED:
-            self._cases.popitem(last=False)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 
 from companion.link.heard import Sender
+from companion.link.remembered import Remembered
 from companion.wire.answers import AnswerMessage
 from companion.wire.packing import PayloadError
 
 MAX_PARTS = 4
-MAX_OPEN = 8
+OF_A_SENDER, IN_ALL = 8, 32
 PATIENCE = 30.0
 """s without another part; a sender that backs off and a radio that loses half take 8 s or twice that."""
 
@@ -22,10 +22,10 @@ class _Pieces:
 
 
 class Assembly:
-    """Collects at most four parts of an answer, 30 s from one to the next; at most eight answers at once."""
+    """Collects at most four parts of an answer, 30 s from one to the next; of a sender eight at once."""
 
     def __init__(self) -> None:
-        self._open: OrderedDict[tuple[Sender, int], _Pieces] = OrderedDict()
+        self._open: Remembered[_Pieces] = Remembered(OF_A_SENDER, IN_ALL)
 
     def add(self, sender: Sender, part: AnswerMessage, now: float) -> AnswerMessage | None:
         """The whole answer with the operations of all parts in order, once the last one is here.
@@ -36,13 +36,12 @@ class Assembly:
             return part
         if part.parts > MAX_PARTS:
             raise PayloadError(f"{part.parts} parts, at most {MAX_PARTS}")
-        self._open = OrderedDict((k, p) for k, p in self._open.items() if now - p.newest_at < PATIENCE)
         key = (sender, part.transaction)
-        pieces = self._open.setdefault(key, _Pieces(now))
+        pieces = self._open.get(key)
+        if pieces is None or now - pieces.newest_at >= PATIENCE:
+            pieces = _Pieces(now)
         pieces.newest_at = now
-        self._open.move_to_end(key)
-        if len(self._open) > MAX_OPEN:
-            self._open.popitem(last=False)
+        self._open.put(key, pieces)
         if any(_frame(other) != _frame(part) for other in pieces.parts.values()):
             self._open.pop(key)
             raise PayloadError("the parts do not belong together")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ from companion.link.guard import Guard
 from companion.link.heard import AnswerRequest, PolicyRequest, Sender
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
+from companion.link.remembered import Remembered
 from companion.link.speaker import Speaker
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord
@@ -33,7 +33,6 @@ from companion.wire.ids import (
 )
 from companion.wire.packing import PayloadError
 
-REMEMBERED = 64
 PENDING_FOR = 30.0
 REPEAT_WITHIN = 5.0
 MAX_ID = 0xFFFF
@@ -69,7 +68,7 @@ class AnswerDesk:
         self._guard = guard
         self._parameters = parameters
         self._assembly = Assembly()
-        self._cases: OrderedDict[object, _Case] = OrderedDict()
+        self._cases: Remembered[_Case] = Remembered()
 
     def tunnel(self, sender: Sender, payload: bytes, now: float) -> AnswerRequest | None:
         """An answer's payload, or one part of it."""
@@ -86,7 +85,7 @@ class AnswerDesk:
             self._speaker.refuse_sender(sender, now)
             self._reply(sender, _refusal(part, Result.DENIED, "this sender may not answer"), now)
             return None
-        if self._known(("tunnel", sender, part.transaction), sender, now):
+        if self._known((sender, part.transaction), now):
             return None
         try:
             whole = self._assembly.add(sender, part, now)
@@ -96,7 +95,7 @@ class AnswerDesk:
             return None
         if whole is None:
             return None
-        self._open(("tunnel", sender, part.transaction), now)
+        self._cases.put((sender, part.transaction), _Case(now))
         return AnswerRequest(sender, whole.transaction, whole.target, whole.motion, whole.operations)
 
     def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | PolicyRequest | None:
@@ -116,34 +115,33 @@ class AnswerDesk:
             return None
         # The same command once more is a new wish, unless it says that it is a repetition.
         again = getattr(message, "confirmation", 0) > 0
-        if self._known(request, sender, now, repeat_within=REPEAT_WITHIN if again else 0.0):
+        if self._known((sender, request), now, repeat_within=REPEAT_WITHIN if again else 0.0):
             return None
-        self._open(request, now)
+        self._cases.put((sender, request), _Case(now))
         return request
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """Tell the asker, and remember it for repetitions, unless it says "send it again"."""
         if request.transaction is None:
-            key: object = request
+            key: tuple[Any, ...] = (request.sender, request)
             reply: Any = _COMMAND_RESULTS[ack.result]
             self._speaker.answer(ack.text, now, taken=reply == mavlink.MAV_RESULT_ACCEPTED)
             self._command_ack(request.sender, reply, now)
         else:
-            key = ("tunnel", request.sender, request.transaction)
+            key = (request.sender, request.transaction)
             reply = ack
             self._reply(request.sender, ack, now)
         if ack.result == Result.BUSY:
-            self._cases.pop(key, None)
+            self._cases.pop(key)
         else:
-            self._cases[key] = _Case(now, reply)
-            self._trim()
+            self._cases.put(key, _Case(now, reply))
 
     def acknowledge_policy(self, request: PolicyRequest, now: float, *, accepted: bool) -> None:
         """ACCEPTED, or FAILED: a text has said why."""
         result = mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_FAILED
         self._command_ack(request.sender, result, now)
 
-    def _known(self, key: object, sender: Sender, now: float, repeat_within: float = math.inf) -> bool:
+    def _known(self, key: tuple[Any, ...], now: float, repeat_within: float = math.inf) -> bool:
         case = self._cases.get(key)
         if case is None:
             return False
@@ -151,20 +149,12 @@ class AnswerDesk:
             return now - case.at < PENDING_FOR
         if now - case.at > repeat_within or repeat_within == 0.0:
             return False
-        self._cases.move_to_end(key)
+        self._cases.put(key, case)
         if isinstance(case.reply, Acknowledgement):
-            self._reply(sender, case.reply, now)
+            self._reply(key[0], case.reply, now)
         else:
-            self._command_ack(sender, case.reply, now)
+            self._command_ack(key[0], case.reply, now)
         return True
-
-    def _open(self, key: object, now: float) -> None:
-        self._cases[key] = _Case(now)
-        self._trim()
-
-    def _trim(self) -> None:
-        while len(self._cases) > REMEMBERED:
-            self._cases.popitem(last=False)
 
     def _reply(self, sender: Sender, ack: Acknowledgement, now: float) -> None:
         message = encode.tunnel(TUNNEL_ACKNOWLEDGEMENT, ack.pack(), sender)

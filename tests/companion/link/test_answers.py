@@ -124,7 +124,7 @@ def test_a_busy_answer_may_be_sent_again(stage: Rehearsal) -> None:
 def test_many_transactions_are_remembered_but_not_for_ever(stage: Rehearsal) -> None:
     for number in range(1, 200):
         message = tunnel(AnswerMessage(number, 7, Motion.GO).pack())
-        stage.send(message, (245 + number % 10, 1))
+        stage.send(message, (245, 1))
         stage.run(0.1, step=0.05)
         for request in stage.reported(AnswerRequest)[-1:]:
             stage.link.acknowledge(request, replace(ACK, transaction=number), stage.now)
@@ -143,6 +143,24 @@ def test_a_long_answer_comes_in_parts_in_any_order(stage: Rehearsal, order: tupl
     (request,) = heard(stage, *(tunnel(parts[number].pack()) for number in order))
     assert request.operations == tuple(operations)
     assert request.transaction == 5
+
+
+def test_no_flood_of_another_sender_makes_an_answer_count_twice(stage: Rehearsal) -> None:
+    (request,) = heard(stage, tunnel(GO.pack()))
+    stage.link.acknowledge(request, ACK, stage.now)
+    for number in range(100, 200):
+        stage.send(tunnel(AnswerMessage(number, 7, Motion.GO).pack()), (254, 1))
+        stage.run(0.06, step=0.03)
+    assert heard(stage, tunnel(GO.pack())) == []
+    assert acknowledgements(stage)[-1] == ACK
+
+
+def test_no_flood_of_halves_keeps_an_answer_of_two_parts_out(stage: Rehearsal) -> None:
+    first, second = (AnswerMessage(5, 7, Motion.GO, (), part, 2).pack() for part in range(2))
+    stage.send(tunnel(first))
+    for number in range(100, 120):
+        stage.send(tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()), (254, 1))
+    assert len(heard(stage, tunnel(second))) == 1
 
 
 def test_parts_that_come_too_late_are_not_put_together(stage: Rehearsal) -> None:

@@ -27,6 +27,7 @@ PRIVATE_TELEMETRY = frozenset(
         "GLOBAL_POSITION_INT",
         "ATTITUDE",
         "SYSTEM_TIME",
+        "SYS_STATUS",
         "RC_CHANNELS",
         "CURRENT_MODE",
         "COMMAND_ACK",
@@ -142,6 +143,8 @@ class Signing:
         sender = message.get_srcSystem(), message.get_srcComponent()
         self._count[reason] += 1
         if sender[1] == AUTOPILOT_COMPONENT_ID:
+            if reason == wire.UNSIGNED and self._unsigned_autopilot and message.get_msgbuf()[0] == _V2:
+                return  # refused and counted, but no trouble: it is known not to sign
             self._refused = reason, now
         if now - self._logged.get(reason, -LOG_EVERY) >= LOG_EVERY:
             self._logged[reason] = now

@@ -197,11 +197,14 @@ def test_an_unsigned_autopilot_is_said_with_what_to_do(tmp_path: Path) -> None:
 def test_an_exempted_autopilot_may_tell_unsigned_but_ask_nothing(tmp_path: Path) -> None:
     stage = Stage(tmp_path, exempt=True)
     pulses = mavlink.MAVLink_rc_channels_message(0, 18, *([1500] * 18), 255)
+    receiver = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    health = mavlink.MAVLink_sys_status_message(receiver, receiver, 0, *([0] * 10))
     change = mavlink.MAVLink_param_set_message(1, 191, b"AT_POLICY", 3.0, 9)
     stage.autopilot.mav.signing.sign_outgoing = False
     stage.arrive(
         stage.beat(signed=False),
         stage.autopilot.frame(pulses, signed=False),
+        stage.autopilot.frame(health, signed=False),
         stage.autopilot.frame(change, signed=False),
         stage.go(signed=False),
         seconds=2.0,
@@ -210,8 +213,10 @@ def test_an_exempted_autopilot_may_tell_unsigned_but_ask_nothing(tmp_path: Path)
     assert any(isinstance(one, Pulses) for one in stage.heard)
     assert stage.answers == []
     assert stage.rejected == {"unsigned": 2}
-    stage.arrive(stage.beat(signed=False, mavlink1=True))
+    assert stage.link.trouble is None, "it is known not to sign"
+    stage.arrive(stage.beat(signed=False, mavlink1=True), seconds=1.0)
     assert stage.rejected == {"unsigned": 3}
+    assert "is not signed" in str(stage.link.trouble)
     assert all(frame.message.get_signed() is False for frame in stage.frames)
     assert all(frame.message.get_msgbuf()[2] == 1 for frame in stage.frames)
 

@@ -15,6 +15,9 @@ _OURS = 0x41547251
 """application_id: tells our files from other programs' ones."""
 _PAGE = 4096
 _WAIT = 1.0
+_TROUBLE = (sqlite3.Error, UnicodeDecodeError)
+"""The second where SQLite's words about a torn file quote what is in it."""
+_TORN = ("no such column", "Could not decode")
 
 _TABLES = {
     "memory": "only INTEGER PRIMARY KEY CHECK (only = 1), model_id TEXT NOT NULL, clock INTEGER NOT NULL,"
@@ -78,20 +81,20 @@ class Database:
                 with suppress(sqlite3.Error):
                     self._connection.execute("ROLLBACK")
                 raise
-        except sqlite3.Error as error:
+        except _TROUBLE as error:
             raise self._trouble(error) from error
 
     def rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         """What a query finds. Raises JournalError, Damaged."""
         try:
             return self._connection.execute(query, values).fetchall()
-        except sqlite3.Error as error:
+        except _TROUBLE as error:
             raise self._trouble(error) from error
 
     def _open(self, largest: int) -> None:
         try:
             self._set_up(largest)
-        except sqlite3.Error as error:
+        except _TROUBLE as error:
             raise self._trouble(error) from error
 
     def _set_up(self, largest: int) -> None:
@@ -143,8 +146,10 @@ class Database:
                     connection.execute(statement)
             connection.execute(f"PRAGMA user_version = {VERSION}")
 
-    def _trouble(self, error: sqlite3.Error) -> JournalError:
-        if type(error) is sqlite3.DatabaseError:  # its subclasses say what else went wrong
+    def _trouble(self, error: sqlite3.Error | UnicodeDecodeError) -> JournalError:
+        # What else went wrong is said by subclasses of DatabaseError.
+        torn = type(error) in (sqlite3.DatabaseError, UnicodeDecodeError)
+        if torn or str(error).startswith(_TORN):
             return Damaged(f"{error}: start again, which sets it aside")
         if "locked" in str(error):
             return JournalError(f"{self.path} is in use: another companion runs here; stop it first")

@@ -170,6 +170,25 @@ def _bad_state(folder: Path) -> None:
     _edit(folder, "UPDATE supervision SET state = '[1'")
 
 
+def _state_of_no_text(folder: Path) -> None:
+    _edit(folder, "UPDATE supervision SET state = CAST(x'7bf5f57d' AS TEXT)")
+
+
+def _column_of_no_text(folder: Path) -> None:
+    _replace(folder, b"stamp INTEGER PRIMARY KEY", b"stamp INTEGER PRIMARY \xf5EY")
+
+
+def _column_of_another_name(folder: Path) -> None:
+    _replace(folder, b"state TEXT NOT NULL", b"stbte TEXT NOT NULL")
+
+
+def _replace(folder: Path, old: bytes, new: bytes) -> None:
+    path = folder / "journal.db"
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new))
+
+
 def _listed_state(folder: Path) -> None:
     _edit(folder, "UPDATE supervision SET state = '[1]'")
 
@@ -187,6 +206,9 @@ def _listed_state(folder: Path) -> None:
         _nan_vector,
         _bad_state,
         _listed_state,
+        _state_of_no_text,
+        _column_of_no_text,
+        _column_of_another_name,
     ],
 )
 def test_a_damaged_journal_is_set_aside_and_a_fresh_one_begun(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import select
 import time
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,12 +35,25 @@ _UNGUARDED = (
 class Asked:
     """findings: of autopilot and link. speed: which parameter says how fast it drives, and its m/s.
 
-    overrun: m that it drives on in the mode that holds it.
+    overrun: m that it drives on in the mode that holds it. heard: whether there is an autopilot.
     """
 
     findings: list[Finding] = field(default_factory=list)
     speed: tuple[str, float] | None = None
     overrun: float = 0.0
+    heard: bool = True
+
+
+def ask_first(config: Config, urls: Sequence[str]) -> Asked:
+    """The first of `urls` by which an autopilot is heard, as the companion does: others need not have one."""
+    silent: list[Finding] = []
+    for url in urls:
+        asked = ask(config, url)
+        if asked.heard:
+            told = [warned(one.check, f"not here: {one.text}") for one in silent]
+            return replace(asked, findings=[*told, *asked.findings])
+        silent += asked.findings
+    return Asked(silent, heard=False)
 
 
 def ask(config: Config, url: str) -> Asked:
@@ -49,7 +63,7 @@ def ask(config: Config, url: str) -> Asked:
         check_installed(address)
         signing = _signing(config.link.signing_key)
     except LinkError as error:
-        return Asked([failed(CHECK, str(error))])
+        return Asked([failed(CHECK, str(error))], heard=False)
     began = time.monotonic()
     connection = Connection(partial(open_transport, address), began)
     interview = Interview(connection, parameters.names, config.link.system_id, began, signing)
@@ -77,7 +91,7 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     """What the interview showed."""
     autopilot, values = interview.autopilot, interview.values
     if autopilot is None:
-        return Asked([failed(CHECK, _silence(url, interview))])
+        return Asked([failed(CHECK, _silence(url, interview))], heard=False)
     name = NAMES.get(autopilot.kind, f"autopilot of kind {autopilot.kind}")
     who = f"{name}, system {autopilot.system_id}"
     known = known_autopilot(autopilot.kind, autopilot.vehicle, config.call.px4_hold)

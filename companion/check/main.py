@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from companion.check.autopilot import CHECK, Asked, ask
+from companion.check.autopilot import CHECK, Asked, ask_first
 from companion.check.camera import check_camera
 from companion.check.finding import Finding, Verdict, failed, passed, warned
 from companion.check.here import Perceives, check_disk, check_journal, check_perceiver, state_folder, status
@@ -46,7 +46,8 @@ def _findings(file: str, link: str | None) -> Iterator[Finding]:
     if running is not None and link is None:
         yield _of_the_running(running)
     else:
-        asked = ask(config, link or config.link.url)
+        connections = config.link.settings().connections().values()
+        asked = ask_first(config, [link] if link else [one.url for one in connections])
         yield from asked.findings
     yield check_stopping(config, perceives, asked)
 

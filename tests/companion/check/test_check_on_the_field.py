@@ -72,14 +72,17 @@ def test_the_demo_s_rover_stops_before_what_it_sees_and_its_autopilot_is_asked(
     assert not (tmp_path / "state").exists(), "a check leaves nothing behind"
 
 
-def test_a_faster_cruise_in_the_autopilot_than_in_the_file_counts(
-    field: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_an_autopilot_is_asked_where_it_is_heard_and_its_faster_cruise_counts(
+    field: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = write_config(
-        tmp_path, camera="folder:none", link=field["companion"], policy="hold", speed=SPEED - 1.0
-    )
-    assert check(str(config), as_json=True) == check(str(config), as_json=True)
-    assert "CRUISE_SPEED says 2.5 m/s" in rows(capsys)["stopping"][1]
+    monkeypatch.setattr("companion.check.interview.HEARD_WITHIN", 1.2)
+    nobody = "udpout:127.0.0.1:9"
+    config = write_config(tmp_path, camera="folder:none", link=nobody, policy="hold", speed=SPEED - 1.0)
+    config.write_text(f'{config.read_text()}\n[link.more.wire]\nurl = "{field["companion"]}"\n')
+    check(str(config), as_json=True)
+    said = [row for row in capsys.readouterr().out.splitlines() if row]
+    assert any(row.startswith("warn  autopilot") and f"not here: {nobody}" in row for row in said)
+    assert any("CRUISE_SPEED says 2.5 m/s" in row for row in said if "stopping" in row)
 
 
 def test_a_wrong_configuration_is_a_row_that_fails(

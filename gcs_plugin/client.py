@@ -29,6 +29,7 @@ from companion.wire.ids import (
 )
 from companion.wire.packing import PayloadError
 from companion.wire.payloads import CallData, Summary
+from companion.wire.signing import is_signed
 from gcs_plugin import events as ev
 from gcs_plugin.fetch import Fetch
 from gcs_plugin.pending import Pending, Status
@@ -100,7 +101,9 @@ class OperatorClient:
             elif kind == "STATUSTEXT":
                 self._events.extend(rover.hear_vehicle_text(message.severity, message.text, now))
             return
-        rover.counters.bytes += len(message.get_msgbuf() or b"")
+        frame = bytes(message.get_msgbuf() or b"")
+        rover.counters.bytes += len(frame)
+        rover.signs = is_signed(frame)
         try:
             told = self._understand(rover, kind, message, now)
         except ValueError as error:

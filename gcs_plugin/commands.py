@@ -173,7 +173,7 @@ def _policy(name: str | None) -> Policy:
     try:
         return Policy[(name or "").upper()]
     except KeyError:
-        raise CommandError("which policy? Write it as `policy report`, `shadow`, `hold` or `off`") from None
+        raise CommandError("which policy? Write it as `policy hold`; or report, shadow, off") from None
 
 
 def _trailing_motion(rest: str) -> tuple[Motion, str]:
@@ -203,6 +203,8 @@ def _change(segment: str) -> Change:
         return Episode()
     if found := _FORGET_CALL.match(segment):
         return ForgetAnswer(_in_range("call", int(found[1]), 1, 0xFFFF))
+    if segment.lower() == "forget call":
+        raise CommandError("which call? Write it as `forget call 7`")
     name, colon, number = segment.rpartition(":")
     if found := _TAP.match(segment):
         return _tap(found[1])

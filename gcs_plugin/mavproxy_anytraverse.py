@@ -26,6 +26,7 @@ NAMES = ("anytraverse", "at")
 CYCLE_S = 0.05
 """Between two looks at the client: MAVProxy comes by several hundred times a second."""
 MAX_PROBLEMS = 16
+UNSIGNED = "rover {} believes only what is signed; type this first: signing key PASSPHRASE"
 HELP = """\
   at go | stay | look          answer the current call; `at 7 go` or `at answer 7 go` answers call 7
   at set bush -1               a word and its weight: 1 drive over it, -1 never; also `at bush: -1, grass: 1`
@@ -48,7 +49,7 @@ _COMPLETIONS = [
 def typed_line(arguments: Sequence[str]) -> str:
     """The operator's line in what follows `at`. A comma after a number is a `;`, at which MAVProxy splits."""
     first, *rest = _BETWEEN_CHANGES.sub(";", " ".join(arguments)).split()
-    if first == "answer":
+    if first == "answer" and rest:
         return " ".join(rest)
     if first == "set" and len(rest) > 1:
         return f"{' '.join(rest[:-1]).removesuffix(':')}: {rest[-1]}"
@@ -82,6 +83,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         self._session = Session(self._client, self._output, keep=Pictures(Path()).keep)
         self._next_at = float("-inf")
         self._problems: set[str] = set()
+        self._unsigned: set[int] = set()
         for name in NAMES:
             self.add_command(name, self.command, "answer what rovers ask (AnyTraverse)", _COMPLETIONS)
         self.add_completion_function("(AT_CALL)", self._call_ids)
@@ -110,7 +112,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         if not arguments or list(arguments) == ["help"]:
             self._output.say(HELP)
         elif list(arguments) == ["quit"]:
-            self._output.problem(f"type `module unload {self.name}`")
+            self._output.problem(f"this ends it: module unload {self.name}")
         else:
             with self._telling_problems():
                 self._session.type(typed_line(arguments), time.monotonic())
@@ -130,9 +132,18 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
 
         def send(mav: Any) -> None:
             self._client.ids = mav.srcSystem, mav.srcComponent
+            self._warn_of_unsigned(message.target_system, mav)
             mav.send(message)
 
         self.mpstate.foreach_mav(message.target_system, COMPONENT_ID, send)
+
+    def _warn_of_unsigned(self, system: int, mav: Any) -> None:
+        rover = self._client.rovers.get(system)
+        if rover is None or not rover.signs or system in self._unsigned:
+            return
+        if not getattr(getattr(mav, "signing", None), "secret_key", None):
+            self._unsigned.add(system)
+            self._output.problem(UNSIGNED.format(system))
 
     @contextmanager
     def _telling_problems(self) -> Iterator[None]:

@@ -17,6 +17,7 @@ from gcs_plugin.wishes import Wished
 
 REPEATED_S = 60.0
 _FIGURE = re.compile(r"\d+%")
+_TYPED = re.compile(r"`(?=\w)")
 _ALARM, _GOOD, _FAINT, _PLAIN = "1;31", "32", "2", ""
 _ON_THE_WAY = {
     Status.WAITING: "waits: the companion is not heard",
@@ -151,7 +152,7 @@ class TextOutput:
             self._write(line)
 
     def problem(self, text: str) -> None:
-        self._write(f"? {text}")
+        self._write(f"? {_TYPED.sub('`' + self._before, text)}")
 
     def typed(self, line: str) -> None:
         self._write(f"> {line}", _FAINT, stamped=True)

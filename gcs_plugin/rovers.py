@@ -79,6 +79,8 @@ class Rover:
         self.state: State | None = None
         self.current_id = 0
         self.policy: Policy | None = None
+        self.signs = False
+        """Its companion signs, and so believes nothing that is not signed."""
         self.vehicle: Vehicle | None = None
         self.summary: Summary | None = None
         self.calls: dict[int, Call] = {}

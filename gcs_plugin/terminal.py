@@ -25,6 +25,7 @@ from gcs_plugin.signing import Signing
 CYCLE_S = 0.05
 SILENT_S = 10.0
 NOBODY = "no rover is heard yet: is the link right, and does the companion run?"
+UNSIGNED = "rover {} believes only what is signed: start again with --signing-key FILE"
 MAX_SCRIPT_BYTES = 1 << 20
 
 
@@ -95,6 +96,7 @@ class _Doubts:
         self._client = client
         self._output = output
         self._told = ""
+        self._unsigned: set[int] = set()
         self._quiet_until: float | None = time.monotonic() + SILENT_S
 
     def step(self, now: float) -> None:
@@ -106,6 +108,11 @@ class _Doubts:
         self._told = trouble
         for problem in self._signing.problems() if self._signing is not None else ():
             self._output.problem(problem)
+        if self._signing is None:
+            signing = {system for system, rover in self._client.rovers.items() if rover.signs}
+            for system in signing - self._unsigned:
+                self._output.problem(UNSIGNED.format(system))
+            self._unsigned |= signing
         if self._quiet_until is not None and now >= self._quiet_until:
             self._quiet_until = None
             if not self._client.rovers:

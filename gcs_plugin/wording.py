@@ -165,7 +165,7 @@ def acknowledged(ack: Acknowledgement) -> str:
         figures.append(f"now {percent(ack.roi_uncertainty)} unexplained")
     if ack.worst_tile is not None:
         figures.append(f"worst tile {percent(ack.worst_tile)}")
-    told = f' "{clean(ack.text)}"' if clean(ack.text) else ""
+    told = f": {clean(ack.text)}" if clean(ack.text) else ""
     return f"{subject}: {_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
 
 

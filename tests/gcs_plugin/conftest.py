@@ -67,6 +67,11 @@ class Speaker:
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return packed
 
+    def sign(self) -> None:
+        """From now on, and hear nothing that is not signed."""
+        self._mavlink.signing.secret_key = bytes(range(32))
+        self._mavlink.signing.sign_outgoing = True
+
     def tunnel(self, kind: int, payload: bytes, length: int | None = None) -> bytes:
         size = len(payload) if length is None else length
         return self.frame(mavlink.MAVLink_tunnel_message(0, 0, kind, size, payload.ljust(128, b"\0")))

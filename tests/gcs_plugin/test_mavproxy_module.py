@@ -216,6 +216,15 @@ def test_what_the_autopilot_says_is_printed_only_where_mavproxy_hides_it(proxy: 
     assert printed[0].endswith('autopilot says "HOLD: companion silent, 1"')
 
 
+def test_an_answer_that_a_signing_rover_would_not_believe_says_what_to_type(proxy: Make) -> None:
+    at = proxy(None)
+    at.rovers[0].companion.sign()
+    at.run(1.0)
+    at.type("at bush: -1")
+    at.run(3.0)
+    assert sum("signing key PASSPHRASE" in line for line in at.lines) == 1
+
+
 def test_every_line_of_its_own_help_and_of_the_page_is_understood(plugin: ModuleType) -> None:
     page = (Path(__file__).parents[2] / "docs" / "operator.md").read_text()
     table = page.split("## In MAVProxy")[1].split("\n## ")[0]
@@ -231,7 +240,9 @@ def test_help_and_mistakes_are_told(proxy: Make) -> None:
     assert at.lines[-1].strip().startswith("at status")
     for line, said in [
         ("at quit", "module unload gcs_plugin.mavproxy_anytraverse"),
-        ("at x", "is no command"),
+        ("at x", "is no command (type `at help`)"),
+        ("at answer", "is no command"),
+        ("at forget call", "`at forget call 7`"),
     ]:
         at.type(line)
         assert said in at.lines[-1]

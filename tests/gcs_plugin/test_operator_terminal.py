@@ -167,6 +167,15 @@ def test_a_typed_tap_reaches_the_rover_and_the_end_has_the_figures(
     assert air.rover.applied == [(7, ids.Motion.GO, (TapBox(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0),))]
 
 
+def test_an_operator_without_a_key_is_told_that_the_rover_will_not_believe_it(
+    start: Callable[..., Operator], fly: Callable[..., Air]
+) -> None:
+    air = fly()
+    air.rover.companion.sign()
+    operator = start("--connect", air.link)
+    assert "rover 1" in operator.until(lambda line: "--signing-key" in line)
+
+
 def test_a_script_answers_without_anyone_typing(
     start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData, tmp_path: Path
 ) -> None:

@@ -20,17 +20,19 @@ _TAKEN = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
 
 @dataclass
 class _Case:
-    """A wish that was handed on, or taken, at `at`."""
+    """A wish that was handed on at `at`, or decided then; taken: None while it is not."""
 
     at: float
-    taken: bool = False
+    taken: bool | None = None
 
 
 class AnswerParameter:
     """The echo carries what was taken, 0 what was not; later reads give 0.
 
     A parameter cannot say that it is a repetition, so the same go or look again within 5 s is one, whether it
-    names the id or not. "Stay" is handed on each time: it may have come after a go.
+    names the id or not. "Stay" is handed on each time: it may have come after a go. What named no id and was
+    stale is a repetition too: ground stations set a refused parameter again by themselves, and would answer a
+    call that nobody has read.
     """
 
     def __init__(self, speaker: Speaker, guard: Guard, parameters: ParameterServer) -> None:
@@ -52,8 +54,8 @@ class AnswerParameter:
         key = (sender, target, Motion(code))
         case = self._cases.get(key)
         if case is not None and code != Motion.STAY and self._repeats(case, now):
-            if case.taken:
-                self._parameters.echo(ANSWER, value, sender, now)
+            if case.taken is not None:
+                self._parameters.echo(ANSWER, value if case.taken else 0.0, sender, now)
             return None
         self._cases.put(key, _Case(now))
         return AnswerRequest(sender, None, target, Motion(code), (), value)
@@ -67,8 +69,8 @@ class AnswerParameter:
         for target in (request.target, ack.target):
             key = (request.sender, target, request.motion)
             self._cases.pop(key)
-            if taken:
-                self._cases.put(key, _Case(now, taken=True))
+            if taken or (ack.result is Result.STALE and request.target == 0):
+                self._cases.put(key, _Case(now, taken))
 
     def _repeats(self, case: _Case, now: float) -> bool:
-        return now - case.at <= (REPEAT_WITHIN if case.taken else PENDING_FOR)
+        return now - case.at <= (PENDING_FOR if case.taken is None else REPEAT_WITHIN)

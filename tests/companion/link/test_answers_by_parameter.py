@@ -106,6 +106,18 @@ def test_what_was_refused_may_be_asked_again_at_once(stage: Rehearsal) -> None:
     assert len(heard(stage, 71)) == 1
 
 
+def test_an_early_answer_without_an_id_does_not_go_to_the_call_by_being_set_again(stage: Rehearsal) -> None:
+    (request,) = heard(stage, 1)
+    reply(stage, request, 0, Result.STALE)
+    for _ in range(3):
+        stage.run(1.0)
+        assert heard(stage, 1) == []
+    assert echoes(stage) == [0.0] * 4
+    assert len(heard(stage, 71)) == 1, "who names the call has read it"
+    stage.run(3.0)
+    assert len(heard(stage, 1)) == 1
+
+
 def test_a_sender_that_may_not_gets_nothing_and_is_counted(stage: Rehearsal) -> None:
     assert heard(stage, 71, sender=(42, 1)) == []
     assert echoes(stage) == [0.0]

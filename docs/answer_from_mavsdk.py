@@ -51,6 +51,11 @@ for line in sys.stdin:
         result = json.loads(direct.send_command(command).fields_json)["result"]
         print(f"{word}: {RESULTS.get(result, result)}", flush=True)
     elif word.startswith("AT_"):
-        if value:
-            parameters.set_param_float(word, float(value))
-        print(f"{word} = {parameters.get_param_float(word)}", flush=True)
+        try:
+            if value:
+                parameters.set_param_float(word, float(value))
+            print(f"{word} = {parameters.get_param_float(word)}", flush=True)
+        except (ParamError, ValueError) as error:  # no such parameter, or no number
+            print(f"{word}: not done, {error}", flush=True)
+    else:
+        print("type go, stay, look, or a parameter and its value", flush=True)

@@ -18,6 +18,7 @@ from pymavlink import mavutil
 COMPANION, COMMAND, SESSION, NAK = 191, 31010, 7, 129
 SUMMARY, CALL, ANSWER, ACK = 45001, 45002, 45003, 45004
 STATES = ("starting", "ok", "calling", "holding", "blocked", "fault", "off")
+USAGE = "type go, stay, look, go gravel 1, word gravel 1, command go, set AT_W_GRASS 0.5, or get /state.json"
 MOTIONS = {"word": 0, "go": 1, "stay": 2, "look": 3}
 RESULTS = ("applied", "applied, not remembered", "not covered", "stale", "refused", "denied", "busy")
 
@@ -140,7 +141,9 @@ class Client:
             if first == "get":
                 return self.get(rest[0])
             return self.answer(MOTIONS[first], {" ".join(rest[:-1]): float(rest[-1])} if rest else {})
-        except (IndexError, KeyError, ValueError) as error:
+        except (IndexError, KeyError):
+            return USAGE
+        except ValueError as error:
             return f"not done: {error}"
 
 

@@ -32,7 +32,7 @@ class UnknownWordError(PreferencesError):
         self.word = word
         self.known = known
         super().__init__(
-            f'"{word}" is not a word of this perceiver. It knows: {", ".join(known)}. '
+            f'"{word}" is not a word it knows: {", ".join(known)}. '
             "Use one of these, or tap the thing in the picture to teach it."
         )
 

@@ -15,6 +15,7 @@ from companion.wire.packing import (
     box_to_u16,
     fraction_to_u16,
     i16_to_signed,
+    shortened,
     signed_to_i16,
     text_to_bytes,
     u16_to_box,
@@ -197,7 +198,7 @@ class Acknowledgement:
             fraction_to_u16(self.worst_tile),
             self.reasons,
             self.words,
-        ) + text_to_bytes(self.text, 90)
+        ) + text_to_bytes(shortened(self.text, 90), 90)
 
     @classmethod
     def unpack(cls, payload: bytes) -> Acknowledgement:

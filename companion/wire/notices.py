@@ -121,7 +121,7 @@ def hold_fits() -> str:
 
 def stopping_unchecked() -> str:
     """Policy hold without the figures that say whether the vehicle stops in time."""
-    return "Stopping distance not checked: see the log"
+    return "Stopping not checked: set [mount] and [stopping]"
 
 
 def int8_idle() -> str:
@@ -131,7 +131,7 @@ def int8_idle() -> str:
 
 def known_place(call: int) -> str:
     """A remembered scene gave its words. call: the answered one, 0 for the first scene."""
-    return fit(f"Known place again: words of C{call}" if call else "Known place again: first words")
+    return fit(f"Known place again: words of C{call}" if call else "Known place again: words as at first")
 
 
 def mishap() -> str:
@@ -166,7 +166,7 @@ def out_of_use(word: str) -> str:
 
 def weak_word(word: str) -> str:
     """A word came into use that the perceiver finds badly."""
-    return fit(f"Weak word, tap it rather: {word}")
+    return fit(f"Weak word, better to tap: {word}")
 
 
 def sender_refused(system: int) -> str:

@@ -74,6 +74,14 @@ def text_to_bytes(text: str, limit: int) -> bytes:
     return bytes([len(encoded)]) + encoded
 
 
+def shortened(text: str, limit: int) -> str:
+    """`text` in at most `limit` bytes of UTF-8: what is longer ends behind a whole word, with "..."."""
+    if len(text.encode()) <= limit:
+        return text
+    kept = text.encode()[: limit - 3].decode(errors="ignore")
+    return (kept[: kept.rfind(" ")] if " " in kept else kept).rstrip(" ,") + "..."
+
+
 class Reader:
     """Takes fields off a payload from the front; raises PayloadError when it is too short."""
 

@@ -146,7 +146,9 @@ def send_target_again() -> str:
 
 
 def stale(number: int) -> str:
-    """An answer to an id that is not open."""
+    """An answer to an id that is not open; 0: to the current one, and there is none."""
+    if not number:
+        return "No call or hold is open: nothing changed"
     return fit(f"No open call or hold {number}: nothing changed")
 
 

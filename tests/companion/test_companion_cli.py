@@ -90,4 +90,4 @@ def test_check_refuses_a_word_that_the_perceiver_does_not_know(
     path = tmp_path / "companion.toml"
     path.write_text('[vehicle]\nfile = ""\n[words]\nunicorn = 1\n', encoding="utf-8")
     assert main(["config", "check", str(path)]) == 2
-    assert '"unicorn" is not a word of this perceiver' in capsys.readouterr().err
+    assert '"unicorn" is not a word it knows' in capsys.readouterr().err

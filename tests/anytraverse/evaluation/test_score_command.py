@@ -153,7 +153,7 @@ def test_a_folder_without_anything_to_score_says_so(make_drive: MakeDrive, capsy
 @pytest.mark.parametrize(
     ("words", "drivable", "more", "why"),
     [
-        ("moss: 1", "grass", (), '"moss" is not a word of this perceiver'),
+        ("moss: 1", "grass", (), '"moss" is not a word it knows'),
         ("", "grass", (), "no word is asked"),
         ("dirt: 1; soil: -1", "grass", (), "contradicts"),
         (WORDS, "lawn", (), '"lawn" is not a class'),

@@ -230,7 +230,7 @@ def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
 ) -> None:
     monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
     run_until_status(config, lambda status: status["link"]["sent"]["unsolicited"] > 300)
-    assert heard(radio).count(b"Stopping distance not checked") == 1
+    assert heard(radio).count(b"Stopping not checked") == 1
     assert "was not checked: set [mount] height and tilt" in caplog.text
 
 

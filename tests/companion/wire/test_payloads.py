@@ -29,7 +29,7 @@ from companion.wire.ids import (
     read_heartbeat_mode,
     words_hash,
 )
-from companion.wire.packing import Fractions, PayloadError
+from companion.wire.packing import Fractions, PayloadError, shortened
 from companion.wire.payloads import CallData, Summary
 
 U16 = st.integers(0, 0xFFFF)
@@ -216,3 +216,16 @@ def test_the_heartbeat_carries_state_id_and_policy_and_leaves_bits_for_later(
 def test_the_hash_of_the_words_knows_no_order_but_every_weight() -> None:
     assert words_hash({"a": 1.0, "b": -1.0}) == words_hash({"b": -1.0, "a": 1.0})
     assert words_hash({"a": 1.0}) != words_hash({"a": 0.9})
+
+
+def test_a_long_text_of_an_acknowledgement_ends_behind_a_whole_word() -> None:
+    text = '"moss" is not a word it knows: ' + ", ".join(["grass", "long grass", "water"] * 9)
+    ack = Acknowledgement(5, 7, Result.REFUSED, Stage.OPEN, Outcome.NONE, None, None, Reasons.NONE, 1, text)
+    told = Acknowledgement.unpack(ack.pack()).text
+    assert told.endswith(("grass...", "water..."))
+    assert len(told) <= 90
+
+
+@pytest.mark.parametrize("text", ["x" * 200, "ü" * 60 + " ü", " " * 99])
+def test_a_text_without_a_place_to_cut_still_fits(text: str) -> None:
+    assert len(shortened(text, 90).encode()) <= 90

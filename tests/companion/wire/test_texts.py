@@ -94,3 +94,7 @@ def test_an_unknown_figure_shows_as_unknown(figure: float | None) -> None:
 
 def test_a_long_word_is_cut_between_characters() -> None:
     assert notices.word_dropped("草" * 20) == "Too many words, out of use: " + "草" * 7
+
+
+def test_an_answer_to_the_current_one_while_nothing_is_open_names_no_id() -> None:
+    assert texts.stale(0) == "No call or hold is open: nothing changed"

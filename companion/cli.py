@@ -134,13 +134,19 @@ def _init(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError
     from companion.config import ConfigError, format_config, load_config
+    from companion.wire.signing_key import SigningKeyError, read_key
 
     try:
         config = load_config(options.file)
+        key = config.link.signing_key
+        if key is not None and (
+            os.access(key, os.R_OK) or not os.path.exists(key)
+        ):  # else: only the service's
+            read_key(Path(key))
         runs = _try_perceiver(config)
     except ConfigError as error:
         raise UserError(_told(error)) from error
-    except AnyTraverseError as error:
+    except (AnyTraverseError, SigningKeyError) as error:
         raise UserError(f"{options.file}: {error}") from error
     print(f"# perceiver: {runs}\n{format_config(config)}", end="")
     return 0

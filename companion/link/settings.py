@@ -101,7 +101,8 @@ class LinkSettings(ConnectionSettings):
         for name, connection in self.connections().items():
             other = taken.setdefault(_device(connection.address()), name)
             if other != name:
-                raise LinkError(f"more.{name}.url is that of {other} too: give each a url of its own")
+                section = "[link]" if other == MAIN else f"[link.more.{other}]"
+                raise LinkError(f"more.{name}.url is that of {section} too: give each a url of its own")
 
     def connections(self) -> dict[str, ConnectionSettings]:
         """All of them by name, the first one first."""

@@ -91,3 +91,18 @@ def test_check_refuses_a_word_that_the_perceiver_does_not_know(
     path.write_text('[vehicle]\nfile = ""\n[words]\nunicorn = 1\n', encoding="utf-8")
     assert main(["config", "check", str(path)]) == 2
     assert '"unicorn" is not a word it knows' in capsys.readouterr().err
+
+
+def test_check_refuses_a_signing_key_that_others_may_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, key = tmp_path / "companion.toml", tmp_path / "signing.key"
+    path.write_text('[vehicle]\nfile = ""\n[words]\ngrass = 1\n[link]\nsigning_key = "signing.key"\n')
+    assert main(["config", "check", str(path)]) == 2
+    assert f"there is no signing key {key}" in capsys.readouterr().err
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o644)
+    assert main(["config", "check", str(path)]) == 2
+    assert f"chmod 600 {key}" in capsys.readouterr().err
+    key.chmod(0o600)
+    assert main(["config", "check", str(path)]) == 0

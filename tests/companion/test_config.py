@@ -349,7 +349,7 @@ def test_the_state_machine_gets_its_numbers(tmp_path: Path) -> None:
         ("[link.more.wifi]\nurl = 'udpin:0.0.0.0:1'\npace = 'x'\n", ":3: link.more.wifi.pace = 'x': give a"),
         (
             "[link]\nurl = 'udpin:0.0.0.0:1'\n[link.more.wifi]\nurl = 'udpin:0.0.0.0:1'\n",
-            ":4: link.more.wifi.url = 'udpin:0.0.0.0:1': more.wifi.url is that of main too",
+            ":4: link.more.wifi.url = 'udpin:0.0.0.0:1': more.wifi.url is that of [link] too",
         ),
         ("[link.more.Wifi]\nurl = 'udpin:0.0.0.0:1'\n", ":1: link.more.Wifi: more.Wifi: choose a name like"),
         ("[link.more.main]\nurl = 'udpin:0.0.0.0:1'\n", ":1: link.more.main: more.main: choose a name like"),

@@ -286,7 +286,7 @@ def test_a_flood_of_strangers_does_not_hide_the_autopilot(stage: Rehearsal, wifi
 @pytest.mark.parametrize(
     ("more", "reason"),
     [
-        ({"wifi": ConnectionSettings("udpout:127.0.0.1:14550")}, "that of main too"),
+        ({"wifi": ConnectionSettings("udpout:127.0.0.1:14550")}, r"that of \[link\] too"),
         (
             {f"w{number}": ConnectionSettings(f"udpin:0.0.0.0:{number}") for number in (1, 2, 3, 4)},
             "3 at most",
@@ -295,7 +295,7 @@ def test_a_flood_of_strangers_does_not_hide_the_autopilot(stage: Rehearsal, wifi
         ({"Wi Fi": WIFI}, "choose a name"),
         (
             {"a": ConnectionSettings("serial:/dev/x:9600"), "b": ConnectionSettings("serial:/dev/x:57600")},
-            "that of a too",
+            r"that of \[link.more.a\] too",
         ),
     ],
 )

@@ -22,8 +22,6 @@ CLASSES = (
 UNKNOWN = CLASSES.index("unknown")
 DRIVABLE = (0, 1, 2)
 UNLABELLED = 255
-NOT_GROUND = 254
-"""A label that says only that one cannot drive there."""
 
 _LABELS: dict[str, tuple[str, ...]] = {
     "smooth trail": (
@@ -41,9 +39,9 @@ _LABELS: dict[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 
-_NOT_GROUND = ("obstacle", "obstacles")
-"""Of no class: in the frames that this was made with they are poles and fences, banks and whole hedges, some
-of it noise. A label of your own that means things in the way is best called "thing"."""
+IGNORED = ("obstacle", "void", "ignore", "unlabelled", "unlabeled", "other", "background")
+"""Labels that teach nothing. "obstacle" is among them because in the frames that this was made with it is
+noise: a label of your own that means things in the way is best called "thing"."""
 
 
 def class_of(label: str) -> int | None:
@@ -56,12 +54,9 @@ def class_of(label: str) -> int | None:
 
 
 def translation(labels: Sequence[str]) -> NDArray[np.uint8]:
-    """Label id -> class or `NOT_GROUND`, (256,); `UNLABELLED` where a label teaches nothing."""
+    """Label id -> class, (256,); `UNLABELLED` where a label teaches nothing."""
     table = np.full(256, UNLABELLED, dtype=np.uint8)
     for index, label in enumerate(labels):
         found = class_of(label)
-        if found is not None:
-            table[index] = found
-        elif label.strip().lower() in _NOT_GROUND:
-            table[index] = NOT_GROUND
+        table[index] = UNLABELLED if found is None else found
     return table

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from anytraverse.training.augment import changed
-from anytraverse.training.classes import CLASSES, DRIVABLE, NOT_GROUND, UNKNOWN, UNLABELLED
+from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN, UNLABELLED
 from anytraverse.training.folders import Folder, Labelled
 from anytraverse.training.net import GroundNet
 
@@ -97,8 +97,7 @@ def batch(real: Folder, made: Folder, options: Options, rng: np.random.Generator
 
 def loss_of(logits: Tensor, labels: Tensor, weights: Tensor, drivable: float) -> Tensor:
     """Weighted cross-entropy of the classes, plus that of drivable against the rest."""
-    named = torch.where(labels == NOT_GROUND, UNLABELLED, labels)
-    classes = nn.functional.cross_entropy(logits, named, weights, ignore_index=UNLABELLED)
+    classes = nn.functional.cross_entropy(logits, labels, weights, ignore_index=UNLABELLED)
     logs = torch.log_softmax(logits, dim=1)
     ground = torch.tensor([index in DRIVABLE for index in range(logits.shape[1])])
     share = torch.stack([logs[:, ~ground].logsumexp(dim=1), logs[:, ground].logsumexp(dim=1)], dim=1)

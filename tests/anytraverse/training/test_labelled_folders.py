@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from anytraverse.errors import TrainingError
 from anytraverse.evaluation.labels import DatasetError
-from anytraverse.training.classes import CLASSES, NOT_GROUND, UNKNOWN, UNLABELLED, class_of, translation
+from anytraverse.training.classes import CLASSES, UNKNOWN, UNLABELLED, class_of, translation
 from anytraverse.training.folders import BLOCK, GAP, Folder, Labelled, Split, read_folder, suggested
 
 
@@ -31,7 +31,6 @@ def test_labels_become_classes_and_noise_teaches_nothing(tiny_folder: Path) -> N
     assert class_of("High_Vegetation") == CLASSES.index("high vegetation")
     assert class_of("barrel") == UNKNOWN
     assert translation(["grass", "nonsense"]).tolist()[:3] == [2, UNLABELLED, UNLABELLED]
-    assert translation(["Obstacle"]).tolist()[:2] == [NOT_GROUND, UNLABELLED]
 
 
 @given(st.sets(st.integers(0, 1500), min_size=1), st.sets(st.integers(0, 15), max_size=4), st.data())

@@ -42,24 +42,6 @@ def test_twenty_steps_lower_the_loss_and_repeat_by_seed(tiny_folder: Path) -> No
     assert any((weights[name] != other[name]).any() for name in weights)
 
 
-def test_a_label_of_no_class_teaches_only_that_one_cannot_drive_there() -> None:
-    import torch
-
-    from anytraverse.training.classes import CLASSES, NOT_GROUND
-    from anytraverse.training.fitting import loss_of
-
-    weights, labels = torch.ones(len(CLASSES)), torch.full((1, 1, 2), NOT_GROUND)
-    labels[0, 0, 1] = CLASSES.index("sky")
-    losses = []
-    for name in ("grass", "low vegetation", "unknown"):
-        logits = torch.zeros(1, len(CLASSES), 1, 2)
-        logits[0, CLASSES.index("sky"), 0, 1] = 4.0
-        logits[0, CLASSES.index(name), 0, 0] = 4.0
-        losses.append(float(loss_of(logits, labels, weights, 1.0)))
-    assert losses[0] > losses[1] + 0.5
-    assert losses[1] == pytest.approx(losses[2])
-
-
 @pytest.mark.parametrize("shape", [(480, 640), (340, 640), (720, 1280), (620, 2026)])
 def test_the_export_is_the_network_in_every_runtime(tmp_path: Path, shape: tuple[int, int]) -> None:
     import cv2

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 from anytraverse.assessment import Assessment
 from anytraverse.regions import Region
+from companion.journal.durable import write_whole
 from companion.wire.ids import State
 
 log = logging.getLogger(__name__)
@@ -65,10 +65,7 @@ class Album:
         self._count += 1
         slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
         name = f"{self._count:05d}-{slug}.jpg"
-        self._folder.mkdir(parents=True, exist_ok=True)
-        torn = self._folder / f".{name}.part"
-        torn.write_bytes(encoded.tobytes())
-        os.replace(torn, self._folder / name)
+        write_whole(self._folder / name, encoded.tobytes())
         for old in self._pictures()[: -self._keep]:
             old.unlink(missing_ok=True)
         return name

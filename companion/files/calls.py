@@ -17,6 +17,7 @@ from typing import Any
 from anytraverse.regions import Region
 from companion.calls.decisions import Call
 from companion.files.thumbnail import thumbnail
+from companion.journal.durable import write_whole
 from companion.journal.records import record_of
 
 log = logging.getLogger(__name__)
@@ -94,10 +95,7 @@ class CallFiles:
             log.warning("call %d cannot be told to the ground: %s", self._record["id"], error)
 
     def _write(self, name: str, content: bytes) -> None:
-        torn = self._folder / f".{name}.part"
-        self._folder.mkdir(parents=True, exist_ok=True)
-        torn.write_bytes(content)
-        os.replace(torn, self._folder / name)
+        write_whole(self._folder / name, content)
 
     def _prune(self, newest: int) -> None:
         """By their ids, counted back from the newest: a clock may have been wrong."""

@@ -21,6 +21,14 @@ def write_durably(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Replace `path` by `content`; after a power cut either may be there. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    torn = path.with_name(f".{path.name}.part")
+    torn.write_bytes(content)
+    os.replace(torn, path)
+
+
 def sync_folder(folder: Path) -> None:
     """Put the names in `folder` on disk. Raises OSError."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

@@ -20,7 +20,7 @@ _STATE_GAP = 0.25
 _NUMBER_LIFETIME = 5.0
 _PATIENCE = 0.3
 """s to wait for a newer summary when one is due."""
-_BEFORE, _AFTER = 0.05, 0.1
+_BEFORE, _AFTER = 0.05, 0.15
 """s around the time at which a summary falls due: frames leave apart, so that one now would hold it up."""
 _AT_WORK = 1.0
 _TOLERANCE = 1e-6
@@ -100,12 +100,12 @@ class Telling:
         if calling:
             period = max(period, SUMMARY_PERIOD_WHILE_CALLING)
         awaited = self._awaits_summary(now, period)
+        self._summary_tick(now, period)
         silent = now - self._heartbeat_at + _TOLERANCE
         beat = _period("heartbeat") + (_BEFORE + _AFTER if awaited else 0.0)
         if silent >= (_STATE_GAP if self._heartbeat_now else beat):
             self._heartbeat_at, self._heartbeat_now = now, False
             self._outbox.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
-        self._summary_tick(now, period)
         if not calling and not awaited and now - self._numbers_at < _NUMBER_LIFETIME:
             self._tell_numbers(now)
 

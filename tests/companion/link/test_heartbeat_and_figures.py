@@ -124,7 +124,10 @@ def test_a_due_summary_is_the_one_that_comes_then_not_one_that_waited() -> None:
 
 @pytest.mark.parametrize("rate", [1.0, 5.0])
 @pytest.mark.parametrize("phase", [0.0, 0.03, 0.07])
-def test_nothing_that_can_wait_leaves_right_before_a_summary(rate: float, phase: float) -> None:
+@pytest.mark.parametrize("unsteady", [3, 6])
+def test_nothing_that_can_wait_leaves_right_before_a_summary(
+    rate: float, phase: float, unsteady: int
+) -> None:
     stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=0.0), vehicle=None)
     stage.link.set_rate("summary", rate)
     stage.run(phase)
@@ -133,7 +136,7 @@ def test_nothing_that_can_wait_leaves_right_before_a_summary(rate: float, phase:
         given[number] = stage.now
         stage.link.summary(replace(SUMMARY, frame_id=number), stage.now)
         stage.link.numbers(NUMBERS, stage.now)
-        stage.run(0.08 + number % 3 * 0.01)
+        stage.run(0.08 + number % unsteady * 0.01)
     left = [frame for frame in stage.frames if getattr(frame.message, "payload_type", 0) == TUNNEL_SUMMARY]
     waits = [
         frame.at - given[Summary.unpack(bytes(frame.message.payload[:47])).frame_id] for frame in left[2:]

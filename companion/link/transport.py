@@ -168,33 +168,24 @@ class Tcp(_Stream):
 
 
 class Serial(_Stream):
-    """A serial port, by pyserial."""
+    """A serial port, opened by pyserial."""
 
     def __init__(self, address: Address) -> None:
         super().__init__()
         import serial
 
-        self._port: Any = serial.Serial(
-            address.place, address.number, timeout=0, write_timeout=0, exclusive=True
+        self._port: Any = _guarded(
+            lambda: serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
         )
 
     def read(self) -> bytes:
-        return bytes(self._guarded(lambda: self._port.read(_CHUNK)))
+        return bytes(_guarded(lambda: self._port.read(_CHUNK)))
 
     def _send(self, data: bytes) -> int:
-        return int(self._guarded(lambda: self._port.write(data)) or 0)
-
-    def _guarded(self, call: Any) -> Any:
-        import serial
-
         try:
-            return call()
-        except serial.SerialTimeoutException:
+            return os.write(self._port.fileno(), data)  # pyserial's own tries for ever while the port is full
+        except BlockingIOError:
             return 0
-        except OSError:
-            raise
-        except Exception as error:  # pyserial lets termios.error and TypeError out when the device goes
-            raise OSError(errno.EIO, str(error)) from error
 
     def fileno(self) -> int | None:
         return int(self._port.fileno())
@@ -202,6 +193,16 @@ class Serial(_Stream):
     def close(self) -> None:
         with contextlib.suppress(Exception):
             self._port.close()
+
+
+def _guarded(call: Callable[[], Any]) -> Any:
+    """Raises OSError only: pyserial lets ValueError, termios.error and TypeError out."""
+    try:
+        return call()
+    except OSError:
+        raise
+    except Exception as error:
+        raise OSError(errno.EIO, str(error)) from error
 
 
 def opener(address: Address) -> Callable[[], Transport]:

@@ -3,6 +3,7 @@
 import os
 import pty
 import socket
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.heard import AnswerRequest, Heard
 from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.link.settings import MAIN, ConnectionSettings, LinkError, LinkSettings
+from companion.link.settings import MAIN, Address, ConnectionSettings, LinkError, LinkSettings
 from companion.link.transport import Tcp, Udp, open_transport
 from companion.wire.ids import Motion
 from companion.wire.parameters import build
@@ -267,6 +268,46 @@ def test_a_serial_port_waits_for_the_autopilot_and_is_missed_when_it_is_pulled()
     until(link, lambda: link.trouble is not None)
     assert link.filenos() == []
     link.close()
+
+
+def test_a_serial_port_that_takes_nothing_blocks_nothing_and_gets_whole_frames() -> None:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    transport = open_transport(LinkSettings(f"serial:{os.ttyname(slave)}:57600").address())
+    frame = mavlink.MAVLink_statustext_message(6, b"x" * 50).pack(GROUND)
+    sent: list[bool] = []
+
+    def fill() -> None:
+        while not sent or sent[-1]:
+            sent.append(transport.write(frame))
+
+    filling = threading.Thread(target=fill, daemon=True)
+    filling.start()
+    filling.join(DEADLINE)
+    assert not filling.is_alive(), "it waits for the port"
+    parser, found = Parser(), 0
+    end = time.monotonic() + DEADLINE
+    while found < len(sent) - 1 and time.monotonic() < end:
+        found += len(parser.feed(os.read(master, 65536), whole=False))
+        transport.write(frame)
+    assert found >= len(sent) - 1
+    assert parser.bad == 0
+    transport.close()
+    os.close(slave)
+    os.close(master)
+
+
+def test_a_serial_port_that_does_not_take_its_speed_is_trouble_and_no_crash() -> None:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    address = Address("serial", os.ttyname(slave), 99999999999)
+    link = link_to("serial:/dev/ttyAMA0:57600", opener=lambda: open_transport(address))
+    link.poll(time.monotonic())
+    assert str(link.trouble).startswith("link lost: ")
+    link.close()
+    os.close(slave)
+    os.close(master)
 
 
 def test_a_serial_device_that_is_absent_is_named() -> None:

@@ -30,7 +30,11 @@ class Guard:
 
     def believes(self, message: Any, now: float) -> bool:
         """Whether a message may be heard at all: with a key, whether it is signed and new."""
-        reason = "" if self._signing is None else self._signing.refusal(message, now)
+        if self._signing is None:
+            return True
+        if self._signing.passes_over(message):
+            return False
+        reason = self._signing.refusal(message, now)
         if reason:
             self.rejected[reason] += 1
         return not reason

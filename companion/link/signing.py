@@ -35,7 +35,7 @@ PRIVATE_TELEMETRY = frozenset(
 )
 """What an autopilot without a key may say on a wire of its own."""
 RADIO_FRAMES = frozenset({"RADIO", "RADIO_STATUS"})
-"""Made by the radio itself, which has no key."""
+"""Made by the radio itself, which has no key: anybody could make them."""
 _V2 = 0xFD
 _NO_TIME = "no clock: silent until a signed frame of the autopilot or the ground tells the time"
 _HINTS = {
@@ -89,6 +89,11 @@ class Signing:
             return f"{NAME} is not written ({self._store.trouble}): free the disk before a restart"
         return None
 
+    @staticmethod
+    def passes_over(message: Any) -> bool:
+        """Whether it is a radio's own report, which is neither heard nor refused."""
+        return message.get_type() in RADIO_FRAMES and not wire.is_signed(bytes(message.get_msgbuf()))
+
     def refusal(self, message: Any, now: float) -> wire.Refusal | Literal["echo"]:
         """Why a decoded message is not heard: unsigned, signature, replay, ahead, echo; "" when it is."""
         frame = bytes(message.get_msgbuf())
@@ -125,11 +130,11 @@ class Signing:
         self._store.close()
 
     def _may_be_unsigned(self, frame: bytes, message: Any) -> bool:
-        if frame[0] != _V2:
+        if frame[0] != _V2 or not self._unsigned_autopilot:
             return False
-        kind = message.get_type()
-        private = self._unsigned_autopilot and message.get_srcComponent() == AUTOPILOT_COMPONENT_ID
-        return kind in RADIO_FRAMES or (private and kind in PRIVATE_TELEMETRY)
+        return (
+            message.get_srcComponent() == AUTOPILOT_COMPONENT_ID and message.get_type() in PRIVATE_TELEMETRY
+        )
 
     def _learn(self, frame: bytes, message: Any, now: float) -> None:
         self._clock.tell(wire.timestamp_of(frame), now)

@@ -13,12 +13,17 @@ from companion.link.heard import AnswerRequest, Pulses
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
 from companion.link.signing import open_signing
-from companion.wire.ids import Motion
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Motion, Outcome, Reasons, Result
+from companion.wire.ids import Stage as CallStage
 from companion.wire.signing import LAST, MINUTE, stream_of, ticks, timestamp_of
 
 SECRET = bytes(range(1, 33))
 WALL = 1_790_000_000.0
 NOW = ticks(WALL)
+STALE = Acknowledgement(
+    1, 9, Result.STALE, CallStage.CLOSED, Outcome.NONE, None, None, Reasons.NONE, 0, "nothing is open"
+)
 
 
 class Peer:
@@ -223,8 +228,32 @@ def test_an_exempted_autopilot_may_tell_unsigned_but_ask_nothing(tmp_path: Path)
 
 def test_a_radios_own_frames_count_for_nothing(stage: Stage) -> None:
     radio = Peer(51, 68)
-    stage.arrive(radio.frame(mavlink.MAVLink_radio_status_message(9, 9, 9, 9, 9, 9, 9), signed=False))
+    message = mavlink.MAVLink_radio_status_message(9, 9, 9, 9, 9, 9, 9)
+    stage.arrive(*(radio.frame(message, signed=False, mavlink1=old) for old in (False, True)))
     assert stage.rejected == {}
+
+
+def test_a_radios_frame_under_our_ids_without_the_key_does_not_silence_us(stage: Stage) -> None:
+    message = mavlink.MAVLink_radio_status_message(9, 9, 9, 9, 9, 9, 9)
+    stage.arrive(Peer(1, 191).frame(message, signed=False))
+    assert stage.link.trouble is None
+    sent = len(stage.frames)
+    stage.run(3.0)
+    assert len(stage.frames) >= sent + 3
+
+
+def test_nor_does_one_under_the_grounds_ids_lead_its_acknowledgements_astray(tmp_path: Path) -> None:
+    more = {"wifi": ConnectionSettings("udpout:127.0.0.1:14551")}
+    stage = Stage(tmp_path, settings=LinkSettings("udpout:127.0.0.1:14550", more=more))
+    stage.arrive(stage.beat(), stage.go(9))
+    request = stage.answers[0]
+    message = mavlink.MAVLink_radio_status_message(9, 9, 9, 9, 9, 9, 9)
+    stage.more["wifi"].far.write(stage.ground.frame(message, signed=False))
+    stage.run(0.1)
+    stage.link.acknowledge(request, STALE, stage.now)
+    stage.run(1.0)
+    assert stage.sent("COMMAND_ACK")
+    assert not stage.more["wifi"].sent("COMMAND_ACK")
 
 
 def test_without_a_clock_nothing_is_said_until_a_verified_frame_tells_the_time(tmp_path: Path) -> None:

@@ -76,8 +76,9 @@ class Announcer:
             self._text_new = True
         self._data_new |= _content(call) != _content(self._call)
         self._text_new |= text != self._text or severity != self._severity
+        if call != self._call:
+            self._told_at = now
         self._call, self._text, self._quiet, self._severity = call, text, quiet, severity
-        self._told_at = now
 
     def data(self, now: float) -> CallData | None:
         """The call data that is due, its age brought up to date."""

@@ -97,6 +97,14 @@ def test_the_age_of_a_call_goes_on_between_announcements() -> None:
     assert [call.age_s for call in calls(stage)] == [100, 101, 102, 103, 104, 114]
 
 
+def test_the_age_goes_on_too_where_the_same_is_said_with_every_turn() -> None:
+    stage = Rehearsal(vehicle=None)
+    for _ in range(300):
+        stage.link.announce(replace(CALL, age_s=100), TEXT, stage.now)
+        stage.run(0.05, step=0.05)
+    assert [call.age_s for call in calls(stage)] == [100, 101, 102, 103, 104, 114]
+
+
 def test_changed_content_is_told_at_once_but_not_faster_than_the_limits() -> None:
     stage = Rehearsal(UNLIMITED, vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)

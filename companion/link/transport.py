@@ -15,6 +15,8 @@ from companion.link.settings import Address, LinkError
 _CHUNK = 2048
 _MAX_PENDING = 2048
 _MAX_PEERS = 4
+_MAX_SKIPPED = 512
+"""Datagrams that say nothing, or come from elsewhere: they must not keep back what waits behind them."""
 
 
 class Transport(Protocol):
@@ -63,15 +65,21 @@ class Udp:
         return int(self._socket.getsockname()[1])
 
     def read(self) -> bytes:
-        try:
-            datagram, peer = self._socket.recvfrom(65536)
-        except (BlockingIOError, ConnectionRefusedError, InterruptedError):
-            return b""
+        for _ in range(_MAX_SKIPPED):
+            try:
+                datagram, peer = self._socket.recvfrom(65536)
+            except (BlockingIOError, ConnectionRefusedError, InterruptedError):
+                break
+            if datagram and self._hears(peer):
+                return datagram
+        return b""
+
+    def _hears(self, peer: tuple[str, int]) -> bool:
         if self._fixed:
-            return datagram if peer in self._peers else b""
+            return peer in self._peers
         others = [other for other in self._peers if other != peer]
         self._peers = [*others[-(_MAX_PEERS - 1) :], peer]
-        return datagram
+        return True
 
     def write(self, frame: bytes) -> bool:
         taken = False

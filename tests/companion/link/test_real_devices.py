@@ -166,6 +166,25 @@ def test_udpin_keeps_a_peer_that_goes_on_speaking() -> None:
             each.close()
 
 
+@pytest.mark.parametrize("scheme", ["udpin", "udpout"])
+def test_what_waits_behind_datagrams_that_say_nothing_is_heard_at_once(
+    ground: socket.socket, scheme: str
+) -> None:
+    fixed = scheme == "udpout"
+    port = ground.getsockname()[1] if fixed else 0
+    transport = Udp(ConnectionSettings(f"{scheme}:127.0.0.1:{port}").address())
+    link = link_to("udpin:127.0.0.1:0", opener=lambda: transport)
+    transport.write(b"so that it has a port")
+    there = ("127.0.0.1", transport.port)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for _ in range(20):
+            stranger.sendto(b"stranger" if fixed else b"", there)
+        ground.sendto(HEARTBEAT.pack(AUTOPILOT), there)
+        link.poll(time.monotonic())
+        assert link.vehicle is not None
+    link.close()
+
+
 def until_read(transport: Udp) -> None:
     end = time.monotonic() + DEADLINE
     while not transport.read():

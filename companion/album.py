@@ -10,7 +10,7 @@ from pathlib import Path
 
 from anytraverse.assessment import Assessment
 from anytraverse.regions import Region
-from companion.journal.durable import write_whole
+from companion.durable import write_whole
 from companion.wire.ids import State
 
 log = logging.getLogger(__name__)

@@ -22,6 +22,7 @@ from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import snapshot
 from companion.conversation import Reply
+from companion.durable import write_whole
 from companion.eyes import Applied, Eyes
 from companion.files.calls import CallFiles
 from companion.journal import Journal, JournalError
@@ -189,10 +190,8 @@ class Keeper:
         status = {**figures, "frames": self._frames, "pid": os.getpid()}
         if last:
             status["recent"] = list(self._recent)
-        torn = self._status.with_suffix(".part")
         try:
-            torn.write_text(json.dumps(status), encoding="utf-8")
-            os.replace(torn, self._status)
+            write_whole(self._status, json.dumps(status).encode())
         except OSError as error:
             log.warning("no status file: %s", error)
 

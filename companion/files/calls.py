@@ -9,15 +9,14 @@ import json
 import logging
 import os
 import re
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from anytraverse.regions import Region
 from companion.calls.decisions import Call
+from companion.durable import write_whole
 from companion.files.thumbnail import thumbnail
-from companion.journal.durable import write_whole
 from companion.journal.records import record_of
 
 log = logging.getLogger(__name__)
@@ -26,7 +25,8 @@ PATTERN = "[0-9]*.j*"
 """What may be seen of the folder."""
 KEPT = 50
 """Calls whose files are kept; the oldest go."""
-_NAME = re.compile(r"([0-9]{1,5})(-large)?\.(json|jpg)\Z", re.ASCII)
+_NAME = re.compile(r"\.?([0-9]{1,5})(-large)?\.(json|jpg)(\.part)?\Z", re.ASCII)
+"""Also of one that was never whole, because the companion was killed."""
 
 
 class CallFiles:
@@ -85,7 +85,7 @@ class CallFiles:
         try:
             os.link(source, target)
         except OSError:  # a file system without links
-            shutil.copyfile(source, target)
+            self._write(name, source.read_bytes())
 
     def _write_record(self) -> None:
         try:

@@ -13,8 +13,8 @@ from typing import Any
 from anytraverse.frame import Image
 from anytraverse.memory import Memory
 from companion.calls.decisions import Call
+from companion.durable import sync_folder, write_durably
 from companion.journal.database import Database
-from companion.journal.durable import sync_folder, write_durably
 from companion.journal.errors import Damaged, JournalError
 from companion.journal.png import from_png, to_png
 from companion.journal.records import CallRecord, record_of

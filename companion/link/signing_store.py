@@ -14,7 +14,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.journal.durable import write_durably
+from companion.durable import write_durably
 from companion.wire.signing import MAX_STREAMS, TICKS, Stream, Timestamps
 
 NAME = "signing.state"

@@ -209,3 +209,14 @@ def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) 
         files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
     kept = sorted(int(path.stem) for path in folder.iterdir())
     assert kept == list(range(60 - KEPT, 60))
+
+
+def test_what_a_kill_left_of_a_file_goes_with_its_call(tmp_path: Path) -> None:
+    files = CallFiles(tmp_path, lambda: Box(0, 0, 1, 1))
+    torn, newer = tmp_path / ".1-large.jpg.part", tmp_path / ".9.json.part"
+    for path in (torn, newer):
+        path.write_bytes(b"half of")
+    for number in range(10, 9 + KEPT):
+        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
+    assert not torn.exists()
+    assert newer.exists(), "its call is one of the newest"

@@ -12,7 +12,6 @@ from anytraverse.assessment import Reason
 from companion.calls.decisions import Call
 from companion.journal import Journal, JournalError
 from companion.journal import journal as journal_module
-from companion.journal.durable import write_durably
 from companion.wire.ids import Outcome
 
 
@@ -65,22 +64,6 @@ def test_what_is_no_picture_is_not_kept(journal: Journal) -> None:
     with pytest.raises(JournalError):
         journal.save_frame(np.ones((4, 4), np.uint8))
     assert journal.load_frame() is not None
-
-
-def test_a_file_that_cannot_be_written_leaves_the_old_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "file"
-    write_durably(path, b"old")
-
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        write_durably(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_full_disk_under_the_frame_is_a_journal_error(

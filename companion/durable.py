@@ -8,25 +8,14 @@ from pathlib import Path
 
 def write_durably(path: Path, content: bytes) -> None:
     """Replace `path` by `content`; on disk when this returns. Raises OSError, with the old file in place."""
-    torn = path.with_name(f".{path.name}.part")
-    try:
-        with torn.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(torn, path)
-    except OSError:
-        torn.unlink(missing_ok=True)
-        raise
+    _replace(path, content, at_once=True)
     sync_folder(path.parent)
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Replace `path` by `content`; after a power cut either may be there. Raises OSError."""
+    """The same, but after a power cut either may be there; its folder is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    torn = path.with_name(f".{path.name}.part")
-    torn.write_bytes(content)
-    os.replace(torn, path)
+    _replace(path, content, at_once=False)
 
 
 def sync_folder(folder: Path) -> None:
@@ -36,3 +25,17 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _replace(path: Path, content: bytes, *, at_once: bool) -> None:
+    torn = path.with_name(f".{path.name}.part")
+    try:
+        with torn.open("wb") as file:
+            file.write(content)
+            file.flush()
+            if at_once:
+                os.fsync(file.fileno())
+        os.replace(torn, path)
+    except OSError:
+        torn.unlink(missing_ok=True)
+        raise

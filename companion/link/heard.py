@@ -73,10 +73,14 @@ class ParameterRequest:
 
 @dataclass(frozen=True)
 class WordsRequest:
-    """Words to set by text, without a call; `Link.acknowledge_words` it. name: the extended parameter."""
+    """Words to set by text, without a call; `Link.acknowledge_words` it.
+
+    name: the extended parameter. raw: its value as it came.
+    """
 
     sender: Sender
     name: str
+    raw: bytes
     operations: tuple[Operation, ...]
 
 

@@ -39,7 +39,7 @@ class TextParameters:
         self._words_of = parameters.words
         self._names = [WORDS_TEXT, *self._words_of]
         self._words = ""
-        self._pending: dict[tuple[Sender, str], tuple[bytes, float]] = {}
+        self._pending: dict[WordsRequest, float] = {}
         self._lists = Rounds(outbox, "text list", len(self._names))
 
     def set_words(self, words: Mapping[str, float]) -> None:
@@ -88,38 +88,30 @@ class TextParameters:
             result = mavlink.PARAM_ACK_VALUE_UNSUPPORTED if unsupported else mavlink.PARAM_ACK_FAILED
             self._acknowledge(sender, message._param_id_raw, self._value(name), result, now)
             return None
-        return self._open(WordsRequest(sender, name, operations), raw, now)
+        return self._open(WordsRequest(sender, name, raw, operations), now)
 
     def acknowledge(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
         """What became of it: with what was set, or with the value in force."""
-        raw, _ = self._pending.pop((request.sender, request.name), (b"", now))
+        self._pending.pop(request, None)
         result = mavlink.PARAM_ACK_ACCEPTED if accepted else mavlink.PARAM_ACK_FAILED
-        value = raw if accepted else self._value(request.name)
+        value = request.raw if accepted else self._value(request.name)
         self._acknowledge(request.sender, request.name.encode(), value, result, now)
 
     def tick(self, now: float) -> None:
         """Feed the lists."""
-        self._pending = {key: one for key, one in self._pending.items() if now - one[1] < PENDING_FOR}
+        self._pending = {one: since for one, since in self._pending.items() if now - since < PENDING_FOR}
         for index, to in self._lists.due():
             self._tell("text list", index, to, now)
 
-    def _open(self, request: WordsRequest, raw: bytes, now: float) -> WordsRequest | None:
-        key = (request.sender, request.name)
-        pending = self._pending.get(key)
-        if pending is not None and pending[0] == raw:
-            name = request.name.encode()
-            self._acknowledge(request.sender, name, raw, mavlink.PARAM_ACK_IN_PROGRESS, now)
+    def _open(self, request: WordsRequest, now: float) -> WordsRequest | None:
+        name = request.name.encode()
+        if request in self._pending:
+            self._acknowledge(request.sender, name, request.raw, mavlink.PARAM_ACK_IN_PROGRESS, now)
             return None
-        if pending is None and len(self._pending) >= MAX_PENDING:
-            self._acknowledge(
-                request.sender,
-                request.name.encode(),
-                self._value(request.name),
-                mavlink.PARAM_ACK_FAILED,
-                now,
-            )
+        if len(self._pending) >= MAX_PENDING:
+            self._acknowledge(request.sender, name, self._value(request.name), mavlink.PARAM_ACK_FAILED, now)
             return None
-        self._pending[key] = (raw, now)
+        self._pending[request] = now
         return request
 
     def _read(self, name: str, raw: bytes) -> tuple[Operation, ...]:

@@ -60,4 +60,4 @@ def test_what_the_daemon_could_not_believe_is_known() -> None:
     assert not well_formed(answer(1.5), set())
     assert not well_formed(answer(0.5, 70_000), set())
     assert not well_formed(ParameterRequest((255, 190), "AT_X", 1.0), {"AT_Y"})
-    assert not well_formed(WordsRequest((255, 190), "AT_WORDS", (ForgetWord("a"),) * 17), set())
+    assert not well_formed(WordsRequest((255, 190), "AT_WORDS", b"", (ForgetWord("a"),) * 17), set())

@@ -97,6 +97,17 @@ def test_the_same_again_is_in_progress_until_it_is_decided(stage: Rehearsal) -> 
     assert [result for _, _, result in acks(stage)] == [IN_PROGRESS, ACCEPTED]
 
 
+def test_each_of_two_texts_is_acknowledged_with_what_became_of_it(stage: Rehearsal) -> None:
+    (first,) = heard(stage, setting("AT_WORDS", b"mud: 0.5"))
+    (second,) = heard(stage, setting("AT_WORDS", b"mud: 0.9"))
+    stage.link.acknowledge_words(first, stage.now, accepted=True)
+    stage.run(0.2)
+    stage.link.acknowledge_words(second, stage.now, accepted=False)
+    stage.run(0.2)
+    in_force = "grass: 1; old wall: -0.8"
+    assert acks(stage) == [("AT_WORDS", "mud: 0.5", ACCEPTED), ("AT_WORDS", in_force, FAILED)]
+
+
 @pytest.mark.parametrize(
     "value",
     [

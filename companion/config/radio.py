@@ -11,7 +11,7 @@ from typing import Any
 from companion.config.checks import NestedError, checked, flag, listing, number, text, whole
 from companion.config.layers import nearest
 from companion.config.section import Complaint, Section, setting
-from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.link.settings import LONGEST_PACE, ConnectionSettings, LinkSettings
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Connection(Section):
     budget: float = setting(300.0, number(0, 1e6), "bytes/s of unsolicited traffic, 0 unlimited")
     burst: float = setting(600.0, number(300, 1e6), "bytes at once")
     asked_budget: float = setting(1500.0, number(0, 1e6), "bytes/s of what somebody asked for, 0 unlimited")
-    pace: float = setting(0.03, number(0, 1), "least s between frames; 0.05 behind PX4")
+    pace: float = setting(0.03, number(0, LONGEST_PACE), "least s between frames; 0.05 behind PX4")
 
     def complaints(self) -> Iterator[Complaint]:
         try:

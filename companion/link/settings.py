@@ -14,6 +14,8 @@ MAX_CONNECTIONS = 4
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,11}")
 _SMALLEST_BURST = 300.0
 _SMALLEST_BUDGET = 50.0
+LONGEST_PACE = 0.1
+"""s: heartbeats and setpoints take six frames a second, and an answer must get out beside them."""
 
 
 class LinkError(ValueError):
@@ -33,7 +35,7 @@ class ConnectionSettings:
     """url: udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud.
 
     budget: B/s of unsolicited traffic, 0 unlimited; asked_budget: B/s of what somebody asked for; burst:
-    bytes for each of the two. pace: least s between frames (0.05 behind PX4). Raises LinkError.
+    bytes for each of the two. pace: least s between frames (0.05 behind PX4), 0 to 0.1. Raises LinkError.
     """
 
     url: str
@@ -51,8 +53,8 @@ class ConnectionSettings:
                 )
         if not self.burst >= _SMALLEST_BURST:
             raise LinkError(f"burst {self.burst:g} holds no frame: {_SMALLEST_BURST:g} bytes up")
-        if not 0.0 <= self.pace <= 1.0:
-            raise LinkError(f"pace {self.pace:g} s is not in 0..1")
+        if not 0.0 <= self.pace <= LONGEST_PACE:
+            raise LinkError(f"pace {self.pace:g} s is not in 0..{LONGEST_PACE:g}")
 
     def address(self) -> Address:
         """The url, taken apart. Hosts are numeric, since looking up a name can block for seconds."""

@@ -43,6 +43,7 @@ def test_names_and_impossible_ports_are_refused(url: str) -> None:
         {"asked_budget": -1.0},
         {"burst": 100.0},
         {"pace": -0.1},
+        {"pace": 0.2},
         {"allowed_senders": (255, 245)},
         {"allowed_senders": (0, 255)},
     ],

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.autopilots import px4
 from companion.link.heard import VehicleHeard
 from companion.link.rehearsal import Rehearsal
-from companion.link.settings import LinkSettings
+from companion.link.settings import LONGEST_PACE, LinkSettings
 from companion.wire.messages import MESSAGES
 
 
@@ -70,6 +70,18 @@ def test_setpoints_are_the_autopilots_and_cost_no_budget(stage: Rehearsal) -> No
     asked_for = 12 * MESSAGES["interval"].bytes  # streams that this autopilot does not send
     assert 3000 <= after["autopilot"] - before["autopilot"] <= 3300 + asked_for
     assert after["unsolicited"] - before["unsolicited"] <= 300 * 10 + 600
+
+
+def test_an_answer_gets_out_beside_them_at_the_slowest_pace() -> None:
+    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", pace=LONGEST_PACE), vehicle=None)
+    heartbeat(stage)
+    stage.link.stand_still(on=True)
+    stage.run(2.0)
+    for _ in range(5):
+        stage.send(mavlink.MAVLink_command_long_message(1, 191, 512, 0, 148, 0, 0, 0, 0, 0, 0))
+        stage.run(1.0)
+    assert len(stage.sent("COMMAND_ACK")) == len(stage.sent("AUTOPILOT_VERSION")) == 5
+    assert stage.link.counters.lost == 0
 
 
 def test_they_go_on_while_another_component_talks_under_our_ids(stage: Rehearsal) -> None:

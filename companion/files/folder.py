@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from itertools import islice
 from pathlib import Path
@@ -29,11 +29,11 @@ class Folder:
 
     def sizes(self) -> Mapping[str, int]:
         with self._directory() as directory, os.scandir(directory) as found:
-            seen = [
-                (entry.stat(follow_symlinks=False), entry.name)
-                for entry in islice(found, _MAX_SCANNED)
-                if self._shows(entry.name) and entry.is_file(follow_symlinks=False)
-            ]
+            seen = []
+            for entry in islice(found, _MAX_SCANNED):
+                with suppress(FileNotFoundError):  # a log turned over, an old call cleared away
+                    if self._shows(entry.name) and entry.is_file(follow_symlinks=False):
+                        seen.append((entry.stat(follow_symlinks=False), entry.name))
         newest = heapq.nlargest(MAX_FILES, seen, key=lambda file: file[0].st_mtime)
         return {name: status.st_size for status, name in newest}
 

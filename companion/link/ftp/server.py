@@ -104,9 +104,11 @@ class FtpServer:
         except FileError:
             return request.nak(FtpError.FAIL)
 
-    def _open(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload:
+    def _open(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
         session = self._sessions.repeated(sender, request, now)
         if session is None:
+            if self._sessions.overtaken(sender, request, now):
+                return None
             if not self._sessions.has_room(sender):
                 return request.nak(FtpError.NO_SESSIONS_AVAILABLE)
             opened = self._tree.open(request.path())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from companion.wire.ftp import FtpPayload, Opcode
 
 MAX_SESSIONS = 4
 SESSIONS_PER_SENDER = 2
+MAX_PAST = 16
 IDLE = 30.0
 REPEAT_WITHIN = 3.0
 
@@ -63,6 +65,7 @@ class Sessions:
 
     def __init__(self) -> None:
         self._open: dict[tuple[Sender, int], Session] = {}
+        self._past: deque[tuple[Sender, FtpPayload]] = deque(maxlen=MAX_PAST)
 
     def __len__(self) -> int:
         return len(self._open)
@@ -80,6 +83,13 @@ class Sessions:
         if session is None or session.opening != request or now - session.used_at > REPEAT_WITHIN:
             return None
         return session
+
+    def overtaken(self, sender: Sender, request: FtpPayload, now: float) -> bool:
+        """Whether it is a late copy of what opened the session's file before the one that is read now."""
+        session = self.get(sender, request.session)
+        if session is None or now - session.used_at > REPEAT_WITHIN:
+            return False
+        return session.outlives(request) and (sender, request) in self._past
 
     def has_room(self, sender: Sender) -> bool:
         """Whether `sender` may open one more; its own make room for it."""
@@ -100,6 +110,7 @@ class Sessions:
         session = self._open.pop((sender, number), None)
         if session is not None:
             session.opened.close()
+            self._past.append((sender, session.opening))
 
     def end(self, sender: Sender, request: FtpPayload) -> None:
         """The sender ends one session, or all with RESET_SESSIONS; never one younger than the request."""

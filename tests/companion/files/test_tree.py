@@ -197,6 +197,19 @@ def test_of_too_many_files_the_newest_are_shown(tmp_path: Path) -> None:
     assert [entry.name for entry in shown] == [f"{number:04}" for number in range(3, MAX_FILES + 3)]
 
 
+class Vanishing(Folder):
+    """Loses a file between its name's turn and its size's, as when a log is turned over."""
+
+    def _shows(self, name: str) -> bool:
+        if name == "one.log":
+            (self._path / name).unlink()
+        return super()._shows(name)
+
+
+def test_a_file_that_goes_away_meanwhile_costs_no_other_its_place_in_the_list(logs: Path) -> None:
+    assert Tree({"logs": Vanishing(logs, "*.log")}).entries("/logs") == (Entry("two.log", 6),)
+
+
 @pytest.mark.parametrize("name", ["", ".hidden", "a/b", "a\tb", "x" * 129, "\ud800"])
 def test_a_mount_needs_a_name_that_can_be_shown(name: str) -> None:
     with pytest.raises(ValueError, match="cannot be the name"):

@@ -126,6 +126,18 @@ def test_a_file_leaves_by_the_connection_where_it_was_asked_for() -> None:
     assert [reply.size for reply in told] == [4, 239, 161]
 
 
+def test_a_program_that_is_heard_on_two_connections_goes_on_reading_on_either() -> None:
+    more = {"wifi": ConnectionSettings("udpout:127.0.0.1:14551")}
+    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", more=more), tree=Files().tree())
+    client = FileClient(stage)
+    client.open("/files/400.bin")
+    read = client.request(Opcode.READ_FILE, size=80, offset=160)
+    stage.more["wifi"].send(encode.file_transfer(read.pack(), (1, COMPONENT_ID)), client.sender)
+    stage.run(0.5)
+    (told,) = stage.more["wifi"].sent("FILE_TRANSFER_PROTOCOL")
+    assert FtpPayload.unpack(bytes(told.payload)).data == BYTES[160:240]
+
+
 def test_a_list_is_told_page_by_page_with_entries_whole(client: FileClient) -> None:
     found: list[bytes] = []
     for _ in range(30):

@@ -62,6 +62,28 @@ def test_a_copy_of_an_old_end_does_not_close_a_newer_session(client: FileClient)
     assert client.read().data == BYTES[:80]
 
 
+def test_a_copy_of_an_old_opening_does_not_put_the_old_file_in_the_place_of_a_newer_one(
+    client: FileClient,
+) -> None:
+    old = client.request(Opcode.OPEN_FILE_RO, b"/state.json")
+    client.ask(old)
+    client.ask(client.request(Opcode.TERMINATE_SESSION))
+    client.open("/files/400.bin")
+    client.send(old)
+    assert client.replies() == []
+    assert client.read().data == BYTES[:80]
+
+
+def test_a_client_that_was_started_again_opens_what_it_wants_at_once(stage: Rehearsal) -> None:
+    before = FileClient(stage)
+    before.sequence = 40
+    before.open("/files/20000.bin")
+    before.read()
+    after = FileClient(stage)
+    assert after.open("/files/400.bin").opcode == Opcode.ACK
+    assert after.read(offset=320).data == BYTES[320:400]
+
+
 def test_a_copy_of_a_burst_request_costs_nothing_and_a_late_one_begins_again(client: FileClient) -> None:
     client.open("/files/20000.bin")
     burst = client.request(Opcode.BURST_READ_FILE, size=80)

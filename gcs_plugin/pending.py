@@ -12,7 +12,7 @@ from companion.wire.packing import PayloadError
 
 LIFETIME_S = 60.0
 FIRST_BACK_OFF_S = 1.0
-LONGEST_BACK_OFF_S = 8.0
+LONGEST_BACK_OFF_S = 4.0
 GRACE_S = 2.0
 """How long the acknowledgement may come after the call was heard to be closed."""
 BLOCKS_S = 8.0

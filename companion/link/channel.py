@@ -21,6 +21,8 @@ BYTES_PER_POLL = 256 * 1024
 """As much; whoever sends faster than it is read must not keep us from deciding."""
 READS_AT_MOST = 4096
 CLASH_FOR = 10.0
+STOPPING = frozenset({"hold", "setpoint"})
+"""Rows that leave beside others under our ids, too: nobody keeps us from stopping the vehicle by that."""
 _IDLE = 0.1
 
 
@@ -43,7 +45,10 @@ class ChannelCounters:
 
 
 class Channel:
-    """Opened again whenever it is lost. Silent for 10 s after somebody else spoke under our ids on it."""
+    """Opened again whenever it is lost.
+
+    For 10 s after somebody else spoke under our ids only rows of `STOPPING` leave.
+    """
 
     def __init__(
         self,
@@ -137,18 +142,18 @@ class Channel:
     def hear_ourselves(self, now: float) -> bool:
         """Somebody else spoke under our ids here; True when that is new."""
         new, self._clash_at = self._clash_at is None, now
-        self.sender.clear()
+        self.sender.keep(STOPPING)
         return new
 
     def push(
         self, name: str, message: Any, now: float, *, key: object = None, lifetime: float = LIFETIME
     ) -> None:
-        """Queue a message. Among others under our ids only setpoints go on: their end moves the vehicle."""
-        if not self.clash or name == "setpoint":
+        """Queue a message, unless another speaks under our ids: then only what stops the vehicle."""
+        if not self.clash or name in STOPPING:
             self.sender.push(name, message, now, key=key, lifetime=lifetime)
 
     def may_speak(self, now: float, *, has_vehicle: bool) -> bool:
-        """Whether anything but setpoints may leave. Where the autopilot comes to us, it is waited for."""
+        """Whether more than `STOPPING` may leave. Where the autopilot comes to us, it is waited for."""
         if self._clash_at is not None and now - self._clash_at > CLASH_FOR:
             self._clash_at = None
         self._speaks = has_vehicle or not self._waits

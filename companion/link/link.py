@@ -244,7 +244,10 @@ class Link:
         self._channels[0].sender.set_budget(rate, now)
 
     def set_mode(self, custom_mode: int, now: float) -> None:
-        """Ask the autopilot for a mode, before all else; forgotten when it cannot be sent within 1 s."""
+        """Ask the autopilot for a mode, before all else; forgotten when it cannot be sent within 1 s.
+
+        Where somebody else speaks under our ids, only for one that does not drive.
+        """
         vehicle = self.vehicle
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
         if vehicle is None or autopilot is None:
@@ -252,7 +255,9 @@ class Link:
         else:
             message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
             to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
-            self._outbox.push("mode", message, now, key=0, lifetime=MODE_LIFETIME, to=to)
+            self.forget_mode()
+            row = "resume" if custom_mode in autopilot.holdable else "hold"
+            self._outbox.push(row, message, now, lifetime=MODE_LIFETIME, to=to)
 
     def stand_still(self, *, on: bool) -> None:
         """Whether zero velocity is streamed to the autopilot, at the table's rate, until told otherwise."""
@@ -260,7 +265,8 @@ class Link:
 
     def forget_mode(self) -> None:
         """A mode that was asked for and waits to be sent is not wanted any more."""
-        self._outbox.forget("mode")
+        self._outbox.forget("hold")
+        self._outbox.forget("resume")
 
     def _announce_due(self, now: float) -> None:
         while (spoken := self._announcer.text(now)) is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Container
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -183,9 +184,9 @@ class Sender:
         """What waits of this row is not wanted any more."""
         self._queue = [frame for frame in self._queue if frame.name != name]
 
-    def clear(self) -> None:
-        """Forget what waits."""
-        self._queue.clear()
+    def keep(self, names: Container[str]) -> None:
+        """Forget what waits of all other rows."""
+        self._queue = [frame for frame in self._queue if frame.name in names]
 
     def _pack(self, name: str, message: Any, now: float) -> bytes | None:
         """The frame as it leaves; None when the version that is spoken here cannot carry it."""

@@ -53,7 +53,10 @@ COUNTED: dict[Rejected, tuple[str, str]] = {
     "replay": ("a signed frame that is not newer", _SILENCE),
     "ahead": ("a signed frame of a year ahead", _SILENCE),
     "echo": ("a frame of our own that came back", _SILENCE),
-    "clash": ("a frame under our ids that is not ours", "silence on that connection, a text on the others"),
+    "clash": (
+        "a frame under our ids that is not ours",
+        "silence on that connection but for holds, a text on the others",
+    ),
     "no autopilot for modes": ("a hold without a known autopilot; nobody asked", _SILENCE),
 }
 """What was refused, and what its asker gets."""

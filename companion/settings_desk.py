@@ -95,6 +95,8 @@ class SettingsDesk:
 
     def start(self, now: float) -> None:
         """Put in force what the ground set of the link, and tell every setting's value."""
+        weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
+        self._link.set_configured({**self.overrides.configured, **weights})
         values = self.overrides.configured | dict(self.overrides.values)
         for name, value in {**values, **judging_values(self._calls.numbers.judging)}.items():
             self._use(name, value, now)

@@ -69,6 +69,10 @@ class Tree:
             if not presentable(name):
                 raise ValueError(f'"{name}" cannot be the name of a file for the ground')
 
+    def beside(self, name: str, folder: Shelf) -> Tree:
+        """The same with one folder more. Raises ValueError for a name that cannot be shown."""
+        return Tree({**self._mounts, name: folder})
+
     def entries(self, path: str) -> tuple[Entry, ...]:
         """What a folder holds, by name. Raises FileError."""
         match _parts(path):

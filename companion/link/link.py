@@ -15,6 +15,8 @@ from companion.link.channel import Channel
 from companion.link.command_desk import CommandDesk
 from companion.link.counters import Counters, count
 from companion.link.desk import AnswerDesk
+from companion.link.ftp.parameter_file import FOLDER as PARAMETERS
+from companion.link.ftp.parameter_file import ParameterFile
 from companion.link.ftp.server import FtpServer
 from companion.link.guard import Guard
 from companion.link.heard import (
@@ -84,7 +86,8 @@ class Link:
         self._desk = AnswerDesk(self._outbox, self._speaker, self._guard, self._parameters)
         self._commands = CommandDesk(self._outbox, self._speaker, self._guard, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
-        self._files = FtpServer(self._outbox, self._guard, tree or Tree())
+        served = (tree or Tree()).beside(PARAMETERS, ParameterFile(self._parameters.packed))
+        self._files = FtpServer(self._outbox, self._guard, served)
         requests = Requests(
             self._guard,
             self._parameters,
@@ -229,6 +232,10 @@ class Link:
         Raises ParameterError for a name that is not listed or a value out of range.
         """
         self._parameters.changed(name, value, now)
+
+    def set_configured(self, values: Mapping[str, float]) -> None:
+        """What the parameters are as configured, for who asks for their defaults."""
+        self._parameters.configured = values
 
     def set_words(self, words: Mapping[str, float]) -> None:
         """The words in force, for who reads them as text."""

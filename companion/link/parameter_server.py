@@ -14,6 +14,7 @@ from companion.link.outbox import Outbox
 from companion.link.rounds import Rounds
 from companion.link.speaker import Speaker
 from companion.wire import notices
+from companion.wire.packed_parameters import Asked, pack
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 from companion.wire.refusals import Rejected
 
@@ -36,6 +37,8 @@ class ParameterServer:
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
         self._asked: dict[str, Sender] = {}
         self._lists = Rounds(outbox, "list", len(self._entries))
+        self.configured: Mapping[str, float] = {}
+        """Name -> the configured value, as far as it is known."""
 
     def at(self, index: int) -> Parameter | None:
         """The parameter with this index."""
@@ -63,6 +66,10 @@ class ParameterServer:
     def list_all(self, sender: Sender) -> None:
         """PARAM_REQUEST_LIST."""
         self._lists.begin(sender)
+
+    def packed(self, asked: Asked) -> bytes:
+        """The list as a file. Raises ValueError where it begins behind the last one."""
+        return pack(self._entries, asked, self.configured)
 
     def read(self, sender: Sender, message: Any, now: float) -> None:
         """PARAM_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""

@@ -25,15 +25,23 @@ def proxy(stage: Any, mavproxy: Callable[..., Any]) -> Any:
 
 
 def test_parameters_are_fetched_shown_and_set(proxy: Any) -> None:
-    # The first one asks for a file, and hears that there is none.
-    proxy.ask_until("param fetch", "Received ", every=10.0)
-    assert int(re.findall(r"Received (\d+) parameters", "\n".join(proxy.said))[-1]) >= 24
+    told = proxy.ask("param fetch", "Received ")
+    assert told.endswith("(ftp)")
+    assert int(re.findall(r"Received (\d+) parameters", told)[0]) >= 24
     assert "1.0" in proxy.ask("param show AT_W_GRASS", "AT_W_GRASS ")
     proxy.type("param set AT_W_GRASS 0.5")
     proxy.ask_until("param show AT_W_GRASS", "AT_W_GRASS       0.5")
+    proxy.ask("param fetch", "Received ")
+    assert proxy.ask("param diff AT_*", "AT_W_GRASS").split()[1:3] == ["0.500000", "1.000000"]
 
 
-def test_a_parameter_list_is_not_waited_for_by_file_transfer(proxy: Any) -> None:
+def test_parameters_are_fetched_message_by_message_too(proxy: Any) -> None:
+    proxy.type("set param_ftp false")
+    proxy.ask("param fetch", "Received ")
+    proxy.type("set param_ftp true")
+
+
+def test_parameters_are_not_waited_for(proxy: Any) -> None:
     begun = time.monotonic()
     proxy.ask("param fetch", "Received ")
     assert time.monotonic() - begun < 5.0, "an unanswered request costs MAVProxy eight seconds"

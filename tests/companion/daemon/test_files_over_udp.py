@@ -82,7 +82,7 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
         assert client.process_ftp_reply("Get", timeout=20).error_code == 0
         return copy.read_bytes()
 
-    assert listed("/").keys() == {"state.json", "calls", "maps", "logs"}
+    assert listed("/").keys() == {"@PARAM", "state.json", "calls", "maps", "logs"}
     number = call.id
     assert listed("/calls").keys() >= {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg"}
     assert listed("/logs").keys() == {"companion.log"}

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
+from pymavlink.mavftp import MAVFTP
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.memory import first_memory
@@ -15,6 +16,7 @@ from companion import run
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
 from companion.configured import judging_settings
+from companion.link.ftp.rehearsal import FileClient
 from companion.trial import REQUEST
 from companion.wire.ids import Motion, Policy
 from companion.wire.parameters import ROI
@@ -47,6 +49,21 @@ def command(rig: Rig, number: int, *values: float) -> None:
 def outrunning(config: Any) -> Any:
     """A vehicle that just stops before what the rig's region of interest shows."""
     return replace(config, mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0))
+
+
+def test_the_parameter_file_tells_what_was_set_beside_what_is_configured(rig: Rig) -> None:
+    rig.set("AT_THR_ROI", 0.4)
+    rig.set("AT_W_ROCK", -0.5)
+    rig.see(0.5)
+    client = FileClient(rig.stage)
+    client.open("@PARAM/param.pck?withdefaults=1")
+    packed = b"".join(client.read(offset=at, size=239).data for at in range(0, 400, 239))
+    found = MAVFTP.ftp_param_decode(packed)
+    both = [
+        (now[0].decode(), before[1], now[1]) for before, now in zip(found.defaults, found.params, strict=True)
+    ]
+    changed = [(name, round(before, 4), round(now, 4)) for name, before, now in both if before != now]
+    assert changed == [("AT_THR_ROI", 0.3, 0.4), ("AT_W_ROCK", -1.0, -0.5)]
 
 
 def test_the_region_of_interest_reaches_eyes_and_state_machine(rig: Rig) -> None:

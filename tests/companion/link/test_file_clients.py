@@ -1,6 +1,7 @@
 """pymavlink's own file transfer client, in real time over UDP and in virtual time over a bad radio."""
 
 import random
+import re
 import select
 import threading
 import time
@@ -163,13 +164,26 @@ def test_whatever_burst_size_the_client_asks_for_the_file_is_whole(
         assert (tmp_path / "copy").read_bytes() == CONTENT[:length]
 
 
-@pytest.mark.parametrize("path", ["/nothing", "@PARAM/param.pck", "/logs/../../etc/passwd"])
+@pytest.mark.parametrize("path", ["/nothing", "@SYS/threads.txt", "/logs/../../etc/passwd"])
 def test_a_file_that_is_not_there_is_known_at_once(connect: Connect, tmp_path: Path, path: str) -> None:
     client = connect()
     assert get(client, path, tmp_path / "copy") == NOT_FOUND
     times = client.master.stage.times("FILE_TRANSFER_PROTOCOL")
     assert times[-1] - times[0] < 0.5
     assert not (tmp_path / "copy").exists()
+
+
+def test_pymavlinks_client_gets_all_parameters_and_their_defaults(connect: Connect, tmp_path: Path) -> None:
+    client = connect()
+    client.cmd_getparams([str(tmp_path / "values"), str(tmp_path / "defaults")])
+    assert client.process_ftp_reply("GetParams", timeout=60).error_code == SUCCESS
+    listed = {
+        parameter.name: parameter.value for parameter in build(["grass", "dry bush"], {"grass": 1.0}, {})
+    }
+    for file in ("values", "defaults"):
+        lines = (tmp_path / file).read_text().splitlines()
+        told = dict(re.split(r"[ ,\t]+", line)[:2] for line in lines if not line.startswith("#"))
+        assert {name: float(value) for name, value in told.items()} == pytest.approx(listed)
 
 
 @pytest.mark.parametrize("loss", [0.1, 0.3])

@@ -4,6 +4,7 @@ import zlib
 
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
+from pymavlink.mavftp import MAVFTP
 
 from companion.files.tree import Document, Documents, Tree
 from companion.link import encode
@@ -36,6 +37,11 @@ class Files:
                 "empty": Documents(dict, lambda _: b""),
             }
         )
+
+
+def whole(client: FileClient, path: str) -> bytes:
+    size = int.from_bytes(client.open(path).data, "little")
+    return b"".join(client.read(offset=offset, size=239).data for offset in range(0, size, 239))
 
 
 def error(reply: FtpPayload) -> FtpError:
@@ -162,7 +168,7 @@ def test_a_list_does_not_change_between_its_pages(client: FileClient, files: Fil
 
 def test_folders_are_told_apart_and_an_empty_one_ends_at_once(client: FileClient) -> None:
     reply = client.ask(client.request(Opcode.LIST_DIRECTORY, b"/"))
-    assert reply.data == b"Dempty\0Dfiles\0Dmany\0Fstate.json\t9\0"
+    assert reply.data == b"D@PARAM\0Dempty\0Dfiles\0Dmany\0Fstate.json\t9\0"
     assert error(client.ask(client.request(Opcode.LIST_DIRECTORY, b"/empty"))) is FtpError.END_OF_FILE
 
 
@@ -189,13 +195,39 @@ def test_a_path_that_is_not_utf_8_is_not_found(client: FileClient) -> None:
     assert error(client.ask(client.request(Opcode.OPEN_FILE_RO, b"/\xff"))) is FtpError.FILE_NOT_FOUND
 
 
-def test_the_parameter_file_that_ground_stations_try_first_is_refused_within_half_a_second(
-    client: FileClient,
+@pytest.mark.parametrize("options", ["", "?withdefaults=1", "?start=0&count=99"])
+def test_all_parameters_are_read_from_the_file_that_ground_stations_try_first(
+    client: FileClient, options: str
 ) -> None:
-    at = client.stage.now
-    client.send(client.request(Opcode.OPEN_FILE_RO, b"@PARAM/param.pck"))
-    client.replies()
-    assert client.stage.times("FILE_TRANSFER_PROTOCOL")[0] - at < 0.5
+    link = client.stage.link
+    link.set_configured({"AT_W_GRASS": 0.5})
+    link.set_parameter("AT_THR_ROI", 0.25, client.stage.now)
+    found = MAVFTP.ftp_param_decode(whole(client, f"@PARAM/param.pck{options}"))
+    values = {name.decode(): value for name, value, _ in found.params}
+    client.stage.send(mavlink.MAVLink_param_request_list_message(1, COMPONENT_ID))
+    client.replies(5.0)
+    assert values == {one.param_id: one.param_value for one in client.stage.sent("PARAM_VALUE")}
+    assert values["AT_THR_ROI"] == 0.25
+    defaults = {name.decode(): value for name, value, _ in found.defaults or ()}
+    if "defaults" in options:
+        assert defaults == values | {"AT_W_GRASS": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("@PARAM/param.pck?start=99", FtpError.FAIL),
+        ("@PARAM/param.pck?count=many", FtpError.FAIL),
+        ("@PARAM/param.pck?withdefaults=2", FtpError.FAIL),
+        ("@PARAM/param.pckx", FtpError.FILE_NOT_FOUND),
+        ("@PARAM/", FtpError.FILE_NOT_FOUND),
+        ("param.pck", FtpError.FILE_NOT_FOUND),
+    ],
+)
+def test_parameters_that_are_not_there_are_not_made_up(
+    client: FileClient, path: str, expected: FtpError
+) -> None:
+    assert error(client.open(path)) is expected
 
 
 def test_replies_are_never_answered(client: FileClient) -> None:

@@ -1,0 +1,79 @@
+"""A list of parameters in one small file, packed as ArduPilot's `@PARAM/param.pck` is. Little-endian.
+
+Source: libraries/AP_Filesystem of ArduPilot, README.md and AP_Filesystem_Param.cpp. There zeros pad it, so
+that no value lies in two blocks; here it does not change while it is read, and has none.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from urllib.parse import parse_qsl
+
+from companion.wire.parameters import Parameter
+
+MAGIC = 0x671B
+MAGIC_WITH_DEFAULTS = 0x671C
+_HEAD = struct.Struct("<HHH")
+_FLOAT = 4
+_HAS_DEFAULT = 1 << 4
+_MOST_IN_COMMON = 15
+_LAST = 0xFFFE
+_DIGITS = 6
+"""Of a value that is set: a difference behind them is none."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """`count` parameters from number `start` on, 0: all the rest. with_defaults: configured values, too."""
+
+    start: int = 0
+    count: int = 0
+    with_defaults: bool = False
+
+    @classmethod
+    def read(cls, query: str) -> Asked:
+        """`start=5&count=10&withdefaults=1`, any of them; others are ignored. Raises ValueError."""
+        told = dict(parse_qsl(query, keep_blank_values=True))
+        start, count = (_number(told.get(name, "0"), _LAST) for name in ("start", "count"))
+        return cls(start, count, bool(_number(told.get("withdefaults", "0"), 1)))
+
+
+def pack(parameters: Sequence[Parameter], asked: Asked, configured: Mapping[str, float]) -> bytes:
+    """The file. configured: values by name, told where they are others; one that is missing is not known.
+
+    Raises ValueError where there are fewer than `asked.start`.
+    """
+    chosen = parameters[asked.start :][: asked.count or None]
+    if asked.start and not chosen:
+        raise ValueError(f"there are {len(parameters)} parameters, none from {asked.start} on")
+    magic = MAGIC_WITH_DEFAULTS if asked.with_defaults else MAGIC
+    packed, before = _HEAD.pack(magic, len(chosen), len(parameters)), ""
+    for one in chosen:
+        default = configured.get(one.name) if asked.with_defaults else None
+        packed += _row(one, before, default)
+        before = one.name
+    return packed
+
+
+def _row(parameter: Parameter, before: str, default: float | None) -> bytes:
+    name, values = parameter.name, struct.pack("<f", parameter.value)
+    common = min(_in_common(before, name), len(name) - 1, _MOST_IN_COMMON)
+    rest = name[common:].encode()
+    kind = _FLOAT
+    if default is not None and round(default, _DIGITS) != round(parameter.value, _DIGITS):
+        kind |= _HAS_DEFAULT
+        values += struct.pack("<f", default)
+    return bytes([kind, (len(rest) - 1) << 4 | common]) + rest + values
+
+
+def _in_common(one: str, other: str) -> int:
+    same = [a == b for a, b in zip(one, other, strict=False)]
+    return same.index(False) if False in same else len(same)
+
+
+def _number(text: str, most: int) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) > most:
+        raise ValueError(f'"{text}" is not a number up to {most}')
+    return int(text)

@@ -20,6 +20,9 @@ from gcs_plugin.commands import (
 )
 from gcs_plugin.rovers import Call, Rover
 
+READ_S = 2.0
+"""An answer without an id may be meant for the call before one that was told less than this ago."""
+
 
 @dataclass(frozen=True)
 class Addressed:
@@ -67,12 +70,14 @@ def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
     return f"/calls/{number}{large}.jpg", f"rover{rover.system}-call{number}{large}.jpg"
 
 
-def address(reply: Reply, rover: Rover) -> Addressed:
-    """`reply` for `rover`. Raises CommandError when it fits nothing that is open."""
+def address(reply: Reply, rover: Rover, now: float) -> Addressed:
+    """`reply` for `rover`. Raises CommandError when it fits nothing that is open, or what nobody has read."""
     target = current_call(rover) if reply.call_id is None else reply.call_id
     call = rover.calls.get(target)
     if reply.call_id is not None and call is not None and not call.open:
         raise CommandError(f"call {target} is closed already: type `calls` for what is open")
+    if reply.call_id is None and target and rover.told_for(target, now) < READ_S:
+        raise CommandError(f"{target} is new, so nothing was sent: read it, then type that again")
     if not target and reply.motion is not Motion.NONE:
         raise CommandError("no call is open, so nothing waits for this; words alone are taken: `bush: -1`")
     operations = tuple(_operation(change, target, call) for change in reply.changes)

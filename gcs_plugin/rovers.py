@@ -31,7 +31,7 @@ _TELLS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERE
 
 @dataclass
 class Call:
-    """A call or hold: what was said of it last, and when that was heard."""
+    """A call or hold: what was said of it last, and when that was heard. told_at: when it was told here."""
 
     data: CallData
     opened_at: float
@@ -40,6 +40,7 @@ class Call:
     """Counts what this rover has opened; an id may begin anew."""
     presumed_closed: bool = False
     """Only the heartbeat said so: a later message that calls it open is believed."""
+    told_at: float = 0.0
 
     @property
     def open(self) -> bool:
@@ -89,6 +90,7 @@ class Rover:
         self.counters = Counters()
         self._heard_at: float | None = None
         self._up = False
+        self._current_since = 0.0
         self._idle_since: float | None = None
         self._serial = 0
         self._summary_at = 0.0
@@ -109,6 +111,11 @@ class Rover:
     def open_calls(self) -> list[Call]:
         """In the order of their ids."""
         return [call for _, call in sorted(self.calls.items()) if call.open]
+
+    def told_for(self, number: int, now: float) -> float:
+        """Seconds for which an operator could have read of this call or hold."""
+        call = self.calls.get(number)
+        return now - (self._current_since if call is None else call.told_at)
 
     def words(self) -> dict[str, float]:
         """The words' parameters that are in use, by what follows AT_W_ in their names."""
@@ -143,6 +150,8 @@ class Rover:
         told: list[ev.Event] = []
         if (state, current_id) != (self.state, self.current_id):
             told.append(ev.StateChanged(self.system, state, current_id))
+        if current_id != self.current_id:
+            self._current_since = now
         self.state, self.current_id = state, current_id
         return told + self._close_forgotten(now)
 
@@ -167,7 +176,7 @@ class Rover:
             return self._hear_again(known, data, now)
         self._make_room()
         self._serial += 1
-        self.calls[data.id] = Call(data, now - data.age_s, now, self._serial)
+        self.calls[data.id] = Call(data, now - data.age_s, now, self._serial, told_at=now)
         return [] if data.stage is Stage.CLOSED else [ev.CallOpened(self.system, data)]
 
     def hear_acknowledgement(self, ack: Acknowledgement, now: float) -> list[ev.Event]:
@@ -210,7 +219,7 @@ class Rover:
             return []
         before, known.data, known.heard_at = known.data, data, now
         if known.presumed_closed:
-            known.presumed_closed = False
+            known.presumed_closed, known.told_at = False, now
             return [ev.CallOpened(self.system, data)]
         if data.stage is Stage.CLOSED:
             return [ev.CallClosed(self.system, data, now - known.opened_at)]

@@ -92,7 +92,7 @@ class Session:
 
     def _reply(self, reply: Reply, now: float) -> None:
         rover = choose_rover(self._client.rovers, reply.rover, self._selected)
-        answer = address(reply, rover)
+        answer = address(reply, rover, now)
         self._client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
 
     def _fetch(self, picture: Picture, now: float) -> None:

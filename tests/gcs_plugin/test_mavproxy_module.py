@@ -134,7 +134,7 @@ def proxy(
     def made(*calls: CallData | None) -> Proxy:
         rovers = [tiny_rover(system, call) for system, call in enumerate(calls, 1)]
         at = Proxy(plugin, monkeypatch, speaker(255, 230), rovers)
-        at.run(1.0)
+        at.run(3.0)
         return at
 
     return made

@@ -153,7 +153,7 @@ def test_a_typed_tap_reaches_the_rover_and_the_end_has_the_figures(
     operator = start("--connect", air.link, "--events")
     call = operator.event("call")
     assert (call["id"], call["reasons"], call["holding"]) == (7, ["unknown_object"], True)
-    operator.type("tap drum -1 go")
+    operator.type("7 tap drum -1 go")
     assert operator.event("ack")["result"] == "applied"
     assert operator.event("closed")["outcome"] == "answered"
     assert operator.end() == 0

@@ -90,7 +90,7 @@ def desk(tiny_rover: Callable[..., Any], speaker: Callable[..., Any]) -> Make:
             rover.result, rover.stage_after = result, stage
         table = None if script is None else Script.parse(json.dumps(script))
         at = Desk(speaker(255, 190), *rovers, script=table)
-        at.run(1.0)
+        at.run(3.0)
         return at
 
     return made
@@ -100,6 +100,29 @@ def test_an_answer_goes_to_the_current_call(desk: Make, thing_call: CallData) ->
     at = desk(thing_call)
     at.type("go")
     assert at.rovers[0].applied == [(7, ids.Motion.GO, ())]
+
+
+@pytest.mark.parametrize("line", ["go", "tap drum -1 go", "bush: -1"])
+def test_an_answer_without_an_id_is_not_taken_for_a_call_that_nobody_has_read(
+    desk: Make, thing_call: CallData, line: str
+) -> None:
+    at = desk(thing_call)
+    at.rovers[0].call = replace(thing_call, id=8, frame_id=5000)
+    at.run(0.1)
+    at.type(line)
+    assert at.rovers[0].applied == []
+    assert at.paper.problems == ["8 is new, so nothing was sent: read it, then type that again"]
+    at.type(f"8 {line}")
+    assert [target for target, _, _ in at.rovers[0].applied] == [8]
+
+
+def test_nor_for_one_of_which_only_the_heartbeat_has_told(desk: Make, thing_call: CallData) -> None:
+    at = desk(None)
+    at.rovers[0].call = thing_call
+    for message in at.ground.parse(at.rovers[0].heartbeat()):
+        at.client.receive(message, at.now)
+    at.session.type("go", at.now)
+    assert at.paper.problems == ["7 is new, so nothing was sent: read it, then type that again"]
 
 
 def test_words_without_a_call_are_taken_at_any_time(desk: Make) -> None:
@@ -131,7 +154,7 @@ def test_what_fits_nothing_is_refused_with_what_to_do(desk: Make, thing_call: Ca
         at.type(line)
         assert said in at.paper.problems.pop(), line
     at.rovers[0].call = replace(thing_call, worst_tile_box=None)
-    at.run(0.5)
+    at.run(2.5)
     at.type("tap drum -1")
     assert "give the box" in at.paper.problems.pop()
     at.type("go")

@@ -94,6 +94,6 @@ def test_two_rovers_on_two_links_in_the_dialect_of_ardupilot(
         proxy.ask_until("at status", f"rover {system}: heard, companion CALLING")
     proxy.ask_until("at calls", "C7 unknown thing ahead")
     proxy.ask("at go", "rovers 1, 2 are heard")
-    proxy.ask("at rover 2 go", "answer to 7: done")
+    proxy.ask_until("at rover 2 go", "answer to 7: done", every=2.5)
     assert [rover.applied for rover in rovers] == [[], [(7, Motion.GO, ())]]
     assert not [line for line in proxy.said if "mistake in the module" in line]

@@ -28,6 +28,7 @@ from companion.files.calls import CallFiles
 from companion.journal import Journal, JournalError
 from companion.kept import Kept, kept_reply
 from companion.wire.ids import State
+from companion.wire.words_text import operation_text
 
 log = logging.getLogger(__name__)
 
@@ -204,7 +205,7 @@ class Keeper:
             return
         record = {
             "motion": request.motion.name.lower(),
-            "operations": [str(operation) for operation in request.operations],
+            "operations": [operation_text(operation) for operation in request.operations],
             "sender": list(request.sender),
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,

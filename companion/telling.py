@@ -48,7 +48,7 @@ def summary(
         sequence=0,
         current_id=current_id,
         frame_id=seen.frame.id,
-        frame_age_ms=milliseconds(now - seen.frame.captured_at),
+        frame_age_ms=milliseconds(max(now - seen.frame.captured_at, seen.age)),
         latency_ms=milliseconds(seen.age),
         roi_traversability=roi.traversability if roi else None,
         roi_uncertainty=roi.uncertainty if roi else None,

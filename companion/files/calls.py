@@ -25,6 +25,8 @@ PATTERN = "[0-9]*.j*"
 """What may be seen of the folder."""
 KEPT = 50
 """Calls whose files are kept; the oldest go."""
+ANSWERS = 32
+"""Answers told of a call, the newest ones."""
 _NAME = re.compile(r"\.?([0-9]{1,5})(-large)?\.(json|jpg)(\.part)?\Z", re.ASCII)
 """Also of one that was never whole, because the companion was killed."""
 
@@ -50,7 +52,7 @@ class CallFiles:
             **pictures,
             "outcome": None,
             "closed": None,
-            "answers": [dict(answer) for answer in answers],
+            "answers": [dict(answer) for answer in answers][-ANSWERS:],
         }
         self._write_record()
         self._prune(call.id)
@@ -59,7 +61,7 @@ class CallFiles:
     def answered(self, call_id: int, answer: Mapping[str, Any]) -> None:
         """One more answer to the newest call."""
         if call_id == self._record.get("id"):
-            self._record["answers"].append(dict(answer))
+            self._record["answers"] = [*self._record["answers"], dict(answer)][-ANSWERS:]
             self._write_record()
 
     def closed(self, call: Call, at: float) -> None:

@@ -90,7 +90,7 @@ CALL = Layout(
     Field("B", "kind", "number"),
     Field("B", "stage", "number"),
     Field("B", "outcome", "number; 0 until it is closed"),
-    Field("B", "reasons", "bits: those of now, and until it is answered its own"),
+    Field("B", "reasons", "bits: those of now, and until it is answered its own; of a closed call its own"),
     Field("B", "flags", "bit 0: the vehicle stands because of it; bit 1: a test; ignore the others"),
     Field("H", "id", "1 to 65535, then 1 again: one counter of calls and holds"),
     Field("I", "frame id", "of the frame that made it"),
@@ -106,7 +106,7 @@ CALL = Layout(
     Field("H", "heading", "0 to 35999 in 0.01 degrees from north", "65535"),
     Field("B", "words in use", "how many"),
     Field("I", "words", _HASH),
-    Field(TEXT, "picture", "path to fetch it by, n up to 60", "n = 0"),
+    Field(TEXT, "picture", "path to fetch it by, n up to 60; left out when it is closed", "n = 0"),
 )
 
 ANSWER = Layout(

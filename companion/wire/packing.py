@@ -8,6 +8,7 @@ import struct
 UNKNOWN_U16 = 0xFFFF
 UNKNOWN_I16 = -0x8000
 _SCALE = 10_000
+_LONG_WORD = 16
 
 Fractions = tuple[float, float, float, float]
 """A box: left, top, right, bottom as fractions in [0, 1]."""
@@ -75,11 +76,12 @@ def text_to_bytes(text: str, limit: int) -> bytes:
 
 
 def shortened(text: str, limit: int) -> str:
-    """`text` in at most `limit` bytes of UTF-8: what is longer ends behind a whole word, with "..."."""
+    """`text` in at most `limit` bytes of UTF-8; a longer one ends in "...", behind a word unless that is long."""
     if len(text.encode()) <= limit:
         return text
     kept = text.encode()[: limit - 3].decode(errors="ignore")
-    return (kept[: kept.rfind(" ")] if " " in kept else kept).rstrip(" ,") + "..."
+    whole, _, rest = kept.rpartition(" ")
+    return (whole if len(rest.encode()) <= _LONG_WORD and whole else kept).rstrip(" ,") + "..."
 
 
 class Reader:

@@ -39,7 +39,7 @@ COUNTED: dict[Rejected, tuple[str, str]] = {
         _SILENCE,
     ),
     "repeated": ("the same request on another connection within a second", "the first one's reply"),
-    "target": ("what changes something, or a file request, to system 0 or component 0", _SILENCE),
+    "target": ("all but reading parameters, to system 0 or component 0", _SILENCE),
     "payload": ("a torn or impossible TUNNEL or file transfer payload", _SILENCE),
     "version": ("a TUNNEL answer of another layout version", "a text"),
     "parts": ("more than 4 parts, or parts that contradict each other", "45004 REFUSED"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from companion.wire.ids import MAX_TEXT, Kind, Outcome
+from companion.wire.packing import shortened
 
 _ANSWERS = "go/stay/word"
 _OUTCOMES = {
@@ -29,9 +30,9 @@ REASONS = {
 
 
 def fit(text: str) -> str:
-    """One line of at most 50 bytes, cut between characters."""
+    """One line of at most 50 bytes; what is longer ends behind a whole word, with "..."."""
     line = "".join(character if character.isprintable() else " " for character in text)
-    return line.encode(errors="replace")[:MAX_TEXT].decode(errors="ignore")
+    return shortened(line.encode(errors="replace").decode(), MAX_TEXT)
 
 
 def name(kind: Kind, number: int) -> str:

@@ -1,4 +1,4 @@
-"""Words and weights as one text, "grass: 1; rock: -0.8", short enough for an extended parameter."""
+"""Words and weights as text: "grass: 1; rock: -0.8", short enough for an extended parameter."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from anytraverse.errors import PreferencesError
 from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
-from companion.wire.answers import ForgetWord, Operation, SetWord
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
 from companion.wire.parameters import NOT_IN_USE
 
 MAX_TEXT_VALUE = 128
@@ -28,6 +28,22 @@ def words_text(weights: Mapping[str, float]) -> str:
 def weight_text(weight: float) -> str:
     """1, -0.8; -2 is not in use."""
     return f"{round(weight, _PLACES):g}"
+
+
+def operation_text(operation: Operation) -> str:
+    """An answer's operation as an operator types it."""
+    match operation:
+        case SetWord(word, weight):
+            return f"{word}: {weight_text(weight)}"
+        case TapBox(_, box, word, weight):
+            sides = " ".join(f"{side:.4f}" for side in box)
+            return f"tap {word}: {weight_text(weight)} {sides}"
+        case ForgetWord(word):
+            return f"forget {word}"
+        case ForgetCall(call_id):
+            return f"forget call {call_id}"
+        case NewEpisode():
+            return "new episode"
 
 
 def read_words(text: str) -> tuple[Operation, ...]:

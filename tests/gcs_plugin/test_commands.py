@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
 from companion.wire.ids import Motion, Policy
+from companion.wire.words_text import operation_text
 from gcs_plugin.commands import (
     Change,
     CommandError,
@@ -173,3 +175,24 @@ def test_rubbish_is_a_command_or_a_clear_refusal(line: str) -> None:
     except CommandError as error:
         refusal = str(error)
     assert "\n" not in refusal
+
+
+def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
+    operations = (
+        SetWord("old wall", -0.25),
+        TapBox(7, (0.1, 0.25, 0.5, 0.75), "area 51", 0.3),
+        ForgetWord("bush"),
+        ForgetCall(7),
+        NewEpisode(),
+    )
+    typed = [parse(operation_text(operation)) for operation in operations]
+    assert typed == [
+        Reply(Motion.NONE, (change,))
+        for change in (
+            Word("old wall", -0.25),
+            Tap("area 51", 0.3, (0.1, 0.25, 0.5, 0.75)),
+            Forget("bush"),
+            ForgetAnswer(7),
+            Episode(),
+        )
+    ]

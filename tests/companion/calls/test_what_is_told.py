@@ -211,6 +211,15 @@ def test_a_summary_packs_and_unpacks_for_every_view(report: Scene, view: View) -
     assert (told.roi_uncertainty is None) is (view is BROKEN)
 
 
+def test_a_frame_judged_after_the_turn_began_is_as_old_as_its_judging_took(report: Scene) -> None:
+    report.run(1.0)
+    newest = report.calls.sight.newest
+    assert newest is not None
+    began = newest.frame.captured_at - 0.2
+    made = summary(newest, report.numbers.judging.region, State.OK, Policy.REPORT, 0, 90, began)
+    assert made.frame_age_ms == made.latency_ms == 50
+
+
 def test_milliseconds_stay_on_the_wire() -> None:
     assert [milliseconds(seconds) for seconds in (-1.0, 0.0123, 1e6)] == [0, 12, 0xFFFF]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.assessment import Reason
 from anytraverse.regions import Box
 from companion.calls.decisions import Call
-from companion.files.calls import KEPT, CallFiles
+from companion.files.calls import ANSWERS, KEPT, CallFiles
 from companion.files.offer import Offer
 from companion.files.thumbnail import LIMIT
 from companion.logbook import logbook
@@ -95,6 +96,19 @@ def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(mak
     assert names(rig, "/calls").keys() == {"1.json", "1.jpg", "1-large.jpg"}
 
 
+def test_the_protocols_page_names_every_key_of_both_documents(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=3)
+    place(rig)
+    rig.see(3.0, "drum")
+    rig.answer(1, Motion.STAY)
+    rig.see(0.5, "drum")
+    state, call = told(rig, "/state.json"), told(rig, "/calls/1.json")
+    inner = [state["open"], state["place"], state["link"], call["place"], *call["answers"]]
+    page = (Path(__file__).resolve().parents[3] / "docs" / "protocol.md").read_text()
+    section = page.split("### What the documents say")[1].split("\n### ")[0]
+    assert set().union(state, call, *inner) == set(re.findall(r"`([a-z][a-z_]*)`", section))
+
+
 def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(make_rig: MakeRig) -> None:
     rig = make_rig(pictures=3)
     place(rig)
@@ -118,6 +132,7 @@ def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(ma
     rig.see(3.0, "drum")
     closed = told(rig, "/calls/1.json")
     assert [one["motion"] for one in closed["answers"]] == ["stay", "go"]
+    assert [one["operations"] for one in closed["answers"]] == [[], ["drum: 1"]]
     assert closed["outcome"] == "answered"
     assert abs(closed["closed"] - call["place"]["time"]) < 60
     entry = next(one for one in rig.engine.memory.history if one.call_id == 1)
@@ -209,6 +224,16 @@ def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) 
         files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
     kept = sorted(int(path.stem) for path in folder.iterdir())
     assert kept == list(range(60 - KEPT, 60))
+
+
+def test_of_a_call_that_was_answered_for_ever_the_newest_answers_are_told(tmp_path: Path) -> None:
+    files = CallFiles(tmp_path, lambda: Box(0, 0, 1, 1))
+    for earlier in (), [{"number": -1}] * ANSWERS:
+        files.opened(Call(7, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None, earlier)
+        for number in range(ANSWERS + 3):
+            files.answered(7, {"number": number})
+        kept = [one["number"] for one in json.loads((tmp_path / "7.json").read_text())["answers"]]
+        assert kept == list(range(3, ANSWERS + 3))
 
 
 def test_what_a_kill_left_of_a_file_goes_with_its_call(tmp_path: Path) -> None:

@@ -69,6 +69,7 @@ def test_who_was_heard_is_learned_for_each_port(router: Router) -> None:
         mavlink.MAVLink_named_value_float_message(1, b"AT_UNC", 0.4),
         mavlink.MAVLink_param_value_message(b"AT_W_DRUM", -1.0, 9, 1, 0),
         mavlink.MAVLink_param_ext_value_message(b"AT_P1", b"dirt", 1, 1, 0),
+        mavlink.MAVLink_message_interval_message(385, 1_000_000),
     ],
     ids=lambda message: str(message.get_type()),
 )

@@ -93,7 +93,12 @@ def test_an_unknown_figure_shows_as_unknown(figure: float | None) -> None:
 
 
 def test_a_long_word_is_cut_between_characters() -> None:
-    assert notices.word_dropped("草" * 20) == "Too many words, out of use: " + "草" * 7
+    assert notices.word_dropped("草" * 20) == "Too many words, out of use: " + "草" * 6 + "..."
+
+
+def test_a_long_text_ends_behind_a_whole_word() -> None:
+    why = '"xylophone" is not a word it knows: water, rock, road'
+    assert notices.refused(why) == 'Refused: "xylophone" is not a word it knows:...'
 
 
 def test_an_answer_to_the_current_one_while_nothing_is_open_names_no_id() -> None:

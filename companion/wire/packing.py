@@ -76,7 +76,7 @@ def text_to_bytes(text: str, limit: int) -> bytes:
 
 
 def shortened(text: str, limit: int) -> str:
-    """`text` in at most `limit` bytes of UTF-8; a longer one ends in "...", behind a word unless that is long."""
+    """`text` in at most `limit` bytes of UTF-8; a longer one ends in "...", behind a whole word, if short."""
     if len(text.encode()) <= limit:
         return text
     kept = text.encode()[: limit - 3].decode(errors="ignore")

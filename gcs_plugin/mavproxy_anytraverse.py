@@ -17,6 +17,7 @@ from typing import Any
 from MAVProxy.modules.lib import mp_module
 
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
+from gcs_plugin import wording
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.output import TextOutput
 from gcs_plugin.pictures import Pictures
@@ -124,7 +125,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         for name in ("(AT_CALL)", "(AT_WORD)"):
             self.mpstate.completion_functions.pop(name, None)
         for pending in self._client.unsettled:
-            self._output.problem(f"answer to {pending.target or 'no call'} is not acknowledged, and given up")
+            self._output.problem(wording.given_up(pending.target))
         super().unload()
 
     def _send(self, message: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol, TextIO
 
 from companion.wire.ids import Reasons, Stage, State
@@ -96,36 +96,46 @@ class JsonOutput:
         print(to_line(fields), file=self._stream, flush=True)
 
 
-class Both:
-    """Tells two outputs the same."""
+class Logged:
+    """Tells an output, and a log beside it for as long as that can be written."""
 
-    def __init__(self, first: Output, second: Output) -> None:
-        self._outputs = (first, second)
+    def __init__(self, output: Output, log: Output) -> None:
+        self._output = output
+        self._log: Output | None = log
 
     def started(self, link: str) -> None:
-        for output in self._outputs:
-            output.started(link)
+        self._output.started(link)
+        self._keep(lambda log: log.started(link))
 
     def event(self, event: ev.Event, now: float, *, several: bool) -> None:
-        for output in self._outputs:
-            output.event(event, now, several=several)
+        self._output.event(event, now, several=several)
+        self._keep(lambda log: log.event(event, now, several=several))
 
     def say(self, lines: Iterable[str]) -> None:
         told = list(lines)
-        for output in self._outputs:
-            output.say(told)
+        self._output.say(told)
+        self._keep(lambda log: log.say(told))
 
     def problem(self, text: str) -> None:
-        for output in self._outputs:
-            output.problem(text)
+        self._output.problem(text)
+        self._keep(lambda log: log.problem(text))
 
     def typed(self, line: str) -> None:
-        for output in self._outputs:
-            output.typed(line)
+        self._output.typed(line)
+        self._keep(lambda log: log.typed(line))
 
     def end(self, totals: dict[str, Any]) -> None:
-        for output in self._outputs:
-            output.end(totals)
+        self._output.end(totals)
+        self._keep(lambda log: log.end(totals))
+
+    def _keep(self, tell: Callable[[Output], None]) -> None:
+        if self._log is None:
+            return
+        try:
+            tell(self._log)
+        except OSError as error:
+            self._log = None
+            self._output.problem(f"the log ends here, it cannot be written: {error.strerror or error}")
 
 
 class TextOutput:

@@ -8,14 +8,16 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
 from companion.wire.signing_key import SigningKeyError, read_key
+from gcs_plugin import wording
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.connection import EXAMPLES, Connection, LinkError, open_connection
 from gcs_plugin.keyboard import Keyboard
-from gcs_plugin.output import Both, JsonOutput, Output, TextOutput
+from gcs_plugin.output import JsonOutput, Logged, Output, TextOutput
 from gcs_plugin.pictures import Pictures
 from gcs_plugin.runner import Runner
 from gcs_plugin.script import Script, ScriptError
@@ -50,12 +52,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         else TextOutput(sys.stdout, colours=_colours(sys.stdout))
     )
     if log is not None:
-        output = Both(output, JsonOutput(log, started))
+        output = Logged(output, JsonOutput(log, started))
     pictures = Pictures(options.pictures, show=options.show)
     session = Session(client, output, script, pictures.keep)
     try:
         output.started(connection.name)
         _run(runner, session, _Doubts(connection, client, output, signing), stopped, options.quit_after)
+        for pending in client.unsettled:
+            output.problem(wording.given_up(pending.target))
         output.end(session.totals.record(client.rovers, time.monotonic() - started))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -63,7 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         runner.close()
         if log is not None:
-            log.close()
+            with suppress(OSError):  # what could not be written has been said
+                log.close()
     return 0
 
 

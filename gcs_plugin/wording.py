@@ -169,6 +169,11 @@ def acknowledged(ack: Acknowledgement) -> str:
     return f"{subject}: {_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
 
 
+def given_up(target: int) -> str:
+    """An answer that was on its way when the program ended."""
+    return f"answer to {target or 'no call'} is not acknowledged, and given up"
+
+
 def state(value: State, current_id: int) -> str:
     """The companion's state."""
     about = f" ({current_id})" if current_id else ""

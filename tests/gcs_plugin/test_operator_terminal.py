@@ -216,6 +216,29 @@ def test_a_person_reads_text_and_a_file_gets_the_events(
     assert (events[0], events[-1], "call" in events) == ("started", "end", True)
 
 
+def test_a_log_that_cannot_be_written_costs_the_log_and_no_answer(
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData
+) -> None:
+    air = fly(thing_call)
+    operator = start("--connect", air.link, "--events", "--log", "/dev/full")
+    assert operator.event("problem")["text"].startswith("the log ends here")
+    operator.event("call")
+    operator.type("7 go")
+    operator.event("ack")
+    assert operator.end() == 0
+    assert sum('"problem"' in line for line in operator.lines) == 1
+
+
+def test_an_answer_that_quit_leaves_behind_is_said_to_be_given_up(
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData
+) -> None:
+    operator = start("--connect", fly(thing_call).link, "--events")
+    operator.event("call")
+    operator.type("7 go\nquit")
+    assert operator.process.wait(DEADLINE_S) == 0
+    assert operator.event("problem")["text"] == "answer to 7 is not acknowledged, and given up"
+
+
 def test_a_link_that_is_refused_is_told_once_and_tried_again(start: Callable[..., Operator]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # bound and not listening: connections are refused

@@ -19,6 +19,16 @@ _MAX_SKIPPED = 512
 """Datagrams that say nothing, or come from elsewhere: they must not keep back what waits behind them."""
 
 
+TCP_OPTIONS = {
+    "TCP_NODELAY": 1,
+    "TCP_USER_TIMEOUT": 10_000,
+    "TCP_KEEPIDLE": 5,
+    "TCP_KEEPINTVL": 2,
+    "TCP_KEEPCNT": 3,
+}
+"""ms that what was sent may go unconfirmed, connecting included, and s for a connection that is silent."""
+
+
 class Transport(Protocol):
     """One open device. `read` and `write` raise OSError when it is broken and has to be opened again.
 
@@ -120,13 +130,16 @@ class _Stream:
 
 
 class Tcp(_Stream):
-    """A TCP client."""
+    """A TCP client. A peer that went without a word is noticed within 15 s, where the platform can."""
 
     def __init__(self, address: Address) -> None:
         super().__init__()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._socket.settimeout(0)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in TCP_OPTIONS.items():
+            if hasattr(socket, option):
+                self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         code = self._socket.connect_ex((address.place, address.number))
         if code not in (0, errno.EINPROGRESS):
             self._socket.close()

@@ -16,7 +16,7 @@ from companion.link.heard import AnswerRequest, Heard
 from companion.link.link import Link
 from companion.link.parser import Parser
 from companion.link.settings import MAIN, Address, ConnectionSettings, LinkError, LinkSettings
-from companion.link.transport import Tcp, Udp, open_transport
+from companion.link.transport import TCP_OPTIONS, Tcp, Udp, open_transport
 from companion.wire.ids import Motion
 from companion.wire.parameters import build
 
@@ -266,6 +266,42 @@ def test_a_tcp_peer_that_does_not_read_blocks_nothing_and_gets_whole_frames() ->
             transport.write(frame)
         assert parser.bad == 0
         connected.close()
+        transport.close()
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="not on this platform")
+def test_a_tcp_peer_that_confirms_nothing_any_more_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(TCP_OPTIONS, "TCP_USER_TIMEOUT", 200)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(DEADLINE)
+        transport = Tcp(LinkSettings(f"tcp:127.0.0.1:{server.getsockname()[1]}").address())
+        connected, _address = server.accept()
+
+        def talk() -> None:
+            end = time.monotonic() + DEADLINE
+            while time.monotonic() < end:
+                if not transport.write(bytes(250)):
+                    time.sleep(0.01)
+                transport.read()
+
+        with pytest.raises(OSError, match="timed out"):
+            talk()
+        connected.close()
+        transport.close()
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_KEEPIDLE"), reason="not on this platform")
+def test_a_silent_tcp_connection_is_tried_within_15_seconds() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        transport = Tcp(LinkSettings(f"tcp:127.0.0.1:{server.getsockname()[1]}").address())
+        asked = socket.socket(fileno=os.dup(transport.fileno() or 0))
+        idle, pause, tries = (
+            asked.getsockopt(socket.IPPROTO_TCP, getattr(socket, name))
+            for name in ("TCP_KEEPIDLE", "TCP_KEEPINTVL", "TCP_KEEPCNT")
+        )
+        assert asked.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        assert idle + pause * tries <= 15
+        asked.close()
         transport.close()
 
 

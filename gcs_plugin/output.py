@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol, TextIO
 
+from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WARNING
+
 from companion.wire.ids import Reasons, Stage, State
 from companion.wire.payloads import CallData
 from gcs_plugin import events as ev
@@ -33,6 +35,13 @@ _Standing = tuple[int, Stage, bool, int]
 
 def _standing(call: CallData) -> _Standing:
     return call.id, call.stage, call.holding, int(call.reasons)
+
+
+def _urgency(severity: int) -> str:
+    """An alarm must not look like news; of a call the lines above say more than its text."""
+    if severity <= MAV_SEVERITY_CRITICAL:
+        return _ALARM
+    return _PLAIN if severity <= MAV_SEVERITY_WARNING else _FAINT
 
 
 class Writes(Protocol):
@@ -192,7 +201,7 @@ class TextOutput:
                 return [wording.closed(event.call, event.after_s)], _GOOD
             case ev.TextHeard():
                 fresh = self._fresh(event, now)
-                return [f'says "{wording.clean(event.text)}"'] * fresh, _FAINT
+                return [f'says "{wording.clean(event.text)}"'] * fresh, _urgency(event.severity)
             case ev.VehicleTextHeard():
                 fresh = self._fresh(event, now)
                 return [f'autopilot says "{wording.clean(event.text)}"'] * fresh, _ALARM

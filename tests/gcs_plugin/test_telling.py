@@ -87,6 +87,15 @@ def test_colours_are_there_when_asked_for(thing_call: CallData) -> None:
     assert "\033[1;31mC7" in page.getvalue()
 
 
+@pytest.mark.parametrize(("severity", "colour"), [(1, "1;31"), (2, "1;31"), (4, ""), (6, "2")])
+def test_an_alert_looks_like_one_and_news_do_not(severity: int, colour: str) -> None:
+    page = io.StringIO()
+    output = TextOutput(page, colours=True)
+    output.event(ev.TextHeard(1, severity, "H9 HOLD FAILED: STOP BY HAND"), 1.0, several=False)
+    said = 'says "H9 HOLD FAILED: STOP BY HAND"'
+    assert page.getvalue().rstrip("\n").endswith(f"\033[{colour}m{said}\033[0m" if colour else f"  {said}")
+
+
 def test_a_text_that_repeats_is_read_once_a_minute() -> None:
     page = io.StringIO()
     output = TextOutput(page, colours=False)

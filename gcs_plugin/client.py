@@ -91,7 +91,8 @@ class OperatorClient:
         component = message.get_srcComponent()
         if component not in (COMPONENT_ID, AUTOPILOT_COMPONENT_ID):
             return
-        kind, rover = message.get_type(), self._rover(message.get_srcSystem())
+        kind = message.get_type()
+        rover = self._rover(message.get_srcSystem(), companion=component == COMPONENT_ID)
         if rover is None or kind == "BAD_DATA":
             return
         if component == AUTOPILOT_COMPONENT_ID:
@@ -169,10 +170,19 @@ class OperatorClient:
         """Ask the rover's companion for its list, as soon as it is heard."""
         self._lists_wanted.add(system)
 
-    def _rover(self, system: int) -> Rover | None:
-        if system not in self._rovers and 0 < system < 256 and len(self._rovers) < MAX_ROVERS:
-            self._rovers[system] = Rover(system)
+    def _rover(self, system: int, *, companion: bool) -> Rover | None:
+        if system not in self._rovers and 0 < system < 256:
+            if companion:
+                self._make_room()
+            if len(self._rovers) < MAX_ROVERS:
+                self._rovers[system] = Rover(system)
         return self._rovers.get(system)
+
+    def _make_room(self) -> None:
+        """Of too many vehicles the first without a companion gives its place to one that has."""
+        without = next((system for system, rover in self._rovers.items() if not rover.known), None)
+        if without is not None and len(self._rovers) >= MAX_ROVERS:
+            del self._rovers[without]
 
     def _understand(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
         if kind == "HEARTBEAT":
@@ -218,6 +228,8 @@ class OperatorClient:
             return []
         if pending.status is Status.ACKNOWLEDGED:
             rover.counters.duplicate_acknowledgements += 1
+            return []
+        if pending.settled and ack.result is Result.BUSY:
             return []
         pending.acknowledge(ack, final=ack.result is not Result.BUSY)
         return [ev.Acknowledged(rover.system, ack), *rover.hear_acknowledgement(ack, now)]

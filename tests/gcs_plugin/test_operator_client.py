@@ -16,7 +16,7 @@ from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, Se
 from companion.wire.packing import PayloadError
 from companion.wire.payloads import CallData
 from gcs_plugin import events as ev
-from gcs_plugin.client import OperatorClient
+from gcs_plugin.client import MAX_ROVERS, OperatorClient
 from gcs_plugin.pending import Pending, Status
 
 MakeRover = Callable[..., Any]
@@ -212,6 +212,33 @@ def test_a_busy_rover_is_asked_again(sky: Sky) -> None:
     assert pending.status is Status.ACKNOWLEDGED
 
 
+def test_a_rover_that_is_busy_too_late_is_not_said_to_be_asked_again(sky: Sky) -> None:
+    sky.rover.result, sky.rover.stage_after = ids.Result.BUSY, ids.Stage.OPEN
+    sky.run(2.0)
+    sky.lose_up = lambda _: bool(sky.sent)
+    pending = sky.answer(BUSH)
+    sky.run(61.0)
+    assert pending.status is Status.EXPIRED
+    late = Acknowledgement(
+        pending.transaction, 7, ids.Result.BUSY, ids.Stage.OPEN, ids.Outcome.NONE,
+        None, None, ids.Reasons.NONE, 99, "the eyes are busy",
+    )  # fmt: skip
+    sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, late.pack()))
+    sky.run(1.0)
+    assert sky.of(ev.Acknowledged) == []
+
+
+def test_a_companion_is_heard_among_any_number_of_vehicles_without_one(
+    sky: Sky, tiny_rover: MakeRover
+) -> None:
+    for system in range(2, 2 + 2 * MAX_ROVERS):
+        sky.hear(tiny_rover(system).vehicle())
+    for system in range(101, 101 + MAX_ROVERS):
+        sky.hear(tiny_rover(system).heartbeat())
+    sky.hear(*(tiny_rover(system).vehicle() for system in range(50, 60)))
+    assert list(sky.client.rovers) == list(range(101, 101 + MAX_ROVERS))
+
+
 def test_nothing_is_sent_to_a_rover_that_is_silent_for_three_seconds(sky: Sky) -> None:
     sky.run(2.0)
     sky.rover_speaks = False
@@ -403,7 +430,7 @@ def test_summaries_that_are_lost_are_counted_and_a_restart_is_not(sky: Sky) -> N
 def test_the_words_are_known_from_the_parameters(sky: Sky) -> None:
     sky.client.request_parameters(1)
     sky.run(2.0)
-    assert sky.client.rovers[1].words() == {"GRASS": 1.0}
+    assert sky.client.rovers[1].words() == {"grass": 1.0}
     assert sky.rover.lists_asked == 1
 
 

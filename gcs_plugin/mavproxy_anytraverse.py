@@ -34,6 +34,7 @@ HELP = """\
   at bush: -1, go              any change, and drive on; also `at tap drum -1 go`
   at tap drum -1               what the call points at is a "drum"; a box: at tap drum -1 0.40 0.55 0.60 0.80
   at forget bush               take a word out of use; `at forget call 7`: what it taught; `at new episode`
+  at picture                   fetch what the call saw, to tap in it; `at picture 7`, and `at picture 7 large`
   at policy hold               what the companion may do: report, shadow, hold, or off: nobody watches
   at rover 2 go                for one of several rovers; `at rover 2` alone stays with it
   at status | calls | words    what is known; `anytraverse` is the long form of `at`""".splitlines()
@@ -43,6 +44,7 @@ _COMPLETIONS = [
     "<status|calls|words|help|go|stay|look>",
     "policy <report|shadow|hold|off>",
     "answer (AT_CALL) <go|stay|look>",
+    "picture (AT_CALL) <large>",
     "<set|forget|tap> (AT_WORD) <1|-1>",
 ]
 
@@ -163,7 +165,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         return [str(call.data.id) for rover in rovers for call in rover.open_calls()] + _MOTIONS
 
     def _words(self, _text: str) -> list[str]:
-        return [word.lower() for rover in self._client.rovers.values() for word in rover.words()]
+        return [word for rover in self._client.rovers.values() for word in rover.words()]
 
 
 def _is_autopilot_text(message: Any) -> bool:

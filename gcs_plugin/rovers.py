@@ -118,10 +118,10 @@ class Rover:
         return now - (self._current_since if call is None else call.told_at)
 
     def words(self) -> dict[str, float]:
-        """The words' parameters that are in use, by what follows AT_W_ in their names."""
+        """Words in use with their weights, spelled as their parameters' names allow."""
         prefix = len(WORD_PREFIX)
         return {
-            name[prefix:]: value
+            name[prefix:].replace("_", " ").lower(): value
             for name, value in sorted(self.parameters.items())
             if name.startswith(WORD_PREFIX) and -1.0 <= value <= 1.0
         }

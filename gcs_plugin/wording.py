@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Outcome, Policy, Reasons, Result, Stage, State
+from companion.wire.ids import Kind, Outcome, Policy, Reasons, Result, Stage, State, words_hash
 from companion.wire.packing import Fractions
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
@@ -225,10 +225,16 @@ def shadow(rover: Rover) -> str:
 
 
 def words_lines(rover: Rover) -> list[str]:
-    """The words in use, by their parameters' short names."""
+    """The words in use, as far as parameters tell; whether there are others the newest summary knows."""
     words = rover.words()
-    told = "; ".join(f"{word.lower()}: {value:g}" for word, value in words.items())
-    return [f"rover {rover.system}: {told or 'its words are not told yet, ask again in a few seconds'}"]
+    if not words:
+        return [f"rover {rover.system}: its words are not told yet, ask again in a few seconds"]
+    told = "; ".join(f"{word}: {value:g}" for word, value in words.items())
+    lines = [f"rover {rover.system}: {told}"]
+    if rover.summary is not None and rover.summary.words != words_hash(words):
+        lines.append("  these are not all, or spelled otherwise there: ask again in a few seconds;")
+        lines.append("  words that no parameter holds are in its /state.json")
+    return lines
 
 
 def calls_lines(rover: Rover, now: float) -> list[str]:

@@ -73,7 +73,7 @@ def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thi
     assert (rover.state, rover.current_id, rover.counters.summaries_lost) == (ids.State.CALLING, 7, 0)
     pair.client.request_parameters(1)
     pair.run(3.0)
-    assert rover.words() == {"GRASS": 1.0}
+    assert rover.words() == {"grass": 1.0}
 
 
 def test_an_answer_in_parts_arrives_whole_and_its_acknowledgement_comes_back(

@@ -11,11 +11,13 @@ import pytest
 
 from companion.wire import ids
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
+from companion.wire.ids import words_hash
 from companion.wire.payloads import CallData
 from gcs_plugin import events as ev
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.script import Script
 from gcs_plugin.session import Session
+from gcs_plugin.wording import words_lines
 
 
 class Paper:
@@ -221,6 +223,20 @@ def test_the_figures_of_a_session(desk: Make, thing_call: CallData) -> None:
     assert figures["summaries_received"] == at.rovers[0].sequence
     assert figures["bytes_from_companion"] > 1000
     json.dumps(figures)
+
+
+def test_words_say_whether_they_are_all(desk: Make) -> None:
+    at = desk(None)
+    rover = at.client.rovers[1]
+    for name, value in (("AT_W_DRY_GRASS", -0.5), ("AT_W_ROCK", -2.0)):
+        rover.hear_parameter(name, value)
+    at.type("words")
+    assert at.paper.said[0] == "rover 1: dry grass: -0.5; grass: 1"
+    assert "these are not all" in at.paper.said[1]
+    assert rover.summary is not None
+    all_of_them = words_hash({"grass": 1.0, "dry grass": -0.5})
+    rover.summary = replace(rover.summary, words=all_of_them)
+    assert words_lines(rover) == ["rover 1: dry grass: -0.5; grass: 1"]
 
 
 def test_status_words_calls_and_help_are_said(desk: Make, thing_call: CallData) -> None:

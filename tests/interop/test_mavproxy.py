@@ -64,7 +64,7 @@ def test_the_module_tells_the_state_and_the_words(proxy: Any) -> None:
     proxy.wait_for("rover 1 companion heard")
     proxy.ask_until("at status", "rover 1: heard, companion ok")
     proxy.type("set target_component 1")
-    proxy.ask_until("at words", "dirt_path: 1; grass: 0.5")
+    proxy.ask_until("at words", "dirt path: 1; grass: 0.5")
     proxy.ask("at policy hold", "policy")
 
 

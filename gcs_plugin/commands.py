@@ -36,6 +36,7 @@ _FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGN
 _FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
 _PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(\s+large)?\Z", re.ASCII | re.IGNORECASE)
+_ORDER = re.compile(r"(go|ok|stay|look|forget|set|answer|policy|rover)\s+\S", re.IGNORECASE)
 _NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
 
 
@@ -209,7 +210,7 @@ def _change(segment: str) -> Change:
     if found := _TAP.match(segment):
         return _tap(found[1])
     if colon:
-        return Word(_word(name), _weight(name, number))
+        return Word(_new_word(name), _weight(name, number))
     if found := _FORGET.match(segment):
         return Forget(_word(found[1]))
     if not segment:
@@ -242,6 +243,15 @@ def _box(sides: list[float]) -> Fractions:
     if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
         raise CommandError("a box is left top right bottom in fractions of the picture: 0.40 0.55 0.60 0.80")
     return left, top, right, bottom
+
+
+def _new_word(raw: str) -> str:
+    """A hasty `go bush: -1` means the bush, and no word "go bush"."""
+    if found := _ORDER.match(raw.strip()):
+        raise CommandError(
+            f'"{found[1]}" does not begin a word: write it as `bush: -1`, `bush: -1, go` or `forget bush`'
+        )
+    return _word(raw)
 
 
 def _word(raw: str) -> str:

@@ -95,6 +95,11 @@ def test_an_empty_line_means_nothing(line: str) -> None:
         ("tap drum -1 0.4 0.5 0.6 1.8", "fractions"),
         ("forget", "no command"),
         ("go forth", "no command"),
+        ("go bush: -1", "`bush: -1, go`"),
+        ("7 STAY bush: -1; grass: 1", '"STAY" does not begin a word'),
+        ("forget bush: -1", "`forget bush`"),
+        ("set bush: -1", "`bush: -1`"),
+        ("policy hold: 1", '"policy" does not begin a word'),
         ("7", "`7 go`"),
         ("0 go", "call 0 cannot be"),
         ("70000 go", "call 70000 cannot be"),
@@ -109,6 +114,11 @@ def test_a_wrong_line_is_refused_with_an_example_on_one_line(line: str, said: st
         parse(line)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("line", ["gold: 1", "setting sun: 1", "go: 1", "forgetmenot: -1"])
+def test_a_word_may_begin_like_an_order(line: str) -> None:
+    assert parse(line) == Reply(Motion.NONE, (Word(line.partition(":")[0], float(line.split()[-1])),))
 
 
 _FIRST = st.from_regex(r"[abefijkmnpquvwxyzäöü][a-zäöü]{2,9}", fullmatch=True)

@@ -118,7 +118,8 @@ def test_a_wrong_line_is_refused_with_an_example_on_one_line(line: str, said: st
 
 @pytest.mark.parametrize("line", ["gold: 1", "setting sun: 1", "go: 1", "forgetmenot: -1"])
 def test_a_word_may_begin_like_an_order(line: str) -> None:
-    assert parse(line) == Reply(Motion.NONE, (Word(line.partition(":")[0], float(line.split()[-1])),))
+    word, _, weight = line.partition(": ")
+    assert parse(line) == Reply(Motion.NONE, (Word(word, float(weight)),))
 
 
 _FIRST = st.from_regex(r"[abefijkmnpquvwxyzäöü][a-zäöü]{2,9}", fullmatch=True)

@@ -70,6 +70,12 @@ def parameter(entry: Parameter, index: int, count: int) -> Any:
     )
 
 
+def no_parameter(name: bytes, index: int, target: tuple[int, int]) -> Any:
+    """PARAM_ERROR: no parameter of this name, or of this index where that is not negative."""
+    missing = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
+    return mavlink.MAVLink_param_error_message(*target, name, index, missing)
+
+
 def text_parameter(name: str, text: str, index: int, count: int) -> Any:
     """PARAM_EXT_VALUE of a string of at most 128 bytes."""
     return mavlink.MAVLink_param_ext_value_message(

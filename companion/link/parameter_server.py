@@ -14,6 +14,7 @@ from companion.link.outbox import Outbox
 from companion.link.rounds import Rounds
 from companion.link.speaker import Speaker
 from companion.wire import notices
+from companion.wire.ids import COMPONENT_ID
 from companion.wire.packed_parameters import Asked, pack
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 from companion.wire.refusals import Rejected
@@ -72,10 +73,10 @@ class ParameterServer:
         return pack(self._entries, asked, self.configured)
 
     def read(self, sender: Sender, message: Any, now: float) -> None:
-        """PARAM_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
+        """PARAM_REQUEST_READ, by name when the index is -1."""
         index = self._index.get(message.param_id) if message.param_index < 0 else message.param_index
         if index is None or self.at(index) is None:
-            self._guard.rejected["unknown parameter"] += 1
+            self._refuse_unknown(sender, message, message.param_index, now)
             return
         self._tell("echo", index, now, sender)
 
@@ -83,7 +84,7 @@ class ParameterServer:
         """PARAM_SET of any type; the old value is echoed when it is refused."""
         index = self._index.get(message.param_id)
         if index is None:
-            self._guard.rejected["unknown parameter"] += 1
+            self._refuse_unknown(sender, message, -1, now)
             return None
         entry = self._entries[index]
         if not self._guard.may_change(sender):
@@ -121,6 +122,15 @@ class ParameterServer:
         """Feed the lists."""
         for index, to in self._lists.due():
             self._tell("list", index, now, to)
+
+    def _refuse_unknown(self, sender: Sender, message: Any, index: int, now: float) -> None:
+        """What was asked of everybody may well be another component's."""
+        self._guard.rejected["unknown parameter"] += 1
+        if message.target_component == COMPONENT_ID:
+            error = encode.no_parameter(message._param_id_raw, index, sender)
+            self._outbox.push(
+                "no parameter", error, now, key=(sender, message._param_id_raw, index), to=sender
+            )
 
     def _tell(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
         message = encode.parameter(self._entries[index], index, len(self._entries))

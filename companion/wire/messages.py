@@ -43,6 +43,7 @@ _ROWS: tuple[_Row, ...] = (
     ("answer ack",  "TUNNEL 45004",        "its outcome",       UP,   None, 145, 2,    ASKED, "asked again"),
     ("command ack", "COMMAND_ACK",         "its outcome",       UP,   None, 22,  2,    ASKED, "asked again"),
     ("echo",        "PARAM_VALUE",         "set or asked for",  UP,   None, 37,  3,    ASKED, "asked again"),
+    ("no parameter", "PARAM_ERROR",        "it is not listed",  UP,   None, 33,  3,    ASKED, "asked again"),
     ("text ack",    "PARAM_EXT_ACK",       "words set by text", UP,   None, 158, 2,    ASKED, "asked again"),
     ("text echo",   "PARAM_EXT_VALUE",     "words as text",     UP,   None, 161, 3,    ASKED, "asked again"),
     ("version",     "AUTOPILOT_VERSION",   "what we can do",    UP,   None, 90,  3,    ASKED, "asked again"),

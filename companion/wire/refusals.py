@@ -44,7 +44,10 @@ COUNTED: dict[Rejected, tuple[str, str]] = {
     "version": ("a TUNNEL answer of another layout version", "a text"),
     "parts": ("more than 4 parts, or parts that contradict each other", "45004 REFUSED"),
     "command": ("31010 with parameters that say nothing", "DENIED and a text"),
-    "unknown parameter": ("a name or index that is not listed", "nothing; PARAM_EXT_SET: FAILED"),
+    "unknown parameter": (
+        "a name or index that is not listed",
+        "PARAM_ERROR; PARAM_EXT_SET: FAILED; PARAM_EXT_REQUEST_READ: nothing",
+    ),
     "range": ("a value out of range, or no value", "the old value and a text"),
     "read-only": ("setting what can only be read", "the old value and a text"),
     "file queue": ("a file request while 8 replies wait", _SILENCE),

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.heard import AnswerRequest, ParameterRequest
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkSettings
+from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter, ParameterError, build
 
 GROUND = (255, 190)
@@ -87,10 +88,35 @@ def test_one_value_is_read_by_name_and_by_index_by_anybody(stage: Rehearsal) -> 
     assert values(stage) == [("AT_W_GRASS", 1.0), ("AT_POLICY", 0.0)]
 
 
-def test_an_unknown_name_or_index_is_counted_and_not_answered(stage: Rehearsal) -> None:
-    ask(stage, read("WP_RADIUS"), read(index=99), read(index=-2), setting("WP_RADIUS", 1))
+def test_an_unknown_name_or_index_is_counted_and_its_asker_told(stage: Rehearsal) -> None:
+    ask(stage, read("WP_RADIUS"), read(index=99), setting("AT_W_GRAVEL_ROADS", 1), sender=(42, 1))
     assert values(stage) == []
-    assert stage.link.counters.rejected == {"unknown parameter": 4}
+    assert stage.link.counters.rejected == {"unknown parameter": 3}
+    told = stage.sent("PARAM_ERROR")
+    assert [(m.param_id, m.param_index) for m in told] == [
+        ("WP_RADIUS", -1),
+        ("", 99),
+        ("AT_W_GRAVEL_ROAD", -1),
+    ]
+    assert {(m.target_system, m.target_component, m.error) for m in told} == {(42, 1, 1)}
+    assert stage.link.counters.sent["asked"] <= 3 * MESSAGES["no parameter"].bytes
+
+
+def test_an_unknown_one_asked_of_everybody_or_by_mavlink_1_is_only_counted(stage: Rehearsal) -> None:
+    ask(stage, read("WP_RADIUS", target=(1, 0)), read(index=99, target=(0, 0)))
+    stage.mavlink1 = True
+    stage.run(12.0, step=0.05)
+    ask(stage, read("WP_RADIUS"))
+    assert stage.sent("PARAM_ERROR") == []
+    assert stage.link.counters.rejected == {"unknown parameter": 3}
+
+
+def test_whoever_asks_for_the_same_unknown_one_again_and_again_is_told_within_the_budget() -> None:
+    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", asked_budget=50.0, burst=300.0))
+    for _ in range(100):
+        stage.send(read("WP_RADIUS"))
+        stage.run(0.1)
+    assert 5 <= len(stage.sent("PARAM_ERROR")) <= 2 + (300 + 50 * 10) / 33
 
 
 def test_a_set_is_reported_and_echoed_when_the_daemon_has_applied_it(stage: Rehearsal) -> None:

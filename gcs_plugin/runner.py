@@ -52,6 +52,8 @@ class Runner:
             )
         for message in self.client.outgoing(now):
             self._send(message)
+        if self._signing is not None:
+            self._signing.tick(now)
 
     def wait(self, timeout: float, *others: int) -> None:
         """Until the link or one of `others` (file descriptors) can be read, `timeout` seconds at most."""
@@ -59,8 +61,10 @@ class Runner:
         select.select([*others, *([] if own is None else [own])], [], [], timeout)
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection, and keep what signing must not forget."""
         self._connection.close()
+        if self._signing is not None:
+            self._signing.close()
 
     def _send(self, message: mavlink.MAVLink_message) -> None:
         frame = bytes(message.pack(self._mavlink))

@@ -22,7 +22,7 @@ from gcs_plugin.pictures import Pictures
 from gcs_plugin.runner import Runner
 from gcs_plugin.script import Script, ScriptError
 from gcs_plugin.session import Session
-from gcs_plugin.signing import Signing
+from gcs_plugin.signing import Signing, open_signing
 
 CYCLE_S = 0.05
 SILENT_S = 10.0
@@ -38,12 +38,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         script = None if options.script is None else _read_script(options.script)
         log = None if options.log is None else _open_log(options.log)
-        signing = None if options.signing_key is None else Signing(read_key(options.signing_key))
+        key = None if options.signing_key is None else read_key(options.signing_key)
         connection = open_connection(options.connect)
     except (LinkError, ScriptError, SigningKeyError, _LogError) as error:
         print(f"anytraverse-operator: {error}", file=sys.stderr)
         return 2
     client = OperatorClient()
+    signing = None if key is None else open_signing(key, options.system, options.component)
     runner = Runner(connection, client, options.system, options.component, signing)
     started = time.monotonic()
     output: Output = (

@@ -11,11 +11,11 @@ from typing import Any, Literal
 
 from companion.link.settings import LinkError
 from companion.link.signing_clock import SigningClock
-from companion.link.signing_store import NAME, TimestampFile
 from companion.wire import signing as wire
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.signing import SigningKey, Stream
 from companion.wire.signing_key import SigningKeyError, read_key
+from companion.wire.signing_store import NAME, TimestampFile
 
 log = logging.getLogger(__name__)
 

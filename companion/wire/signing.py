@@ -85,6 +85,11 @@ class SigningKey:
     def __reduce__(self) -> NoReturn:
         raise TypeError("a signing key is not copied")
 
+    @property
+    def fingerprint(self) -> str:
+        """8 hex digits that tell keys apart."""
+        return self._signature(b"fingerprint").hex()[:8]
+
     def sign(self, frame: bytes, crc_extra: int, link: int, timestamp: int) -> bytes:
         """A packed, unsigned MAVLink 2 frame with its signature. Raises ValueError for any other frame."""
         if len(frame) < _HEADER + _CHECKSUM or frame[0] != _V2 or frame[2] & _SIGNED:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.wire.signing import MINUTE, SigningKey, ticks
 from gcs_plugin.client import OperatorClient
 from gcs_plugin.runner import Runner
-from gcs_plugin.signing import MAX_PROBLEMS, Signing
+from gcs_plugin.signing import MAX_PROBLEMS, Signing, open_signing
 from gcs_plugin.terminal import main
 
 SECRET = bytes(range(32))
@@ -46,10 +48,10 @@ class Wire:
 class Bench:
     """A runner with a key, and a rover that signs with pymavlink."""
 
-    def __init__(self, *, timestamp: int = NOW) -> None:
+    def __init__(self, *, timestamp: int = NOW, signing: Signing | None = None) -> None:
         self.wire = Wire()
         self.client = OperatorClient()
-        self.signing = Signing(SigningKey(SECRET), wall=lambda: WALL)
+        self.signing = signing or Signing(SigningKey(SECRET), wall=lambda: WALL)
         self.runner = Runner(self.wire, self.client, signing=self.signing)
         self.rover = mavlink.MAVLink(None, 1, 191)
         self.rover.signing.secret_key = SECRET
@@ -98,6 +100,85 @@ def test_a_replayed_frame_is_not_shown() -> None:
     assert bench.hear(frame) == 1
     bench.hear(frame)
     assert "repeats itself" in bench.signing.problems()[0]
+
+
+def test_our_own_frame_that_comes_back_is_no_problem() -> None:
+    bench = Bench()
+    bench.hear(b"")
+    bench.hear(bench.wire.left[0])
+    assert bench.signing.problems() == []
+
+
+@pytest.fixture
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's state folder."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state"
+
+
+def run_again(timestamp: int, wall: float | None = None) -> Bench:
+    """An operator's program with what the one before kept. wall: what its clock says."""
+    signing = open_signing(SigningKey(SECRET), 255, 190)
+    if wall is not None:
+        signing._wall = lambda: wall
+    return Bench(timestamp=timestamp, signing=signing)
+
+
+@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.parametrize("lag", [0.0, 7200.0])
+@pytest.mark.usefixtures("state")
+def test_what_was_heard_before_a_restart_is_not_believed_again(*, killed: bool, lag: float) -> None:
+    now = time.time()
+    first = run_again(ticks(now))
+    old = [first.heartbeat() for _ in range(3)]
+    assert [first.hear(frame) for frame in old] == [1, 1, 1]
+    new = first.heartbeat()
+    if killed:
+        kept = first.signing._kept
+        assert kept is not None
+        os.close(kept._lock)
+    else:
+        first.runner.close()
+    second = run_again(ticks(now), wall=now - lag)
+    assert [second.hear(frame) for frame in old] == [0, 0, 0]
+    assert second.hear(new) == 1
+    second.runner.close()
+
+
+def test_two_programs_under_the_same_ids_are_told_and_both_work(state: Path) -> None:
+    first, second = (run_again(ticks(time.time())) for _ in range(2))
+    assert first.signing.problems() == []
+    assert "another program signs as 255/190" in second.signing.problems()[0]
+    for one in (first, second):
+        assert one.hear(one.heartbeat()) == 1
+        one.runner.close()
+    (folder,) = (state / "anytraverse").iterdir()
+    assert SECRET.hex() not in folder.name
+    assert folder.stat().st_mode & 0o077 == 0
+    assert [file.name for file in folder.iterdir()] == ["signing.state"]
+
+
+def test_where_nothing_can_be_kept_it_is_said_and_the_rover_is_heard(state: Path) -> None:
+    state.write_text("a file in the folder's place")
+    bench = run_again(ticks(time.time()))
+    assert "timestamps are not kept (Not a directory)" in bench.signing.problems()[0]
+    assert bench.hear(bench.heartbeat()) == 1
+    bench.runner.close()
+
+
+def test_the_terminal_keeps_them_for_each_key(
+    state: Path, tmp_path: Path, capsys: pytest.CaptureFixture[Any]
+) -> None:
+    for number in (1, 2):
+        path = tmp_path / f"key{number}"
+        path.touch(0o600)
+        path.write_bytes(bytes([number] * 32))
+        options = ["--connect", "udpin:127.0.0.1:0", "--quit-after", "0.1", "--signing-key", str(path)]
+        assert main(options) == 0
+    folders = sorted((state / "anytraverse").iterdir())
+    assert [folder.name.split("-", 2)[2] for folder in folders] == ["255-190", "255-190"]
+    assert all((folder / "signing.state").stat().st_mode & 0o077 == 0 for folder in folders)
+    assert "not kept" not in capsys.readouterr().out
 
 
 def test_a_swarm_of_strangers_is_not_a_swarm_of_problems() -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from companion.link.signing_clock import DAY, SigningClock
-from companion.link.signing_store import NAME, RESERVE, SYNC_EVERY, TimestampFile
 from companion.wall_clock import SOFTWARE_MADE
 from companion.wire.signing import EPOCH, MAX_STREAMS, REPLAY, TICKS, Stream, ticks
+from companion.wire.signing_store import NAME, RESERVE, SYNC_EVERY, TimestampFile
 
 BOOT, NEXT_BOOT = bytes([1] * 16), bytes([2] * 16)
 WALL = 1_790_000_000.0
@@ -39,7 +39,7 @@ def test_after_a_kill_everything_heard_is_old_and_the_very_next_frame_is_new(tmp
 _CHILD = """
 import sys
 from pathlib import Path
-from companion.link.signing_store import TimestampFile
+from companion.wire.signing_store import TimestampFile
 from companion.wire.signing import Stream
 file = TimestampFile(Path(sys.argv[1]))
 for at in range(int(sys.argv[2]), 1 << 47):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Mapping, Sequence
 
@@ -97,6 +98,9 @@ class SettingsDesk:
         """Put in force what the ground set of the link, and tell every setting's value."""
         weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
         self._link.set_configured({**self.overrides.configured, **weights})
+        if self._exceeds_the_line(self.overrides.values.get(BUDGET, self._link.most_budget)):
+            log.warning("%s as configured: what the ground set is more than the line carries", BUDGET)
+            self.overrides.drop(BUDGET)
         values = self.overrides.configured | dict(self.overrides.values)
         for name, value in {**values, **judging_values(self._calls.numbers.judging)}.items():
             self._use(name, value, now)
@@ -159,7 +163,10 @@ class SettingsDesk:
 
     def _set_value(self, request: ParameterRequest, now: float) -> None:
         name, value = request.name, request.value
-        refusal = "" if name in _OF_THE_LINK else self._tune({name: value}, name)
+        if name == BUDGET and self._exceeds_the_line(value):
+            refusal = notices.value_refused(BUDGET, f"up to {self._link.most_budget:g}")
+        else:
+            refusal = "" if name in _OF_THE_LINK else self._tune({name: value}, name)
         if refusal:
             log.warning("%s = %g asked for by %d/%d: %s", name, value, *request.sender, refusal)
             self._link.say(refusal, _WARNING, now)
@@ -213,6 +220,9 @@ class SettingsDesk:
         else:
             self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
         self._echo(SHADOW_HOLDS, float(self._calls.shadow.count), now)
+
+    def _exceeds_the_line(self, budget: float) -> bool:
+        return (budget or math.inf) > self._link.most_budget
 
     def _use(self, name: str, value: float, now: float) -> None:
         if name in _RATES:

@@ -17,7 +17,7 @@ from companion.check.interview import HEARD_WITHIN, Interview
 from companion.check.parameters import NAMES, Facts
 from companion.config import Config
 from companion.link.connection import Connection
-from companion.link.settings import LinkError, LinkSettings
+from companion.link.settings import LinkError, read_url
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import check_installed, open_transport
 from companion.wire.ids import COMPONENT_ID
@@ -59,7 +59,7 @@ def ask_first(config: Config, urls: Sequence[str]) -> Asked:
 def ask(config: Config, url: str) -> Asked:
     """All about the autopilot behind `url`: up to 10 s to hear it, and some more to ask it."""
     try:
-        address = LinkSettings(url).address()
+        address = read_url(url)
         check_installed(address)
         signing = _signing(config.link.signing_key)
     except LinkError as error:

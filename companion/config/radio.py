@@ -11,7 +11,7 @@ from typing import Any
 from companion.config.checks import NestedError, checked, flag, listing, number, text, whole
 from companion.config.layers import nearest
 from companion.config.section import Complaint, Section, setting
-from companion.link.settings import LONGEST_PACE, ConnectionSettings, LinkSettings
+from companion.link.settings import LONGEST_PACE, ConnectionSettings, LinkSettings, read_url
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Connection(Section):
 
     url: str = setting(
         "udpin:127.0.0.1:14550",
-        checked(ConnectionSettings),
+        checked(read_url),
         "udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud",
     )
     budget: float = setting(300.0, number(0, 1e6), "bytes/s of unsolicited traffic, 0 unlimited")
@@ -40,9 +40,9 @@ class Connection(Section):
 
 
 def _blamed(said: str) -> tuple[str, ...]:
-    """The setting that an error begins with, "more.wifi.url" or "budget"; else the url."""
+    """The setting that an error begins with, "more.wifi.url" or "budget"; the url where that is not given."""
     first = said.split(maxsplit=1)[0].rstrip(":")
-    return (first if first.split(".")[0] in {field.name for field in fields(Link)} else "url",)
+    return (first, "url") if first.split(".")[0] in {field.name for field in fields(Link)} else ("url",)
 
 
 Connections = tuple[tuple[str, Connection], ...]
@@ -71,7 +71,8 @@ def _connection(name: str, table: object, wrong: list[Complaint]) -> Connection:
             wrong.append(((name, key), str(error)))
     read = Connection(**given)
     if len(wrong) == before:
-        wrong += [((name, *keys), reason) for keys, reason in read.complaints()]
+        for keys, reason in read.complaints():
+            wrong.append(((name, next((key for key in keys if key in table), keys[0])), reason))
     return read
 
 

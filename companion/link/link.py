@@ -64,6 +64,7 @@ class Link:
         signing: signs all that leaves, and lets in only what is signed; each connection has a link id.
         Raises LinkError, ParameterError.
         """
+        self.most_budget = settings.most_budget
         self._signing = signing
         self._channels = [
             Channel(
@@ -247,7 +248,7 @@ class Link:
             channel.telling.periods[name] = 1.0 / rate if rate else math.inf
 
     def set_budget(self, rate: float, now: float) -> None:
-        """B/s of unsolicited traffic on the first connection, 0 unlimited."""
+        """B/s of unsolicited traffic on the first connection, 0 unlimited; `most_budget` at most."""
         self._channels[0].sender.set_budget(rate, now)
 
     def set_mode(self, custom_mode: int, now: float) -> None:

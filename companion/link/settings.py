@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,6 +15,8 @@ MAX_CONNECTIONS = 4
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,11}")
 _SMALLEST_BURST = 300.0
 _SMALLEST_BUDGET = 50.0
+_BITS_PER_BYTE = 10
+_SLOWEST = 2400
 LONGEST_PACE = 0.1
 """s: heartbeats and setpoints take six frames a second, and an answer must get out beside them."""
 
@@ -30,12 +33,31 @@ class Address(NamedTuple):
     number: int
 
 
+def read_url(url: str) -> Address:
+    """`url`, taken apart. Hosts are numeric: looking up a name can block for seconds. Raises LinkError."""
+    scheme, _, rest = url.partition(":")
+    place, _, number = rest.rpartition(":")
+    if scheme not in {"udpin", "udpout", "tcp", "serial"} or not place or not number.isdecimal():
+        raise LinkError(f'link "{url}" is not understood: {_FORMS}')
+    if scheme == "serial":
+        return Address(scheme, place, int(number))
+    try:
+        host = str(ipaddress.IPv4Address("127.0.0.1" if place == "localhost" else place))
+    except ValueError as error:
+        raise LinkError(f'link "{url}": "{place}" is no IPv4 address (no names)') from error
+    if int(number) > 65535 or (int(number) == 0 and scheme != "udpin"):
+        raise LinkError(f'link "{url}": port {number} is not in 1..65535')
+    return Address(scheme, host, int(number))
+
+
 @dataclass(frozen=True)
 class ConnectionSettings:
     """url: udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud.
 
     budget: B/s of unsolicited traffic, 0 unlimited; asked_budget: B/s of what somebody asked for; burst:
-    bytes for each of the two. pace: least s between frames (0.05 behind PX4), 0 to 0.1. Raises LinkError.
+    bytes for each of the two. pace: least s between frames (0.05 behind PX4), 0 to 0.1. On a serial line both
+    budgets together may take half of what it carries: a hold waits behind what is in its buffers. Raises
+    LinkError.
     """
 
     url: str
@@ -46,6 +68,8 @@ class ConnectionSettings:
 
     def __post_init__(self) -> None:
         self.address()
+        if self.room < 2 * _SMALLEST_BUDGET:
+            raise LinkError(f'link "{self.url}" is too slow: {_SLOWEST} baud and up')
         for name, rate in (("budget", self.budget), ("asked_budget", self.asked_budget)):
             if rate != 0 and not rate >= _SMALLEST_BUDGET:
                 raise LinkError(
@@ -55,22 +79,27 @@ class ConnectionSettings:
             raise LinkError(f"burst {self.burst:g} holds no frame: {_SMALLEST_BURST:g} bytes up")
         if not 0.0 <= self.pace <= LONGEST_PACE:
             raise LinkError(f"pace {self.pace:g} s is not in 0..{LONGEST_PACE:g}")
+        if (self.budget or math.inf) > self.most_budget:
+            baud, own = self.address().number, min(self.budget or math.inf, self.room // 2)
+            raise LinkError(
+                f"budget and asked_budget may take {self.room:g} B/s together, half of what {baud} baud carry:"
+                f" set budget = {own:g}, asked_budget = {self.room - own:g}"
+            )
 
     def address(self) -> Address:
-        """The url, taken apart. Hosts are numeric, since looking up a name can block for seconds."""
-        scheme, _, rest = self.url.partition(":")
-        place, _, number = rest.rpartition(":")
-        if scheme not in {"udpin", "udpout", "tcp", "serial"} or not place or not number.isdecimal():
-            raise LinkError(f'link "{self.url}" is not understood: {_FORMS}')
-        if scheme == "serial":
-            return Address(scheme, place, int(number))
-        try:
-            host = str(ipaddress.IPv4Address("127.0.0.1" if place == "localhost" else place))
-        except ValueError as error:
-            raise LinkError(f'link "{self.url}": "{place}" is no IPv4 address (no names)') from error
-        if int(number) > 65535 or (int(number) == 0 and scheme != "udpin"):
-            raise LinkError(f'link "{self.url}": port {number} is not in 1..65535')
-        return Address(scheme, host, int(number))
+        """The url, taken apart."""
+        return read_url(self.url)
+
+    @property
+    def room(self) -> float:
+        """B/s for both budgets together: half of what a serial line carries, since others speak on it too."""
+        address = self.address()
+        return address.number / _BITS_PER_BYTE / 2 if address.scheme == "serial" else math.inf
+
+    @property
+    def most_budget(self) -> float:
+        """B/s that `budget` may be at most; infinite where it may be unlimited."""
+        return math.inf if self.room == math.inf else self.room - (self.asked_budget or math.inf)
 
     @property
     def waits_for_vehicle(self) -> bool:

@@ -104,6 +104,14 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
         ("[corridor]\ntop = -1\n", "give a number above 0"),
         ("[link]\nurl = 'udp:14550'\n", "is not understood"),
         ("[link]\nbudget = 10\n", "link.budget = 10: budget 10 B/s is too little"),
+        (
+            "[link]\nurl = 'serial:/dev/x:9600'\n",
+            ":2: link.url = 'serial:/dev/x:9600': budget and asked_budget may",
+        ),
+        (
+            "[link]\nurl = 'serial:/dev/x:57600'\nbudget = 0\n",
+            ":3: link.budget = 0: budget and asked_budget may",
+        ),
         ("[link]\nallowed_senders = [255, 245]\n", "the smaller one first"),
         ("[link]\nallowed_senders = [255]\n", "give a list of 2 values"),
         ("[words]\ngrass = 2\n", "words.grass = 2: give a number from -1 to 1"),
@@ -338,6 +346,14 @@ def test_the_state_machine_gets_its_numbers(tmp_path: Path) -> None:
     [
         ("[link.more.wifi]\nurl = 'udp:1'\n", ":2: link.more.wifi.url = 'udp:1': link"),
         ("[link.more.wifi]\nbudget = 0\n", ":1: link.more.wifi: needs a url"),
+        (
+            "[link.more.sik]\nurl = 'serial:/dev/x:9600'\n",
+            ":2: link.more.sik.url = 'serial:/dev/x:9600': budget",
+        ),
+        (
+            "[link.more.sik]\nurl = 'serial:/dev/x:9600'\nbudget = 90\n",
+            ":3: link.more.sik.budget = 90: budget",
+        ),
         (
             "[link.more.wifi]\nurl = 'udpin:0.0.0.0:1'\nbudgt = 0\n",
             ":3: link.more.wifi.budgt = 0: is not known",

@@ -237,3 +237,19 @@ def test_a_test_call_is_answered_by_parameter_too(rig: Rig) -> None:
     rig.see(0.5)
     assert rig.echoes("AT_ANSWER") == [11.0]
     assert rig.state == ("OK", 0)
+
+
+def test_a_budget_beyond_a_serial_line_is_refused_and_one_kept_from_another_line_is_dropped(rig: Rig) -> None:
+    rig.set("AT_BUDGET", 400)
+    rig.see(0.3)
+    rig.restart()
+    rig.stage.link.most_budget = 320.0  # as for 9600 baud, of which asked_budget takes 160 B/s
+    rig.desk.start(rig.clock.now)
+    rig.see(0.3)
+    assert rig.desk.overrides.values == {}
+    assert rig.echoes("AT_BUDGET")[-1] == 300
+    for value in (330, 0, 310):
+        rig.set("AT_BUDGET", value)
+        rig.see(0.5)
+    assert rig.echoes("AT_BUDGET")[-3:] == [300, 300, 310]
+    assert "AT_BUDGET takes up to 320: kept" in rig.texts

@@ -1,8 +1,10 @@
+import math
+import re
 from typing import Any
 
 import pytest
 
-from companion.link.settings import Address, LinkError, LinkSettings
+from companion.link.settings import Address, ConnectionSettings, LinkError, LinkSettings
 
 
 @pytest.mark.parametrize(
@@ -51,6 +53,27 @@ def test_names_and_impossible_ports_are_refused(url: str) -> None:
 def test_a_setting_that_cannot_work_is_refused_by_name(wrong: dict[str, Any]) -> None:
     with pytest.raises(LinkError, match=next(iter(wrong))):
         LinkSettings("udpin:0.0.0.0:14550", **wrong)
+
+
+@pytest.mark.parametrize("baud", [2400, 9600, 19200, 57600])
+@pytest.mark.parametrize(
+    "wrong", [{"budget": 0.0}, {"asked_budget": 0.0}, {"budget": 300, "asked_budget": 3e3}]
+)
+def test_budgets_that_fill_a_serial_line_are_refused_with_those_that_do_not(
+    baud: int, wrong: dict[str, float]
+) -> None:
+    url = f"serial:/dev/ttyAMA0:{baud}"
+    with pytest.raises(LinkError, match=f"half of what {baud} baud carry") as refused:
+        ConnectionSettings(url, **wrong)
+    own, asked = map(float, re.findall(r"budget = ([\d.]+)", str(refused.value)))
+    assert own + asked == baud / 20
+    assert ConnectionSettings(url, budget=own, asked_budget=asked).most_budget == own
+    assert ConnectionSettings("tcp:127.0.0.1:5760", **wrong).most_budget == math.inf
+
+
+def test_a_serial_line_too_slow_for_any_budget_is_refused() -> None:
+    with pytest.raises(LinkError, match="too slow: 2400 baud"):
+        LinkSettings("serial:/dev/ttyAMA0:1200")
 
 
 def test_only_links_that_hear_the_autopilot_first_wait_for_it() -> None:

@@ -294,7 +294,7 @@ def test_a_flood_of_strangers_does_not_hide_the_autopilot(stage: Rehearsal, wifi
         ({"main": WIFI}, "choose a name"),
         ({"Wi Fi": WIFI}, "choose a name"),
         (
-            {"a": ConnectionSettings("serial:/dev/x:9600"), "b": ConnectionSettings("serial:/dev/x:57600")},
+            {"a": ConnectionSettings("serial:/dev/x:115200"), "b": ConnectionSettings("serial:/dev/x:57600")},
             r"that of \[link.more.a\] too",
         ),
     ],

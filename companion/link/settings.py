@@ -82,8 +82,8 @@ class ConnectionSettings:
         if (self.budget or math.inf) > self.most_budget:
             baud, own = self.address().number, min(self.budget or math.inf, self.room // 2)
             raise LinkError(
-                f"budget and asked_budget may take {self.room:g} B/s together, half of what {baud} baud carry:"
-                f" set budget = {own:g}, asked_budget = {self.room - own:g}"
+                f"budget and asked_budget may take {self.room:g} B/s together, half of what {baud} baud "
+                f"carry: set budget = {own:g}, asked_budget = {self.room - own:g}"
             )
 
     def address(self) -> Address:

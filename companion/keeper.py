@@ -38,6 +38,8 @@ _RECENT = 1200
 _REPLIES = 16
 _PATIENCE = 0.5
 """Seconds before what could not be written is tried again."""
+_MOST_OWED = 16
+_Owed = tuple[str, Callable[[Any], None], Any]
 
 
 class Keeper:
@@ -60,6 +62,7 @@ class Keeper:
         self._memory: Memory | None = None
         self._calls: dict[str, Any] | None = None
         self._failed_at: dict[str, float] = {}
+        self._owed: list[_Owed] = []
         self._frames = 0
         self._frame_id = frame_id
         self._replies: deque[Kept] = deque(replies, _REPLIES)
@@ -94,6 +97,7 @@ class Keeper:
 
         With its reply in the journal an answer that comes again after a restart is known.
         """
+        self._pay()
         for reply in replies:
             if not reply.again:
                 self._answered(reply)
@@ -109,14 +113,14 @@ class Keeper:
         """Keep the call's frame, and a picture of it."""
         if call.seen is None:
             return
-        self._write("frame", self._journal.save_frame, call.seen.frame.image)
+        self._keep("frame", self._journal.save_frame, call.seen.frame.image)
         reasons = " ".join(sorted(reason.value.replace("_", " ") for reason in call.reasons))
         self._show(call, call.seen, state, f"C{call.id} {reasons}")
 
     def call_closed(self, call: Call) -> None:
         """Nothing is asked any more."""
         at = self.stamp()
-        self._write("call", partial(self._journal.record_call, at=at), call)
+        self._keep("call", partial(self._journal.record_call, at=at), call)
         self._files.closed(call, at)
         self.call_picture = ""
 
@@ -158,7 +162,7 @@ class Keeper:
         self._frame_lost = False
         calls.call.frame_id = seen.frame.id
         self._take_up(calls, seen, now)
-        self._write("frame", self._journal.save_frame, seen.frame.image)
+        self._keep("frame", self._journal.save_frame, seen.frame.image)
         return True
 
     def _take_up(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
@@ -211,8 +215,17 @@ class Keeper:
             "text": acknowledgement.text,
         }
         at = self.stamp()
-        self._write("answer", partial(self._journal.record_answer, acknowledgement.target, at=at), record)
+        self._keep("answer", partial(self._journal.record_answer, acknowledgement.target, at=at), record)
         self._files.answered(acknowledgement.target, {"at": round(at, 2), **record})
+
+    def _keep(self, what: str, write: Callable[[Any], None], value: Any) -> None:
+        """Now, or when there is room; of several frames the newest."""
+        owed = [one for one in self._owed if one[0] != "frame" or what != "frame"]
+        self._owed = [*owed, (what, write, value)][-_MOST_OWED:]
+        self._pay()
+
+    def _pay(self) -> None:
+        self._owed = [one for one in self._owed if not self._write(*one)]
 
     def _write(self, what: str, write: Callable[[Any], None], value: Any) -> bool:
         now = time.monotonic()

@@ -114,6 +114,24 @@ def test_once_there_is_room_again_all_is_kept_and_said(held: Rig) -> None:
     assert held.conversation.words["drum"] == -1.0
 
 
+def test_frame_and_answers_that_found_no_room_are_kept_once_there_is_some(rig: Rig) -> None:
+    def full(*_: object) -> None:
+        raise OSError("disk full")
+
+    with pytest.MonkeyPatch.context() as patched:
+        spoil(rig, patched, "_append")
+        patched.setattr("companion.journal.journal.write_durably", full)
+        rig.see(3.0, "drum")
+        rig.answer(1, Motion.STAY)
+        rig.see(0.2, "drum")
+        rig.answer(1, Motion.LOOK_AGAIN, transaction=8)
+        rig.see(1.0, "drum")
+    rig.see(8.0, "drum")
+    assert rig.texts.count("Journal is written again") == 1
+    assert rig.journal.load_frame() is not None
+    assert [one["motion"] for one in rig.journal.answers(1)] == ["stay", "look_again"]
+
+
 def test_an_answer_asked_again_is_applied_once(held: Rig) -> None:
     for _ in range(3):
         held.answer(1, GO, SetWord("drum", 0.5))

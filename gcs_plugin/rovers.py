@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from dataclasses import dataclass, field, replace
-from statistics import median
 
 from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
 
@@ -26,6 +26,8 @@ MAX_CALLS = 64
 MAX_PARAMETERS = 64
 MAX_LATENCIES = 4096
 MAX_SUMMARIES_A_SECOND = 20
+_NAME = re.compile(r"[A-Z0-9_]{1,16}\Z", re.ASCII)
+"""Of a parameter: what else came through the air would reach a terminal."""
 _TELLS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED, Result.STALE)
 
 
@@ -66,10 +68,6 @@ class Counters:
     def latency(self, milliseconds: int) -> None:
         self.latencies_ms.append(milliseconds)
         self.latency_max_ms = max(self.latency_max_ms, milliseconds)
-
-    def latency_p50(self) -> float | None:
-        """Median of the last ones; None before the first."""
-        return median(self.latencies_ms) if self.latencies_ms else None
 
 
 class Rover:
@@ -207,7 +205,7 @@ class Rover:
         return [ev.VehicleTextHeard(self.system, severity, text)]
 
     def hear_parameter(self, name: str, value: float) -> list[ev.Event]:
-        if not name or not math.isfinite(value) or self.parameters.get(name) == value:
+        if not _NAME.match(name) or not math.isfinite(value) or self.parameters.get(name) == value:
             return []
         if name not in self.parameters and len(self.parameters) >= MAX_PARAMETERS:
             return []

@@ -16,7 +16,7 @@ from companion.link.requests import FILES, REQUESTS, Requests
 from companion.link.speaker import WARNING, Speaker
 from companion.link.vehicle import VehicleTracker
 from companion.wire import notices
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
 
 _TELEMETRY = frozenset(
     {
@@ -120,6 +120,8 @@ class Listener:
             return False
         if message.target_component not in (0, COMPONENT_ID):
             return False
+        if kind == "TUNNEL" and message.payload_type != TUNNEL_ANSWER:
+            return False  # what other rovers' companions tell everybody
         if self._repeats.is_repeated(message, channel.name, now):
             self._guard.rejected["repeated"] += 1
             return False

@@ -12,7 +12,7 @@ from companion.link.guard import Guard
 from companion.link.heard import Heard, Sender
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
-from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, TUNNEL_ANSWER
+from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID
 from companion.wire.parameters import ANSWER
 
 FILES = "FILE_TRANSFER_PROTOCOL"
@@ -73,7 +73,7 @@ class Requests:
         elif kind == "PARAM_EXT_SET":
             return self._texts.set(sender, message, now)
         elif kind == "TUNNEL":
-            return self._hear_tunnel(sender, message, now)
+            return self._hear_answer(sender, message, now)
         elif message.command == ANSWER_COMMAND:
             return self._desk.command(sender, message, now)
         else:
@@ -86,9 +86,7 @@ class Requests:
             return self._answers.hear(request, now)
         return request
 
-    def _hear_tunnel(self, sender: Sender, message: Any, now: float) -> Heard | None:
-        if message.payload_type != TUNNEL_ANSWER:
-            return None
+    def _hear_answer(self, sender: Sender, message: Any, now: float) -> Heard | None:
         if message.payload_length > len(message.payload):
             self._guard.rejected["payload"] += 1
             return None

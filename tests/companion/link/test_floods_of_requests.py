@@ -92,3 +92,15 @@ def test_the_texts_of_refused_wishes_leave_room_for_others() -> None:
     stage.run(1)
     assert stage.link.counters.unsaid > 50
     assert "Companion sees again" in [message.text for message in stage.sent("STATUSTEXT")]
+
+
+def test_what_other_rovers_tell_everybody_takes_no_share_of_the_requests() -> None:
+    stage = Rehearsal()
+    told = mavlink.MAVLink_tunnel_message(0, 0, TUNNEL_SUMMARY, 47, bytes(128))
+    for second in range(6):
+        for rover in range(2, 20):
+            stage.send(told, (rover, 191))
+        stage.send(mavlink.MAVLink_param_request_read_message(1, 191, b"", second), (42, 1))
+        stage.run(1.0)
+    assert [message.param_index for message in stage.sent("PARAM_VALUE")] == list(range(6))
+    assert stage.link.counters.rejected == {}

@@ -7,15 +7,27 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from anytraverse.errors import AnyTraverseError
-from companion.link.heard import AnswerRequest
+from companion.link.heard import (
+    AnswerRequest,
+    Heard,
+    ParameterRequest,
+    PolicyRequest,
+    ResetRequest,
+    WordsRequest,
+)
 from companion.link.link import Link
+from companion.wire import notices
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Outcome, Reasons, Result, Stage
 
 Loaded = TypeVar("Loaded")
 
 _TICK = 0.05
+_AGAIN = "starting, send it again"
+_WARNING = 4
 
 
 def load(make: Callable[[], Loaded], link: Link, stop: Callable[[], bool]) -> Loaded | None:
@@ -37,8 +49,7 @@ def load(make: Callable[[], Loaded], link: Link, stop: Callable[[], bool]) -> Lo
     while thread.is_alive() and not stop():
         now = time.monotonic()
         for heard in link.poll(now):
-            if isinstance(heard, AnswerRequest):
-                link.acknowledge(heard, _starting(heard), now)
+            _put_off(heard, link, now)
         link.tick(now)
         thread.join(_TICK)
     if failed:
@@ -57,6 +68,23 @@ def _told(error: Exception) -> AnyTraverseError:
     return AnyTraverseError(f"the perceiver failed to load: {error!r}")
 
 
+def _put_off(heard: Heard, link: Link, now: float) -> None:
+    """Whoever wants something is told to ask again."""
+    match heard:
+        case AnswerRequest():
+            link.acknowledge(heard, _starting(heard), now)
+            return
+        case PolicyRequest() | ResetRequest():
+            link.acknowledge_command(heard, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, now)
+        case WordsRequest():
+            link.acknowledge_words(heard, now, accepted=False)
+        case ParameterRequest():
+            link.keep_parameter(heard.name, now)
+        case _:
+            return
+    link.say(notices.refused(_AGAIN), _WARNING, now)
+
+
 def _starting(request: AnswerRequest) -> Acknowledgement:
     return Acknowledgement(
         transaction=request.transaction or 0,
@@ -68,5 +96,5 @@ def _starting(request: AnswerRequest) -> Acknowledgement:
         worst_tile=None,
         reasons=Reasons.NONE,
         words=0,
-        text="starting: send it again",
+        text=_AGAIN,
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from anytraverse.judging import Settings
 from companion.autopilots import Autopilot
 from companion.calls.decisions import Decision
@@ -18,6 +20,7 @@ from companion.wire.parameters import POLICY
 
 log = logging.getLogger(__name__)
 _WARNING, _ERROR = 4, 3
+_ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
 
 
 class PolicyDesk:
@@ -90,7 +93,7 @@ class PolicyDesk:
     def command(self, request: PolicyRequest, now: float) -> list[Decision]:
         """The same by command."""
         accepted, decisions = self.set(request.policy, request.sender, now)
-        self._link.acknowledge_policy(request, now, accepted=accepted)
+        self._link.acknowledge_command(request, _ACCEPTED if accepted else _FAILED, now)
         return decisions
 
     def reckon(self, autopilot: Autopilot | None, now: float) -> list[Decision]:

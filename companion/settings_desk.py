@@ -134,7 +134,7 @@ class SettingsDesk:
         elif isinstance(request, WordsRequest):
             self._link.acknowledge_words(request, now, accepted=done)
         elif isinstance(request, ResetRequest):
-            self._link.acknowledge_reset(request, _ACCEPTED if done else _FAILED, now)
+            self._link.acknowledge_command(request, _ACCEPTED if done else _FAILED, now)
         else:
             return
         if applied.outcome is not None and applied.outcome.dropped:
@@ -202,7 +202,7 @@ class SettingsDesk:
         refusal = self._tune(of_frames, "Reset")
         if refusal:
             self._link.say(refusal, _WARNING, now)
-            self._link.acknowledge_reset(request, _DENIED, now)
+            self._link.acknowledge_command(request, _DENIED, now)
             return
         log.warning("settings and words as configured, asked for by %d/%d", *request.sender)
         for name, value in configured.items():
@@ -211,7 +211,7 @@ class SettingsDesk:
         others = [ForgetWord(word) for word in self._conversation.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
         if not self._conversation.set_words(request, (*others, *words)):
-            self._link.acknowledge_reset(request, _LATER, now)
+            self._link.acknowledge_command(request, _LATER, now)
 
     def _count_anew(self, request: ParameterRequest, now: float) -> None:
         if request.value == 0:

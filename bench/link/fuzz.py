@@ -190,10 +190,8 @@ class Fuzz:
                 link.set_parameter(name, value, now)
             case WordsRequest():
                 link.acknowledge_words(event, now, accepted=True)
-            case ResetRequest():
-                link.acknowledge_reset(event, mavlink.MAV_RESULT_ACCEPTED, now)
-            case PolicyRequest():
-                link.acknowledge_policy(event, now, accepted=True)
+            case ResetRequest() | PolicyRequest():
+                link.acknowledge_command(event, mavlink.MAV_RESULT_ACCEPTED, now)
 
 
 def well_formed(event: Heard, names: set[str]) -> bool:

@@ -10,10 +10,11 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link import encode
 from companion.link.guard import Guard
-from companion.link.heard import ParameterRequest, ResetRequest, Sender
+from companion.link.heard import ParameterRequest, PolicyRequest, ResetRequest, Sender
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.speaker import Speaker
+from companion.wire.ids import ANSWER_COMMAND
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import NUMBER_RATE, SUMMARY_RATE
 
@@ -67,9 +68,11 @@ class CommandDesk:
         self._acknowledge(sender, message.command, result, now)
         return request
 
-    def acknowledge_reset(self, request: ResetRequest, result: int, now: float) -> None:
+    def acknowledge(self, request: PolicyRequest | ResetRequest, result: int, now: float) -> None:
         """What became of it, MAV_RESULT."""
-        self._acknowledge(request.sender, mavlink.MAV_CMD_PREFLIGHT_STORAGE, result, now)
+        reset = isinstance(request, ResetRequest)
+        command = mavlink.MAV_CMD_PREFLIGHT_STORAGE if reset else ANSWER_COMMAND
+        self._acknowledge(request.sender, command, result, now)
 
     def _may(self, sender: Sender, now: float) -> bool:
         if self._guard.may_change(sender):

@@ -136,11 +136,6 @@ class AnswerDesk:
         else:
             self._cases.put(key, _Case(now, reply))
 
-    def acknowledge_policy(self, request: PolicyRequest, now: float, *, accepted: bool) -> None:
-        """ACCEPTED, or FAILED: a text has said why."""
-        result = mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_FAILED
-        self._command_ack(request.sender, result, now)
-
     def _known(self, key: tuple[Any, ...], now: float, repeat_within: float = math.inf) -> bool:
         case = self._cases.get(key)
         if case is None:

@@ -86,14 +86,14 @@ class WordsRequest:
 
 @dataclass(frozen=True)
 class ResetRequest:
-    """Words and settings shall be as configured; `Link.acknowledge_reset` it. The same again is harmless."""
+    """All shall be as configured; `Link.acknowledge_command` it. The same again is harmless."""
 
     sender: Sender
 
 
 @dataclass(frozen=True)
 class PolicyRequest:
-    """A policy to set, by command; `Link.acknowledge_policy` it. The same again changes nothing."""
+    """A policy to set, by command; `Link.acknowledge_command` it. The same again changes nothing."""
 
     sender: Sender
     policy: Policy

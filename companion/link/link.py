@@ -215,13 +215,9 @@ class Link:
         """Whether words that were set as text are in force, to the asker."""
         self._texts.acknowledge(request, now, accepted=accepted)
 
-    def acknowledge_reset(self, request: ResetRequest, result: int, now: float) -> None:
-        """What became of a wish to have all as configured, MAV_RESULT, to the asker."""
-        self._commands.acknowledge_reset(request, result, now)
-
-    def acknowledge_policy(self, request: PolicyRequest, now: float, *, accepted: bool) -> None:
-        """Whether the policy asked for is in force, to the asker."""
-        self._desk.acknowledge_policy(request, now, accepted=accepted)
+    def acknowledge_command(self, request: PolicyRequest | ResetRequest, result: int, now: float) -> None:
+        """What became of it, MAV_RESULT, to the asker."""
+        self._commands.acknowledge(request, result, now)
 
     def ask_for_pulses(self) -> None:
         """From now on ask the autopilot for RC_CHANNELS, again whenever they stay away."""
@@ -237,6 +233,10 @@ class Link:
     def set_configured(self, values: Mapping[str, float]) -> None:
         """What the parameters are as configured, for who asks for their defaults."""
         self._parameters.configured = values
+
+    def keep_parameter(self, name: str, now: float) -> None:
+        """A value that was asked for is not taken: the one in force is echoed."""
+        self._parameters.changed(name, self._parameters.value(name), now)
 
     def set_words(self, words: Mapping[str, float]) -> None:
         """The words in force, for who reads them as text."""

@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError, PerceiverError
@@ -30,7 +31,9 @@ from companion import readiness, run
 from companion.config import Config, load_config
 from companion.config.schema import Mount, Stopping
 from companion.journal import Journal
+from companion.link.heard import WordsRequest
 from companion.link.rehearsal import Rehearsal
+from companion.link.settings import LinkSettings
 from companion.loading import load
 from companion.model import Model
 from companion.readiness import too_slow, warm_up
@@ -117,6 +120,27 @@ def test_what_cannot_be_loaded_is_told_with_what_to_do(error: Exception, told: s
 
     with pytest.raises(AnyTraverseError, match=told):
         load(make, Rehearsal().link, lambda: False)
+
+
+def test_whoever_wants_something_while_it_loads_is_told_to_ask_again() -> None:
+    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", pace=0.0))
+    for wish in (
+        mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 0, 5, 3, 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(1, 191, 245, 0, 2, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_param_set_message(1, 191, b"AT_W_GRASS", 0.5, 9),
+        mavlink.MAVLink_param_ext_set_message(1, 191, b"AT_WORDS", b"grass: 0.5", 11),
+    ):
+        stage.send(wish)
+    load(lambda: time.sleep(0.2), stage.link, lambda: False)
+    stage.collect(0.0)
+    assert [(m.command, m.result) for m in stage.sent("COMMAND_ACK")] == [(31010, 1), (245, 1)]
+    assert [(m.param_id, m.param_value) for m in stage.sent("PARAM_VALUE")] == [("AT_W_GRASS", 1.0)]
+    assert [m.param_result for m in stage.sent("PARAM_EXT_ACK")] == [2]
+    assert [m.text for m in stage.sent("STATUSTEXT")] == ["Refused: starting, send it again"]
+    stage.now = time.monotonic()
+    stage.send(mavlink.MAVLink_param_ext_set_message(1, 191, b"AT_WORDS", b"grass: 0.5", 11))
+    stage.run(0.1)
+    assert len(stage.reported(WordsRequest)) == 1, "and then it counts"
 
 
 def test_too_slow_is_told_with_figures_and_remedies() -> None:

@@ -194,7 +194,7 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
     assert isinstance(load(slow, stage.link, lambda: False), Painted)
     stage.collect(stage.now)
     (told,) = [Acknowledgement.unpack(payload) for payload in stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
-    assert (told.transaction, told.result, told.text) == (5, Result.BUSY, "starting: send it again")
+    assert (told.transaction, told.result, told.text) == (5, Result.BUSY, "starting, send it again")
 
 
 @pytest.mark.parametrize(

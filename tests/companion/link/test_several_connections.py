@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest, ParameterRequest, Pulses, VehicleHeard
+from companion.link.heard import AnswerRequest, ParameterRequest, PolicyRequest, Pulses, VehicleHeard
 from companion.link.outbox import MAX_ROUTES
 from companion.link.rehearsal import Rehearsal, Wire
 from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
@@ -268,7 +268,7 @@ def test_a_sender_who_was_pushed_out_of_the_routes_is_answered_everywhere(
     stage.run(0.1)
     before = commands_acked(stage)
     stage.link.set_parameter("AT_W_GRASS", 0.1, stage.now)
-    stage.link.acknowledge_policy(request, stage.now, accepted=True)
+    stage.link.acknowledge_command(PolicyRequest(request.sender, Policy.OFF), 0, stage.now)
     stage.run(0.2)
     assert (commands_acked(stage) - before, commands_acked(wifi)) == (1, 1)
 

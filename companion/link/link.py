@@ -38,6 +38,8 @@ from companion.link.speaker import Speaker
 from companion.link.text_parameters import TextParameters
 from companion.link.transport import Transport, opener
 from companion.link.vehicle import VehicleTracker
+from companion.mishaps import Mishaps
+from companion.wire import notices
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
@@ -81,6 +83,7 @@ class Link:
         self._outbox = Outbox(self._channels)
         self._guard = Guard(settings.allowed_senders, signing)
         self._speaker = Speaker(self._outbox)
+        self._mishaps = Mishaps(lambda now: self.say(notices.mishap(), ERROR, now))
         self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
         self._texts = TextParameters(self._outbox, self._speaker, self._guard, self._parameters)
         self._answers = AnswerParameter(self._speaker, self._guard, self._parameters)
@@ -139,15 +142,19 @@ class Link:
             self._signing.close()
 
     def poll(self, now: float) -> list[Heard]:
-        """What arrived for the daemon; the protocol's own matters are answered here."""
+        """What arrived for the daemon; the protocol's own matters are answered here.
+
+        An error over one message is survived and said: nobody ends the companion by a frame.
+        """
         heard: list[Heard] = []
         for channel in self._channels:
             for message in channel.poll(now):
-                if not self._guard.believes(message, now):
-                    continue
-                event = self._listener.hear(message, channel, now)
-                if event is not None:
-                    heard.append(event)
+                with self._mishaps.survived(message.get_type(), now):
+                    if not self._guard.believes(message, now):
+                        continue
+                    event = self._listener.hear(message, channel, now)
+                    if event is not None:
+                        heard.append(event)
         return heard
 
     def skip(self, now: float) -> None:
@@ -176,7 +183,8 @@ class Link:
                 channel.telling.hurry()
         for channel in self._channels:
             channel.tick(now, calling=self._announcer.is_open)
-        self._files.tick(now)
+        with self._mishaps.survived("files", now):
+            self._files.tick(now)
 
     def set_state(self, state: State, current_id: int, policy: Policy) -> None:
         """The heartbeat's state, open id (0 for none) and policy in force."""

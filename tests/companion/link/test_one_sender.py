@@ -6,11 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.files.opened import Held
+from companion.files.tree import Tree
 from companion.link.connection import Connection
+from companion.link.ftp.rehearsal import FileClient
 from companion.link.memory import pair
 from companion.link.rehearsal import Frame, Rehearsal
 from companion.link.sender import MAX_WAITING, Sender
 from companion.link.settings import LinkSettings
+from companion.wire.ftp import Opcode
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import build
@@ -188,6 +192,30 @@ def test_our_own_frames_coming_back_are_no_clash() -> None:
     stage.run(1)
     assert stage.link.trouble is None
     assert stage.link.counters.rejected["echo"] >= 1
+
+
+def test_an_error_over_one_message_costs_that_message_only_and_is_said() -> None:
+    class Torn(Held):
+        def read(self, offset: int, count: int) -> bytes:
+            raise RuntimeError(offset, count)
+
+    class Shelf:
+        def sizes(self) -> dict[str, int]:
+            return {}
+
+        def open(self, name: str) -> Held:
+            return Torn(name.encode())
+
+    stage = Rehearsal(tree=Tree({"logs": Shelf()}))
+    client = FileClient(stage)
+    client.open("/logs/torn")
+    for opcode in (Opcode.READ_FILE, Opcode.BURST_READ_FILE):
+        client.send(client.request(opcode, size=80))
+    stage.send(mavlink.MAVLink_param_request_read_message(1, 191, b"AT_POLICY", -1))
+    stage.run(3.0)
+    assert len(stage.sent("PARAM_VALUE")) == 1
+    assert len(stage.sent("HEARTBEAT")) == 4
+    assert [message.text for message in stage.sent("STATUSTEXT")] == ["Companion error: see its log"]
 
 
 def test_after_a_reconnect_a_heartbeat_leaves_at_once() -> None:

@@ -109,11 +109,16 @@ class FtpServer:
         if session is None:
             if self._sessions.overtaken(sender, request, now):
                 return None
-            if not self._sessions.has_room(sender):
+            if not self._sessions.has_room(sender) and not self._outranks(sender):
                 return request.nak(FtpError.NO_SESSIONS_AVAILABLE)
             opened = self._tree.open(request.path())
             session = self._sessions.open(sender, request, opened, now)
         return request.ack(session.opened.size.to_bytes(4, "little"))
+
+    def _outranks(self, sender: Sender) -> bool:
+        """Whether somebody who may only read has made room for one who may answer calls."""
+        may = self._guard.may_change
+        return may(sender) and self._sessions.make_room(by=lambda other: not may(other))
 
     def _read(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
         session = self._sessions.get(sender, request.session)

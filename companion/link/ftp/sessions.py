@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from companion.files.opened import Opened
@@ -94,6 +94,13 @@ class Sessions:
     def has_room(self, sender: Sender) -> bool:
         """Whether `sender` may open one more; its own make room for it."""
         return len(self._open) < MAX_SESSIONS or any(session.sender == sender for session in self)
+
+    def make_room(self, by: Callable[[Sender], bool]) -> bool:
+        """Whether the longest idle session `by` one of these could be ended."""
+        idle = min((one for one in self if by(one.sender)), key=lambda one: one.used_at, default=None)
+        if idle is not None:
+            self.close(idle.sender, idle.number)
+        return idle is not None
 
     def open(self, sender: Sender, request: FtpPayload, opened: Opened, now: float) -> Session:
         """A new session; ends the sender's own of that number, and its longest idle one of too many."""

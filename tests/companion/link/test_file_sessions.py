@@ -138,6 +138,22 @@ def test_four_sessions_in_all_and_the_fifth_waits_until_one_is_idle(stage: Rehea
     assert late.open("/files/400.bin").opcode == Opcode.ACK
 
 
+def test_an_operator_reads_however_many_who_may_only_read_came_before(stage: Rehearsal) -> None:
+    strangers = [FileClient(stage, (system, 1)) for system in (7, 8)]
+    for client in strangers:
+        for session in (0, 1):
+            client.replies()
+            assert client.open("/files/400.bin", session=session).opcode == Opcode.ACK
+    third = FileClient(stage, (9, 1))
+    assert error(third.open("/files/400.bin")) is FtpError.NO_SESSIONS_AVAILABLE
+    operator = FileClient(stage)
+    assert operator.open("/files/400.bin").opcode == Opcode.ACK
+    assert operator.read().data == BYTES[:80]
+    strangers[0].replies()
+    assert error(strangers[0].read(session=0)) is FtpError.INVALID_SESSION
+    assert strangers[0].read(session=1).opcode == Opcode.ACK
+
+
 def test_a_session_in_use_outlives_the_idle_time_and_then_ends(client: FileClient) -> None:
     client.open("/files/400.bin")
     for _ in range(3):

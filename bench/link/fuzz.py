@@ -149,7 +149,7 @@ class Fuzz:
                     raise Broken(f"from a heartbeat: {event}")
             self._link.tick(self.now)
         while data := self._far.read():
-            for message in self._parser.feed(data, whole=True):
+            for message in self._parser.feed(data, self.now, whole=True):
                 self.told.sent[message.get_type()] += 1
                 if message.get_type() == "HEARTBEAT":
                     self._beat_at = self.now

@@ -80,7 +80,7 @@ class Interview:
             if not data:
                 break
             self.bytes += len(data)
-            for message in self._parser.feed(data, whole=self.connection.datagrams):
+            for message in self._parser.feed(data, now, whole=self.connection.datagrams):
                 if not self._doubts(message, now):
                     self._hear(message)
         if now - self._beat_at >= 1.0:

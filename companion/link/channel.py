@@ -131,7 +131,7 @@ class Channel:
                 self.telling.hurry()
             if not data:
                 return
-            yield from self._parser.feed(data, whole=self._connection.datagrams)
+            yield from self._parser.feed(data, now, whole=self._connection.datagrams)
 
     def skip(self, now: float) -> None:
         """Throw away what waits to be read."""

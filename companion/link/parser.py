@@ -10,6 +10,8 @@ _V1 = 254
 _V2 = 253
 _SIGNED = 1
 _SIGNATURE = 13
+PATIENCE = 1.5
+"""s for the rest of a frame; the longest takes 1.2 s at 2400 baud."""
 
 
 class Parser:
@@ -21,17 +23,29 @@ class Parser:
     def __init__(self) -> None:
         self._mav = mavlink.MAVLink(None)
         self._buffer = bytearray()
+        self._half_since = 0.0
         self.bad = 0
 
-    def feed(self, data: bytes, *, whole: bool) -> list[Any]:
-        """The messages that are complete now, of ids that the dialect knows. Broken ones count in `bad`."""
+    def feed(self, data: bytes, now: float, *, whole: bool) -> list[Any]:
+        """The messages that are complete now, of ids that the dialect knows. Broken ones count in `bad`.
+
+        So does a frame that is not whole after 1.5 s: noise that looks like the head of a long one would keep
+        back what comes behind it, which would then be believed late.
+        """
+        if not self._buffer:
+            self._half_since = now
+        overdue = len(self._buffer) if now - self._half_since > PATIENCE else 0
         self._buffer += data
         messages = []
         at = 0
         while (at := self._marker(at)) < len(self._buffer):
             length = self._length(at)
             if length is None or at + length > len(self._buffer):
-                break
+                if at >= overdue:
+                    break
+                self.bad += 1
+                at += 1
+                continue
             try:
                 message = self._decode(self._buffer[at : at + length])
             except mavlink.MAVError:
@@ -41,6 +55,8 @@ class Parser:
             at += length
             if message.get_msgId() >= 0:
                 messages.append(message)
+        if at:
+            self._half_since = now
         del self._buffer[: len(self._buffer) if whole else at]
         return messages
 

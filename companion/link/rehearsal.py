@@ -73,7 +73,7 @@ class Wire:
     def collect(self, now: float) -> None:
         """Take in what the link sent."""
         while data := self.far.read():
-            for message in self._parser.feed(data, whole=True):
+            for message in self._parser.feed(data, now, whole=True):
                 self.frames.append(Frame(now, message, len(message.get_msgbuf())))
 
 

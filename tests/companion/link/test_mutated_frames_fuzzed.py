@@ -35,8 +35,8 @@ def test_a_link_that_believed_a_stranger_would_be_found_out(monkeypatch: pytest.
 def test_a_link_that_kept_what_it_heard_would_be_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     feed, kept = Parser.feed, list[Any]()
 
-    def keep(parser: Parser, data: bytes, *, whole: bool) -> list[Any]:
-        messages = feed(parser, data, whole=whole)
+    def keep(parser: Parser, data: bytes, now: float, *, whole: bool) -> list[Any]:
+        messages = feed(parser, data, now, whole=whole)
         kept.extend(messages)
         return messages
 

@@ -1,8 +1,9 @@
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.parser import Parser
+from companion.link.parser import PATIENCE, Parser
 
 MAV = mavlink.MAVLink(None, 255, 190)
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 253254, 4, 3).pack(MAV)
@@ -10,8 +11,8 @@ TEXT = mavlink.MAVLink_statustext_message(6, b"a text of some length").pack(MAV)
 OLD = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(MAV, force_mavlink1=True)
 
 
-def types(parser: Parser, data: bytes, *, whole: bool = False) -> list[str]:
-    return [message.get_type() for message in parser.feed(data, whole=whole)]
+def types(parser: Parser, data: bytes, now: float = 0.0, *, whole: bool = False) -> list[str]:
+    return [message.get_type() for message in parser.feed(data, now, whole=whole)]
 
 
 def test_frames_of_both_versions_are_found() -> None:
@@ -43,6 +44,21 @@ def test_a_broken_frame_costs_only_itself(place: int, flip: int) -> None:
     found = types(parser, HEARTBEAT + bytes(broken) + HEARTBEAT * 24)
     assert found.count("HEARTBEAT") >= 24
     assert "STATUSTEXT" not in found
+
+
+@pytest.mark.parametrize("noise", [b"\xfd", b"\xfd\xff\x00", b"\xfe\xff\x00", TEXT[:-1], b"\xfd\xff\x01" * 3])
+def test_what_looks_like_the_head_of_a_frame_keeps_nothing_back_for_long(noise: bytes) -> None:
+    parser = Parser()
+    types(parser, noise)
+    heard = [second for second in range(1, 6) for _ in types(parser, HEARTBEAT, float(second))]
+    assert heard[-4:] == [2, 3, 4, 5]
+
+
+def test_a_frame_that_comes_slowly_is_read() -> None:
+    parser = Parser()
+    step = PATIENCE / len(TEXT)
+    found = [name for place, byte in enumerate(TEXT) for name in types(parser, bytes([byte]), place * step)]
+    assert found == ["STATUSTEXT"]
 
 
 def test_a_signed_frame_is_read_whole() -> None:

@@ -262,7 +262,7 @@ def test_a_tcp_peer_that_does_not_read_blocks_nothing_and_gets_whole_frames() ->
         connected.settimeout(0.2)
         parser, found = Parser(), 0
         while found < sent and time.monotonic() < end:
-            found += len(parser.feed(connected.recv(65536), whole=False))
+            found += len(parser.feed(connected.recv(65536), 0.0, whole=False))
             transport.write(frame)
         assert parser.bad == 0
         connected.close()
@@ -344,7 +344,7 @@ def test_a_serial_port_that_takes_nothing_blocks_nothing_and_gets_whole_frames()
     parser, found = Parser(), 0
     end = time.monotonic() + DEADLINE
     while found < len(sent) - 1 and time.monotonic() < end:
-        found += len(parser.feed(os.read(master, 65536), whole=False))
+        found += len(parser.feed(os.read(master, 65536), 0.0, whole=False))
         transport.write(frame)
     assert found >= len(sent) - 1
     assert parser.bad == 0

@@ -22,7 +22,8 @@ MAX_WAITING = 64
 """Frames of one budget: whoever asks for much pushes out only what others asked for."""
 BUDGETS = ("unsolicited", "asked", "autopilot")
 LIFETIME = 5.0
-_REMEMBERED = 64
+_REMEMBERED = 256
+"""As many frames as there are sequence numbers, so that our own are known when they come back."""
 _REFUSED = 0.02
 """s until a device that took nothing is tried again: without it whoever asks `wait` would spin."""
 

@@ -194,6 +194,19 @@ def test_our_own_frames_coming_back_are_no_clash() -> None:
     assert stage.link.counters.rejected["echo"] >= 1
 
 
+def test_a_fast_connection_knows_its_own_frames_that_come_back_late() -> None:
+    fast = LinkSettings("udpout:127.0.0.1:14550", budget=0.0, asked_budget=0.0, pace=0.0)
+    stage = Rehearsal(fast, build([f"word {number}" for number in range(20)], {}, {}))
+    for _ in range(4):
+        stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
+        stage.run(0.5)
+    assert len(stage.frames) > 128
+    for frame in stage.frames[-200:]:
+        stage.far.write(bytes(frame.message.get_msgbuf()))
+    stage.run(0.1)
+    assert stage.link.trouble is None
+
+
 def test_an_error_over_one_message_costs_that_message_only_and_is_said() -> None:
     class Torn(Held):
         def read(self, offset: int, count: int) -> bytes:

@@ -17,19 +17,7 @@ from companion.link.speaker import WARNING, Speaker
 from companion.link.vehicle import VehicleTracker
 from companion.wire import notices
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
-
-_TELEMETRY = frozenset(
-    {
-        "HEARTBEAT",
-        "GLOBAL_POSITION_INT",
-        "ATTITUDE",
-        "SYSTEM_TIME",
-        "RC_CHANNELS",
-        "SYS_STATUS",
-        "CURRENT_MODE",
-        "COMMAND_ACK",
-    }
-)
+from companion.wire.messages import TELEMETRY
 
 
 class Listener:
@@ -61,7 +49,7 @@ class Listener:
         channel.sender.version.hear(message, now)
         self._outbox.hear(sender, channel)
         kind = message.get_type()
-        if sender[1] == AUTOPILOT_COMPONENT_ID and kind in _TELEMETRY:
+        if sender[1] == AUTOPILOT_COMPONENT_ID and kind in TELEMETRY:
             if kind == "HEARTBEAT":
                 return self._hear_heartbeat(sender[0], message, channel, now)
             if self._outbox.is_home(channel):

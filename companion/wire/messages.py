@@ -83,6 +83,8 @@ _ROWS: tuple[_Row, ...] = (
 # fmt: on
 TABLE = tuple(Message(*row) for row in _ROWS)
 MESSAGES = {message.name: message for message in TABLE}
+TELEMETRY = frozenset(message.mavlink for message in TABLE if message.direction == IN)
+"""What the autopilot tells, by MAVLink name."""
 
 SUMMARY_PERIOD_WHILE_CALLING = 5.0
 """s between summaries while a call or hold is open; the numbers stop."""

@@ -2,7 +2,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from companion.wire.messages import MESSAGES, NUMBERS, TABLE, markdown, quiet_rate
+from companion.link.signing import PRIVATE_TELEMETRY
+from companion.wire.messages import MESSAGES, NUMBERS, TABLE, TELEMETRY, markdown, quiet_rate
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -24,6 +25,10 @@ def test_everything_to_the_ground_is_paid_from_a_budget() -> None:
 def test_the_heartbeat_and_the_hold_go_first_then_the_call() -> None:
     order = sorted((row for row in TABLE if row.priority is not None), key=lambda row: row.priority or 0)
     assert [row.name for row in order][:5] == ["heartbeat", "hold", "resume", "setpoint", "call text"]
+
+
+def test_an_autopilot_that_may_be_unsigned_may_say_all_that_is_heard_of_it() -> None:
+    assert PRIVATE_TELEMETRY == TELEMETRY, "whoever adds a row decides whether it must be signed"
 
 
 def test_quiet_traffic_fits_the_default_budget_twice() -> None:

@@ -18,7 +18,7 @@ from companion.conversation import Conversation, Heard, unremembered
 from companion.eyes import Applied, Eyes, Judged
 from companion.keeper import Keeper
 from companion.link import heard as radio
-from companion.link.heard import AnswerRequest, PolicyRequest, Pulses, Vehicle, VehicleHeard
+from companion.link.heard import AnswerRequest, ModeAck, PolicyRequest, Pulses, Vehicle, VehicleHeard
 from companion.link.link import Link
 from companion.mishaps import Mishaps
 from companion.model import Model
@@ -163,6 +163,8 @@ class Daemon:
                 self._take(self._desk.set(heard, now), now)
             case PolicyRequest():
                 self._acting.carry_out(self._desk.policy.command(heard, now), now)
+            case ModeAck(accepted=False):
+                log.info("the autopilot says no to a mode: MAV_RESULT %d", heard.result)
             case Pulses():
                 self._acting.carry_out(self._desk.policy.hear(heard, now), now)
 

@@ -116,7 +116,7 @@ class Pulses:
 
 @dataclass(frozen=True)
 class ModeAck:
-    """The autopilot took the mode command or not. result: MAV_RESULT. The heartbeat is what counts."""
+    """The autopilot took the mode command or not, for the log. result: MAV_RESULT. The heartbeat counts."""
 
     accepted: bool
     result: int

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.regions import Box
 from companion.config import Config
@@ -203,3 +205,11 @@ def test_a_region_of_interest_that_sees_less_far_is_judged_for_the_hold_policy_t
     rig.see(1.0)
     told.append(rig.told_policy)
     assert told == [Policy.HOLD, Policy.REPORT, Policy.REPORT, Policy.HOLD], "nobody sets it but the operator"
+
+
+def test_an_autopilot_that_refuses_a_mode_is_in_the_log(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
+    denied = mavlink.MAVLink_command_ack_message(176, 2, 0, 0, 1, 191)
+    with caplog.at_level(logging.INFO, "companion.daemon"):
+        rig.stage.send(denied, (1, 1))
+        rig.see(0.1)
+    assert "says no to a mode: MAV_RESULT 2" in caplog.text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Iterable
 
 from anytraverse.history import Place
@@ -26,6 +27,7 @@ from companion.keeper import Keeper
 from companion.link.link import Link
 from companion.mishaps import Mishaps
 from companion.shadow_teller import ShadowTeller
+from companion.slumber import ASLEEP
 from companion.wire import texts
 from companion.wire.ids import Kind, Outcome
 
@@ -62,16 +64,35 @@ class Acting:
         self._place = place
         self._shadow = shadow
 
-    def carry_out(self, decisions: Iterable[Decision], now: float) -> None:
-        """Do all of them, in order."""
+    def carry_out(self, decisions: Iterable[Decision], now: float, *, at_once: bool = False) -> None:
+        """Do all of them: modes first, since pictures and the disk take their time, then the rest in order.
+
+        at_once: a hold leaves before the rest is done; only where all is heard that the autopilot told.
+        """
+        decisions = list(decisions)
+        for decision in decisions:
+            with self._mishaps.survived(type(decision).__name__, now):
+                self._command(decision, now)
+        if at_once:
+            self.hurry(now)
         for decision in decisions:
             with self._mishaps.survived(type(decision).__name__, now):
                 self._do(decision, now)
 
-    def _do(self, decision: Decision, now: float) -> None:
+    def hurry(self, now: float) -> None:
+        """A hold that was decided leaves now, unless we slept since `now`: who knows then who drives."""
+        if time.monotonic() - now <= ASLEEP:
+            self._link.urge_hold(now)
+
+    def _command(self, decision: Decision, now: float) -> None:
         match decision:
+            case HoldMoved() if decision.event in _ENDS:
+                self._link.forget_mode()
             case SetMode(mode):
                 self._link.set_mode(mode, now)
+
+    def _do(self, decision: Decision, now: float) -> None:
+        match decision:
             case CallOpened(call):
                 log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))
                 self._announcement.last_call = call.id
@@ -101,8 +122,6 @@ class Acting:
         kind = Kind.CALL if hold.id == self._announcement.last_call else Kind.HOLD
         log.info("hold %d: %s", hold.id, moved.event.value)
         ended = _ENDS.get(moved.event)
-        if ended is not None:
-            self._link.forget_mode()
         if ended is not None and kind is Kind.HOLD:
             self._close_hold(hold.id, ended, now)
         match moved.event:

@@ -97,13 +97,14 @@ class Daemon:
         self._replies: list[Heard] = []
 
     def turn(self) -> None:
-        """Hear everything, decide, carry out, keep, then say: nothing is said that is not kept."""
+        """Hear all, decide, stop, carry out, keep, then say: only a hold leaves before it is kept."""
         self._wait()
         now = time.monotonic()
         self._slumber.look(now)
         for heard in self._link.poll(now):
             with self._mishaps.survived(type(heard).__name__, now):
                 self._hear(heard, now)
+        self._acting.hurry(now)
         for result in self._eyes.results():
             with self._mishaps.survived(type(result).__name__, now):
                 if isinstance(result, Judged):
@@ -113,7 +114,7 @@ class Daemon:
         self._watch.look(now)
         self._desk.policy.tick(now)
         self._shadow.tick(now)
-        self._acting.carry_out(self._calls.tick(now), now)
+        self._acting.carry_out(self._calls.tick(now), now, at_once=True)
         self._trial.tick(now)
         self._link.stand_still(on=self._calls.holding.streams)
         self._speak(now)
@@ -182,7 +183,7 @@ class Daemon:
         self._status.took = judged.took
         self._keeper.save_memory(judged.memory)
         self._conversation.words = judged.memory.preferences
-        self._acting.carry_out(self._calls.assessed(seen, now), now)
+        self._acting.carry_out(self._calls.assessed(seen, now), now, at_once=True)
         if seen.adopted is not None:
             text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)

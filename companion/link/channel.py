@@ -152,6 +152,11 @@ class Channel:
         if not self.clash or name in STOPPING:
             self.sender.push(name, message, now, key=key, lifetime=lifetime)
 
+    def urge(self, name: str, now: float) -> None:
+        """Send what waits of this row without waiting for `tick`."""
+        if self._speaks:
+            self.sender.urge(name, now)
+
     def may_speak(self, now: float, *, has_vehicle: bool) -> bool:
         """Whether more than `STOPPING` may leave. Where the autopilot comes to us, it is waited for."""
         if self._clash_at is not None and now - self._clash_at > CLASH_FOR:

@@ -275,6 +275,10 @@ class Link:
             row = "resume" if custom_mode in autopilot.holdable else "hold"
             self._outbox.push(row, message, now, lifetime=MODE_LIFETIME, to=to)
 
+    def urge_hold(self, now: float) -> None:
+        """A mode that was asked for and does not drive leaves now, not with the next `tick`."""
+        self._outbox.urge("hold", now)
+
     def stand_still(self, *, on: bool) -> None:
         """Whether zero velocity is streamed to the autopilot, at the table's rate, until told otherwise."""
         self._setpoints.on = on

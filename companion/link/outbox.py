@@ -89,6 +89,11 @@ class Outbox:
         for channel in self._reach(to):
             channel.push(name, message, now, key=key, lifetime=lifetime)
 
+    def urge(self, name: str, now: float) -> None:
+        """What waits of this row leaves now, where the device takes it."""
+        for channel in self._channels:
+            channel.urge(name, now)
+
     def waiting(self, name: str, to: Sender | None = None) -> int:
         """How many frames of this row wait where fewest do."""
         return min(channel.sender.waiting(name) for channel in self._reach(to))

@@ -144,32 +144,13 @@ class Sender:
         fresh = [frame for frame in self._queue if frame.until >= now]
         self.lost += len(self._queue) - len(fresh)
         self._queue = fresh
-        if self._signing is not None and not self._signing.ready(now):
-            self._next_at = now + max(self._pace, _REFUSED)
-            return
         while now >= self._next_at and (frame := self._first(now)) is not None:
-            packed = self._pack(frame.name, frame.message, now)
-            if packed is None:
-                self._queue.remove(frame)
-                self.left_out += 1
-                continue
-            if len(packed) + self._block > frame.size:  # the version has changed since it was queued
-                frame.size = len(packed) + self._block
-                continue
-            if self._signing is not None:
-                packed = self._signing.sign(packed, frame.message, now, self._link_id)
-            if not self._connection.write(packed, now):
-                self._next_at = now + max(self._pace, _REFUSED)
-                return
-            self._queue.remove(frame)
-            self._was_asked = frame.bucket == "asked"
-            self.version.told(packed, now)
-            if frame.bucket is not None:
-                self._buckets[frame.bucket].take(len(packed), now)
-            self.sent[frame.bucket or "autopilot"] += len(packed)
-            self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
-            self._mav.seq = (self._mav.seq + 1) % 256
-            self._next_at = now + self._pace
+            self._send(frame, now)
+
+    def urge(self, name: str, now: float) -> None:
+        """Send what waits of this row, for which no budget pays, before all else and whatever the pace."""
+        for frame in [one for one in self._queue if one.name == name and one.until >= now]:
+            self._send(frame, now)
 
     def wait(self, now: float) -> float:
         """Seconds until the queue can move, 1 when it is empty."""
@@ -188,6 +169,38 @@ class Sender:
     def keep(self, names: Container[str]) -> None:
         """Forget what waits of all other rows."""
         self._queue = [frame for frame in self._queue if frame.name in names]
+
+    def _send(self, frame: _Frame, now: float) -> None:
+        """As it leaves now: where the device takes nothing, or the time is not known, it waits on."""
+        packed = self._pack(frame.name, frame.message, now)
+        if packed is None:
+            self._queue.remove(frame)
+            self.left_out += 1
+            return
+        if len(packed) + self._block > frame.size:  # the version has changed since it was queued
+            frame.size = len(packed) + self._block
+            return
+        if not self._write(packed, frame, now):
+            self._next_at = now + max(self._pace, _REFUSED)
+            return
+        self._queue.remove(frame)
+        self._was_asked = frame.bucket == "asked"
+        self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        self._next_at = now + self._pace
+
+    def _write(self, packed: bytes, frame: _Frame, now: float) -> bool:
+        if self._signing is not None:
+            if not self._signing.ready(now):
+                return False
+            packed = self._signing.sign(packed, frame.message, now, self._link_id)
+        if not self._connection.write(packed, now):
+            return False
+        self.version.told(packed, now)
+        if frame.bucket is not None:
+            self._buckets[frame.bucket].take(len(packed), now)
+        self.sent[frame.bucket or "autopilot"] += len(packed)
+        return True
 
     def _pack(self, name: str, message: Any, now: float) -> bytes | None:
         """The frame as it leaves; None when the version that is spoken here cannot carry it."""

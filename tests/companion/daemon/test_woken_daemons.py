@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.calls.hold import HoldStage
 from companion.link.channel import READS_PER_POLL
+from companion.wire.ids import Motion
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 RTL = 11
@@ -97,20 +99,56 @@ def test_after_a_short_stall_all_that_waited_is_heard_before_anything_is_ordered
     assert rig.stage.mode == MANUAL
 
 
-def test_an_order_that_waited_while_the_disk_hung_is_not_given(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+def test_an_order_to_drive_on_that_waited_while_the_disk_hung_is_not_given(
+    held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    save = rig.keeper.save_calls
+    save, before = held.keeper.save_calls, orders(held)
 
     def hang(*what: Any) -> bool:
-        if rig.calls.hold is not None:
-            monkeypatch.setattr(rig.keeper, "save_calls", save)
-            sleep(rig, 5.0, AUTO, MANUAL)
+        if held.calls.hold is not None and held.calls.hold.stage is HoldStage.RESUMING:
+            monkeypatch.setattr(held.keeper, "save_calls", save)
+            sleep(held, 5.0, HOLD, MANUAL)
         return save(*what)
 
-    monkeypatch.setattr(rig.keeper, "save_calls", hang)
+    monkeypatch.setattr(held.keeper, "save_calls", hang)
+    held.answer(1, Motion.GO)
+    held.see(2.0)
+    assert held.keeper.save_calls == save, "it hung"
+    assert orders(held) == before
+    assert held.stage.mode == MANUAL
+
+
+def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig(pictures=50)
+    ordered: list[tuple[str, int]] = []
+
+    def noting(name: str) -> None:
+        do = getattr(rig.keeper, name)
+
+        def note(*what: Any) -> Any:
+            if rig.calls.hold is not None:
+                rig.stage.collect(rig.stage.now)
+                ordered.append((name, orders(rig)))
+            return do(*what)
+
+        monkeypatch.setattr(rig.keeper, name, note)
+
+    noting("call_opened")
+    noting("save_calls")
     rig.see(1.0, "drum")
+    assert ordered[0] == ("call_opened", 1)
+    assert {count for _, count in ordered} == {1}
+
+
+def test_nor_does_one_for_want_of_a_camera(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    save, counts = rig.keeper.save_calls, list[int]()
+
+    def note(*what: Any) -> bool:
+        if rig.calls.hold is not None:
+            rig.stage.collect(rig.stage.now)
+            counts.append(orders(rig))
+        return save(*what)
+
+    monkeypatch.setattr(rig.keeper, "save_calls", note)
     rig.wait(3.0)
-    assert rig.keeper.save_calls == save, "it hung"
-    assert orders(rig) == 0
-    assert rig.stage.mode == MANUAL
+    assert set(counts) == {1}

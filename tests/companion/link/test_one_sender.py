@@ -207,6 +207,26 @@ def test_a_fast_connection_knows_its_own_frames_that_come_back_late() -> None:
     assert stage.link.trouble is None
 
 
+def test_a_hold_that_is_urgent_leaves_alone_and_at_once_and_the_rest_waits_for_its_turn() -> None:
+    stage = Rehearsal()
+    stage.run(0.5)
+    stage.link.say("a text", 1, stage.now)
+    stage.link.set_mode(10, stage.now)
+    before = len(stage.frames)
+    stage.link.urge_hold(stage.now)
+    stage.collect(stage.now)
+    assert stage.frames[before:] == [], "driving on is not urgent"
+    stage.link.set_mode(4, stage.now)
+    stage.link.urge_hold(stage.now)
+    stage.collect(stage.now)
+    (hold,) = stage.frames[before:]
+    assert (hold.message.command, hold.message.param2) == (176, 4)
+    stage.run(0.2)
+    after = stage.frames[before + 1]
+    assert after.message.text == "a text"
+    assert after.at - hold.at >= 0.0299
+
+
 def test_an_error_over_one_message_costs_that_message_only_and_is_said() -> None:
     class Torn(Held):
         def read(self, offset: int, count: int) -> bytes:

@@ -81,8 +81,8 @@ def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
     return code
 
 
-def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
-    """Start field, daemon and operator. Raises ChildError."""
+def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED) -> Stage:
+    """Start field, daemon and operator. speed: m/s that the rover drives. Raises ChildError."""
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
     started: list[Child] = []
@@ -94,14 +94,14 @@ def set_stage(out: Path, seed: int, *, auto: bool) -> Stage:
     try:
         field = keep(
             Child(
-                "field", ["companion.field", "--seed", str(seed), "--speed", str(SPEED)], logs / "field.log"
+                "field", ["companion.field", "--seed", str(seed), "--speed", str(speed)], logs / "field.log"
             )
         )
         ports = json.loads(field.first_line(20.0))
         if ports["script"] != "running":
             print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
         camera, link = f"field:{ports['frames']}", ports["companion"]
-        config = write_config(out, camera=camera, link=link, policy="hold", speed=SPEED)
+        config = write_config(out, camera=camera, link=link, policy="hold", speed=speed)
         daemon = keep(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
         operator = keep(start_operator(ports["gcs"], logs, auto=auto))
         host, _, port = ports["control"].rpartition(":")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import time
 from collections.abc import Callable
@@ -112,4 +113,4 @@ class Serial:
         return bytes(self._port.read(MAX_READ))
 
     def send(self, waiting: bytes) -> int:
-        return int(self._port.write(waiting) or 0)
+        return os.write(self._port.fileno(), waiting)  # pyserial's own tries for ever while the port is full

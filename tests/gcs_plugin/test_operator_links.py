@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pty
 import socket
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -150,6 +151,26 @@ def test_a_serial_device_that_is_plugged_in_later_is_found(
         os.close(theirs)
         os.close(ours)
     wait_until(lambda: connection.read() == b"" and connection.fileno() is None)
+
+
+def test_a_serial_device_that_takes_nothing_blocks_nothing(opened: Callable[[str], Connection]) -> None:
+    pytest.importorskip("serial")
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    connection = opened(f"serial:{os.ttyname(theirs)}:57600")
+    connection.read()
+
+    def fill() -> None:
+        for _ in range(1000):
+            connection.write(bytes(200))
+
+    filling = threading.Thread(target=fill, daemon=True)
+    filling.start()
+    filling.join(DEADLINE_S)
+    assert not filling.is_alive(), "it waits for the device"
+    assert connection.fileno() is not None
+    os.close(theirs)
+    os.close(ours)
 
 
 @pytest.mark.parametrize(

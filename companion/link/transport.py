@@ -94,10 +94,13 @@ class Udp:
     def write(self, frame: bytes) -> bool:
         taken = False
         for peer in self._peers:
-            # Nobody there yet, a full buffer, a network that is down: the next frame tries again.
-            with contextlib.suppress(OSError):
+            try:
                 self._socket.sendto(frame, peer)
                 taken = True
+            except OSError as error:
+                # Nobody there yet, a full buffer, a network that is down: the next frame tries again.
+                if self._fixed and isinstance(error, PermissionError):  # as to a broadcast address
+                    raise
         return taken or self._fixed
 
     def fileno(self) -> int | None:

@@ -203,6 +203,15 @@ def test_a_udp_port_where_nobody_listens_is_harmless() -> None:
     link.close()
 
 
+def test_an_address_that_may_not_be_sent_to_is_trouble() -> None:
+    link = link_to("udpout:255.255.255.255:14550")
+    for step in range(3):
+        link.poll(time.monotonic() + step)
+        link.tick(time.monotonic() + step)
+    assert str(link.trouble) == "link lost: Permission denied"
+    link.close()
+
+
 def test_a_port_that_is_taken_is_tried_again_and_named(ground: socket.socket) -> None:
     link = link_to(f"udpin:127.0.0.1:{ground.getsockname()[1]}")
     link.poll(time.monotonic())

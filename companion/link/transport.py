@@ -92,16 +92,18 @@ class Udp:
         return True
 
     def write(self, frame: bytes) -> bool:
-        taken = False
-        for peer in self._peers:
-            try:
-                self._socket.sendto(frame, peer)
-                taken = True
-            except OSError as error:
-                # Nobody there yet, a full buffer, a network that is down: the next frame tries again.
-                if self._fixed and isinstance(error, PermissionError):  # as to a broadcast address
-                    raise
-        return taken or self._fixed
+        taken = [self._send(frame, peer) for peer in self._peers]
+        return any(taken) or self._fixed
+
+    def _send(self, frame: bytes, peer: tuple[str, int]) -> bool:
+        """Nobody there yet, a full buffer, a network that is down: the next frame tries again."""
+        try:
+            self._socket.sendto(frame, peer)
+        except OSError as error:
+            if self._fixed and isinstance(error, PermissionError):  # as to a broadcast address
+                raise
+            return False
+        return True
 
     def fileno(self) -> int | None:
         return self._socket.fileno()

@@ -117,7 +117,7 @@ def test_a_thing_without_a_word_is_called_named_kept_off_and_passed_once_it_is_g
 
     play.stage.control.remove("drum-1")
     deadline = time.monotonic() + PATIENCE
-    while play.stage.control.status()["mode"] != "AUTO" and time.monotonic() < deadline:
+    while play.stage.control.status()["distance"] < stood_at + 4 and time.monotonic() < deadline:
         for number in _open_ids(play):
             play.stage.operator.type(f"{number} go")
         time.sleep(1.0)

@@ -31,17 +31,24 @@ def parse_matches(text: str) -> dict[str, tuple[str, ...]]:
 def match_words(words: Iterable[str], classes: Classes, meaning: Meaning, given: Matches) -> Matches:
     """The classes of each word: the given ones, or else those of its name or of its meaning.
 
-    Raises DatasetError for a match of a word that is not asked, or with a class that there is not.
+    A word without any has those of its kind that no other word has by name or meaning: "trail" has
+    "smooth_trail". Raises DatasetError for a match of a word that is not asked, or with a class that there
+    is not.
     """
     asked = tuple(words)
     for word in given:
         if word not in asked:
             raise DatasetError(f'"{word}" is matched but not asked: add it to the prompts, or leave it out')
-    return {
-        word: classes.choose(given[word])
-        if word in given
-        else _of_one_meaning(word, classes.known.values(), meaning)
+    names = tuple(classes.known.values())
+    found = {
+        word: classes.choose(given[word]) if word in given else _of_one_meaning(word, names, meaning)
         for word in asked
+    }
+    kinds = {name: fold(name).split()[-1] for name in names if " " in fold(name)}
+    free = [name for name in kinds if not any(name in taken for taken in found.values())]
+    return {
+        word: taken if taken or word in given else tuple(n for n in free if _same(word, kinds[n], meaning))
+        for word, taken in found.items()
     }
 
 
@@ -58,9 +65,9 @@ def refuse_asked(words: Iterable[str], unknown: Iterable[str], meaning: Meaning)
 
 def _of_one_meaning(word: str, names: Iterable[str], meaning: Meaning) -> tuple[str, ...]:
     """The names that read or mean the same as the word."""
+    return tuple(name for name in names if _same(word, name, meaning))
+
+
+def _same(word: str, name: str, meaning: Meaning) -> bool:
     own = meaning_of(word, meaning)
-    return tuple(
-        name
-        for name in names
-        if fold(name) == fold(word) or (own is not None and meaning_of(fold(name), meaning) == own)
-    )
+    return fold(name) == fold(word) or (own is not None and meaning_of(fold(name), meaning) == own)

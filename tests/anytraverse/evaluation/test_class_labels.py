@@ -100,6 +100,19 @@ def test_words_find_the_classes_of_their_name_and_of_their_meaning() -> None:
     }
 
 
+def test_a_word_without_a_class_has_those_of_its_kind_that_no_other_word_has() -> None:
+    classes = Classes(("smooth_trail", "Rough-Trail", "dirt path", "dry grass", "sky"))
+    matches = match_words(["trail", "grass", "dry grass", "sky"], classes, meaning, {})
+    assert matches == {
+        "trail": ("smooth_trail", "Rough-Trail"),
+        "grass": (),
+        "dry grass": ("dry grass",),
+        "sky": ("sky",),
+    }
+    given = parse_matches("sky=smooth_trail")
+    assert match_words(["trail", "sky"], classes, meaning, given)["trail"] == ("Rough-Trail",)
+
+
 def test_a_given_match_stands_in_place_of_what_would_be_found() -> None:
     given = parse_matches("Grass = dirt_path, grass=rock bed,,puddle=water")
     assert match_words(["grass", "puddle"], CLASSES, meaning, given) == {

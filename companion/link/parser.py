@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -23,7 +24,8 @@ class Parser:
     def __init__(self) -> None:
         self._mav = mavlink.MAVLink(None)
         self._buffer = bytearray()
-        self._half_since = 0.0
+        self._came_at: list[float] = []
+        """Of each byte."""
         self.bad = 0
 
     def feed(self, data: bytes, now: float, *, whole: bool) -> list[Any]:
@@ -32,10 +34,9 @@ class Parser:
         So does a frame that is not whole after 1.5 s: noise that looks like the head of a long one would keep
         back what comes behind it, which would then be believed late.
         """
-        if not self._buffer:
-            self._half_since = now
-        overdue = len(self._buffer) if now - self._half_since > PATIENCE else 0
+        overdue = bisect_left(self._came_at, now - PATIENCE)
         self._buffer += data
+        self._came_at += [now] * len(data)
         messages = []
         at = 0
         while (at := self._marker(at)) < len(self._buffer):
@@ -55,9 +56,8 @@ class Parser:
             at += length
             if message.get_msgId() >= 0:
                 messages.append(message)
-        if at:
-            self._half_since = now
-        del self._buffer[: len(self._buffer) if whole else at]
+        done = len(self._buffer) if whole else at
+        del self._buffer[:done], self._came_at[:done]
         return messages
 
     def _marker(self, start: int) -> int:

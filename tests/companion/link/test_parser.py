@@ -54,6 +54,14 @@ def test_what_looks_like_the_head_of_a_frame_keeps_nothing_back_for_long(noise: 
     assert heard[-4:] == [2, 3, 4, 5]
 
 
+def test_noise_given_up_costs_no_frame_that_is_just_coming_in() -> None:
+    parser = Parser()
+    types(parser, b"\xfd\xff\x00")
+    types(parser, TEXT[:20], PATIENCE - 0.1)
+    found = types(parser, TEXT[20:30], PATIENCE + 0.1) + types(parser, TEXT[30:], PATIENCE + 0.2)
+    assert found == ["STATUSTEXT"]
+
+
 def test_a_frame_that_comes_slowly_is_read() -> None:
     parser = Parser()
     step = PATIENCE / len(TEXT)

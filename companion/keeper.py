@@ -225,7 +225,9 @@ class Keeper:
         self._pay()
 
     def _pay(self) -> None:
-        self._owed = [one for one in self._owed if not self._write(*one)]
+        """What fails in a way that nobody foresaw is not tried again: it would fail in every turn."""
+        owed, self._owed = self._owed, []
+        self._owed = [one for one in owed if not self._write(*one)]
 
     def _write(self, what: str, write: Callable[[Any], None], value: Any) -> bool:
         now = time.monotonic()

@@ -53,6 +53,18 @@ def test_with_a_full_disk_calls_go_on_and_it_is_said_once(rig: Rig, monkeypatch:
     assert rig.texts.count("Journal cannot be written, disk? Not remembered") == 1
 
 
+def test_what_cannot_be_kept_for_a_reason_that_nobody_foresaw_ends_nothing(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def torn(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(rig.journal, "save_frame", torn)
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 1)
+    assert rig.stage.mode == HOLD
+
+
 def test_a_go_on_a_full_disk_is_taken_and_said_not_to_be_remembered(
     held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -181,9 +181,9 @@ class Daemon:
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._status.took = judged.took
-        self._keeper.save_memory(judged.memory)
         self._conversation.words = judged.memory.preferences
         self._acting.carry_out(self._calls.assessed(seen, now), now, at_once=True)
+        self._keeper.save_memory(judged.memory)
         if seen.adopted is not None:
             text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)

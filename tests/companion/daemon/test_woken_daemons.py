@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.calls.hold import HoldStage
 from companion.link.channel import READS_PER_POLL
-from companion.wire.ids import Motion
+from companion.wire.ids import Motion, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 RTL = 11
@@ -120,7 +120,7 @@ def test_an_order_to_drive_on_that_waited_while_the_disk_hung_is_not_given(
 
 def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = make_rig(pictures=50)
-    ordered: list[tuple[str, int]] = []
+    ordered: list[tuple[str, int, int]] = []
 
     def noting(name: str) -> None:
         do = getattr(rig.keeper, name)
@@ -128,16 +128,20 @@ def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch:
         def note(*what: Any) -> Any:
             if rig.calls.hold is not None:
                 rig.stage.collect(rig.stage.now)
-                ordered.append((name, orders(rig)))
+                ordered.append((name, orders(rig), rig.frame_id))
             return do(*what)
 
         monkeypatch.setattr(rig.keeper, name, note)
 
-    noting("call_opened")
-    noting("save_calls")
+    for name in ("save_memory", "call_opened", "save_calls"):
+        noting(name)
     rig.see(1.0, "drum")
-    assert ordered[0] == ("call_opened", 1)
-    assert {count for _, count in ordered} == {1}
+    assert [name for name, _, frame in ordered if frame == ordered[0][2]] == [
+        "call_opened",
+        "save_memory",
+        "save_calls",
+    ]
+    assert {count for _, count, _ in ordered} == {1}
 
 
 def test_nor_does_one_for_want_of_a_camera(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,3 +156,19 @@ def test_nor_does_one_for_want_of_a_camera(rig: Rig, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(rig.keeper, "save_calls", note)
     rig.wait(3.0)
     assert set(counts) == {1}
+
+
+def test_killed_before_a_hold_was_kept_it_stands_until_a_human_drives_on(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rig.journal, "save_supervision", lambda _: None)
+    rig.see(1.0, "drum")
+    assert rig.stage.mode == HOLD
+    rig.restart()
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 1)
+    rig.answer(1, Motion.GO)
+    rig.see(3.0)
+    assert rig.acks[-1].result is Result.APPLIED
+    assert orders(rig) == 0
+    assert rig.calls.hold is None

@@ -47,14 +47,16 @@ class Parser:
                 self.bad += 1
                 at += 1
                 continue
-            try:
-                message = self._decode(self._buffer[at : at + length])
-            except mavlink.MAVError:
+            message = self._decode(self._buffer[at : at + length])
+            unknown = message is not None and message.get_msgId() < 0
+            if unknown and not whole and at + length == len(self._buffer):
+                break
+            if message is None or (unknown and not self._begins(at + length)):
                 self.bad += 1
                 at += 1
                 continue
             at += length
-            if message.get_msgId() >= 0:
+            if not unknown:
                 messages.append(message)
         done = len(self._buffer) if whole else at
         del self._buffer[:done], self._came_at[:done]
@@ -72,7 +74,15 @@ class Parser:
             return 8 + head[1]
         return 12 + head[1] + (_SIGNATURE if head[2] & _SIGNED else 0)
 
-    def _decode(self, frame: bytearray) -> Any:
+    def _begins(self, at: int) -> bool:
+        """Whether a frame may begin here. Of unknown ids, noise as a rule, no checksum can tell."""
+        return at == len(self._buffer) or self._buffer[at] in (_V1, _V2)
+
+    def _decode(self, frame: bytearray) -> Any | None:
+        """None when it is broken, or of a later MAVLink."""
         if frame[0] == _V2 and frame[2] & ~_SIGNED:
-            raise mavlink.MAVError("flags of a later MAVLink")
-        return self._mav.decode(frame)
+            return None
+        try:
+            return self._mav.decode(frame)
+        except mavlink.MAVError:
+            return None

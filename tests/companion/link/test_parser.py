@@ -83,6 +83,27 @@ def test_unknown_messages_are_passed_over() -> None:
     assert types(Parser(), bytes(unknown) + TEXT) == ["STATUSTEXT"]
 
 
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("noise", [b"\xfd\x61\x00", b"\xfe\x64", b"\xfd\x61\x01"])
+def test_noise_that_looks_like_the_head_of_an_unknown_message_costs_no_frame(noise: bytes, size: int) -> None:
+    parser = Parser()
+    stream = noise + HEARTBEAT * 9
+    found = [name for at in range(0, len(stream), size) for name in types(parser, stream[at : at + size])]
+    assert found == ["HEARTBEAT"] * 9
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_frames_between_unknown_messages_are_found(size: int) -> None:
+    parser = Parser()
+    unknown = bytearray(TEXT)
+    unknown[7:10] = (54321).to_bytes(3, "little")
+    unknown[20] = 0xFD
+    stream = (bytes(unknown) * 2 + HEARTBEAT) * 4
+    found = [name for at in range(0, len(stream), size) for name in types(parser, stream[at : at + size])]
+    assert found == ["HEARTBEAT"] * 4
+    assert parser.bad == 0
+
+
 def test_the_buffer_never_grows_beyond_one_frame() -> None:
     parser = Parser()
     for _ in range(1000):

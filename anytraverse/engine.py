@@ -117,7 +117,10 @@ class AnyTraverse:
         if isinstance(maps, Finding):
             return replace(seen, findings=(*findings, maps, *scene))
         height, width = frame.image.shape[:2]
-        roi = roi_figures(maps, width / height, self.settings)
+        named = np.array(
+            [weight < 0 and word in self.memory.examples for word, weight in words.items()], bool
+        )
+        roi = roi_figures(maps, width / height, self.settings, named)
         if isinstance(roi, Finding):
             return replace(seen, findings=(*findings, roi, *scene), maps=maps)
         findings.extend(find(maps, roi, similarity, self.settings))

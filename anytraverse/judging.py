@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from anytraverse.assessment import Finding, Map, Maps, Reason
 from anytraverse.errors import SettingsError
@@ -111,8 +112,13 @@ def make_maps(attention: Map, weights: list[float], settings: Settings) -> Maps 
     return Maps(attention, signed, uncertainty)
 
 
-def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | Finding:
-    """Figures of the ROI, or the fault when it holds no pixel. aspect: width / height of the frame."""
+def roi_figures(
+    maps: Maps, aspect: float, settings: Settings, named: NDArray[np.bool_] | None = None
+) -> RoiFigures | Finding:
+    """Figures of the ROI, or the fault when it holds no pixel. aspect: width / height of the frame.
+
+    named: (n,), the words that were tapped and are not drivable; none of them when None.
+    """
     height, width = maps.signed.shape
     inside = settings.region.mask(height, width)
     tile = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_share)
@@ -126,6 +132,7 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
         drivable_share=int(maps.drivable[inside].sum()) / known if known else None,
         corridor=_corridor(maps, settings, 1.0),
         worst_tile=tile,
+        named_tile=_named_tile(maps, aspect, settings, named),
     )
 
 
@@ -139,7 +146,11 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
         findings.append(Finding(Reason.UNKNOWN_OBJECT, "no words", bad=True, clear=False))
     if limits.tile is not None:
         worst = roi.worst_tile.uncertainty
-        findings.append(Finding.above(Reason.UNKNOWN_OBJECT, "worst_tile", worst, limits.tile, limits.margin))
+        unknown = Finding.above(Reason.UNKNOWN_OBJECT, "worst_tile", worst, limits.tile, limits.margin)
+        findings.append(unknown)
+        if roi.named_tile is not None:
+            held = Finding.above(Reason.BLOCKED, "named_tile", roi.named_tile, limits.tile, limits.margin)
+            findings.append(replace(held, bad=held.bad and not unknown.bad))
     findings.extend(find_scene(similarity, settings))
     if roi.drivable_share is not None:
         findings.append(
@@ -149,6 +160,20 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
         clear = roi.corridor and _corridor(maps, settings, _WIDER) is True
         findings.append(Finding(Reason.BLOCKED, "corridor", not roi.corridor, clear))
     return findings
+
+
+def _named_tile(
+    maps: Maps, aspect: float, settings: Settings, named: NDArray[np.bool_] | None
+) -> float | None:
+    """A thing that was named and may not be driven over holds the vehicle as it did before it had a name.
+
+    Its name may be found in a part of it, too little to close the corridor, or in another thing.
+    """
+    if named is None or not named.any():
+        return None
+    uncertainty = UNCERTAINTIES[settings.uncertainty](maps.attention[~named])
+    tile = worst_tile(uncertainty, settings.region, aspect, settings.tile_share)
+    return None if tile is None else tile.uncertainty
 
 
 def _corridor(maps: Maps, settings: Settings, factor: float) -> bool | None:

@@ -55,7 +55,8 @@ class RoiFigures:
 
     uncertainty, traversability: means over the ROI, in [0, 1].
     known_share: pixels that some word explains. drivable_share: the drivable ones of these, or None.
-    corridor: whether the vehicle fits through; None when not judged.
+    corridor: whether the vehicle fits through; None when not judged. named_tile: the worst tile's uncertainty
+    if nothing had been tapped as not drivable; None when nothing was.
     """
 
     uncertainty: float
@@ -64,6 +65,7 @@ class RoiFigures:
     drivable_share: float | None
     corridor: bool | None
     worst_tile: Tile
+    named_tile: float | None = None
 
 
 def worst_tile(

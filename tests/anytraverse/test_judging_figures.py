@@ -43,6 +43,36 @@ def findings(maps: Maps, settings: Settings, similarity: float | None = None) ->
     return {finding.figure: finding for finding in find(maps, roi, similarity, settings)}
 
 
+NAMED = np.array([False, True])
+"""Of the words G and D the second was tapped, and is not drivable."""
+
+
+@pytest.mark.parametrize(
+    ("thing", "blocked", "unknown"),
+    [
+        (["DD", "dd"], True, False),
+        (["DG", "dG"], False, False),
+        (["dd", "dd"], False, True),
+        (["GG", "GG"], False, False),
+    ],
+)
+def test_what_was_unknown_until_it_was_named_holds_as_before_though_the_corridor_is_open(
+    thing: list[str], blocked: bool, unknown: bool
+) -> None:
+    settings = replace(
+        WHOLE, thresholds=Thresholds(roi=1.0, tile=0.5, trav=0.0), corridor=Corridor(bottom=0.5, top=0.5)
+    )
+    rows = ["GG" + row + "GGGG" for row in ["GG", "GG", *thing, "GG", "GG", "GG", "GG"]]
+    maps = painted(rows, G=1.0, D=-1.0)
+    roi = roi_figures(maps, 1.0, settings, NAMED)
+    assert not isinstance(roi, Finding)
+    found = {finding.figure: finding for finding in find(maps, roi, None, settings)}
+    assert not found["corridor"].bad
+    assert found["named_tile"].reason is Reason.BLOCKED
+    assert (found["named_tile"].bad, found["worst_tile"].bad) == (blocked, unknown)
+    assert "named_tile" not in findings(maps, settings), "nothing was tapped"
+
+
 @pytest.mark.parametrize(
     ("value", "bad", "clear"),
     [

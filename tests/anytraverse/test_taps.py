@@ -46,6 +46,16 @@ def test_the_weight_of_a_tapped_word_can_be_set_alone(taught: Rover) -> None:
     assert taught.see(thing="gnome").ok
 
 
+def test_only_what_was_tapped_as_not_drivable_counts_as_if_it_had_no_name(taught: Rover) -> None:
+    roi = taught.see(thing="gnome").roi
+    assert roi is not None
+    assert roi.named_tile == pytest.approx(1.0)
+    taught.answer({"gnome": 1, "drum": -1})
+    roi = taught.see(thing="drum").roi
+    assert roi is not None
+    assert roi.named_tile is None
+
+
 def test_another_tap_adds_an_example_and_the_oldest_go(taught: Rover) -> None:
     first = taught.memory.examples["gnome"][0]
     for _ in range(MAX_EXAMPLES):

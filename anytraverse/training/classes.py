@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.evaluation.labels import fold
+
 CLASSES = (
     "smooth trail",
     "rough trail",
@@ -38,15 +40,13 @@ _LABELS: dict[str, tuple[str, ...]] = {
         "fence", "barrier", "building", "wall", "pole", "sign", "container", "bridge",
     ),
 }  # fmt: skip
-
-IGNORED = ("obstacle", "void", "ignore", "unlabelled", "unlabeled", "other", "background")
-"""Labels that teach nothing. "obstacle" is among them because in the frames that this was made with it is
+"""Other labels teach nothing. "obstacle" is among them because in the frames that this was made with it is
 noise: a label of your own that means things in the way is best called "thing"."""
 
 
 def class_of(label: str) -> int | None:
     """The class that a folder's label means, or None: it teaches nothing."""
-    name = " ".join(label.replace("_", " ").replace("-", " ").lower().split())
+    name = fold(label)
     for index, own in enumerate(CLASSES):
         if name == own or name in _LABELS[own]:
             return index

@@ -1,8 +1,8 @@
-"""A tiny rover: just enough of a companion to talk to, in virtual time or behind a socket."""
+"""A tiny rover, just enough of a companion to talk to, and a sky that loses messages, in virtual time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation
 from companion.wire.payloads import CallData, Summary
+from gcs_plugin import events as ev
+from gcs_plugin.client import OperatorClient
+from gcs_plugin.pending import Pending
 
 THING_CALL = CallData(
     id=7,
@@ -198,3 +201,62 @@ def tiny_rover() -> Callable[..., TinyRover]:
 def speaker() -> Callable[..., Speaker]:
     """Makes any component: speaker(system, component)."""
     return Speaker
+
+
+class Sky:
+    """A client and a tiny rover with a link between them that loses what it is told to, in virtual time."""
+
+    def __init__(self, rover: Any, ground: Speaker) -> None:
+        self.rover, self.ground = rover, ground
+        self.client = OperatorClient()
+        self.now = 100.0
+        self.told: list[ev.Event] = []
+        self.sent: list[float] = []
+        self.rover_speaks = True
+        self.lose_up: Callable[[int], bool] = lambda _: False
+        self.lose_down: Callable[[int], bool] = lambda _: False
+        self.unheard: set[int] = set()
+        self._up = self._down = 0
+        self._speak_at = self.now
+
+    def hear(self, *frames: bytes) -> None:
+        for message in self.ground.parse(b"".join(frames)):
+            self.client.receive(message, self.now)
+
+    def run(self, seconds: float) -> None:
+        until = self.now + seconds
+        while self.now < until:
+            self.now = round(self.now + 0.05, 3)
+            if self.rover_speaks and self.now >= self._speak_at:
+                self._speak_at = self.now + 1.0
+                self._carry_up(self.rover.speak())
+            for message in self.client.outgoing(self.now):
+                self.sent.append(self.now)
+                self._down += 1
+                if not self.lose_down(self._down) and not self._never_heard(message):
+                    replies = self.rover.hear(self.ground.frame(message))
+                    self._carry_up(replies if self.rover_speaks else [])
+            self.told += self.client.events()
+
+    def _never_heard(self, message: Any) -> bool:
+        if message.get_type() != "TUNNEL":
+            return False
+        answer = AnswerMessage.unpack(bytes(message.payload[: message.payload_length]))
+        return answer.transaction in self.unheard
+
+    def _carry_up(self, frames: Sequence[bytes]) -> None:
+        for frame in frames:
+            self._up += 1
+            if not self.lose_up(self._up):
+                self.hear(frame)
+
+    def answer(self, *operations: Operation, motion: ids.Motion = ids.Motion.GO, target: int = 7) -> Pending:
+        return self.client.answer(1, target, motion, operations, self.now)
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        return [event for event in self.told if isinstance(event, kind)]
+
+
+@pytest.fixture
+def sky(tiny_rover: Callable[..., TinyRover], speaker: Callable[..., Speaker], thing_call: CallData) -> Sky:
+    return Sky(tiny_rover(1, thing_call), speaker(255, 190))

@@ -1,10 +1,10 @@
-"""The protocol client in virtual time: losses, silence, wrong voices."""
+"""What the protocol client makes of what it hears: rovers, calls, silence, wrong voices, rubbish."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import given, settings
@@ -12,74 +12,17 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
-from companion.wire.packing import PayloadError
+from companion.wire.answers import Acknowledgement, SetWord
 from companion.wire.payloads import CallData
 from gcs_plugin import events as ev
 from gcs_plugin.client import MAX_ROVERS, OperatorClient
-from gcs_plugin.pending import Pending, Status
+from gcs_plugin.pending import Status
+
+if TYPE_CHECKING:
+    from tests.gcs_plugin.conftest import Sky
 
 MakeRover = Callable[..., Any]
 BUSH = SetWord("bush", -1.0)
-
-
-class Sky:
-    """A client and a tiny rover with a link between them that loses what it is told to, in virtual time."""
-
-    def __init__(self, rover: Any, ground: Any) -> None:
-        self.rover, self.ground = rover, ground
-        self.client = OperatorClient()
-        self.now = 100.0
-        self.told: list[ev.Event] = []
-        self.sent: list[float] = []
-        self.rover_speaks = True
-        self.lose_up: Callable[[int], bool] = lambda _: False
-        self.lose_down: Callable[[int], bool] = lambda _: False
-        self.unheard: set[int] = set()
-        self._up = self._down = 0
-        self._speak_at = self.now
-
-    def hear(self, *frames: bytes) -> None:
-        for message in self.ground.parse(b"".join(frames)):
-            self.client.receive(message, self.now)
-
-    def run(self, seconds: float) -> None:
-        until = self.now + seconds
-        while self.now < until:
-            self.now = round(self.now + 0.05, 3)
-            if self.rover_speaks and self.now >= self._speak_at:
-                self._speak_at = self.now + 1.0
-                self._carry_up(self.rover.speak())
-            for message in self.client.outgoing(self.now):
-                self.sent.append(self.now)
-                self._down += 1
-                if not self.lose_down(self._down) and not self._never_heard(message):
-                    replies = self.rover.hear(self.ground.frame(message))
-                    self._carry_up(replies if self.rover_speaks else [])
-            self.told += self.client.events()
-
-    def _never_heard(self, message: Any) -> bool:
-        if message.get_type() != "TUNNEL":
-            return False
-        answer = AnswerMessage.unpack(bytes(message.payload[: message.payload_length]))
-        return answer.transaction in self.unheard
-
-    def _carry_up(self, frames: Sequence[bytes]) -> None:
-        for frame in frames:
-            self._up += 1
-            if not self.lose_up(self._up):
-                self.hear(frame)
-
-    def answer(self, *operations: Operation, motion: ids.Motion = ids.Motion.GO, target: int = 7) -> Pending:
-        return self.client.answer(1, target, motion, operations, self.now)
-
-    def of(self, kind: type[Any]) -> list[Any]:
-        return [event for event in self.told if isinstance(event, kind)]
-
-
-@pytest.fixture
-def sky(tiny_rover: MakeRover, speaker: MakeRover, thing_call: CallData) -> Sky:
-    return Sky(tiny_rover(1, thing_call), speaker(255, 190))
 
 
 def test_a_rover_is_known_by_its_companions_heartbeat(sky: Sky) -> None:
@@ -117,117 +60,6 @@ def test_warnings_of_the_autopilot_are_told_and_its_echoes_of_the_companion_are_
     ]
 
 
-def test_an_answer_is_applied_acknowledged_and_closes_the_call(sky: Sky) -> None:
-    sky.run(2.0)
-    pending = sky.answer(BUSH)
-    sky.run(1.0)
-    assert pending.status is Status.ACKNOWLEDGED
-    assert sky.rover.applied == [(7, ids.Motion.GO, (BUSH,))]
-    assert [event.call.outcome for event in sky.of(ev.CallClosed)] == [ids.Outcome.ANSWERED]
-    sky.run(70.0)
-    assert len(sky.sent) == 1
-
-
-@pytest.mark.parametrize("n", [3, 5, 7])
-def test_an_answer_survives_the_loss_of_every_nth_message_both_ways(sky: Sky, n: int) -> None:
-    sky.lose_up = sky.lose_down = lambda count: count % n == 0
-    sky.run(5.0)
-    pending = sky.answer(BUSH)
-    sky.run(60.0)
-    assert pending.status in (Status.ACKNOWLEDGED, Status.CLOSED)
-    assert sky.rover.applied == [(7, ids.Motion.GO, (BUSH,))]
-    assert len(sky.of(ev.CallClosed)) == 1
-    lost = sky.client.rovers[1].counters
-    assert lost.summaries + lost.summaries_lost == pytest.approx(sky.rover.sequence, abs=2)
-
-
-def test_it_is_sent_again_with_back_off_and_given_up_after_a_minute(sky: Sky) -> None:
-    sky.run(2.0)
-    sky.lose_down = lambda _: True
-    pending = sky.answer(BUSH)
-    start = sky.now
-    sky.run(70.0)
-    assert [round(at - start) for at in sky.sent] == [0, 1, *range(3, 60, 4)]
-    assert pending.status is Status.EXPIRED
-    assert sky.of(ev.AnswerMoved)[-1].status is Status.EXPIRED
-
-
-def test_a_lost_acknowledgement_is_fetched_by_sending_again_and_applied_once(sky: Sky) -> None:
-    sky.rover.stage_after = ids.Stage.ANSWERED
-    sky.run(2.0)
-    lost_until = sky.now + 2.5
-    sky.lose_up = lambda _: sky.now < lost_until
-    pending = sky.answer(BUSH)
-    sky.run(10.0)
-    assert pending.status is Status.ACKNOWLEDGED
-    assert len(sky.rover.applied) == 1
-    assert len(sky.sent) == 3
-
-
-def test_a_call_that_is_closed_by_something_else_ends_the_sending(sky: Sky) -> None:
-    sky.run(2.0)
-    sky.lose_down = lambda _: True
-    pending = sky.answer(BUSH)
-    sky.run(1.5)
-    sky.rover.call = replace(sky.rover.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
-    sky.run(1.0)
-    assert [event.call.outcome for event in sky.of(ev.CallClosed)] == [ids.Outcome.PASSED]
-    sent = len(sky.sent)
-    sky.run(10.0)
-    assert pending.status is Status.CLOSED
-    assert len(sky.sent) == sent
-
-
-def test_a_duplicate_acknowledgement_changes_nothing(sky: Sky) -> None:
-    sky.run(2.0)
-    sky.answer(BUSH)
-    sky.run(1.0)
-    before = list(sky.told)
-    for frame in sky.rover._acknowledgements.values():
-        sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, frame))
-    assert sky.client.rovers[1].counters.duplicate_acknowledgements == 1
-    assert sky.client.events() == []
-    assert len(sky.told) == len(before)
-
-
-def test_a_stale_answer_is_told_and_not_repeated(sky: Sky) -> None:
-    sky.rover.result = ids.Result.STALE
-    sky.run(2.0)
-    sky.answer(target=3)
-    sky.run(20.0)
-    assert [event.acknowledgement.result for event in sky.of(ev.Acknowledged)] == [ids.Result.STALE]
-    assert len(sky.sent) == 1
-
-
-def test_a_busy_rover_is_asked_again(sky: Sky) -> None:
-    sky.rover.result, sky.rover.stage_after = ids.Result.BUSY, ids.Stage.OPEN
-    sky.run(2.0)
-    pending = sky.answer(BUSH)
-    sky.run(4.0)
-    assert not pending.settled
-    assert len(sky.sent) == 3
-    sky.rover.result, sky.rover.stage_after = ids.Result.APPLIED, ids.Stage.CLOSED
-    sky.rover._acknowledgements.clear()
-    sky.run(8.0)
-    assert pending.status is Status.ACKNOWLEDGED
-
-
-def test_a_rover_that_is_busy_too_late_is_not_said_to_be_asked_again(sky: Sky) -> None:
-    sky.rover.result, sky.rover.stage_after = ids.Result.BUSY, ids.Stage.OPEN
-    sky.run(2.0)
-    sky.lose_up = lambda _: bool(sky.sent)
-    pending = sky.answer(BUSH)
-    sky.run(61.0)
-    assert pending.status is Status.EXPIRED
-    late = Acknowledgement(
-        pending.transaction, 7, ids.Result.BUSY, ids.Stage.OPEN, ids.Outcome.NONE,
-        None, None, ids.Reasons.NONE, 99, "the eyes are busy",
-    )  # fmt: skip
-    sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, late.pack()))
-    sky.run(1.0)
-    assert sky.of(ev.Acknowledged) == []
-
-
 def test_a_companion_is_heard_among_any_number_of_vehicles_without_one(
     sky: Sky, tiny_rover: MakeRover
 ) -> None:
@@ -237,29 +69,6 @@ def test_a_companion_is_heard_among_any_number_of_vehicles_without_one(
         sky.hear(tiny_rover(system).heartbeat())
     sky.hear(*(tiny_rover(system).vehicle() for system in range(50, 60)))
     assert list(sky.client.rovers) == list(range(101, 101 + MAX_ROVERS))
-
-
-def test_nothing_is_sent_to_a_rover_that_is_silent_for_three_seconds(sky: Sky) -> None:
-    sky.run(2.0)
-    sky.rover_speaks = False
-    sky.run(4.0)
-    assert sky.of(ev.LinkChanged)[-1] == ev.LinkChanged(1, up=False)
-    pending = sky.answer(BUSH)
-    sky.run(10.0)
-    assert (pending.status, sky.sent) == (Status.WAITING, [])
-    assert sky.of(ev.AnswerMoved)[-1].status is Status.WAITING
-    sky.rover_speaks = True
-    sky.run(2.0)
-    assert pending.status is Status.ACKNOWLEDGED
-
-
-def test_nothing_is_sent_to_a_rover_that_was_never_heard(sky: Sky) -> None:
-    sky.rover_speaks = False
-    sky.answer(BUSH)
-    sky.client.request_parameters(1)
-    sky.run(61.0)
-    assert sky.sent == []
-    assert sky.of(ev.AnswerMoved)[-1].status is Status.EXPIRED
 
 
 @pytest.mark.parametrize(("system", "component"), [(1, 1), (1, 190), (2, 191), (255, 191)])
@@ -279,53 +88,6 @@ def test_only_component_191_of_that_rover_is_believed(
     assert pending.status is Status.SENT
     assert sky.of(ev.CallClosed) == []
     assert sky.client.rovers[1].open_calls()
-
-
-def test_a_long_answer_goes_in_parts_at_a_pace_that_radios_bear(sky: Sky) -> None:
-    words = tuple(SetWord(f"a word that is long enough to fill {number}", 0.5) for number in range(8))
-    sky.run(2.0)
-    pending = sky.answer(*words)
-    sky.run(2.0)
-    assert pending.status is Status.ACKNOWLEDGED
-    assert sky.rover.applied == [(7, ids.Motion.GO, words)]
-    assert len(sky.sent) == 4
-    assert min(b - a for a, b in zip(sky.sent, sky.sent[1:], strict=False)) >= 0.05 - 1e-9
-
-
-def test_a_part_that_is_lost_comes_again_with_all_the_others(sky: Sky) -> None:
-    words = tuple(SetWord(f"a word that is long enough to fill {number}", 0.5) for number in range(4))
-    sky.run(2.0)
-    sky.lose_down = lambda count: count == 2
-    sky.answer(*words)
-    sky.run(3.0)
-    assert sky.rover.applied == [(7, ids.Motion.GO, words)]
-
-
-def test_answers_to_one_rover_keep_their_order(sky: Sky) -> None:
-    sky.rover.stage_after = ids.Stage.ANSWERED
-    sky.run(2.0)
-    sky.lose_down = lambda count: count == 1
-    sky.answer(BUSH, motion=ids.Motion.NONE)
-    sky.answer(motion=ids.Motion.GO)
-    sky.run(10.0)
-    assert [motion for _, motion, _ in sky.rover.applied] == [ids.Motion.NONE, ids.Motion.GO]
-
-
-def test_an_answer_that_is_never_acknowledged_keeps_the_next_one_back_for_eight_seconds(sky: Sky) -> None:
-    sky.run(2.0)
-    sky.unheard.add(sky.answer(BUSH, motion=ids.Motion.NONE).transaction)
-    second = sky.answer(motion=ids.Motion.STAY)
-    sky.run(7.0)
-    assert second.first_sent is None
-    sky.run(2.0)
-    assert second.status is Status.ACKNOWLEDGED
-
-
-def test_what_cannot_be_told_on_the_wire_is_refused_at_once(sky: Sky) -> None:
-    with pytest.raises(PayloadError, match="send them in two"):
-        sky.answer(*[SetWord("a word of some length", 1.0)] * 33)
-    with pytest.raises(PayloadError, match="shorter word"):
-        sky.answer(SetWord("ü" * 49, 1.0))
 
 
 def test_a_lost_closing_message_is_made_good_by_the_heartbeat(sky: Sky) -> None:

@@ -85,11 +85,15 @@ class Maps:
 
     attention: (n, h, w) in [0, 1], one for each word in `Assessment.words`, in order.
     signed: (h, w) in [-1, 1], the pooled weights. uncertainty: (h, w) in [0, 1].
+    named: (n,), the words that were tapped and are not drivable. strangeness: (h, w) in [0, 1], the
+    uncertainty without them.
     """
 
     attention: Map
     signed: Map
     uncertainty: Map
+    named: NDArray[np.bool_]
+    strangeness: Map
 
     @property
     def traversability(self) -> Map:

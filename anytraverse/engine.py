@@ -12,6 +12,7 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from anytraverse.adoption import adopted_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
@@ -111,16 +112,13 @@ class AnyTraverse:
             observation=observation,
         )
         try:
-            maps = make_maps(self._attend(observation), list(words.values()), self.settings)
+            maps = make_maps(self._attend(observation), list(words.values()), self.settings, self._named())
         except PerceiverError as error:
             maps = Finding.fault(str(error))
         if isinstance(maps, Finding):
             return replace(seen, findings=(*findings, maps, *scene))
         height, width = frame.image.shape[:2]
-        named = np.array(
-            [weight < 0 and word in self.memory.examples for word, weight in words.items()], bool
-        )
-        roi = roi_figures(maps, width / height, self.settings, named)
+        roi = roi_figures(maps, width / height, self.settings)
         if isinstance(roi, Finding):
             return replace(seen, findings=(*findings, roi, *scene), maps=maps)
         findings.extend(find(maps, roi, similarity, self.settings))
@@ -204,6 +202,11 @@ class AnyTraverse:
         if observation.attended is None or observation.attended[0] != prompts:
             observation.attended = prompts, self.perceiver.attend(observation.features, prompts)
         return observation.attended[1]
+
+    def _named(self) -> NDArray[np.bool_]:
+        """(n,), the words that were tapped and are not drivable."""
+        memory = self.memory
+        return np.array([w < 0 and word in memory.examples for word, w in memory.preferences.items()], bool)
 
     def _similarity(self, embedding: Embedding) -> float | None:
         """Cosine to the reference, None without one; NaN where nothing can be compared."""

@@ -13,11 +13,18 @@ from anytraverse.errors import SettingsError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region
-from anytraverse.roi import Corridor, RoiFigures, corridor_open, worst_tile
+from anytraverse.roi import Corridor, NamedTile, RoiFigures, corridor_open, worst_tile
+
+NAMED_TILE = "named_tile"
+"""The figure that holds the vehicle before a thing that was tapped as not drivable."""
+CORRIDOR = "corridor"
+"""The figure that says whether the vehicle fits through."""
 
 _TOLERANCE = 1e-3
 _WIDER = 1.1
 """A corridor counts as clear when one this much wider is open."""
+_EXPLAINED = 0.2
+"""Share of a strange tile that the word of a tapped thing must account for to name it."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +99,13 @@ def check_age(age: float, freshness: float) -> list[Finding]:
     return [Finding.fault(f"the frame is {-age:.1f} s ahead" if age < 0 else f"the frame is {age:.1f} s old")]
 
 
-def make_maps(attention: Map, weights: list[float], settings: Settings) -> Maps | Finding:
-    """Pooled maps, or the fault that makes them worthless. Any floating dtype is taken."""
+def make_maps(
+    attention: Map, weights: list[float], settings: Settings, named: NDArray[np.bool_] | None = None
+) -> Maps | Finding:
+    """Pooled maps, or the fault that makes them worthless. Any floating dtype is taken.
+
+    named: (n,), the words that were tapped and are not drivable; none of them when None.
+    """
     attention = np.asarray(attention, dtype=np.float32)
     if attention.ndim != 3 or len(attention) != len(weights) or attention.shape[1] * attention.shape[2] == 0:
         return Finding.fault("attention maps have a wrong shape")
@@ -106,19 +118,19 @@ def make_maps(attention: Map, weights: list[float], settings: Settings) -> Maps 
         if lowest < 0.0 or highest > 1.0:
             attention = np.clip(attention, 0.0, 1.0)
     signed = POOLINGS[settings.pooling](attention, np.asarray(weights, dtype=np.float32))
-    uncertainty = UNCERTAINTIES[settings.uncertainty](attention)
+    uncertain = UNCERTAINTIES[settings.uncertainty]
+    uncertainty = strangeness = uncertain(attention)
+    if named is None:
+        named = np.zeros(len(attention), dtype=np.bool_)
+    if named.any():
+        strangeness = uncertain(attention[~named])
     if not (np.isfinite(signed).all() and np.isfinite(uncertainty).all()):
         return Finding.fault("pooled maps are not finite")
-    return Maps(attention, signed, uncertainty)
+    return Maps(attention, signed, uncertainty, named, strangeness)
 
 
-def roi_figures(
-    maps: Maps, aspect: float, settings: Settings, named: NDArray[np.bool_] | None = None
-) -> RoiFigures | Finding:
-    """Figures of the ROI, or the fault when it holds no pixel. aspect: width / height of the frame.
-
-    named: (n,), the words that were tapped and are not drivable; none of them when None.
-    """
+def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | Finding:
+    """Figures of the ROI, or the fault when it holds no pixel. aspect: width / height of the frame."""
     height, width = maps.signed.shape
     inside = settings.region.mask(height, width)
     tile = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_share)
@@ -132,7 +144,7 @@ def roi_figures(
         drivable_share=int(maps.drivable[inside].sum()) / known if known else None,
         corridor=_corridor(maps, settings, 1.0),
         worst_tile=tile,
-        named_tile=_named_tile(maps, aspect, settings, named),
+        named_tile=_named_tile(maps, aspect, settings),
     )
 
 
@@ -149,7 +161,9 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
         unknown = Finding.above(Reason.UNKNOWN_OBJECT, "worst_tile", worst, limits.tile, limits.margin)
         findings.append(unknown)
         if roi.named_tile is not None:
-            held = Finding.above(Reason.BLOCKED, "named_tile", roi.named_tile, limits.tile, limits.margin)
+            reason = Reason.BLOCKED if roi.named_tile.explained >= _EXPLAINED else Reason.UNKNOWN_OBJECT
+            strange = roi.named_tile.uncertainty
+            held = Finding.above(reason, NAMED_TILE, strange, limits.tile, limits.margin)
             findings.append(replace(held, bad=held.bad and not unknown.bad))
     findings.extend(find_scene(similarity, settings))
     if roi.drivable_share is not None:
@@ -158,22 +172,24 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
         )
     if roi.corridor is not None:
         clear = roi.corridor and _corridor(maps, settings, _WIDER) is True
-        findings.append(Finding(Reason.BLOCKED, "corridor", not roi.corridor, clear))
+        findings.append(Finding(Reason.BLOCKED, CORRIDOR, not roi.corridor, clear))
     return findings
 
 
-def _named_tile(
-    maps: Maps, aspect: float, settings: Settings, named: NDArray[np.bool_] | None
-) -> float | None:
+def _named_tile(maps: Maps, aspect: float, settings: Settings) -> NamedTile | None:
     """A thing that was named and may not be driven over holds the vehicle as it did before it had a name.
 
     Its name may be found in a part of it, too little to close the corridor, or in another thing.
     """
-    if named is None or not named.any():
+    if not maps.named.any():
         return None
-    uncertainty = UNCERTAINTIES[settings.uncertainty](maps.attention[~named])
-    tile = worst_tile(uncertainty, settings.region, aspect, settings.tile_share)
-    return None if tile is None else tile.uncertainty
+    tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share)
+    if tile is None:
+        return None
+    rows, columns = tile.box.slices(*maps.strangeness.shape)
+    within = np.where(maps.named, maps.attention[:, rows, columns].mean(axis=(1, 2)), -1.0)
+    left = float(maps.uncertainty[rows, columns].mean())
+    return NamedTile(tile.uncertainty, min(left, tile.uncertainty), int(np.argmax(within)))
 
 
 def _corridor(maps: Maps, settings: Settings, factor: float) -> bool | None:

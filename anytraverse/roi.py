@@ -50,13 +50,31 @@ class Tile:
 
 
 @dataclass(frozen=True)
+class NamedTile:
+    """The tile that would be the worst if nothing had been tapped as not drivable.
+
+    uncertainty: its mean then; left: its mean with all words, both in [0, 1]. word: index of the tapped word
+    that explains most of it.
+    """
+
+    uncertainty: float
+    left: float
+    word: int
+
+    @property
+    def explained(self) -> float:
+        """Share of what is strange in it that the tapped words account for, in [0, 1]."""
+        return 1.0 - self.left / self.uncertainty if self.uncertainty > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
 class RoiFigures:
     """Figures of one frame's ROI.
 
     uncertainty, traversability: means over the ROI, in [0, 1].
     known_share: pixels that some word explains. drivable_share: the drivable ones of these, or None.
-    corridor: whether the vehicle fits through; None when not judged. named_tile: the worst tile's uncertainty
-    if nothing had been tapped as not drivable; None when nothing was.
+    corridor: whether the vehicle fits through; None when not judged. named_tile: None when nothing was tapped
+    as not drivable.
     """
 
     uncertainty: float
@@ -65,7 +83,7 @@ class RoiFigures:
     drivable_share: float | None
     corridor: bool | None
     worst_tile: Tile
-    named_tile: float | None = None
+    named_tile: NamedTile | None = None
 
 
 def worst_tile(

@@ -16,7 +16,7 @@ from companion.calls.machine import OperatorCalls
 from companion.eyes import Applied, Eyes
 from companion.kept import Kept
 from companion.link.heard import AnswerRequest, SetRequest
-from companion.telling import flags
+from companion.telling import blocked_text, flags
 from companion.wire import notices, texts
 from companion.wire.answers import (
     Acknowledgement,
@@ -263,7 +263,7 @@ class Conversation:
             return texts.closed(Kind.CALL, target, closed.call.outcome)
         kind = self._calls.kind
         if newest is not None and Reason.BLOCKED in newest.reasons:
-            return texts.blocked(target, newest.roi.drivable_share if newest.roi else None, kind)
+            return blocked_text(newest, target, kind)
         if self._calls.go_at is not None:
             return texts.waiting_for_view(kind, target)
         if any(isinstance(decision, GoLapsed) for decision in decisions):

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
+from anytraverse.judging import CORRIDOR, NAMED_TILE
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
 from anytraverse.roi import sectors
@@ -154,11 +155,23 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
     if call is not None and not call.answered and stage is not Stage.ANSWERED:
         return _asking(number, call.reasons, call.seen, tried=call.tried)
     if Reason.BLOCKED in reasons:
-        share = newest.roi.drivable_share if newest is not None and newest.roi is not None else None
-        return texts.blocked(number, share, kind)
+        return blocked_text(newest, number, kind)
     if calls.go_at is not None:
         return texts.waiting_for_view(kind, number)
     return (texts.answered_waiting if stage is Stage.ANSWERED else texts.holding)(kind, number)
+
+
+def blocked_text(seen: Assessment | None, number: int, kind: Kind) -> str:
+    """By what the way is blocked in this frame: too little ground, no way through it, or a thing by name."""
+    if seen is None or seen.roi is None:
+        return texts.blocked(number, None, kind)
+    finding = seen.finding(Reason.BLOCKED)
+    figure = finding.figure if finding is not None else ""
+    if figure == NAMED_TILE and seen.roi.named_tile is not None:
+        return texts.blocked_by(number, list(seen.words)[seen.roi.named_tile.word], kind)
+    if figure == CORRIDOR:
+        return texts.no_way(number, kind)
+    return texts.blocked(number, seen.roi.drivable_share, kind)
 
 
 def fault_name(newest: Assessment | None, silent: list[str]) -> str:

@@ -33,7 +33,7 @@ _HELD = {True: "vehicle held", False: "vehicle not held"}
 _LATER = {
     Reasons.UNKNOWN_OBJECT: "an unknown thing ahead",
     Reasons.UNKNOWN_SCENE: "a new place",
-    Reasons.BLOCKED: "blocked by known ground",
+    Reasons.BLOCKED: "blocked by what it knows",
     Reasons.FAULT: "no picture that can be judged",
 }
 _STAGES = {Stage.ANSWERED: "answered, waits until the way is clear", Stage.CLEAR: "clear now, go?"}
@@ -83,7 +83,7 @@ def _reasons(call: CallData) -> Iterator[str]:
         known = "" if call.similarity is None else f", {call.similarity:.2f} like a known one"
         yield f"new place{known}"
     if call.reasons & Reasons.BLOCKED:
-        yield f"blocked by known ground, {percent(call.drivable_share)} drivable"
+        yield f"blocked by what it knows, {percent(call.drivable_share)} of the known ground drivable"
     if call.reasons & Reasons.FAULT:
         yield "fault: no picture that can be judged"
 

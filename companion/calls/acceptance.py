@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Embedding, cosine
+from anytraverse.judging import NAMED_TILE
 from anytraverse.regions import Box
 from anytraverse.roi import worst_tile
 from companion.calls.numbers import Numbers
@@ -75,12 +76,17 @@ class Acceptance:
             self.follow(seen, numbers)
 
     def covers(self, seen: Assessment, numbers: Numbers) -> frozenset[Reason]:
-        """Those of the frame's reasons that stay within what was accepted."""
+        """Those of the frame's reasons that stay within what was accepted.
+
+        Whether a thing has a name may change from frame to frame: an accepted one is covered either way.
+        """
         covered = seen.reasons & self.reasons
         if Reason.UNKNOWN_OBJECT in covered and not self._covers_object(seen, numbers):
             covered -= {Reason.UNKNOWN_OBJECT}
         if Reason.UNKNOWN_SCENE in covered and not self._covers_scene(seen, numbers):
             covered -= {Reason.UNKNOWN_SCENE}
+        if self._names_thing(seen) and self._covers_object(seen, numbers):
+            covered |= {Reason.BLOCKED}
         return covered
 
     def follow(self, seen: Assessment, numbers: Numbers) -> None:
@@ -89,7 +95,7 @@ class Acceptance:
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or the time or distance is over. Counts frames: once a frame."""
-        if seen.reasons & self.reasons:
+        if seen.reasons & self.reasons or self._names_thing(seen):
             self.clear_frames = 0
         elif Reason.FAULT not in seen.reasons:
             self.clear_frames += 1
@@ -99,6 +105,11 @@ class Acceptance:
             and travelled - self.travelled >= numbers.accepted_distance
         )
         return self.clear_frames >= numbers.ok_frames or now - self.since >= numbers.accepted_for or too_far
+
+    def _names_thing(self, seen: Assessment) -> bool:
+        """Whether an unknown thing was accepted and the frame is blocked by a tile with a name alone."""
+        blocked = [one.figure for one in seen.findings if one.bad and one.reason is Reason.BLOCKED]
+        return Reason.UNKNOWN_OBJECT in self.reasons and blocked == [NAMED_TILE]
 
     def _moved(self, seen: Assessment, numbers: Numbers) -> Box | None:
         """The box around the thing as it is in this frame; as it was where nothing is found of it."""
@@ -130,7 +141,7 @@ class Acceptance:
         height, width = seen.frame.image.shape[:2]
         judging = numbers.judging
         tile = worst_tile(
-            seen.maps.uncertainty,
+            seen.maps.strangeness,
             judging.region,
             width / height,
             judging.tile_share,

@@ -96,6 +96,16 @@ def blocked(number: int, drivable: float | None, kind: Kind = Kind.HOLD) -> str:
     return fit(f"{name(kind, number)} blocked {percent(drivable)} drivable: waiting")
 
 
+def blocked_by(number: int, word: str, kind: Kind = Kind.HOLD) -> str:
+    """A thing stands ahead that an operator named as not drivable."""
+    return fit(f"{name(kind, number)} blocked by {word}: waiting")
+
+
+def no_way(number: int, kind: Kind = Kind.HOLD) -> str:
+    """Enough of the ground ahead is drivable, but the vehicle does not fit through."""
+    return fit(f"{name(kind, number)} blocked, no way through: waiting")
+
+
 def clear(kind: Kind, number: int) -> str:
     """The reasons are gone and the vehicle still stands."""
     return fit(f"{name(kind, number)} clear now, go?")

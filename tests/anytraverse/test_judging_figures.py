@@ -54,23 +54,51 @@ NAMED = np.array([False, True])
         (["DG", "dG"], False, False),
         (["dd", "dd"], False, True),
         (["GG", "GG"], False, False),
+        (["?D", "?G"], True, False),
+        (["?D", "??"], False, True),
     ],
 )
 def test_what_was_unknown_until_it_was_named_holds_as_before_though_the_corridor_is_open(
     thing: list[str], blocked: bool, unknown: bool
 ) -> None:
+    found = findings_of_a_thing(thing)
+    assert not found["corridor"].bad
+    assert (found["named_tile"].bad, found["worst_tile"].bad) == (blocked, unknown)
+
+
+@pytest.mark.parametrize(
+    ("soft", "reason"),
+    [
+        (0.0, Reason.UNKNOWN_OBJECT),
+        (0.1, Reason.UNKNOWN_OBJECT),
+        (0.3, Reason.BLOCKED),
+        (1.0, Reason.BLOCKED),
+    ],
+)
+def test_a_name_that_explains_hardly_anything_of_a_strange_tile_names_nothing(
+    soft: float, reason: Reason
+) -> None:
+    found = findings_of_a_thing(["??", "??"], tile=0.95, drum=soft)
+    assert found["named_tile"].reason is reason
+    assert found["named_tile"].bad is not found["worst_tile"].bad
+
+
+def findings_of_a_thing(thing: list[str], tile: float = 0.5, drum: float = 0.0) -> dict[str, Finding]:
+    """Findings where a strange thing of one tile stands on the ground G; drum: how far "?" looks like D."""
     settings = replace(
-        WHOLE, thresholds=Thresholds(roi=1.0, tile=0.5, trav=0.0), corridor=Corridor(bottom=0.5, top=0.5)
+        WHOLE, thresholds=Thresholds(roi=1.0, tile=tile, trav=0.0), corridor=Corridor(bottom=0.5, top=0.5)
     )
     rows = ["GG" + row + "GGGG" for row in ["GG", "GG", *thing, "GG", "GG", "GG", "GG"]]
-    maps = painted(rows, G=1.0, D=-1.0)
-    roi = roi_figures(maps, 1.0, settings, NAMED)
-    assert not isinstance(roi, Finding)
-    found = {finding.figure: finding for finding in find(maps, roi, None, settings)}
-    assert not found["corridor"].bad
-    assert found["named_tile"].reason is Reason.BLOCKED
-    assert (found["named_tile"].bad, found["worst_tile"].bad) == (blocked, unknown)
-    assert "named_tile" not in findings(maps, settings), "nothing was tapped"
+    attention = painted(rows, G=1.0, D=-1.0).attention.copy()
+    attention[1][[[pixel == "?" for pixel in row] for row in rows]] = drum
+    assert "named_tile" not in findings(_maps(attention, settings, None), settings), "nothing was tapped"
+    return findings(_maps(attention, settings, NAMED), settings)
+
+
+def _maps(attention: Any, settings: Settings, named: Any) -> Maps:
+    maps = make_maps(attention, [1.0, -1.0], settings, named)
+    assert isinstance(maps, Maps)
+    return maps
 
 
 @pytest.mark.parametrize(

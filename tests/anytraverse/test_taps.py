@@ -49,7 +49,9 @@ def test_the_weight_of_a_tapped_word_can_be_set_alone(taught: Rover) -> None:
 def test_only_what_was_tapped_as_not_drivable_counts_as_if_it_had_no_name(taught: Rover) -> None:
     roi = taught.see(thing="gnome").roi
     assert roi is not None
-    assert roi.named_tile == pytest.approx(1.0)
+    assert roi.named_tile is not None
+    assert roi.named_tile.uncertainty == pytest.approx(1.0)
+    assert roi.named_tile.explained > 0.9
     taught.answer({"gnome": 1, "drum": -1})
     roi = taught.see(thing="drum").roi
     assert roi is not None

@@ -34,18 +34,28 @@ AHEAD = Box(0.40, 0.68, 0.52, 0.80)
 """A small thing in the ROI."""
 BESIDE = Box(0.58, 0.72, 0.66, 0.86)
 """Another one, away from it."""
+SLIVER = Box(0.4, 0.68, 0.4 + 2 / 60, 0.90)
+"""A thing so narrow that half of it leaves a way beside it."""
+ASIDE = Box(0.6, 0.68, 0.6 + 2 / 60, 0.90)
+"""Such a thing away from it."""
 ACROSS = Box(0.30, 0.70, 0.70, 0.85)
 """Right across the way."""
+GNOME = "gnome"
+"""The word that was tapped, where a scene has it."""
 DecisionKind = TypeVar("DecisionKind", bound=Decision)
 
 
 @dataclass(frozen=True)
 class Thing:
-    """Something on the trail, and the word that it would be known by. unsure: how uncertain while unknown."""
+    """Something on the trail, and the word that it would be known by. unsure: how uncertain while unknown.
+
+    mistaken: share of its width, from the left, in which the tapped `GNOME` is found.
+    """
 
     box: Box
     name: str = "drum"
     unsure: float = 0.95
+    mistaken: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -81,6 +91,10 @@ class View:
                 attention[names.index(thing.name), inside] = 0.95
             else:
                 attention[names.index("trail"), inside] = 1.0 - thing.unsure
+            if GNOME in words and thing.mistaken:
+                left, right = thing.box.left, thing.box.right
+                seen_as = replace(thing.box, right=left + thing.mistaken * (right - left))
+                attention[names.index(GNOME), seen_as.mask(HEIGHT, WIDTH)] = 1.0
         if self.broken:
             attention[:] = np.nan
         frame = Frame(number, at - age, np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
@@ -89,7 +103,8 @@ class View:
         seen = Assessment(
             frame, Preferences.of(words), (), age, observation=Observation(frame, None, embedding)
         )
-        maps = make_maps(attention, list(words.values()), judging)
+        tapped = np.array([word == GNOME and weight < 0 for word, weight in words.items()])
+        maps = make_maps(attention, list(words.values()), judging, tapped)
         if isinstance(maps, Finding):
             return replace(seen, findings=(maps,))
         roi = roi_figures(maps, WIDTH / HEIGHT, judging)

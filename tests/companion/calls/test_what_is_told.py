@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from anytraverse.assessment import Reason
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
 from companion.telling import call_data, current_data, current_text, flags, milliseconds, summary
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.payloads import CallData, Summary
@@ -16,9 +18,11 @@ from tests.companion.calls.scenes import (
     CLEAR,
     DRUM,
     ELSEWHERE,
+    GNOME,
     HOLD,
     LOG,
     MANUAL,
+    SLIVER,
     Scene,
     Thing,
     View,
@@ -78,7 +82,19 @@ def test_the_largest_id_and_the_longest_fault_fit(report: Scene) -> None:
 
 
 def test_a_blocked_hold_says_blocked(blocked: Scene) -> None:
-    assert text(blocked) == "H1 blocked 57% drivable: waiting"
+    assert text(blocked) == "H1 blocked, no way through: waiting"
+
+
+def test_a_hold_before_a_named_thing_that_leaves_a_way_says_the_name(hold: Scene) -> None:
+    hold.words[GNOME] = -1.0
+    hold.run(1.0, View((Thing(SLIVER, mistaken=0.5),)))
+    assert hold.held() == [{Reason.BLOCKED}]
+    assert text(hold) == "H1 blocked by gnome: waiting"
+
+
+def test_a_hold_for_want_of_drivable_ground_says_how_much_there_is(hold: Scene) -> None:
+    hold.run(1.0, View((Thing(Box(0.0, 0.0, 1.0, 0.9), "log"),)))
+    assert text(hold) == "H1 blocked 14% drivable: waiting"
 
 
 def test_a_fault_outranks_what_the_call_asks(held: Scene) -> None:
@@ -109,7 +125,7 @@ def test_a_go_that_waits_says_what_for(hold: Scene) -> None:
     hold.run(1.0, BARREL)
     hold.go({"drum": -1.0})
     hold.run(1.0)
-    assert text(hold) == "C1 blocked 57% drivable: waiting"
+    assert text(hold) == "C1 blocked, no way through: waiting"
     hold.show(CLEAR, CLEAR)
     assert text(hold) == "C1 go given: waiting for a clear view"
 

@@ -14,9 +14,12 @@ from anytraverse.frame import Frame
 from anytraverse.history import Embedding, Entry, Match
 from anytraverse.perception import Features, Prompt
 from anytraverse.preferences import Preferences
-from anytraverse.roi import KNOWN, RoiFigures
+from anytraverse.roi import KNOWN, RoiFigures, Tile
 
 Map = NDArray[np.float32]
+
+NAMED_TILE = "named_tile"
+"""The figure that holds the vehicle before a thing that was tapped as not drivable."""
 
 
 class Reason(str, Enum):
@@ -153,6 +156,14 @@ class Assessment:
     def ok(self) -> bool:
         """Judged, and without a reason."""
         return bool(self.findings) and not self.reasons
+
+    @property
+    def tile(self) -> Tile | None:
+        """Where to look: the tile that holds the vehicle for a name, else the worst; None without an ROI."""
+        if self.roi is None:
+            return None
+        named = any(finding.bad and finding.figure == NAMED_TILE for finding in self.findings)
+        return self.roi.named_tile.tile if named and self.roi.named_tile else self.roi.worst_tile
 
     def is_clear(self, reason: Reason) -> bool:
         """Whether the frame was judged and every figure of `reason` is on the good side by its margin."""

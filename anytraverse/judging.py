@@ -8,15 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.assessment import Finding, Map, Maps, Reason
+from anytraverse.assessment import NAMED_TILE, Finding, Map, Maps, Reason
 from anytraverse.errors import SettingsError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region
 from anytraverse.roi import Corridor, NamedTile, RoiFigures, corridor_open, worst_tile
 
-NAMED_TILE = "named_tile"
-"""The figure that holds the vehicle before a thing that was tapped as not drivable."""
 CORRIDOR = "corridor"
 """The figure that says whether the vehicle fits through."""
 
@@ -162,7 +160,7 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
         findings.append(unknown)
         if roi.named_tile is not None:
             reason = Reason.BLOCKED if roi.named_tile.explained >= _EXPLAINED else Reason.UNKNOWN_OBJECT
-            strange = roi.named_tile.uncertainty
+            strange = roi.named_tile.tile.uncertainty
             held = Finding.above(reason, NAMED_TILE, strange, limits.tile, limits.margin)
             findings.append(replace(held, bad=held.bad and not unknown.bad))
     findings.extend(find_scene(similarity, settings))
@@ -189,7 +187,7 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings) -> NamedTile | No
     rows, columns = tile.box.slices(*maps.strangeness.shape)
     within = np.where(maps.named, maps.attention[:, rows, columns].mean(axis=(1, 2)), -1.0)
     left = float(maps.uncertainty[rows, columns].mean())
-    return NamedTile(tile.uncertainty, min(left, tile.uncertainty), int(np.argmax(within)))
+    return NamedTile(tile, min(left, tile.uncertainty), int(np.argmax(within)))
 
 
 def _corridor(maps: Maps, settings: Settings, factor: float) -> bool | None:

@@ -207,8 +207,8 @@ def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> 
 
 def _draw_boxes(picture: Image, assessment: Assessment, roi: Box) -> None:
     outline(picture, roi, PAPER, 2)
-    if assessment.roi is not None and looks_unsure(assessment):
-        outline(picture, assessment.roi.worst_tile.box, YELLOW, 2)
+    if assessment.tile is not None and looks_unsure(assessment):
+        outline(picture, assessment.tile.box, YELLOW, 2)
 
 
 def _roi_note(assessment: Assessment) -> str:
@@ -216,10 +216,10 @@ def _roi_note(assessment: Assessment) -> str:
 
 
 def looks_unsure(assessment: Assessment) -> bool:
-    """Whether the worst tile deserves a look: something is unknown, or nearly so."""
-    if assessment.roi is None:
+    """Whether the tile deserves a look: something is unknown or nearly so, or held for its name."""
+    if assessment.tile is None:
         return False
-    return Reason.UNKNOWN_OBJECT in assessment.reasons or assessment.roi.worst_tile.uncertainty > _UNSURE
+    return Reason.UNKNOWN_OBJECT in assessment.reasons or assessment.tile.uncertainty > _UNSURE
 
 
 def _figures(assessment: Assessment) -> str:

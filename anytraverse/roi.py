@@ -51,20 +51,20 @@ class Tile:
 
 @dataclass(frozen=True)
 class NamedTile:
-    """The tile that would be the worst if nothing had been tapped as not drivable.
+    """The tile that would be the worst if nothing had been tapped as not drivable, as it would be then.
 
-    uncertainty: its mean then; left: its mean with all words, both in [0, 1]. word: index of the tapped word
-    that explains most of it.
+    left: its mean uncertainty with all words, in [0, 1]. word: index of the tapped one that explains most.
     """
 
-    uncertainty: float
+    tile: Tile
     left: float
     word: int
 
     @property
     def explained(self) -> float:
         """Share of what is strange in it that the tapped words account for, in [0, 1]."""
-        return 1.0 - self.left / self.uncertainty if self.uncertainty > 0.0 else 0.0
+        strange = self.tile.uncertainty
+        return 1.0 - self.left / strange if strange > 0.0 else 0.0
 
 
 @dataclass(frozen=True)

@@ -137,12 +137,10 @@ def laps(perceiver: Perceiver, seed: int, size: tuple[int, int]) -> list[list[st
             if judged.match is not None or sum(flags[-3:]) < 2 or not flags[-1]:
                 continue
             ahead = [t for t in world.things.values() if t.surprise and _away(pose, t) < 8]
-            if Reason.UNKNOWN_SCENE in judged.reasons or not ahead or judged.roi is None:
+            if Reason.UNKNOWN_SCENE in judged.reasons or not ahead or judged.tile is None:
                 changes = Changes(weights=dict(Preferences.parse(WORDS[trail.zone(float(s) + 4.0)])))
             else:
-                changes = Changes(
-                    taps=(Tap(judged.frame.id, judged.roi.worst_tile.box, ahead[0].kind, -1.0),)
-                )
+                changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, ahead[0].kind, -1.0),))
             outcome = engine.answer(
                 changes, now, call=judged.observation, call_id=len(calls[-1]) + 1, go=True
             )

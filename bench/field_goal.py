@@ -92,8 +92,8 @@ class Drive:
 
     def _call(self, judged: Assessment, s: float, now: float, ahead: Thing | None, *, familiar: bool) -> None:
         left = self._left(ahead, s) if ahead is not None else math.inf
-        if ahead is not None and left < NEAR and judged.roi:
-            changes = Changes(taps=(Tap(judged.frame.id, judged.roi.worst_tile.box, ahead.kind, -1.0),))
+        if ahead is not None and left < NEAR and judged.tile:
+            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, ahead.kind, -1.0),))
             self.tally.called.append((ahead.kind, round(left, 1)))
             self.world.remove(ahead.id)
         else:

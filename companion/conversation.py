@@ -220,7 +220,7 @@ class Conversation:
         again: bool = False,
     ) -> Heard:
         closed = _closed(decisions, target)
-        roi = call_frame.roi if call_frame is not None else None
+        roi, tile = (call_frame.roi, call_frame.tile) if call_frame is not None else (None, None)
         current = target and target == self._calls.current_id
         acknowledgement = Acknowledgement(
             transaction=request.transaction or 0,
@@ -229,7 +229,7 @@ class Conversation:
             stage=self._calls.stage() if current else Stage.CLOSED,
             outcome=closed.call.outcome if closed else Outcome.NONE,
             roi_uncertainty=roi.uncertainty if roi else None,
-            worst_tile=roi.worst_tile.uncertainty if roi else None,
+            worst_tile=tile.uncertainty if tile else None,
             reasons=flags(newest.reasons) if newest is not None else flags(()),
             words=words_hash(self.words),
             text=text,

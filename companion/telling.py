@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from anytraverse.assessment import Assessment, Reason
+from anytraverse.assessment import NAMED_TILE, Assessment, Reason
 from anytraverse.history import Place
-from anytraverse.judging import CORRIDOR, NAMED_TILE
+from anytraverse.judging import CORRIDOR
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
 from anytraverse.roi import sectors
@@ -112,7 +112,7 @@ def call_data(
     picture: str,
 ) -> CallData:
     """A call or hold as the wire has it; its figures are those of `seen`."""
-    roi = seen.roi if seen is not None else None
+    roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
     return CallData(
         id=number,
         kind=kind,
@@ -124,9 +124,9 @@ def call_data(
         frame_id=frame_id,
         age_s=max(0, round(age)),
         roi=fractions(region.bounds),
-        worst_tile_box=fractions(roi.worst_tile.box) if roi else None,
+        worst_tile_box=fractions(tile.box) if tile else None,
         roi_uncertainty=roi.uncertainty if roi else None,
-        worst_tile=roi.worst_tile.uncertainty if roi else None,
+        worst_tile=tile.uncertainty if tile else None,
         drivable_share=roi.drivable_share if roi else None,
         similarity=seen.similarity if seen is not None else None,
         latitude=place.latitude,

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.assessment import Assessment, Reason
+from anytraverse.assessment import NAMED_TILE, Assessment, Reason
 from anytraverse.history import Embedding, cosine
-from anytraverse.judging import NAMED_TILE
 from anytraverse.regions import Box
 from anytraverse.roi import worst_tile
 from companion.calls.numbers import Numbers
@@ -52,10 +51,10 @@ class Acceptance:
     ) -> Acceptance:
         """Accept `reasons` as they are in `seen`."""
         box, uncertainty = None, 0.0
-        if seen.roi is not None:
+        if seen.roi is not None and seen.tile is not None:
             uncertainty = seen.roi.uncertainty
             if Reason.UNKNOWN_OBJECT in reasons | seen.reasons:
-                box = seen.roi.worst_tile.box.grown(1.5)
+                box = seen.tile.box.grown(1.5)
         accepted = cls(reasons, box, uncertainty, 0.0, scene_of(seen), now, travelled)
         found = accepted._find(seen, numbers, max(seen.maps.signed.shape)) if seen.maps is not None else None
         if box is not None and found is not None:

@@ -39,10 +39,9 @@ def _marked(seen: Assessment, region: Region, width: int) -> Image:
 
     picture = fitted(seen.frame.image, width)
     _frame(picture, region.bounds, PAPER)
-    if seen.roi is not None and looks_unsure(seen):
-        tile = seen.roi.worst_tile.box
-        _frame(picture, tile, INK, around=2)
-        _frame(picture, tile, YELLOW, around=1)
+    if seen.tile is not None and looks_unsure(seen):
+        _frame(picture, seen.tile.box, INK, around=2)
+        _frame(picture, seen.tile.box, YELLOW, around=1)
     return picture
 
 

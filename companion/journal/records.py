@@ -32,14 +32,14 @@ def _sides(box: Box) -> list[float]:
 def record_of(call: Call) -> dict[str, Any]:
     """The figures of a call as JSON values."""
     seen = call.seen
-    roi = seen.roi if seen is not None else None
+    roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
     return {
         "frame_id": call.frame_id,
         "reasons": sorted(reason.value for reason in call.reasons),
         "words": seen.words.format() if seen is not None else None,
         "roi_uncertainty": roi.uncertainty if roi is not None else None,
-        "worst_tile": roi.worst_tile.uncertainty if roi is not None else None,
-        "worst_tile_box": _sides(roi.worst_tile.box) if roi is not None else None,
+        "worst_tile": tile.uncertainty if tile is not None else None,
+        "worst_tile_box": _sides(tile.box) if tile is not None else None,
         "drivable_share": roi.drivable_share if roi is not None else None,
         "similarity": seen.similarity if seen is not None else None,
         "place": place_figures(call.place),

@@ -50,7 +50,7 @@ def test_only_what_was_tapped_as_not_drivable_counts_as_if_it_had_no_name(taught
     roi = taught.see(thing="gnome").roi
     assert roi is not None
     assert roi.named_tile is not None
-    assert roi.named_tile.uncertainty == pytest.approx(1.0)
+    assert roi.named_tile.tile.uncertainty == pytest.approx(1.0)
     assert roi.named_tile.explained > 0.9
     taught.answer({"gnome": 1, "drum": -1})
     roi = taught.see(thing="drum").roi

@@ -49,13 +49,15 @@ DecisionKind = TypeVar("DecisionKind", bound=Decision)
 class Thing:
     """Something on the trail, and the word that it would be known by. unsure: how uncertain while unknown.
 
-    mistaken: share of its width, from the left, in which the tapped `GNOME` is found.
+    mistaken: share of its width, from the left, in which the tapped `GNOME` is found. blur: attention of
+    that word all over it.
     """
 
     box: Box
     name: str = "drum"
     unsure: float = 0.95
     mistaken: float = 0.0
+    blur: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,10 @@ class View:
                 attention[names.index(thing.name), inside] = 0.95
             else:
                 attention[names.index("trail"), inside] = 1.0 - thing.unsure
-            if GNOME in words and thing.mistaken:
-                left, right = thing.box.left, thing.box.right
-                seen_as = replace(thing.box, right=left + thing.mistaken * (right - left))
+            if GNOME in words:
+                attention[names.index(GNOME), inside] = thing.blur
+                left, width = thing.box.left, thing.box.right - thing.box.left
+                seen_as = Box(left, thing.box.top, left + max(1e-6, thing.mistaken * width), thing.box.bottom)
                 attention[names.index(GNOME), seen_as.mask(HEIGHT, WIDTH)] = 1.0
         if self.broken:
             attention[:] = np.nan

@@ -283,6 +283,23 @@ def test_an_accepted_thing_that_is_taken_for_a_tapped_one_is_passed(
     assert not ended(tapped), "it is not gone because it has a name"
 
 
+def test_a_call_for_what_is_hardly_named_points_at_it_and_a_go_passes_it(hold: Scene) -> None:
+    hold.words[GNOME] = -1.0
+    dim = Thing(SLIVER, unsure=0.7, blur=0.4)
+    worse_without_a_name = Thing(ASIDE, unsure=0.61)
+    view = View((dim, worse_without_a_name))
+    hold.run(1.0, view)
+    seen = hold.call.seen
+    assert seen is not None
+    assert seen.roi is not None
+    assert seen.tile is not None
+    assert seen.reasons == {Reason.UNKNOWN_OBJECT}
+    assert seen.tile.box.left < 0.5 < seen.roi.worst_tile.box.right, "not the worst one, which is allowed"
+    hold.go()
+    hold.run(3.0, view)
+    assert hold.autopilot.mode == AUTO
+
+
 def test_what_was_accepted_does_not_cover_a_tapped_thing_beside_it(tapped: Scene) -> None:
     tapped.go()
     tapped.run(2.0)

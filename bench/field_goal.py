@@ -2,8 +2,9 @@
 
 Two laps a seed at 2.5 m/s and 10 frames/s in changing light, with an operator who names each place, taps each
 thing that is called for and takes it away. A thing is missed when the rover reaches it. A call is false on
-trail that is familiar: more than 10 m from a thing and from a change of scene.
-Run: python -m bench.field_goal [--perceiver builtin] [--seeds 1 2 3] [--size 320x240]
+trail that is familiar: more than 10 m from a thing and from a change of scene. With --teach, a tap with that
+word and weight 1 answers a call for nothing.
+Run: python -m bench.field_goal [--perceiver builtin] [--seeds 1 2 3] [--size 320x240] [--teach tuft]
 The last line is one JSON object.
 """
 
@@ -39,7 +40,7 @@ CALLS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
 @dataclass
 class Tally:
     """called: kind and metres left of each thing that was called for. blocked: of each that was taken for one
-    named before and not drivable, which holds the rover too. false: where, and why.
+    named before and not drivable, which holds the rover too. false: where, and why. taught: taps on nothing.
     """
 
     called: list[tuple[str, float]] = field(default_factory=list)
@@ -47,6 +48,7 @@ class Tally:
     missed: list[str] = field(default_factory=list)
     false: list[str] = field(default_factory=list)
     places: int = 0
+    taught: int = 0
     familiar: int = 0
     frames: int = 0
 
@@ -54,7 +56,7 @@ class Tally:
 class Drive:
     """One seed's laps. Each kind of thing lies in another zone from seed to seed."""
 
-    def __init__(self, perceiver: Perceiver, seed: int, size: tuple[int, int]) -> None:
+    def __init__(self, perceiver: Perceiver, seed: int, size: tuple[int, int], teach: str = "") -> None:
         turn = seed % len(DEFAULT_SURPRISES)
         self.world = World(seed, DEFAULT_SURPRISES[turn:] + DEFAULT_SURPRISES[:turn])
         self.camera = Camera(self.world, *size)
@@ -63,6 +65,7 @@ class Drive:
         self._flags: list[bool] = []
         self._blocked: list[bool] = []
         self._calls = 0
+        self._teach = teach
 
     def run(self) -> Tally:
         """All laps."""
@@ -96,6 +99,9 @@ class Drive:
             changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, ahead.kind, -1.0),))
             self.tally.called.append((ahead.kind, round(left, 1)))
             self.world.remove(ahead.id)
+        elif self._teach and judged.tile and Reason.UNKNOWN_SCENE not in judged.reasons:
+            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, self._teach, 1.0),))
+            self.tally.taught += 1
         else:
             changes = Changes(weights=dict(Preferences.parse(WORDS[self.world.trail.zone(s + 4.0)])))
             self.tally.places += 1
@@ -137,13 +143,14 @@ def main() -> None:
     parser.add_argument("--perceiver", default="builtin")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 21)))
     parser.add_argument("--size", default="320x240")
+    parser.add_argument("--teach", default="", metavar="WORD")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     perceiver = make_perceiver(options.perceiver, Runtime(threads=1))
     width, height = (int(part) for part in options.size.split("x"))
     tallies = []
     for seed in options.seeds:
-        tally = Drive(perceiver, seed, (width, height)).run()
+        tally = Drive(perceiver, seed, (width, height), options.teach).run()
         tallies.append(tally)
         called, blocked = (
             ", ".join(f"{kind} {left} m" for kind, left in found) or "none"
@@ -168,6 +175,7 @@ def main() -> None:
                 "familiar_frames": familiar,
                 "false_per_100": round(100 * wrong / max(familiar, 1), 3),
                 "calls_for_places": sum(t.places for t in tallies),
+                "taught": sum(t.taught for t in tallies),
             }
         )
     )

@@ -162,7 +162,9 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
             reason = Reason.BLOCKED if roi.named_tile.explained >= _EXPLAINED else Reason.UNKNOWN_OBJECT
             strange = roi.named_tile.tile.uncertainty
             held = Finding.above(reason, NAMED_TILE, strange, limits.tile, limits.margin)
-            findings.append(replace(held, bad=held.bad and not unknown.bad))
+            if unknown.bad:  # which says it all: neither bad nor in the way of a reason's end
+                held = replace(held, bad=False, clear=True)
+            findings.append(held)
     findings.extend(find_scene(similarity, settings))
     if roi.drivable_share is not None:
         findings.append(

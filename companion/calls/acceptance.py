@@ -107,8 +107,7 @@ class Acceptance:
 
     def _names_thing(self, seen: Assessment) -> bool:
         """Whether an unknown thing was accepted and the frame is blocked by a tile with a name alone."""
-        blocked = [one.figure for one in seen.findings if one.bad and one.reason is Reason.BLOCKED]
-        return Reason.UNKNOWN_OBJECT in self.reasons and blocked == [NAMED_TILE]
+        return Reason.UNKNOWN_OBJECT in self.reasons and blocked_by_name(seen)
 
     def _moved(self, seen: Assessment, numbers: Numbers) -> Box | None:
         """The box around the thing as it is in this frame; as it was where nothing is found of it."""
@@ -121,12 +120,18 @@ class Acceptance:
         return Box(found.left, top, found.right, found.bottom)
 
     def _find(self, seen: Assessment, numbers: Numbers, reach: int) -> Box | None:
-        """The box around what is uncertain in the accepted box and, up to `reach` pixels, what touches it."""
+        """The box around what is uncertain in the accepted box and, up to `reach` pixels, what touches it.
+
+        What a tapped word explains of the thing belongs to it: else that were a tapped thing beside it.
+        """
         if self.box is None or seen.maps is None:
             return None
-        uncertain = seen.maps.uncertainty > (numbers.judging.thresholds.tile or _UNCERTAIN)
-        height, width = uncertain.shape
-        thing = _connected(uncertain & self.box.mask(height, width), uncertain, reach)
+        limit = numbers.judging.thresholds.tile or _UNCERTAIN
+        strange = seen.maps.strangeness > limit
+        by_name = any(one.bad and one.figure == NAMED_TILE for one in seen.findings)
+        sought = strange if by_name else seen.maps.uncertainty > limit
+        thing = _connected(sought & self.box.mask(*strange.shape), strange, reach)
+        height, width = strange.shape
         rows, columns = np.flatnonzero(thing.any(axis=1)), np.flatnonzero(thing.any(axis=0))
         if len(rows) == 0:
             return None
@@ -161,6 +166,11 @@ class Acceptance:
         if scene is None or self.scene is None:
             return False
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
+
+
+def blocked_by_name(seen: Assessment) -> bool:
+    """Whether the frame is blocked by a tile with a name, and by nothing else."""
+    return [one.figure for one in seen.findings if one.bad and one.reason is Reason.BLOCKED] == [NAMED_TILE]
 
 
 def scene_of(seen: Assessment) -> Embedding | None:

@@ -12,7 +12,7 @@ from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
 from companion.autopilots import Autopilot
-from companion.calls.acceptance import Acceptance, scene_of
+from companion.calls.acceptance import Acceptance, blocked_by_name, scene_of
 from companion.calls.answering import answer_call
 from companion.calls.decisions import (
     Call,
@@ -262,6 +262,8 @@ class OperatorCalls:
         call, newest = self.call, self.sight.newest
         asked = call.reasons if call is not None and not call.answered else set[Reason]()
         reasons = (self.sight.reasons(now) | asked) - {Reason.FAULT}
+        if Reason.BLOCKED in reasons and newest is not None and blocked_by_name(newest):
+            reasons |= {Reason.UNKNOWN_OBJECT}  # which it may be taken for in the next frame
         scope = call.scope if call is not None else None
         if scope is not None and scope.box is None and Reason.UNKNOWN_OBJECT in reasons:
             scope = None

@@ -11,6 +11,7 @@ from companion.calls.numbers import Numbers
 from companion.calls.votes import Votes
 
 CALLS_FOR_WORDS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
+_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 
 
 class Sight:
@@ -39,7 +40,7 @@ class Sight:
         self._weigh(seen)
         acceptance = self.acceptance
         if acceptance is not None:
-            if Reason.UNKNOWN_OBJECT in seen.reasons - self._open:
+            if (seen.reasons - self._open) & _OF_THINGS:
                 acceptance.follow(seen, self.numbers)
             if acceptance.ended(seen, self.numbers, now, travelled):
                 self.acceptance = None

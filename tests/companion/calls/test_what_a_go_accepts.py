@@ -9,17 +9,14 @@ from anytraverse.regions import Box
 from companion.wire.ids import Outcome
 from tests.companion.calls.scenes import (
     AHEAD,
-    ASIDE,
     AUTO,
     BESIDE,
     BROKEN,
     CLEAR,
     DRUM,
     ELSEWHERE,
-    GNOME,
     HOLD,
     LOG,
-    SLIVER,
     Scene,
     Thing,
     View,
@@ -257,59 +254,3 @@ def test_with_a_go_the_rover_drives_over_the_accepted_thing_in_hold_policy(held:
     assert held.opened() == [1]
     held.run(1.0, LOG)
     assert held.autopilot.mode == HOLD
-
-
-@pytest.fixture
-def tapped(hold: Scene) -> Scene:
-    """Standing before a tuft that no word explains, with another thing tapped long ago: call 1."""
-    hold.words[GNOME] = -1.0
-    hold.run(1.0, View((Thing(SLIVER),)))
-    assert hold.call.reasons == {Reason.UNKNOWN_OBJECT}
-    return hold
-
-
-MISTAKEN = View((Thing(SLIVER, mistaken=0.5),))
-"""The tuft, taken for the gnome in part: that explains enough for no call, and leaves a way beside it."""
-
-
-@pytest.mark.parametrize("flicker", [(MISTAKEN,), (MISTAKEN, View((Thing(SLIVER),)))])
-def test_an_accepted_thing_that_is_taken_for_a_tapped_one_is_passed(
-    tapped: Scene, flicker: tuple[View, ...]
-) -> None:
-    tapped.go()
-    tapped.run(4.0, *flicker)
-    assert tapped.autopilot.mode == AUTO
-    assert tapped.opened() == [1]
-    assert not ended(tapped), "it is not gone because it has a name"
-
-
-def test_a_call_for_what_is_hardly_named_points_at_it_and_a_go_passes_it(hold: Scene) -> None:
-    hold.words[GNOME] = -1.0
-    dim = Thing(SLIVER, unsure=0.7, blur=0.4)
-    worse_without_a_name = Thing(ASIDE, unsure=0.61)
-    view = View((dim, worse_without_a_name))
-    hold.run(1.0, view)
-    seen = hold.call.seen
-    assert seen is not None
-    assert seen.roi is not None
-    assert seen.tile is not None
-    assert seen.reasons == {Reason.UNKNOWN_OBJECT}
-    assert seen.tile.box.left < 0.5 < seen.roi.worst_tile.box.right, "not the worst one, which is allowed"
-    hold.go()
-    hold.run(3.0, view)
-    assert hold.autopilot.mode == AUTO
-
-
-def test_what_was_accepted_does_not_cover_a_tapped_thing_beside_it(tapped: Scene) -> None:
-    tapped.go()
-    tapped.run(2.0)
-    tapped.run(1.0, View((Thing(SLIVER), Thing(ASIDE, mistaken=0.5))))
-    assert tapped.autopilot.mode == HOLD
-
-
-def test_a_tapped_thing_that_was_not_asked_about_is_not_accepted_by_a_go(hold: Scene) -> None:
-    hold.words[GNOME] = -1.0
-    hold.run(1.0, MISTAKEN)
-    hold.go()
-    hold.run(3.0, MISTAKEN)
-    assert hold.autopilot.mode == HOLD

@@ -16,6 +16,7 @@ from companion.calls.decisions import (
     GoLapsed,
     HoldMoved,
     HoldRenamed,
+    HoldShown,
     HoldStarted,
     SetMode,
     WouldHold,
@@ -105,6 +106,8 @@ class Acting:
                 self._keeper.call_closed(call)
             case HoldStarted(hold, reasons):
                 log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
+            case HoldShown(hold, seen):
+                self._keeper.hold_shown(hold.id, seen, self._calls.state(now))
             case HoldRenamed(old, hold):
                 log.info("hold %d goes on as call %d", old, hold.id)
                 self._close_hold(old, Outcome.NONE, now)

@@ -56,6 +56,7 @@ class Announcement:
             calls.hold is not None and calls.hold.stage,
             calls.call is not None and (calls.call.tried, calls.call.answered, calls.call.seen is None),
             calls.go_at is not None,
+            calls.hold is not None and calls.hold.seen is None,
             words_hash(words),
             picture,
             tuple(silent),

@@ -11,7 +11,8 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.calls.decisions import CallClosed, Decision, GoLapsed
+from companion.calls.decisions import Call, CallClosed, Decision, GoLapsed
+from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
 from companion.eyes import Applied, Eyes
 from companion.kept import Kept
@@ -30,6 +31,7 @@ from companion.wire.answers import (
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 
 _EYES_BUSY = "the eyes are busy: send it again"
+_NO_PICTURE = "no picture to tap in: say the word alone"
 _UNREMEMBERED = "not remembered (disk?): "
 _FRAME_PATIENCE = 10.0
 """Seconds to wait after a restart for the call's frame to be judged; then answers do without it."""
@@ -125,23 +127,26 @@ class Conversation:
         except AnyTraverseError as error:
             return self._reply(request, target or 0, Result.REFUSED, str(error))
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
+        subject: Call | Hold | None = call
         if changes.taps and call is None:
-            return self._reply(
-                request, target or 0, Result.REFUSED, "no open call to tap in: say the word alone"
-            )
+            subject = self._calls.hold if target else None
+            if subject is None or subject.seen is None:
+                return self._reply(request, target or 0, Result.REFUSED, _NO_PICTURE)
         if request.motion is Motion.STAY:
             self._overruled = self._asked
         in_order = call is None and self._asked == self._applied
         if not changes and (in_order or request.motion is Motion.STAY):
             return self._moved(request, target or 0, now)
-        observation = call.seen.observation if call is not None and call.seen is not None else None
+        seen = subject.seen if subject is not None else None
+        observation = seen.observation if seen is not None else None
         if call is not None and observation is None and now - call.opened_at < _FRAME_PATIENCE:
             return self._reply(
                 request, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
         asked = _Asked(request, target or 0, bool(changes), self._asked + 1, now)
         go = request.motion is Motion.GO
-        number, place = (call.id, call.place) if call is not None else (0, None)
+        number = subject.id if subject is not None else 0
+        place = call.place if call is not None else None
         if not self._eyes.answer(asked, changes, call=observation, call_id=number, go=go, place=place):
             return self._reply(request, target or 0, Result.BUSY, _EYES_BUSY)
         self._asked = asked.number

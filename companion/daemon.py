@@ -246,7 +246,7 @@ class Daemon:
         said = self._announcement.now(
             self._conversation.words,
             self.whereabouts.place(),
-            self._keeper.call_picture,
+            self._keeper.picture_of(open_id),
             self._watch.silent(now),
             now,
         )

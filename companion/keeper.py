@@ -70,8 +70,8 @@ class Keeper:
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
         self.stamp: Callable[[], float] = time.time
         """Asked for the time that calls and answers get, seconds since 1970."""
-        self.call_picture = ""
-        """Where the ground finds the open call's picture, "" without one."""
+        self._shown = 0, ""
+        """The call or hold that has a picture, and where the ground finds it."""
 
     @property
     def folder(self) -> Path:
@@ -122,7 +122,15 @@ class Keeper:
         at = self.stamp()
         self._keep("call", partial(self._journal.record_call, at=at), call)
         self._files.closed(call, at)
-        self.call_picture = ""
+
+    def hold_shown(self, number: int, seen: Assessment, state: State) -> None:
+        """Keep a picture of what blocks the way."""
+        large = self._album_path(seen, state, f"H{number} blocked")
+        self._shown = number, self._files.held(number, seen, large)
+
+    def picture_of(self, number: int) -> str:
+        """Where the ground finds the picture of an open call or hold, "" without one."""
+        return self._shown[1] if number == self._shown[0] else ""
 
     def picture(self, seen: Assessment, state: State, title: str) -> None:
         """A moment for the album."""
@@ -176,9 +184,12 @@ class Keeper:
         self._show(call, seen, State.CALLING, f"C{call.id} after a restart")
 
     def _show(self, call: Call, seen: Assessment, state: State, title: str) -> None:
+        large = self._album_path(seen, state, title)
+        self._shown = call.id, self._files.opened(call, large, self._answers(call))
+
+    def _album_path(self, seen: Assessment, state: State, title: str) -> Path | None:
         kept = self._album.keep(seen, state, title)
-        large = self._album.path(kept) if kept else None
-        self.call_picture = self._files.opened(call, large, self._answers(call))
+        return self._album.path(kept) if kept else None
 
     def _answers(self, call: Call) -> Sequence[Mapping[str, Any]]:
         try:

@@ -74,7 +74,7 @@ def current_data(
     if calls.current_id == 0:
         return None
     call, hold = calls.call, calls.hold
-    seen = call.seen if call is not None else calls.sight.newest
+    seen = call.seen if call is not None else (hold and hold.seen) or calls.sight.newest
     since = call.opened_at if call is not None else hold.started_at if hold is not None else now
     place = call.place if call is not None and call.place.latitude is not None else place
     reasons = calls.sight.reasons(now) | (call.reasons if call is not None and not call.answered else set())

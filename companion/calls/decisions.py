@@ -93,6 +93,14 @@ class HoldMoved:
 
 
 @dataclass(frozen=True)
+class HoldShown:
+    """A hold without a call has a frame that shows what blocks the way."""
+
+    hold: Hold
+    seen: Assessment
+
+
+@dataclass(frozen=True)
 class HoldRenamed:
     """A hold that goes on as part of a call: `old` names nothing any more."""
 
@@ -134,6 +142,7 @@ Decision = (
     | CallClosed
     | HoldStarted
     | HoldMoved
+    | HoldShown
     | HoldRenamed
     | GoLapsed
     | WouldHold

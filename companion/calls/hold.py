@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from anytraverse.assessment import Assessment
 from companion.autopilots import Autopilot
 from companion.calls.numbers import Numbers
 
@@ -36,6 +37,7 @@ class Hold:
     failed: the autopilot did not follow after all tries; a human must act.
     only_fault: nothing but a fault ever asked for it, so that it may end without a go; one whose way back
     failed needs one.
+    seen: the first frame of it that was blocked, which can be tapped in; None: not blocked yet, or a call's.
     """
 
     id: int
@@ -48,6 +50,7 @@ class Hold:
     failed: bool = False
     only_fault: bool = True
     called_back_at: float | None = None
+    seen: Assessment | None = None
 
     @property
     def standing(self) -> bool:

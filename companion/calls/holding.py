@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from anytraverse.assessment import Reason
+from anytraverse.assessment import Assessment, Reason
 from companion.autopilots import Autopilot
-from companion.calls.decisions import Decision, GoLapsed, HoldMoved, HoldStarted, SetMode
+from companion.calls.decisions import Decision, GoLapsed, HoldMoved, HoldShown, HoldStarted, SetMode
 from companion.calls.handover import Handover
 from companion.calls.hold import Hold, HoldEvent, HoldStage
 from companion.calls.numbers import Numbers
@@ -132,6 +132,8 @@ class Holding:
             return []
         decisions: list[Decision] = []
         hold.only_fault = hold.only_fault and not asking and reasons <= {Reason.FAULT}
+        if hold.seen is None and not asking and Reason.BLOCKED in reasons:
+            decisions += self._show(hold, sight.newest)
         if self.go_at is not None and self._lapsed(self.go_at, sight, now):
             self.go_at = None
             decisions.append(GoLapsed(hold.id))
@@ -141,6 +143,12 @@ class Holding:
         elif hold.stage is not HoldStage.RESUMING and ready:
             hold.turn(HoldStage.RESUMING)
         return decisions + self._command(hold, now)
+
+    def _show(self, hold: Hold, newest: Assessment | None) -> list[Decision]:
+        if newest is None or Reason.BLOCKED not in newest.reasons:
+            return []
+        hold.seen = newest
+        return [HoldShown(hold, newest)]
 
     def _command(self, hold: Hold, now: float) -> list[Decision]:
         autopilot = self.vehicle.autopilot

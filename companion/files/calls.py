@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from anytraverse.assessment import Assessment
 from anytraverse.regions import Region
 from companion.calls.decisions import Call
 from companion.durable import write_whole
@@ -45,7 +46,7 @@ class CallFiles:
 
         large: the album's picture, None: no pictures are kept. answers: those of before a restart.
         """
-        pictures = {} if large is None else self._pictures(call, large)
+        pictures = {} if large is None or call.seen is None else self._pictures(call.id, call.seen, large)
         self._record = {
             "id": call.id,
             **record_of(call),
@@ -56,6 +57,12 @@ class CallFiles:
         }
         self._write_record()
         self._prune(call.id)
+        return pictures.get("picture", "")
+
+    def held(self, number: int, seen: Assessment, large: Path | None) -> str:
+        """Write the pictures of a hold, as `opened` does; nothing else is told of it."""
+        pictures = {} if large is None else self._pictures(number, seen, large)
+        self._prune(number)
         return pictures.get("picture", "")
 
     def answered(self, call_id: int, answer: Mapping[str, Any]) -> None:
@@ -71,14 +78,13 @@ class CallFiles:
             self._record |= {"reasons": reasons, "outcome": call.outcome.name.lower(), "closed": round(at, 2)}
             self._write_record()
 
-    def _pictures(self, call: Call, large: Path) -> dict[str, str]:
-        assert call.seen is not None
-        names = {"picture": f"{call.id}.jpg", "large": f"{call.id}-large.jpg"}
+    def _pictures(self, number: int, seen: Assessment, large: Path) -> dict[str, str]:
+        names = {"picture": f"{number}.jpg", "large": f"{number}-large.jpg"}
         try:
-            self._write(names["picture"], thumbnail(call.seen, self._region()))
+            self._write(names["picture"], thumbnail(seen, self._region()))
             self._copy(large, names["large"])
         except Exception as error:  # whatever the drawing raises, a picture is worth no fault
-            log.warning("no picture of call %d for the ground: %r", call.id, error)
+            log.warning("no picture of %d for the ground: %r", number, error)
         return {what: f"/calls/{name}" for what, name in names.items() if (self._folder / name).is_file()}
 
     def _copy(self, source: Path, name: str) -> None:

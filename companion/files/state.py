@@ -45,7 +45,8 @@ class State:
     def figures(self) -> dict[str, Any]:
         """All of it as JSON values."""
         status, words, place = self._status(), self._conversation.words, self._whereabouts.place()
-        told = current_data(self._calls, words, place, self._keeper.call_picture, time.monotonic())
+        picture = self._keeper.picture_of(self._calls.current_id)
+        told = current_data(self._calls, words, place, picture, time.monotonic())
         return {
             "version": self._release,
             "protocol": VERSION,

@@ -8,6 +8,7 @@ from anytraverse.assessment import Reason
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
+from companion.calls.decisions import HoldShown
 from companion.telling import call_data, current_data, current_text, flags, milliseconds, summary
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.payloads import CallData, Summary
@@ -160,10 +161,22 @@ def test_the_data_of_a_call_keeps_its_frame_and_its_figures(held: Scene) -> None
     assert told.picture == "7.jpg"
 
 
-def test_the_data_of_a_hold_without_a_call_shows_the_newest_frame(blocked: Scene) -> None:
+def test_the_data_of_a_hold_without_a_call_shows_the_frame_that_was_blocked(blocked: Scene) -> None:
+    (shown,) = blocked.all(HoldShown)
+    blocked.run(1.0)
     told = data(blocked)
-    assert (told.kind, told.reasons, told.frame_id) == (Kind.HOLD, Reasons.BLOCKED, blocked.frame)
+    assert shown.seen.frame.id < blocked.frame
+    assert (told.kind, told.reasons, told.frame_id) == (Kind.HOLD, Reasons.BLOCKED, shown.seen.frame.id)
     assert told.drivable_share == pytest.approx(0.571, abs=1e-3)
+
+
+def test_the_data_of_a_hold_for_a_fault_show_the_newest_frame(hold: Scene) -> None:
+    hold.run(1.0, BROKEN)
+    assert hold.all(HoldShown) == []
+    assert data(hold).frame_id == hold.frame
+    hold.run(1.0, LOG)
+    (shown,) = hold.all(HoldShown)
+    assert data(hold).frame_id == shown.seen.frame.id
 
 
 def test_the_data_follow_the_stage(held: Scene) -> None:

@@ -21,7 +21,7 @@ from companion.files.offer import Offer
 from companion.files.thumbnail import LIMIT
 from companion.logbook import logbook
 from companion.wire.answers import SetWord
-from companion.wire.ids import TUNNEL_CALL, Motion
+from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
 from tests.companion.daemon.rig import MakeRig, Rig
 
@@ -94,6 +94,22 @@ def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(mak
     assert large is not None
     assert large.shape[1] == 480
     assert names(rig, "/calls").keys() == {"1.json", "1.jpg", "1-large.jpg"}
+
+
+def test_a_blocked_hold_has_a_picture_of_what_it_was_blocked_by_until_it_is_over(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=3)
+    rig.see(3.0, "rock")
+    data = CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+    assert (data.kind, data.id, data.picture) == (Kind.HOLD, 1, "/calls/1.jpg")
+    assert len(fetched(rig, data.picture)) <= LIMIT
+    assert names(rig, "/calls").keys() == {"1.jpg", "1-large.jpg"}
+    assert told(rig, "/state.json")["open"]["picture"] == data.picture
+    rig.answer(1, Motion.GO)
+    rig.see(3.0)
+    assert told(rig, "/state.json")["open"] is None
+    rig.see(3.0, "drum")
+    call = CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+    assert (call.kind, call.picture) == (Kind.CALL, "/calls/2.jpg")
 
 
 def test_the_protocols_page_names_every_key_of_both_documents(make_rig: MakeRig) -> None:

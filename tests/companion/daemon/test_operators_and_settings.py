@@ -57,8 +57,31 @@ def test_a_tap_without_a_call_is_refused_with_what_to_do(rig: Rig) -> None:
     rig.see(0.3)
     assert (rig.acks[-1].result, rig.acks[-1].text) == (
         Result.REFUSED,
-        "no open call to tap in: say the word alone",
+        "no picture to tap in: say the word alone",
     )
+
+
+def test_a_hold_for_a_mistaken_name_is_shown_and_ended_by_a_tap_on_what_it_is(held: Rig) -> None:
+    call = held.calls.call
+    assert call is not None
+    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", -1.0))
+    held.see(2.0)
+    assert (held.stage.mode, held.state) == (AUTO, ("OK", 0))
+
+    held.see(2.0, "drum")
+    assert (held.stage.mode, held.state) == (HOLD, ("BLOCKED", 2))
+    hold = held.calls.hold
+    assert hold is not None
+    assert hold.seen is not None
+    told = [CallData.unpack(payload) for payload in held.stage.tunnels(TUNNEL_CALL)][-1]
+    assert (told.kind, told.frame_id) == (Kind.HOLD, hold.seen.frame.id)
+    held.answer(2, Motion.GO, TapBox(told.frame_id - 1, BOX, "gnome", 1.0), transaction=8)
+    held.see(1.0, "drum")
+    held.answer(2, Motion.GO, TapBox(told.frame_id, BOX, "gnome", 1.0), transaction=9)
+    held.see(2.0, "drum")
+    assert [ack.result for ack in held.acks[-2:]] == [Result.REFUSED, Result.APPLIED]
+    assert held.stage.mode == AUTO
+    assert closed(held)[-1] == (Kind.HOLD, 2, Outcome.ANSWERED)
 
 
 def test_words_and_go_for_a_hold_that_is_no_call(rig: Rig) -> None:

@@ -155,7 +155,9 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
     if call is not None and not call.answered and stage is not Stage.ANSWERED:
         return _asking(number, call.reasons, call.seen, tried=call.tried)
     if Reason.BLOCKED in reasons:
-        return blocked_text(newest, number, kind)
+        blocked = newest is not None and Reason.BLOCKED in newest.reasons
+        shown = calls.hold.seen if calls.hold is not None and not blocked else None
+        return blocked_text(shown or newest, number, kind)
     if calls.go_at is not None:
         return texts.waiting_for_view(kind, number)
     return (texts.answered_waiting if stage is Stage.ANSWERED else texts.holding)(kind, number)

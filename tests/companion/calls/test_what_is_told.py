@@ -93,6 +93,13 @@ def test_a_hold_before_a_named_thing_that_leaves_a_way_says_the_name(hold: Scene
     assert text(hold) == "H1 blocked by gnome: waiting"
 
 
+def test_a_hold_whose_view_has_just_cleared_still_says_what_blocked_it(hold: Scene) -> None:
+    hold.words[GNOME] = -1.0
+    hold.run(1.0, View((Thing(SLIVER, mistaken=0.5),)))
+    hold.show(CLEAR)
+    assert text(hold) == "H1 blocked by gnome: waiting"
+
+
 def test_a_hold_for_want_of_drivable_ground_says_how_much_there_is(hold: Scene) -> None:
     hold.run(1.0, View((Thing(Box(0.0, 0.0, 1.0, 0.9), "log"),)))
     assert text(hold) == "H1 blocked 14% drivable: waiting"

@@ -1,78 +1,21 @@
-"""Real sockets and a pseudo-terminal, with pymavlink at the other end."""
+"""Real sockets, with pymavlink at the other end."""
 
 import os
-import pty
 import socket
-import threading
 import time
-import tty
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.heard import AnswerRequest, Heard
-from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.link.settings import MAIN, Address, ConnectionSettings, LinkError, LinkSettings
+from companion.link.settings import ConnectionSettings, LinkSettings
 from companion.link.transport import TCP_OPTIONS, Tcp, Udp, open_transport
 from companion.wire.ids import Motion
-from companion.wire.parameters import build
+from tests.companion.link.devices import AUTOPILOT, DEADLINE, GROUND, HEARTBEAT, Peer, link_to, until
 
-DEADLINE = 5.0
-AUTOPILOT = mavlink.MAVLink(None, 1, 1)
-GROUND = mavlink.MAVLink(None, 255, 190)
-HEARTBEAT = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)
 GO = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 7, 1, 0, 0, 0, 0, 0)
-
-
-class Peer:
-    """The other end: raw bytes in and out, parsed by pymavlink."""
-
-    def __init__(self, receive: Callable[[], bytes], send: Callable[[bytes], Any]) -> None:
-        self._receive = receive
-        self._mav = mavlink.MAVLink(None)
-        self._mav.robust_parsing = True
-        self.send = send
-        self.got: list[Any] = []
-
-    def read(self) -> None:
-        try:
-            data = self._receive()
-        except (BlockingIOError, ConnectionError):
-            return
-        self.got += self._mav.parse_buffer(data) or []
-
-    def types(self) -> list[str]:
-        return [message.get_type() for message in self.got]
-
-
-def until(link: Link, done: Callable[[], bool], *peers: Peer) -> list[Heard]:
-    """Let the link live in real time until `done`; fails after 5 s."""
-    heard: list[Heard] = []
-    end = time.monotonic() + DEADLINE
-    while not done():
-        assert time.monotonic() < end, "too late"
-        heard += link.poll(time.monotonic())
-        link.tick(time.monotonic())
-        for peer in peers:
-            peer.read()
-        time.sleep(0.002)
-    return heard
-
-
-@pytest.fixture
-def ground() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        ground.settimeout(0)
-        yield ground
-
-
-def link_to(url: str, *, opener: Callable[[], Any] | None = None) -> Link:
-    openers = None if opener is None else {MAIN: opener}
-    return Link(LinkSettings(url), build(["grass"], {}, {}), time.monotonic(), openers=openers)
 
 
 def test_udpout_speaks_first_and_hears_answers(ground: socket.socket) -> None:
@@ -147,6 +90,12 @@ def test_udpin_answers_the_newest_four_peers_only() -> None:
             peer.close()
 
 
+def until_read(transport: Udp) -> None:
+    end = time.monotonic() + DEADLINE
+    while not transport.read():
+        assert time.monotonic() < end, "too late"
+
+
 def test_udpin_keeps_a_peer_that_goes_on_speaking() -> None:
     transport = Udp(ConnectionSettings("udpin:127.0.0.1:0").address())
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(5)]
@@ -183,12 +132,6 @@ def test_what_waits_behind_datagrams_that_say_nothing_is_heard_at_once(
         link.poll(time.monotonic())
         assert link.vehicle is not None
     link.close()
-
-
-def until_read(transport: Udp) -> None:
-    end = time.monotonic() + DEADLINE
-    while not transport.read():
-        assert time.monotonic() < end, "too late"
 
 
 def test_a_udp_port_where_nobody_listens_is_harmless() -> None:
@@ -312,115 +255,3 @@ def test_a_silent_tcp_connection_is_tried_within_15_seconds() -> None:
         assert idle + pause * tries <= 15
         asked.close()
         transport.close()
-
-
-def test_a_serial_port_waits_for_the_autopilot_and_is_missed_when_it_is_pulled() -> None:
-    pytest.importorskip("serial")
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    os.set_blocking(master, False)
-    link = link_to(f"serial:{os.ttyname(slave)}:57600")
-    peer = Peer(lambda: os.read(master, 2048), lambda data: os.write(master, data))
-    link.poll(time.monotonic())
-    link.tick(time.monotonic())
-    peer.read()
-    assert peer.got == []
-    peer.send(HEARTBEAT.pack(AUTOPILOT))
-    until(link, lambda: "HEARTBEAT" in peer.types(), peer)
-    os.close(slave)
-    os.close(master)
-    until(link, lambda: link.trouble is not None)
-    assert link.filenos() == []
-    link.close()
-
-
-def test_a_serial_port_that_takes_nothing_blocks_nothing_and_gets_whole_frames() -> None:
-    pytest.importorskip("serial")
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    transport = open_transport(LinkSettings(f"serial:{os.ttyname(slave)}:57600").address())
-    frame = mavlink.MAVLink_statustext_message(6, b"x" * 50).pack(GROUND)
-    sent: list[bool] = []
-
-    def fill() -> None:
-        while not sent or sent[-1]:
-            sent.append(transport.write(frame))
-
-    filling = threading.Thread(target=fill, daemon=True)
-    filling.start()
-    filling.join(DEADLINE)
-    assert not filling.is_alive(), "it waits for the port"
-    parser, found = Parser(), 0
-    end = time.monotonic() + DEADLINE
-    while found < len(sent) - 1 and time.monotonic() < end:
-        found += len(parser.feed(os.read(master, 65536), 0.0, whole=False))
-        transport.write(frame)
-    assert found >= len(sent) - 1
-    assert parser.bad == 0
-    transport.close()
-    os.close(slave)
-    os.close(master)
-
-
-def test_a_serial_port_that_does_not_take_its_speed_is_trouble_and_no_crash() -> None:
-    pytest.importorskip("serial")
-    master, slave = pty.openpty()
-    address = Address("serial", os.ttyname(slave), 99999999999)
-    link = link_to("serial:/dev/ttyAMA0:57600", opener=lambda: open_transport(address))
-    link.poll(time.monotonic())
-    assert str(link.trouble).startswith("link lost: ")
-    link.close()
-    os.close(slave)
-    os.close(master)
-
-
-def test_a_serial_device_that_is_absent_is_named() -> None:
-    pytest.importorskip("serial")
-    link = link_to("serial:/dev/does-not-exist:57600")
-    link.poll(time.monotonic())
-    assert "No such file" in str(link.trouble) or "could not open" in str(link.trouble)
-    link.tick(time.monotonic())
-
-
-def test_without_pyserial_a_serial_link_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "serial", None)
-    with pytest.raises(LinkError, match="pip install"):
-        link_to("serial:/dev/ttyAMA0:57600")
-
-
-def test_an_autopilot_on_a_serial_port_and_ground_stations_by_network_at_once(ground: socket.socket) -> None:
-    pytest.importorskip("serial")
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    os.set_blocking(master, False)
-    network = Udp(LinkSettings("udpin:127.0.0.1:0").address())
-    url = f"serial:{os.ttyname(slave)}:57600"
-    more = {"wifi": ConnectionSettings("udpin:127.0.0.1:0", budget=0.0)}
-    openers: dict[str, Callable[[], Any]] = {"wifi": lambda: network}
-    link = Link(LinkSettings(url, more=more), build(["grass"], {}, {}), time.monotonic(), openers=openers)
-    autopilot = Peer(lambda: os.read(master, 2048), lambda data: os.write(master, data))
-    second = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    second.settimeout(0)
-    there = ("127.0.0.1", network.port)
-    first = Peer(lambda: ground.recv(2048), lambda data: ground.sendto(data, there))
-    late = Peer(lambda: second.recv(2048), lambda data: second.sendto(data, there))
-    link.poll(time.monotonic())
-    for peer in (first, late):
-        peer.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(GROUND))
-    autopilot.send(HEARTBEAT.pack(AUTOPILOT))
-    everybody = (autopilot, first, late)
-    until(link, lambda: all("HEARTBEAT" in peer.types() for peer in everybody), *everybody)
-    assert len(link.filenos()) == 2
-    late.send(mavlink.MAVLink_param_request_list_message(1, 191).pack(GROUND))
-    link.set_mode(4, time.monotonic())
-    until(link, lambda: "COMMAND_LONG" in autopilot.types() and "PARAM_VALUE" in late.types(), *everybody)
-    os.close(slave)
-    os.close(master)
-    until(link, lambda: link.trouble is not None)
-    assert str(link.trouble).startswith("link lost: ")
-    before = late.types().count("HEARTBEAT")
-    until(link, lambda: late.types().count("HEARTBEAT") > before, first, late)
-    assert "PARAM_VALUE" not in autopilot.types()
-    assert "COMMAND_LONG" not in late.types()
-    link.close()
-    second.close()

@@ -32,7 +32,10 @@ rover = mavsdk.first_autopilot(30.0) or sys.exit("no autopilot is heard: is the 
 direct, parameters = MavlinkDirect(rover), Param(rover)
 for name in ("HEARTBEAT", "STATUSTEXT"):
     direct.subscribe_message(name, hear)
+deadline = time.monotonic() + 30.0
 while COMPANION not in heard_at:
+    if time.monotonic() > deadline:
+        sys.exit("no companion is heard: does it run, and on this link?")
     time.sleep(0.1)
 with suppress(ParamError):  # 4.1 selects it, and calls that an error
     parameters.select_component(COMPANION, ProtocolVersion.V1)

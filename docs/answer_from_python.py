@@ -151,6 +151,7 @@ if __name__ == "__main__":
     client = Client(sys.argv[1] if len(sys.argv) > 1 else "udpin:0.0.0.0:14550")
     typed = queue.Queue()
     threading.Thread(target=lambda: [typed.put(line) for line in sys.stdin], daemon=True).start()
+    print(f"{USAGE}; what the companion says is shown when it is heard", flush=True)
     while True:
         client.hear()
         if not typed.empty():

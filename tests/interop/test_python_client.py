@@ -15,6 +15,7 @@ def test_the_client_written_from_the_specification_hears_sets_and_answers(
 ) -> None:
     stage.wait_until_ok()
     client = start(str(EXAMPLE), str(stage.ground))
+    client.wait_for("type go, stay, look")
     client.wait_for("{'state': 'ok'")
     client.ask_until("set AT_W_GRASS 0.75", "AT_W_GRASS = 0.75")  # once a heartbeat has come too
     client.ask("set AT_W_GRASS 7", "AT_W_GRASS = 0.75")

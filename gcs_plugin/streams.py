@@ -8,6 +8,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from companion.wire.serial_port import open_port
+from companion.wire.tcp import watch_peer
+
 MAX_READ = 4096
 MAX_UNSENT = 8192
 REOPEN_S = 1.0
@@ -59,7 +62,7 @@ class Stream:
         try:
             self._stream = self._opener()
         except OSError as error:
-            self.trouble = str(error)
+            self.trouble = error.strerror or str(error)
             return False
         return True
 
@@ -74,7 +77,7 @@ class Stream:
             self._break(error)
 
     def _break(self, error: OSError | None = None) -> None:
-        self.trouble = str(error or "")
+        self.trouble = (error.strerror or str(error)) if error is not None else ""
         if self._stream is not None:
             self._stream.close()
         self._stream = None
@@ -82,11 +85,12 @@ class Stream:
 
 
 class Tcp:
-    """A client's socket; it may still be connecting when this returns."""
+    """A client's socket; it may still be connecting when this returns. A peer that is gone is noticed."""
 
     def __init__(self, family: int, address: Any) -> None:
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         self._socket.settimeout(0)
+        watch_peer(self._socket)
         self._socket.connect_ex(address)
         self.fileno = self._socket.fileno
         self.send = self._socket.send
@@ -103,9 +107,7 @@ class Serial:
     """A serial device, held for ourselves alone."""
 
     def __init__(self, device: str, baud: int) -> None:
-        import serial
-
-        self._port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
+        self._port = open_port(device, baud)
         self.fileno = self._port.fileno
         self.close = self._port.close
 

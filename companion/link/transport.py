@@ -11,22 +11,13 @@ from functools import partial
 from typing import Any, Protocol
 
 from companion.link.settings import Address, LinkError
+from companion.wire.tcp import watch_peer
 
 _CHUNK = 2048
 _MAX_PENDING = 2048
 _MAX_PEERS = 4
 _MAX_SKIPPED = 512
 """Datagrams that say nothing, or come from elsewhere: they must not keep back what waits behind them."""
-
-
-TCP_OPTIONS = {
-    "TCP_NODELAY": 1,
-    "TCP_USER_TIMEOUT": 10_000,
-    "TCP_KEEPIDLE": 5,
-    "TCP_KEEPINTVL": 2,
-    "TCP_KEEPCNT": 3,
-}
-"""ms that what was sent may go unconfirmed, connecting included, and s for a connection that is silent."""
 
 
 class Transport(Protocol):
@@ -141,10 +132,7 @@ class Tcp(_Stream):
         super().__init__()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._socket.settimeout(0)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in TCP_OPTIONS.items():
-            if hasattr(socket, option):
-                self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        watch_peer(self._socket)
         code = self._socket.connect_ex((address.place, address.number))
         if code not in (0, errno.EINPROGRESS):
             self._socket.close()
@@ -198,11 +186,7 @@ class Serial(_Stream):
 
     def __init__(self, address: Address) -> None:
         super().__init__()
-        import serial
-
-        self._port: Any = _guarded(
-            lambda: serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
-        )
+        self._port: Any = open_port(address.place, address.number)
 
     def read(self) -> bytes:
         return bytes(_guarded(lambda: self._port.read(_CHUNK)))

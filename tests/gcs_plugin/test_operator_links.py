@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from companion.wire import tcp
 from gcs_plugin import streams
 from gcs_plugin.connection import Connection, LinkError, Udp, open_connection
 
@@ -107,6 +108,40 @@ def test_tcp_comes_up_later_breaks_and_comes_again(
                 connection.write(b"echo " + word)
                 assert peer.recv(100) == b"echo " + word
             wait_until(lambda: connection.read() == b"" and connection.fileno() is None)
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="not on this platform")
+def test_a_tcp_peer_that_is_gone_without_a_word_is_noticed_within_15_seconds(
+    opened: Callable[[str], Connection],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        connection = opened(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        connection.read()
+        with socket.socket(fileno=os.dup(connection.fileno() or 0)) as asked:
+            idle, pause, tries, unconfirmed = (
+                asked.getsockopt(socket.IPPROTO_TCP, getattr(socket, name))
+                for name in ("TCP_KEEPIDLE", "TCP_KEEPINTVL", "TCP_KEEPCNT", "TCP_USER_TIMEOUT")
+            )
+            assert asked.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    assert idle + pause * tries <= 15
+    assert 0 < unconfirmed <= 15_000
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="not on this platform")
+def test_a_tcp_peer_that_confirms_nothing_any_more_is_connected_to_again(
+    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(tcp.OPTIONS, "TCP_USER_TIMEOUT", 200)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        connection = opened(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+
+        def gone() -> bool:
+            for _ in range(1000):
+                connection.write(bytes(4096))
+            return connection.read() == b"" and "timed out" in connection.trouble
+
+        wait_until(gone)
+        wait_until(lambda: connection.read() == b"" and connection.fileno() is not None)
 
 
 def test_tcp_keeps_no_more_than_a_little_for_a_peer_that_does_not_read() -> None:

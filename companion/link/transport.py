@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any, Protocol
 
 from companion.link.settings import Address, LinkError
+from companion.wire.serial_port import open_port
 from companion.wire.tcp import watch_peer
 
 _CHUNK = 2048

@@ -13,6 +13,9 @@ WORDS_FOR_PLACE: Mapping[str, str] = {
 }
 """What the operator knows of each place, and so says when asked about it."""
 
+GROUND: Mapping[str, str] = {"meadow": "grass", "forest": "dirt path", "gravel": "dry grass"}
+"""What a call for nothing is about: a tuft between the ruts, litter on the path."""
+
 THINK = 0.8
 """Seconds that the operator looks at a call before answering."""
 
@@ -55,4 +58,6 @@ class AutoOperator:
             return f"{WORDS_FOR_PLACE[place]}, go"
         if thing is not None:
             return f"tap {thing} -1 go" if tries <= 2 else None
-        return f"{WORDS_FOR_PLACE[place]}, go" if tries == 0 else "go"
+        if "unknown_scene" in call["reasons"] or tries > 0:
+            return "go"
+        return f"tap {GROUND[place]} 1 go"

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from companion.demo.answers import THINK, WORDS_FOR_PLACE, AutoOperator
+from companion.demo.answers import GROUND, THINK, WORDS_FOR_PLACE, AutoOperator
 from companion.demo.director import verdict
 from companion.demo.story import Story
 from companion.demo.tally import Tally, missing
@@ -61,6 +61,16 @@ def test_a_thing_ahead_is_never_waved_through(place: str) -> None:
     assert typed == ["tap drum -1 go"] * 3
     both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), place, "drum")
     assert both == [f"{WORDS_FOR_PLACE[place]}, go", "tap drum -1 go", "tap drum -1 go"]
+
+
+@pytest.mark.parametrize("place", ZONES)
+def test_a_call_for_nothing_teaches_that_it_is_ground_before_it_is_waved_through(place: str) -> None:
+    typed = answers(AutoOperator(), call(), place, None)
+    assert typed[0] == f"tap {GROUND[place]} 1 go"
+    assert set(typed[1:]) == {"go"}
+    both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), place, None)
+    assert both[0] == f"{WORDS_FOR_PLACE[place]}, go"
+    assert set(both[1:]) == {"go"}
 
 
 def test_a_call_that_became_clear_gets_one_go() -> None:

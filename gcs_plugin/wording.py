@@ -238,9 +238,11 @@ def words_lines(rover: Rover) -> list[str]:
 
 
 def calls_lines(rover: Rover, now: float) -> list[str]:
-    """What is open, one line each, or that nothing is."""
+    """What is open, one line each, or that nothing is. The heartbeat may tell of a call before its data."""
     waiting = [headline(call.data, call.age(now)) for call in rover.open_calls()]
-    return waiting or [f"rover {rover.system}: nothing is open"]
+    if waiting or not rover.current_id:
+        return waiting or [f"rover {rover.system}: nothing is open"]
+    return [f"rover {rover.system}: {rover.current_id} is open; what it is about is told again within 10 s"]
 
 
 def duration(seconds: float) -> str:

@@ -14,7 +14,7 @@ _ANSWERS = "go/stay/word"
 _OUTCOMES = {
     Outcome.NONE: "over",
     Outcome.ANSWERED: "answered, thank you",
-    Outcome.ACCEPTED: "accepted, driving on",
+    Outcome.ACCEPTED: "accepted this once",
     Outcome.PASSED: "the thing has passed",
     Outcome.TAKEN_OVER: "a human took over",
     Outcome.RECOVERED: "fault is gone",

@@ -127,6 +127,18 @@ def test_nor_for_one_of_which_only_the_heartbeat_has_told(desk: Make, thing_call
     assert at.paper.problems == ["7 is new, so nothing was sent: read it, then type that again"]
 
 
+def test_a_call_that_was_open_before_we_came_is_not_called_nothing(desk: Make, thing_call: CallData) -> None:
+    at = desk(None)
+    at.rovers[0].call = thing_call
+    for message in at.ground.parse(at.rovers[0].heartbeat()):
+        at.client.receive(message, at.now)
+    at.session.type("calls", at.now)
+    assert at.paper.said == ["rover 1: 7 is open; what it is about is told again within 10 s"]
+    at.type("calls")
+    at.type("calls")
+    assert "C7 unknown thing ahead" in at.paper.said[-1]
+
+
 def test_words_without_a_call_are_taken_at_any_time(desk: Make) -> None:
     at = desk(None)
     at.type("bush: -1; forget rock; forget call 3; new episode")

@@ -84,6 +84,7 @@ def test_texts_say_what_happened_and_what_to_do() -> None:
     assert texts.clear(Kind.HOLD, 9) == "H9 clear now, go?"
     assert texts.still_unknown(7, 0.34) == "C7 stays open: still unknown 34%"
     assert texts.hold_failed(Kind.HOLD, 9) == "H9 HOLD FAILED: STOP BY HAND"
+    assert texts.closed(Kind.CALL, 7, Outcome.ACCEPTED) == "C7 closed: accepted this once"
 
 
 @pytest.mark.parametrize("figure", [None, float("nan"), float("inf")])

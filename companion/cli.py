@@ -132,8 +132,8 @@ def _init(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from anytraverse.errors import AnyTraverseError
-    from companion.config import ConfigError, format_config, load_config
+    from anytraverse.errors import AnyTraverseError, UnknownWordError
+    from companion.config import ConfigError, format_config, load_config, word_problem
     from companion.wire.signing_key import SigningKeyError, read_key
 
     try:
@@ -146,6 +146,8 @@ def _check(options: argparse.Namespace) -> int:
         runs = _try_perceiver(config)
     except ConfigError as error:
         raise UserError(_told(error)) from error
+    except UnknownWordError as error:
+        raise UserError(str(word_problem(options.file, error.word, str(error)))) from error
     except (AnyTraverseError, SigningKeyError) as error:
         raise UserError(f"{options.file}: {error}") from error
     print(f"# perceiver: {runs}\n{format_config(config)}", end="")

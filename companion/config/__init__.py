@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from companion.config.errors import ConfigError, Problem
 from companion.config.printing import format_config
-from companion.config.reading import load_config
+from companion.config.reading import load_config, word_problem
 from companion.config.schema import Config
 
-__all__ = ["Config", "ConfigError", "Problem", "format_config", "load_config"]
+__all__ = ["Config", "ConfigError", "Problem", "format_config", "load_config", "word_problem"]

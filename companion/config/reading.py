@@ -38,6 +38,14 @@ def load_config(path: str | Path) -> Config:
     return replace(config, perceiver=config.perceiver.beside(folder), link=config.link.beside(folder))
 
 
+def word_problem(path: str | Path, word: str, reason: str) -> Problem:
+    """A problem with a word in use, where it stands: in `path` or the vehicle's file. Raises ConfigError."""
+    main = Layer.read(Path(os.path.expanduser(path)))
+    vehicle = _read_vehicle(main, [])
+    owner = main if vehicle is None or "words" in main.data else vehicle
+    return owner.problem(("words", word), reason)
+
+
 def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:
     name = main.table("vehicle", []).get("file", Vehicle().file)
     if not isinstance(name, str) or not name:

@@ -90,7 +90,17 @@ def test_check_refuses_a_word_that_the_perceiver_does_not_know(
     path = tmp_path / "companion.toml"
     path.write_text('[vehicle]\nfile = ""\n[words]\nunicorn = 1\n', encoding="utf-8")
     assert main(["config", "check", str(path)]) == 2
-    assert '"unicorn" is not a word it knows' in capsys.readouterr().err
+    assert f'{path}:4: words.unicorn = 1: "unicorn" is not a word it knows' in capsys.readouterr().err
+
+
+def test_such_a_word_is_shown_where_it_stands_in_the_vehicles_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, vehicle = tmp_path / "companion.toml", tmp_path / "rover.toml"
+    path.write_text('[vehicle]\nfile = "rover.toml"\n', encoding="utf-8")
+    vehicle.write_text("[words]\ngrass = 1\ngrsas = 0.5\n", encoding="utf-8")
+    assert main(["config", "check", str(path)]) == 2
+    assert f'{vehicle}:3: words.grsas = 0.5: "grsas" is not a word it knows: grass' in capsys.readouterr().err
 
 
 def test_check_refuses_a_signing_key_that_others_may_read(

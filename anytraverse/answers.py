@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 from anytraverse.assessment import Assessment, Observation
@@ -16,6 +16,8 @@ from anytraverse.synonyms import refuse_contradictions
 
 MAX_EXAMPLES = 16
 """Tapped examples kept of one word; the oldest goes."""
+MAX_NAMED = 8
+"""Calls named where another one is to be forgotten, the newest."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +32,17 @@ class Tap:
 
 @dataclass(frozen=True)
 class Changes:
-    """What an answer teaches: weights of words, taps, words and calls to forget, a new episode."""
+    """What an answer teaches: weights of words, taps, words and calls to forget, a new episode.
+
+    missing_ok: to forget what is not there is no mistake, as where a setting is made that may stand already.
+    """
 
     weights: Mapping[str, float] = field(default_factory=dict)
     taps: tuple[Tap, ...] = ()
     forget_words: tuple[str, ...] = ()
     forget_calls: tuple[int, ...] = ()
     new_episode: bool = False
+    missing_ok: bool = False
 
     def __bool__(self) -> bool:
         """Whether anything is changed at all."""
@@ -71,6 +77,8 @@ def changed_memory(
         return memory, ()
     clock = memory.clock + 1
     gone = {clean_word(word) for word in changes.forget_words}
+    if not changes.missing_ok:
+        _refuse_missing(memory, gone, changes.forget_calls)
     settings = dict(Preferences.of(changes.weights, clock).settings)
     examples = {word: kept for word, kept in memory.examples.items() if word not in gone}
     for tap in changes.taps:
@@ -91,6 +99,20 @@ def changed_memory(
         after.using(preferences, examples, settled),
         tuple(word for word in before if word not in preferences),
     )
+
+
+def _refuse_missing(memory: Memory, words: Collection[str], calls: Collection[int]) -> None:
+    for word in sorted(words):
+        if word not in memory.preferences:
+            others = (
+                f". In use: {', '.join(memory.preferences)}" if memory.preferences else ", nor is any word"
+            )
+            raise PreferencesError(f'"{word}" is not in use{others}')
+    learnt = [entry.call_id for entry in reversed(memory.history) if entry.call_id]
+    for call_id in calls:
+        if call_id not in learnt:
+            others = f"only from {', '.join(map(str, learnt[:MAX_NAMED]))}" if learnt else "nor from any"
+            raise PreferencesError(f"nothing was learnt from call {call_id}, {others}")
 
 
 def _example(tap: Tap, perceiver: Perceiver, seen: Observation | None) -> Example:

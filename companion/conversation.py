@@ -154,7 +154,8 @@ class Conversation:
 
     def set_words(self, request: SetRequest, operations: Iterable[Operation]) -> bool:
         """Words and weights without a call. False when too many wait, or the eyes hang."""
-        return self._eyes.answer(request, changes_of(operations), call=None, call_id=0, go=False)
+        changes = replace(changes_of(operations), missing_ok=True)
+        return self._eyes.answer(request, changes, call=None, call_id=0, go=False)
 
     def applied(self, applied: Applied, *, remembered: bool, now: float) -> Heard:
         """The eyes have applied an answer, or refused it. remembered: the journal holds it."""

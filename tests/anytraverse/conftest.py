@@ -138,9 +138,10 @@ class Rover:
         forget: tuple[str, ...] = (),
         forget_calls: tuple[int, ...] = (),
         new_episode: bool = False,
+        missing_ok: bool = False,
     ) -> AnswerOutcome:
         """Answer as the operator would."""
-        changes = Changes(weights or {}, taps, forget, forget_calls, new_episode)
+        changes = Changes(weights or {}, taps, forget, forget_calls, new_episode, missing_ok)
         return self.engine.answer(changes, self.now, call=call, call_id=call_id, go=go)
 
 

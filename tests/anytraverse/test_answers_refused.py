@@ -40,6 +40,35 @@ def test_a_refused_answer_changes_nothing(
     assert rover.memory is memory
 
 
+@pytest.mark.parametrize("forget", [("mud",), ("rock", "Mud")])
+def test_to_forget_a_word_that_is_not_in_use_is_refused_with_those_that_are(
+    rover: Rover, forget: tuple[str, ...]
+) -> None:
+    call, memory = rover.call(90, thing="drum"), rover.memory
+    with pytest.raises(PreferencesError, match=r'^"mud" is not in use\. In use: grass, rock$'):
+        rover.answer({"drum": -1}, call, 7, go=True, forget=forget)
+    assert rover.memory is memory
+    rover.answer(forget=("grass", "rock"))
+    with pytest.raises(PreferencesError, match=r'^"grass" is not in use, nor is any word$'):
+        rover.answer(forget=("grass",))
+
+
+@pytest.mark.parametrize("missing", [0, 9])
+def test_to_forget_a_call_that_taught_nothing_is_refused_with_those_that_did(
+    rover: Rover, missing: int
+) -> None:
+    with pytest.raises(PreferencesError, match=f"^nothing was learnt from call {missing}, nor from any$"):
+        rover.answer(forget_calls=(missing,))
+    rover.answer({"trail": 1}, rover.call(90), 7)
+    rover.answer({"drum": 1}, rover.call(180), 8)
+    memory = rover.memory
+    with pytest.raises(PreferencesError, match=f"^nothing was learnt from call {missing}, only from 8, 7$"):
+        rover.answer({"rock": 1}, forget_calls=(7, missing))
+    assert rover.memory is memory
+    rover.answer(forget_calls=(7, missing), missing_ok=True)
+    assert {7, 8} & {entry.call_id for entry in rover.memory.history} == {8}
+
+
 def test_opposite_words_of_one_meaning_are_refused_with_the_reason(rover: Rover) -> None:
     rover.answer({"trail": 1})
     with pytest.raises(PreferencesError) as refusal:

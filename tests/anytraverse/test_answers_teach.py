@@ -178,8 +178,9 @@ def test_beyond_sixteen_words_the_least_recently_set_goes_and_that_is_said(rover
     assert rover.answer({f"kind {n}": 1.0 for n in range(4, 20)}).dropped[-2:] == ("kind 3", "trail")
 
 
-def test_a_forgotten_word_is_out_of_use_and_one_not_in_use_is_no_error(rover: Rover) -> None:
-    outcome = rover.answer(forget=("Rock", "mud"))
+@pytest.mark.parametrize(("forget", "missing_ok"), [(("Rock",), False), (("Rock", "mud"), True)])
+def test_a_forgotten_word_is_out_of_use(rover: Rover, forget: tuple[str, ...], missing_ok: bool) -> None:
+    outcome = rover.answer(forget=forget, missing_ok=missing_ok)
     assert outcome.dropped == ()
     assert rover.memory.preferences == Preferences.parse("grass: 1")
 
@@ -187,7 +188,7 @@ def test_a_forgotten_word_is_out_of_use_and_one_not_in_use_is_no_error(rover: Ro
 def test_what_a_call_taught_can_be_forgotten(rover: Rover) -> None:
     rover.answer({"trail": 1}, rover.call(90), 7)
     rover.answer({"drum": 1}, rover.call(180), 8)
-    rover.answer(forget_calls=(7, 99))
+    rover.answer(forget_calls=(7,))
     assert [entry.call_id for entry in rover.memory.history] == [0, 8]
     assert "trail" in rover.memory.preferences
 

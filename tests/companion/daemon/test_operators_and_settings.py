@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
-from companion.wire.answers import SetWord, TapBox
+from companion.wire.answers import ForgetCall, ForgetWord, SetWord, TapBox
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
 from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import AHEAD
@@ -59,6 +59,48 @@ def test_a_tap_without_a_call_is_refused_with_what_to_do(rig: Rig) -> None:
         Result.REFUSED,
         "no picture to tap in: say the word alone",
     )
+
+
+@pytest.mark.parametrize(
+    ("operation", "text"),
+    [
+        (ForgetWord("mud"), '"mud" is not in use. In use: grass, rock'),
+        (ForgetCall(9), "nothing was learnt from call 9, nor from any"),
+    ],
+)
+def test_to_forget_what_is_not_there_answers_no_call(
+    held: Rig, operation: ForgetWord | ForgetCall, text: str
+) -> None:
+    words = held.conversation.words
+    held.answer(1, Motion.GO, SetWord("drum", 1.0), operation)
+    held.see(2.0, "drum")
+    assert (held.acks[-1].result, held.acks[-1].text) == (Result.REFUSED, text)
+    assert (held.state, held.stage.mode, held.conversation.words) == (("CALLING", 1), HOLD, words)
+
+
+def test_a_word_forgotten_once_is_acknowledged_again_over_a_restart_and_refused_as_a_new_answer(
+    rig: Rig,
+) -> None:
+    rig.answer(0, Motion.NONE, ForgetWord("rock"))
+    rig.see(0.3)
+    rig.answer(0, Motion.NONE, ForgetWord("rock"))
+    rig.see(0.3)
+    assert [ack.result for ack in rig.acks] == [Result.APPLIED] * 2
+    rig.restart()
+    rig.answer(0, Motion.NONE, ForgetWord("rock"))
+    rig.answer(0, Motion.NONE, ForgetWord("rock"), transaction=8)
+    rig.see(0.5)
+    told = {ack.transaction: (ack.result, ack.text) for ack in rig.acks}
+    assert told[7] == (Result.APPLIED, "in use: grass: 1")
+    assert told[8] == (Result.REFUSED, '"rock" is not in use. In use: grass')
+
+
+def test_a_weight_set_to_not_in_use_twice_is_no_mistake(rig: Rig) -> None:
+    for _ in range(2):
+        rig.set("AT_W_ROCK", -2.0)
+        rig.see(0.3)
+    assert rig.echoes("AT_W_ROCK")[-2:] == [-2.0, -2.0]
+    assert not [text for text in rig.texts if "not in use" in text]
 
 
 def test_a_hold_for_a_mistaken_name_is_shown_and_ended_by_a_tap_on_what_it_is(held: Rig) -> None:

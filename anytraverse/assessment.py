@@ -18,6 +18,8 @@ from anytraverse.roi import KNOWN, RoiFigures, Tile
 
 Map = NDArray[np.float32]
 
+WORST_TILE = "worst_tile"
+"""The figure that calls for what has no word."""
 NAMED_TILE = "named_tile"
 """The figure that holds the vehicle before a thing that was tapped as not drivable."""
 
@@ -159,11 +161,12 @@ class Assessment:
 
     @property
     def tile(self) -> Tile | None:
-        """Where to look: the tile that holds the vehicle for a name, else the worst; None without an ROI."""
+        """Where to look: the worst tile, or the one whose name alone holds the vehicle; None without an ROI."""
         if self.roi is None:
             return None
-        named = any(finding.bad and finding.figure == NAMED_TILE for finding in self.findings)
-        return self.roi.named_tile.tile if named and self.roi.named_tile else self.roi.worst_tile
+        bad = {finding.figure for finding in self.findings if finding.bad}
+        named = self.roi.named_tile if NAMED_TILE in bad and WORST_TILE not in bad else None
+        return named.tile if named is not None else self.roi.worst_tile
 
     def is_clear(self, reason: Reason) -> bool:
         """Whether the frame was judged and every figure of `reason` is on the good side by its margin."""

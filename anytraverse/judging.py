@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.assessment import NAMED_TILE, Finding, Map, Maps, Reason
+from anytraverse.assessment import NAMED_TILE, WORST_TILE, Finding, Map, Maps, Reason
 from anytraverse.errors import SettingsError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region
-from anytraverse.roi import Corridor, NamedTile, RoiFigures, corridor_open, worst_tile
+from anytraverse.roi import Corridor, NamedTile, RoiFigures, Tile, corridor_open, worst_tile
 
 CORRIDOR = "corridor"
 """The figure that says whether the vehicle fits through."""
@@ -142,7 +142,7 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
         drivable_share=int(maps.drivable[inside].sum()) / known if known else None,
         corridor=_corridor(maps, settings, 1.0),
         worst_tile=tile,
-        named_tile=_named_tile(maps, aspect, settings),
+        named_tile=_named_tile(maps, aspect, settings, tile),
     )
 
 
@@ -156,14 +156,14 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
         findings.append(Finding(Reason.UNKNOWN_OBJECT, "no words", bad=True, clear=False))
     if limits.tile is not None:
         worst = roi.worst_tile.uncertainty
-        unknown = Finding.above(Reason.UNKNOWN_OBJECT, "worst_tile", worst, limits.tile, limits.margin)
+        unknown = Finding.above(Reason.UNKNOWN_OBJECT, WORST_TILE, worst, limits.tile, limits.margin)
         findings.append(unknown)
         if roi.named_tile is not None:
             reason = Reason.BLOCKED if roi.named_tile.explained >= _EXPLAINED else Reason.UNKNOWN_OBJECT
             strange = roi.named_tile.tile.uncertainty
             held = Finding.above(reason, NAMED_TILE, strange, limits.tile, limits.margin)
-            if unknown.bad:  # which says it all: neither bad nor in the way of a reason's end
-                held = replace(held, bad=False, clear=True)
+            if unknown.bad and reason is Reason.UNKNOWN_OBJECT:
+                held = replace(held, bad=False, clear=True)  # said already: nor in the way of a reason's end
             findings.append(held)
     findings.extend(find_scene(similarity, settings))
     if roi.drivable_share is not None:
@@ -176,14 +176,17 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
     return findings
 
 
-def _named_tile(maps: Maps, aspect: float, settings: Settings) -> NamedTile | None:
+def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> NamedTile | None:
     """A thing that was named and may not be driven over holds the vehicle as it did before it had a name.
 
-    Its name may be found in a part of it, too little to close the corridor, or in another thing.
+    Its name may be found in a part of it, too little to close the corridor, or in another thing. Where the
+    worst tile calls already, it is one beside that.
     """
     if not maps.named.any():
         return None
-    tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share)
+    limit = settings.thresholds.tile
+    calling = worst.box if limit is not None and worst.uncertainty > limit else None
+    tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share, outside=calling)
     if tile is None:
         return None
     rows, columns = tile.box.slices(*maps.strangeness.shape)

@@ -53,6 +53,7 @@ class Tile:
 class NamedTile:
     """The tile that would be the worst if nothing had been tapped as not drivable, as it would be then.
 
+    Where the worst tile calls already, it is one beside that.
     left: its mean uncertainty with all words, in [0, 1]. word: index of the tapped one that explains most.
     """
 

@@ -59,7 +59,7 @@ class Acceptance:
         found = accepted._find(seen, numbers, max(seen.maps.signed.shape)) if seen.maps is not None else None
         if box is not None and found is not None:
             accepted.box = _union(box, found)
-        accepted.beside = accepted._beside(seen, numbers)
+        accepted.beside = accepted._beside(seen, numbers, by_name=False)
         return accepted
 
     def watch(self, seen: Assessment, numbers: Numbers) -> None:
@@ -70,7 +70,7 @@ class Acceptance:
         limit = numbers.judging.thresholds.tile
         if limit is None:
             limit = self.beside + numbers.accepted_rise
-        if seen.roi is not None and self._beside(seen, numbers) <= limit:
+        if seen.roi is not None and self._beside(seen, numbers, by_name=False) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
             self.follow(seen, numbers)
 
@@ -80,11 +80,13 @@ class Acceptance:
         Whether a thing has a name may change from frame to frame: an accepted one is covered either way.
         """
         covered = seen.reasons & self.reasons
-        if Reason.UNKNOWN_OBJECT in covered and not self._covers_object(seen, numbers):
-            covered -= {Reason.UNKNOWN_OBJECT}
+        if Reason.UNKNOWN_OBJECT in covered:
+            by_name = Reason.UNKNOWN_OBJECT in _named_reasons(seen)
+            if not self._covers_object(seen, numbers, by_name=by_name):
+                covered -= {Reason.UNKNOWN_OBJECT}
         if Reason.UNKNOWN_SCENE in covered and not self._covers_scene(seen, numbers):
             covered -= {Reason.UNKNOWN_SCENE}
-        if self._names_thing(seen) and self._covers_object(seen, numbers):
+        if self._names_thing(seen) and self._covers_object(seen, numbers, by_name=True):
             covered |= {Reason.BLOCKED}
         return covered
 
@@ -128,8 +130,7 @@ class Acceptance:
             return None
         limit = numbers.judging.thresholds.tile or _UNCERTAIN
         strange = seen.maps.strangeness > limit
-        by_name = any(one.bad and one.figure == NAMED_TILE for one in seen.findings)
-        sought = strange if by_name else seen.maps.uncertainty > limit
+        sought = strange if _named_reasons(seen) else seen.maps.uncertainty > limit
         thing = _connected(sought & self.box.mask(*strange.shape), strange, reach)
         height, width = strange.shape
         rows, columns = np.flatnonzero(thing.any(axis=1)), np.flatnonzero(thing.any(axis=0))
@@ -138,14 +139,17 @@ class Acceptance:
         left, right = int(columns[0]) / width, int(columns[-1] + 1) / width
         return Box(left, int(rows[0]) / height, right, int(rows[-1] + 1) / height).grown(_MARGIN)
 
-    def _beside(self, seen: Assessment, numbers: Numbers) -> float:
-        """Uncertainty of the worst tile of the ROI beside the thing; 0 when there is no room for one."""
+    def _beside(self, seen: Assessment, numbers: Numbers, *, by_name: bool) -> float:
+        """Uncertainty of the worst tile of the ROI beside the thing; 0 when there is no room for one.
+
+        by_name: what was tapped counts as if it had no name.
+        """
         if seen.maps is None:
             return 1.0
         height, width = seen.frame.image.shape[:2]
         judging = numbers.judging
         tile = worst_tile(
-            seen.maps.strangeness,
+            seen.maps.strangeness if by_name else seen.maps.uncertainty,
             judging.region,
             width / height,
             judging.tile_share,
@@ -153,19 +157,24 @@ class Acceptance:
         )
         return tile.uncertainty if tile is not None else 0.0
 
-    def _covers_object(self, seen: Assessment, numbers: Numbers) -> bool:
+    def _covers_object(self, seen: Assessment, numbers: Numbers, *, by_name: bool) -> bool:
         if seen.roi is None or self.box is None:
             return False
         if not seen.roi.uncertainty <= self.uncertainty + numbers.accepted_rise:
             return False
         limit = numbers.judging.thresholds.tile
-        return limit is None or self._beside(seen, numbers) <= limit
+        return limit is None or self._beside(seen, numbers, by_name=by_name) <= limit
 
     def _covers_scene(self, seen: Assessment, numbers: Numbers) -> bool:
         scene = scene_of(seen)
         if scene is None or self.scene is None:
             return False
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
+
+
+def _named_reasons(seen: Assessment) -> frozenset[Reason]:
+    """What the tile that a tapped word explains makes the frame bad for."""
+    return frozenset(one.reason for one in seen.findings if one.bad and one.figure == NAMED_TILE)
 
 
 def blocked_by_name(seen: Assessment) -> bool:

@@ -66,6 +66,15 @@ def test_what_was_unknown_until_it_was_named_holds_as_before_though_the_corridor
     assert (found["named_tile"].bad, found["worst_tile"].bad) == (blocked, unknown)
 
 
+@pytest.mark.parametrize(("beside", "blocked"), [("D", True), ("G", False), ("?", False)])
+def test_a_named_thing_blocks_also_beside_one_that_has_no_name(beside: str, blocked: bool) -> None:
+    found = findings_of_a_thing([f"??{beside * 2}"] * 2)
+    assert found["worst_tile"].bad
+    named = found["named_tile"]
+    assert (named.bad, named.reason is Reason.BLOCKED) == (blocked, blocked)
+    assert named.clear is not blocked, "what is said already is not in the way of a reason's end"
+
+
 @pytest.mark.parametrize(
     ("soft", "reason"),
     [
@@ -88,7 +97,7 @@ def findings_of_a_thing(thing: list[str], tile: float = 0.5, drum: float = 0.0) 
     settings = replace(
         WHOLE, thresholds=Thresholds(roi=1.0, tile=tile, trav=0.0), corridor=Corridor(bottom=0.5, top=0.5)
     )
-    rows = ["GG" + row + "GGGG" for row in ["GG", "GG", *thing, "GG", "GG", "GG", "GG"]]
+    rows = [("GG" + row).ljust(8, "G") for row in ["GG", "GG", *thing, "GG", "GG", "GG", "GG"]]
     attention = painted(rows, G=1.0, D=-1.0).attention.copy()
     attention[1][[[pixel == "?" for pixel in row] for row in rows]] = drum
     assert "named_tile" not in findings(_maps(attention, settings, None), settings), "nothing was tapped"

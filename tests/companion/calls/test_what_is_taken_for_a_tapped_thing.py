@@ -66,6 +66,21 @@ def test_what_was_accepted_does_not_cover_a_tapped_thing_beside_it(tapped: Scene
     assert tapped.autopilot.mode == HOLD
 
 
+def test_a_tapped_thing_beside_the_one_that_is_asked_about_blocks_after_the_go_and_calls_no_more(
+    hold: Scene,
+) -> None:
+    hold.words[GNOME] = -1.0
+    both = View((Thing(SLIVER), Thing(ASIDE, mistaken=0.5)))
+    hold.run(1.0, both)
+    assert hold.opened() == [1]
+    hold.go()
+    hold.run(5.0, both)
+    assert (hold.autopilot.mode, hold.opened()) == (HOLD, [1])
+    assert hold.calls.sight.reasons(hold.now) == {Reason.BLOCKED}
+    hold.run(1.0, View((Thing(SLIVER),)))
+    assert (hold.autopilot.mode, hold.opened()) == (AUTO, [1])
+
+
 def test_a_tapped_thing_that_was_not_asked_about_is_not_accepted_by_a_go(hold: Scene) -> None:
     hold.words[GNOME] = -1.0
     hold.run(1.0, MISTAKEN)

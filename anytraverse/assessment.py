@@ -161,7 +161,7 @@ class Assessment:
 
     @property
     def tile(self) -> Tile | None:
-        """Where to look: the worst tile, or the one whose name alone holds the vehicle; None without an ROI."""
+        """Where to look: the worst tile, or one whose name alone holds the vehicle; None without an ROI."""
         if self.roi is None:
             return None
         bad = {finding.figure for finding in self.findings if finding.bad}

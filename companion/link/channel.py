@@ -146,11 +146,18 @@ class Channel:
         return new
 
     def push(
-        self, name: str, message: Any, now: float, *, key: object = None, lifetime: float = LIFETIME
+        self,
+        name: str,
+        message: Any,
+        now: float,
+        *,
+        key: object = None,
+        lifetime: float = LIFETIME,
+        to: tuple[int, int] | None = None,
     ) -> None:
         """Queue a message, unless another speaks under our ids: then only what stops the vehicle."""
         if not self.clash or name in STOPPING:
-            self.sender.push(name, message, now, key=key, lifetime=lifetime)
+            self.sender.push(name, message, now, key=key, lifetime=lifetime, to=to)
 
     def urge(self, name: str, now: float) -> None:
         """Send what waits of this row without waiting for `tick`."""

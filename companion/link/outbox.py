@@ -83,11 +83,12 @@ class Outbox:
     ) -> None:
         """Queue a message of the table's row `name`; one with the same name and key takes its place.
 
-        Forgotten after `lifetime` s. When a queue is full its least urgent frame is lost, and counted.
+        Forgotten after `lifetime` s. When a queue is full the least urgent frame of whoever waits for most
+        is lost, and counted.
         to: system and component id that it is meant for, None for everybody; one never heard: by all.
         """
         for channel in self._reach(to):
-            channel.push(name, message, now, key=key, lifetime=lifetime)
+            channel.push(name, message, now, key=key, lifetime=lifetime, to=to)
 
     def urge(self, name: str, now: float) -> None:
         """What waits of this row leaves now, where the device takes it."""

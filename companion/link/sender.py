@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Container
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +15,7 @@ from companion.link.mavlink_version import MavlinkVersion, fits_1, pack_1
 from companion.link.settings import ConnectionSettings
 from companion.link.signing import Signing
 from companion.wire.ids import COMPONENT_ID
-from companion.wire.messages import MESSAGES, Bucket
+from companion.wire.messages import MESSAGES, Bucket, Message
 from companion.wire.signing import BLOCK
 
 MAX_WAITING = 64
@@ -31,9 +31,11 @@ _REFUSED = 0.02
 @dataclass(order=True)
 class _Frame:
     priority: int
+    turn: int
     order: int
     name: str = field(compare=False)
     key: object = field(compare=False)
+    to: tuple[int, int] | None = field(compare=False)
     bucket: Bucket | None = field(compare=False)
     message: Any = field(compare=False)
     size: int = field(compare=False)
@@ -45,6 +47,7 @@ class Sender:
 
     Within a budget nothing overtakes a more urgent frame, so a call never starves behind small change. What
     was asked for never goes twice in a row while something else may, so no flood of requests silences us.
+    Of what is equally urgent, whoever asked gets one in his turn, so no flood holds up what others asked for.
     """
 
     def __init__(
@@ -95,10 +98,12 @@ class Sender:
         *,
         key: object = None,
         lifetime: float = LIFETIME,
+        to: tuple[int, int] | None = None,
     ) -> None:
         """Queue a message of the table's row `name`; one with the same name and key takes its place.
 
-        Forgotten after `lifetime` s. When 64 frames of a budget wait, its least urgent is lost, and counted.
+        Forgotten after `lifetime` s. When 64 frames of a budget wait, the least urgent of those for whom most
+        wait is lost, and counted. to: system and component id that it is meant for, None for everybody.
         What MAVLink 1 has no id for is left out where that is spoken, and counted.
         """
         row = MESSAGES[name]
@@ -108,19 +113,23 @@ class Sender:
             self.left_out += 1
             return
         size = len(packed) + self._block
-        frame = _Frame(row.priority, self._order, name, key, row.bucket, message, size, now + lifetime)
+        turn = self._turn(row, to)
+        frame = _Frame(
+            row.priority, turn, self._order, name, key, to, row.bucket, message, size, now + lifetime
+        )
         self._order += 1
         if key is not None:
             for place, waiting in enumerate(self._queue):
                 if (waiting.name, waiting.key) == (name, key):
-                    frame.order = waiting.order
+                    frame.turn, frame.order = waiting.turn, waiting.order
                     self._queue[place] = frame
                     return
         self._queue.append(frame)
         self._queue.sort()
         of_budget = [waiting for waiting in self._queue if waiting.bucket == row.bucket]
         if len(of_budget) > MAX_WAITING:
-            self._queue.remove(of_budget[-1])
+            crowd = Counter(waiting.to for waiting in of_budget)
+            self._queue.remove(max(of_budget, key=lambda waiting: (crowd[waiting.to], waiting)))
             self.lost += 1
 
     def set_budget(self, rate: float, now: float) -> None:
@@ -169,6 +178,14 @@ class Sender:
     def keep(self, names: Container[str]) -> None:
         """Forget what waits of all other rows."""
         self._queue = [frame for frame in self._queue if frame.name in names]
+
+    def _turn(self, row: Message, to: tuple[int, int] | None) -> int:
+        """One behind the last for `to` that is as urgent, or with the first of the others'."""
+        if row.bucket != "asked":
+            return 0
+        equals = [one for one in self._queue if (one.bucket, one.priority) == (row.bucket, row.priority)]
+        own = [one.turn for one in equals if one.to == to]
+        return own[-1] + 1 if own else min((one.turn for one in equals), default=0)
 
     def _send(self, frame: _Frame, now: float) -> None:
         """As it leaves now: where the device takes nothing, or the time is not known, it waits on."""

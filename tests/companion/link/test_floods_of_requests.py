@@ -52,6 +52,21 @@ def test_requests_that_fill_the_queue_push_out_only_each_other() -> None:
     assert stage.link.counters.lost > 0
 
 
+def test_a_flood_of_one_operator_takes_no_acknowledgement_from_another() -> None:
+    stage, other = Rehearsal(), (254, 190)
+    for number in range(60 + SECONDS * PER_SECOND):
+        flood = mavlink.MAVLink_param_ext_set_message(1, 191, b"X%d" % number, b"1", 11)
+        stage.send(flood, OPERATOR)
+        if number >= 60:
+            stage.run(1 / PER_SECOND)
+        if number % PER_SECOND == 0:
+            stage.send(mavlink.MAVLink_param_ext_set_message(1, 191, b"AT_WORDS", b"none", 11), other)
+    acknowledged = [message.param_id for message in stage.sent("PARAM_EXT_ACK")]
+    assert acknowledged.count("AT_WORDS") >= SECONDS
+    assert len(acknowledged) > 3 * SECONDS
+    assert stage.link.counters.lost > 0
+
+
 def test_one_look_at_a_flood_takes_in_no_more_than_a_part_of_it() -> None:
     stage = Rehearsal()
     beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 77, 1))

@@ -9,10 +9,10 @@ from typing import Any
 from companion.link.connection import Connection
 from companion.link.parser import Parser
 from companion.link.sender import LIFETIME, Sender
-from companion.link.settings import MAIN, ConnectionSettings
+from companion.link.settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.signing import Signing
 from companion.link.telling import Telling
-from companion.link.transport import Transport
+from companion.link.transport import Transport, opener
 from companion.wire.ids import COMPONENT_ID
 
 READS_PER_POLL = 512
@@ -178,3 +178,25 @@ class Channel:
         if not self.clash:
             self.telling.tick(now, calling=calling)
         self.sender.tick(now)
+
+
+def channels_of(
+    settings: LinkSettings,
+    now: float,
+    *,
+    openers: Mapping[str, Callable[[], Transport]],
+    signing: Signing | None,
+) -> list[Channel]:
+    """One for each connection, in their order; openers and signing as for `Link`. Raises LinkError."""
+    return [
+        Channel(
+            name,
+            one,
+            openers.get(name) or opener(one.address()),
+            now,
+            system_id=settings.system_id,
+            signing=signing,
+            link_id=number,
+        )
+        for number, (name, one) in enumerate(settings.connections().items())
+    ]

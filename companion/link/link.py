@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from companion.autopilots import known_autopilot
 from companion.files.tree import Tree
 from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
 from companion.link.answer_parameter import AnswerParameter
 from companion.link.asking import Asking
-from companion.link.channel import Channel
+from companion.link.channel import channels_of
 from companion.link.command_desk import CommandDesk
 from companion.link.counters import Counters, count
 from companion.link.desk import AnswerDesk
@@ -28,6 +27,7 @@ from companion.link.heard import (
     WordsRequest,
 )
 from companion.link.listener import Listener
+from companion.link.modes import Modes
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.requests import Requests
@@ -36,16 +36,14 @@ from companion.link.settings import LinkSettings
 from companion.link.signing import Signing
 from companion.link.speaker import Speaker
 from companion.link.text_parameters import TextParameters
-from companion.link.transport import Transport, opener
+from companion.link.transport import Transport
 from companion.link.vehicle import VehicleTracker
 from companion.mishaps import Mishaps
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, TUNNEL_CALL, Policy, State
+from companion.wire.ids import TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
-
-MODE_LIFETIME = 1.0
 
 
 class Link:
@@ -68,18 +66,7 @@ class Link:
         """
         self.most_budget = settings.most_budget
         self._signing = signing
-        self._channels = [
-            Channel(
-                name,
-                one,
-                (openers or {}).get(name) or opener(one.address()),
-                now,
-                system_id=settings.system_id,
-                signing=signing,
-                link_id=number,
-            )
-            for number, (name, one) in enumerate(settings.connections().items())
-        ]
+        self._channels = channels_of(settings, now, openers=openers or {}, signing=signing)
         self._outbox = Outbox(self._channels)
         self._guard = Guard(settings.allowed_senders, signing)
         self._speaker = Speaker(self._outbox)
@@ -105,6 +92,7 @@ class Link:
         self._announcer = Announcer()
         self._returns = 0
         self._asking = Asking(self._outbox, self._listener.receiver)
+        self._modes = Modes(self._outbox, self._guard)
         self._setpoints = Setpoints(self._outbox, now)
 
     @property
@@ -264,20 +252,11 @@ class Link:
 
         Where somebody else speaks under our ids, only for one that does not drive.
         """
-        vehicle = self.vehicle
-        autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
-        if vehicle is None or autopilot is None:
-            self._guard.rejected["no autopilot for modes"] += 1
-        else:
-            message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
-            to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
-            self.forget_mode()
-            row = "resume" if custom_mode in autopilot.holdable else "hold"
-            self._outbox.push(row, message, now, lifetime=MODE_LIFETIME, to=to)
+        self._modes.ask(self.vehicle, custom_mode, now)
 
     def urge_hold(self, now: float) -> None:
         """A mode that was asked for and does not drive leaves now, not with the next `tick`."""
-        self._outbox.urge("hold", now)
+        self._modes.urge_hold(now)
 
     def stand_still(self, *, on: bool) -> None:
         """Whether zero velocity is streamed to the autopilot, at the table's rate, until told otherwise."""
@@ -285,8 +264,7 @@ class Link:
 
     def forget_mode(self) -> None:
         """A mode that was asked for and waits to be sent is not wanted any more."""
-        self._outbox.forget("hold")
-        self._outbox.forget("resume")
+        self._modes.forget()
 
     def _announce_due(self, now: float) -> None:
         while (spoken := self._announcer.text(now)) is not None:

@@ -12,7 +12,7 @@ from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
 from companion.autopilots import Autopilot
-from companion.calls.acceptance import Acceptance, blocked_by_name, scene_of
+from companion.calls.acceptance import Acceptance
 from companion.calls.answering import answer_call
 from companion.calls.decisions import (
     Call,
@@ -27,6 +27,7 @@ from companion.calls.holding import Holding, Vehicle
 from companion.calls.numbers import Numbers
 from companion.calls.shadow import Shadow
 from companion.calls.sight import CALLS_FOR_WORDS, Sight
+from companion.calls.takeover import accept_taken_over
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 
 
@@ -250,27 +251,12 @@ class OperatorCalls:
         assert hold is not None
         decisions: list[Decision] = [HoldMoved(hold, event)]
         if event is HoldEvent.TAKEN_OVER:
-            self._accept_here(now)
+            accept_taken_over(call, self.sight, now, self.autopilot.travelled)
             if call is not None:
                 decisions.append(self._close(Outcome.TAKEN_OVER))
         elif call is not None:
             decisions.append(self._close(call.answered_outcome if call.answered else Outcome.PASSED))
         return decisions
-
-    def _accept_here(self, now: float) -> None:
-        """Whoever drives on by hand has seen what is there, and where; a fault cannot be accepted."""
-        call, newest = self.call, self.sight.newest
-        asked = call.reasons if call is not None and not call.answered else set[Reason]()
-        reasons = (self.sight.reasons(now) | asked) - {Reason.FAULT}
-        if Reason.BLOCKED in reasons and newest is not None and blocked_by_name(newest):
-            reasons |= {Reason.UNKNOWN_OBJECT}  # which it may be taken for in the next frame
-        scope = call.scope if call is not None else None
-        if scope is not None and scope.box is None and Reason.UNKNOWN_OBJECT in reasons:
-            scope = None
-        if scope is not None and newest is not None:
-            scope = replace(scope, scene=scene_of(newest))
-        self.sight.accept(reasons, scope, now, self.autopilot.travelled)
-        self.sight.look_afresh(now)
 
     def _open(self, reasons: frozenset[Reason], seen: Assessment, now: float) -> list[Decision]:
         scope = Acceptance.of(seen, reasons, self.numbers, now, self.autopilot.travelled)

@@ -74,6 +74,7 @@ class Sender:
         self._block = 0 if signing is None else BLOCK
         self._queue: list[_Frame] = []
         self._order = 0
+        self._turns: dict[int, int] = {}
         self._next_at = now
         self._was_asked = False
         self._recent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
@@ -180,12 +181,12 @@ class Sender:
         self._queue = [frame for frame in self._queue if frame.name in names]
 
     def _turn(self, row: Message, to: tuple[int, int] | None) -> int:
-        """One behind the last for `to` that is as urgent, or with the first of the others'."""
+        """One behind the last for `to` that is as urgent, or behind what has left: nobody waits for ever."""
         if row.bucket != "asked":
             return 0
         equals = [one for one in self._queue if (one.bucket, one.priority) == (row.bucket, row.priority)]
-        own = [one.turn for one in equals if one.to == to]
-        return own[-1] + 1 if own else min((one.turn for one in equals), default=0)
+        own = (one.turn for one in equals if one.to == to)
+        return 1 + max(own, default=self._turns.get(row.priority or 0, 0))
 
     def _send(self, frame: _Frame, now: float) -> None:
         """As it leaves now: where the device takes nothing, or the time is not known, it waits on."""
@@ -202,6 +203,8 @@ class Sender:
             return
         self._queue.remove(frame)
         self._was_asked = frame.bucket == "asked"
+        if self._was_asked:
+            self._turns[frame.priority] = frame.turn
         self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
         self._mav.seq = (self._mav.seq + 1) % 256
         self._next_at = now + self._pace

@@ -64,6 +64,7 @@ class Acting:
         self._words = words
         self._place = place
         self._shadow = shadow
+        self._to_show: HoldShown | None = None
 
     def carry_out(self, decisions: Iterable[Decision], now: float, *, at_once: bool = False) -> None:
         """Do all of them: modes first, since pictures and the disk take their time, then the rest in order.
@@ -79,6 +80,9 @@ class Acting:
         for decision in decisions:
             with self._mishaps.survived(type(decision).__name__, now):
                 self._do(decision, now)
+        if at_once:
+            with self._mishaps.survived(HoldShown.__name__, now):
+                self._show_hold(now)
 
     def hurry(self, now: float) -> None:
         """A hold that was decided leaves now, unless we slept since `now`: who knows then who drives."""
@@ -106,8 +110,8 @@ class Acting:
                 self._keeper.call_closed(call)
             case HoldStarted(hold, reasons):
                 log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
-            case HoldShown(hold, seen):
-                self._keeper.hold_shown(hold.id, seen, self._calls.state(now))
+            case HoldShown():
+                self._to_show = decision
             case HoldRenamed(old, hold):
                 log.info("hold %d goes on as call %d", old, hold.id)
                 self._close_hold(old, Outcome.NONE, now)
@@ -119,6 +123,12 @@ class Acting:
                 self._shadow.began(decision, now)
             case WouldResume():
                 self._shadow.ended(decision)
+
+    def _show_hold(self, now: float) -> None:
+        """Once it has left: one that was decided in hearing has not."""
+        shown, self._to_show = self._to_show, None
+        if shown is not None and shown.hold is self._calls.hold and self._calls.call is None:
+            self._keeper.hold_shown(shown.hold.id, shown.seen, self._calls.state(now))
 
     def _hold_moved(self, moved: HoldMoved, now: float) -> None:
         hold, autopilot = moved.hold, self._calls.autopilot.autopilot

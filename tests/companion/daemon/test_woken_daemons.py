@@ -158,6 +158,26 @@ def test_nor_does_one_for_want_of_a_camera(rig: Rig, monkeypatch: pytest.MonkeyP
     assert set(counts) == {1}
 
 
+def test_a_hold_in_which_auto_ends_at_once_is_drawn_after_it_has_left(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig(pictures=50)
+    show, counts = rig.keeper.hold_shown, list[int]()
+
+    def note(*what: Any) -> None:
+        rig.stage.collect(rig.stage.now)
+        counts.append(orders(rig))
+        show(*what)
+
+    monkeypatch.setattr(rig.keeper, "hold_shown", note)
+    rig.stage.mode = MANUAL
+    rig.see(3.0, "rock")
+    rig.stage.mode = AUTO
+    rig.see(3.0, "rock")
+    assert (rig.state, rig.stage.mode, counts) == (("BLOCKED", 1), HOLD, [1])
+    assert rig.keeper.picture_of(1) == "/calls/1.jpg"
+
+
 def test_killed_before_a_hold_was_kept_it_stands_until_a_human_drives_on(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

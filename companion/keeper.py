@@ -54,7 +54,7 @@ class Keeper:
         frame_id: int = 0,
         replies: Sequence[Kept] = (),
     ) -> None:
-        """frame_id: of the last call, over all restarts. replies: those kept before the restart."""
+        """frame_id: of the last picture to tap in, over all restarts. replies: those kept before the restart."""
         self._journal = journal
         self._album = album
         self._files = files
@@ -102,7 +102,9 @@ class Keeper:
             if not reply.again:
                 self._answered(reply)
         state = {**snapshot(calls), **beside}
-        self._frame_id = max(self._frame_id, calls.call.frame_id if calls.call else 0)
+        asked = calls.call.frame_id if calls.call else 0
+        shown = calls.hold.seen.frame.id if calls.hold and calls.hold.seen else 0
+        self._frame_id = max(self._frame_id, asked, shown)
         state["frame_id"] = self._frame_id
         state["replies"] = [kept.saved() for kept in self._replies]
         if state != self._calls and self._write("calls", self._journal.save_supervision, state):

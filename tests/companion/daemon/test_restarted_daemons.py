@@ -47,6 +47,23 @@ def test_a_call_is_told_with_a_picture_before_and_after_a_restart(make_rig: Make
         rig.restart()
 
 
+def test_a_tap_in_a_holds_picture_of_before_a_restart_is_refused(rig: Rig) -> None:
+    frames = []
+    for _ in range(2):
+        rig.restart()
+        rig.frame_id = (rig.journal.load_supervision() or {})["frame_id"]
+        rig.see(2.0, "rock")
+        hold = rig.calls.hold
+        assert hold is not None
+        assert hold.id == 1
+        assert hold.seen is not None
+        frames.append(hold.seen.frame.id)
+    for transaction, frame_id in enumerate(frames):
+        rig.answer(1, Motion.GO, TapBox(frame_id, BOX, "gnome", 1.0), transaction=7 + transaction)
+        rig.see(0.5, "rock")
+    assert [ack.result for ack in rig.acks] == [Result.REFUSED, Result.APPLIED]
+
+
 def test_a_call_whose_picture_is_lost_asks_about_the_newest_and_says_so(held: Rig) -> None:
     held.restart(forget_frame=True)
     held.see(1.0, "gnome")

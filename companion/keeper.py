@@ -54,7 +54,7 @@ class Keeper:
         frame_id: int = 0,
         replies: Sequence[Kept] = (),
     ) -> None:
-        """frame_id: of the last picture to tap in, over all restarts. replies: those kept before the restart."""
+        """frame_id: of the last picture to tap in, over all restarts. replies: those kept before it."""
         self._journal = journal
         self._album = album
         self._files = files

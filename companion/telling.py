@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from anytraverse.assessment import NAMED_TILE, Assessment, Reason
+from anytraverse.assessment import NAMED_TILE, WORST_TILE, Assessment, Reason
 from anytraverse.history import Place
 from anytraverse.judging import CORRIDOR
 from anytraverse.preferences import Preferences
@@ -111,8 +111,12 @@ def call_data(
     age: float,
     picture: str,
 ) -> CallData:
-    """A call or hold as the wire has it; its figures are those of `seen`."""
+    """A call or hold as the wire has it; its figures are those of `seen`.
+
+    A hold points at a place only where a tile is bad: else whoever taps would name what is nothing.
+    """
     roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
+    points = kind is Kind.CALL or (seen is not None and _has_bad_tile(seen))
     return CallData(
         id=number,
         kind=kind,
@@ -124,7 +128,7 @@ def call_data(
         frame_id=frame_id,
         age_s=max(0, round(age)),
         roi=fractions(region.bounds),
-        worst_tile_box=fractions(tile.box) if tile else None,
+        worst_tile_box=fractions(tile.box) if tile and points else None,
         roi_uncertainty=roi.uncertainty if roi else None,
         worst_tile=tile.uncertainty if tile else None,
         drivable_share=roi.drivable_share if roi else None,
@@ -136,6 +140,10 @@ def call_data(
         words=words_hash(words),
         picture=picture,
     )
+
+
+def _has_bad_tile(seen: Assessment) -> bool:
+    return any(finding.bad and finding.figure in (WORST_TILE, NAMED_TILE) for finding in seen.findings)
 
 
 def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:

@@ -65,7 +65,7 @@ def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
         raise CommandError("no call is open: name one, `picture 7`")
     call = rover.calls.get(number)
     if call is not None and call.open and not call.data.picture:
-        raise CommandError(f"{number} has no picture: is `[pictures] keep` 0 on the rover?")
+        raise CommandError(f"{number} has no picture: it is a fault, or `[pictures] keep` is 0 on the rover")
     large = "-large" * picture.large
     return f"/calls/{number}{large}.jpg", f"rover{rover.system}-call{number}{large}.jpg"
 

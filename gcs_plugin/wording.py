@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Outcome, Policy, Reasons, Result, Stage, State, words_hash
+from companion.wire.ids import Outcome, Policy, Reasons, Result, Stage, State, words_hash
 from companion.wire.packing import Fractions
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
@@ -124,7 +124,7 @@ def headline(call: CallData, age: float) -> str:
 def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
     """The headline, the box to look at, whether a picture can be fetched, and the answers that fit."""
     lines = [headline(call, age)]
-    if call.worst_tile_box and call.stage is Stage.OPEN and call.kind is Kind.CALL:
+    if call.worst_tile_box and call.stage is Stage.OPEN:
         lines.append("  look at  " + " ".join(f"{side:.2f}" for side in call.worst_tile_box))
     if call.picture:
         lines.append(f"  picture  {before}picture {call.id}")

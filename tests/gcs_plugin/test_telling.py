@@ -145,6 +145,8 @@ def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallData) -> None
 def test_a_picture_that_can_be_fetched_is_told_with_what_to_type(thing_call: CallData) -> None:
     there = replace(thing_call, picture="/calls/7.jpg")
     assert "  picture  at picture 7" in wording.call_lines(there, 0.0, "at ")
+    hold = replace(there, kind=ids.Kind.HOLD, reasons=ids.Reasons.BLOCKED)
+    assert "  look at  0.41 0.55 0.60 0.81" in wording.call_lines(hold, 0.0)
     assert not any("picture" in line for line in wording.call_lines(replace(thing_call, picture=""), 0.0))
 
 

@@ -15,6 +15,7 @@ from companion.wire.payloads import CallData, Summary
 from tests.companion.calls.scenes import (
     ACROSS,
     AHEAD,
+    AUTO,
     BROKEN,
     CLEAR,
     DRUM,
@@ -175,6 +176,20 @@ def test_the_data_of_a_hold_without_a_call_shows_the_frame_that_was_blocked(bloc
     assert shown.seen.frame.id < blocked.frame
     assert (told.kind, told.reasons, told.frame_id) == (Kind.HOLD, Reasons.BLOCKED, shown.seen.frame.id)
     assert told.drivable_share == pytest.approx(0.571, abs=1e-3)
+
+
+def test_a_hold_points_at_the_thing_that_a_name_holds_it_for_and_at_nothing_else(hold: Scene) -> None:
+    hold.words[GNOME] = -1.0
+    hold.run(1.0, View((Thing(SLIVER, mistaken=0.5),)))
+    assert data(hold).worst_tile_box is not None
+    hold.human(MANUAL)
+    hold.human(AUTO)
+    hold.run(2.0, CLEAR)
+    hold.run(1.0, View((Thing(ACROSS, "log"),), haze=0.1))
+    told = data(hold)
+    assert (told.kind, text(hold)) == (Kind.HOLD, "H2 blocked, no way through: waiting")
+    assert told.worst_tile == pytest.approx(0.09)
+    assert told.worst_tile_box is None
 
 
 def test_the_data_of_a_hold_for_a_fault_show_the_newest_frame(hold: Scene) -> None:

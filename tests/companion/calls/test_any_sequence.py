@@ -9,6 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from anytraverse.assessment import Reason
 from companion.autopilots import ardupilot, px4
 from companion.calls.decisions import (
     CallClosed,
@@ -16,6 +17,7 @@ from companion.calls.decisions import (
     Decision,
     HoldMoved,
     HoldRenamed,
+    HoldShown,
     HoldStarted,
     SetMode,
 )
@@ -72,6 +74,7 @@ class Calls(RuleBasedStateMachine):
         self.run = 0
         self.open: int | None = None
         self.hold: int | None = None
+        self.shown = False
         self.before = 0
         self.highest = 0
         self.closed: list[int] = []
@@ -160,7 +163,7 @@ class Calls(RuleBasedStateMachine):
         """The daemon is killed and comes back."""
         kept = json.loads(json.dumps(snapshot(self.scene.calls)))
         self.scene.restarted()
-        self.go_at, self.run = None, 0
+        self.go_at, self.run, self.shown = None, 0, False
         self.heard_at = float("-inf")
         self.bad_at = self.good_at = self.excused_at = self.scene.now
         assert self.scene.calls.current_id == (kept["call"] or kept["hold"] or {"id": 0})["id"]
@@ -276,9 +279,16 @@ class Calls(RuleBasedStateMachine):
                 assert self.hold is None
                 assert self.mode in self.kind.holdable
                 assert hold.id == self.open or hold.id > self.highest
-                self.hold, self.before = hold.id, self.mode
+                self.hold, self.before, self.shown = hold.id, self.mode, False
                 self.highest = max(self.highest, hold.id)
                 self.go_at = None
+            case HoldShown(hold, seen):
+                assert hold.id == self.hold
+                assert self.open is None
+                assert not self.shown, "one picture for each hold, whatever comes and goes"
+                assert Reason.BLOCKED in seen.reasons
+                assert hold.seen is seen
+                self.shown = True
             case HoldRenamed(old, hold):
                 assert old == self.hold
                 self.hold = hold.id

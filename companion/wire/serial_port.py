@@ -5,10 +5,12 @@ from __future__ import annotations
 import errno
 from typing import Any
 
+_IN_USE = "{} is in use by another program: `fuser {}` finds it"
 _REMEDIES = {
     errno.ENOENT: "{} is not there: plug it in, or find its name in /dev/serial/by-id",
     errno.EACCES: "{} may not be opened by this user: `sudo usermod -aG dialout USER`, then log in again",
-    errno.EAGAIN: "{} is in use by another program: `fuser {}` finds it",
+    errno.EAGAIN: _IN_USE,
+    errno.EBUSY: _IN_USE,
 }
 
 

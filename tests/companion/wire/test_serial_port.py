@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pty
 import tty
@@ -46,13 +47,20 @@ def test_a_port_that_another_program_holds_is_said_to_be_in_use(device: str) -> 
     open_port(device, 57600).close()
 
 
-def test_a_port_that_the_user_may_not_open_says_which_group_may(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [(errno.EACCES, "usermod -aG dialout USER"), (errno.EBUSY, "in use by another program")],
+)
+def test_a_port_that_the_user_may_not_open_or_a_modem_manager_holds_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, number: int, told: str
+) -> None:
     def refuse(*_: object, **__: object) -> None:
-        raise serial.SerialException(13, "could not open port /dev/ttyACM0")
+        raise serial.SerialException(number, "could not open port /dev/ttyACM0")
 
     monkeypatch.setattr(serial, "Serial", refuse)
-    with pytest.raises(PermissionError, match="usermod -aG dialout USER"):
+    with pytest.raises(OSError, match=told) as failed:
         open_port("/dev/ttyACM0", 57600)
+    assert failed.value.errno == number
 
 
 def test_a_speed_that_no_port_takes_is_trouble_at_either_end_and_no_crash(device: str) -> None:

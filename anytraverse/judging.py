@@ -189,9 +189,18 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share, outside=calling)
     if tile is None:
         return None
+    found = _named(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
+    if calling is None or found.explained >= _EXPLAINED:
+        return found
+    accounted = maps.strangeness - maps.uncertainty  # what calls may be larger than its tile
+    beside = worst_tile(accounted, settings.region, aspect, settings.tile_share, outside=calling)
+    return found if beside is None else _named(maps, beside, 0.0)
+
+
+def _named(maps: Maps, tile: Tile, left: float) -> NamedTile:
+    """With the word that explains most of the tile."""
     rows, columns = tile.box.slices(*maps.strangeness.shape)
     within = np.where(maps.named, maps.attention[:, rows, columns].mean(axis=(1, 2)), -1.0)
-    left = float(maps.uncertainty[rows, columns].mean())
     return NamedTile(tile, min(left, tile.uncertainty), int(np.argmax(within)))
 
 

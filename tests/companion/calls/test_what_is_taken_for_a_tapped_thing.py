@@ -81,6 +81,21 @@ def test_a_tapped_thing_beside_the_one_that_is_asked_about_blocks_after_the_go_a
     assert (hold.autopilot.mode, hold.opened()) == (AUTO, [1])
 
 
+@pytest.mark.parametrize("apart", [1, 2, 5])
+def test_so_does_one_beside_a_stranger_thing_that_is_larger_than_a_tile(hold: Scene, apart: int) -> None:
+    hold.words[GNOME] = -1.0
+    right = ASIDE.left - apart / 60
+    tuft = Thing(Box(right - 3 / 60, ASIDE.top, right, ASIDE.bottom), "tuft")
+    hold.run(1.0, View((tuft, Thing(ASIDE, mistaken=1.0))))
+    assert hold.opened() == [1]
+    hold.go()
+    hold.run(5.0)
+    assert (hold.autopilot.mode, hold.opened()) == (HOLD, [1])
+    assert hold.calls.sight.reasons(hold.now) == {Reason.BLOCKED}
+    hold.run(1.0, View((tuft,)))
+    assert (hold.autopilot.mode, hold.opened()) == (AUTO, [1])
+
+
 def test_a_tapped_thing_that_was_not_asked_about_is_not_accepted_by_a_go(hold: Scene) -> None:
     hold.words[GNOME] = -1.0
     hold.run(1.0, MISTAKEN)

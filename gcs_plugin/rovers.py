@@ -250,7 +250,7 @@ class Rover:
 
 
 def _begins_anew(known: Call, data: CallData, now: float) -> bool:
-    """A call keeps its frame for life; a hold changes its own once it is blocked, but was announced only once."""
+    """A call keeps its frame for life; a hold changes its own once blocked, but was announced only once."""
     if known.data.kind is Kind.CALL and data.kind is Kind.CALL:
         return known.data.frame_id != data.frame_id
     return now - data.age_s > known.opened_at + ANEW_S

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import time
 from collections.abc import Callable
@@ -109,10 +108,8 @@ class Serial:
     def __init__(self, device: str, baud: int) -> None:
         self._port = open_port(device, baud)
         self.fileno = self._port.fileno
+        self.send = self._port.write
         self.close = self._port.close
 
     def receive(self) -> bytes:
-        return bytes(self._port.read(MAX_READ))
-
-    def send(self, waiting: bytes) -> int:
-        return os.write(self._port.fileno(), waiting)  # pyserial's own tries for ever while the port is full
+        return self._port.read(MAX_READ)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import socket
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 from companion.link.settings import Address, LinkError
 from companion.wire.serial_port import open_port
@@ -187,33 +186,22 @@ class Serial(_Stream):
 
     def __init__(self, address: Address) -> None:
         super().__init__()
-        self._port: Any = open_port(address.place, address.number)
+        self._port = open_port(address.place, address.number)
 
     def read(self) -> bytes:
-        return bytes(_guarded(lambda: self._port.read(_CHUNK)))
+        return self._port.read(_CHUNK)
 
     def _send(self, data: bytes) -> int:
         try:
-            return os.write(self._port.fileno(), data)  # pyserial's own tries for ever while the port is full
+            return self._port.write(data)
         except BlockingIOError:
             return 0
 
     def fileno(self) -> int | None:
-        return int(self._port.fileno())
+        return self._port.fileno()
 
     def close(self) -> None:
-        with contextlib.suppress(Exception):
-            self._port.close()
-
-
-def _guarded(call: Callable[[], Any]) -> Any:
-    """Raises OSError only: pyserial lets ValueError, termios.error and TypeError out."""
-    try:
-        return call()
-    except OSError:
-        raise
-    except Exception as error:
-        raise OSError(errno.EIO, str(error)) from error
+        self._port.close()
 
 
 def opener(address: Address) -> Callable[[], Transport]:

@@ -1,8 +1,11 @@
-"""How either end opens a serial port, and what a person can do about one that does not open."""
+"""A serial port for either end, and what a person can do about one that does not open."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import os
+from collections.abc import Callable
 from typing import Any
 
 _IN_USE = "{} is in use by another program: `fuser {}` finds it"
@@ -14,19 +17,47 @@ _REMEDIES = {
 }
 
 
-def open_port(device: str, baud: int) -> Any:
-    """A port of pyserial's that waits for nothing, held for ourselves alone. Raises OSError only.
+class SerialPort:
+    """A port of pyserial's that is open and waits for nothing. Raises OSError only."""
 
-    pyserial lets ValueError, termios.error and TypeError out.
-    """
+    def __init__(self, port: Any) -> None:
+        self._port = port
+
+    def read(self, size: int) -> bytes:
+        """What has come, `size` bytes at most."""
+        return bytes(_guarded(lambda: self._port.read(size)))
+
+    def write(self, data: bytes) -> int:
+        """How much it took; BlockingIOError while it is full: pyserial's own tries for ever then."""
+        return os.write(self._port.fileno(), data)
+
+    def fileno(self) -> int:
+        return int(self._port.fileno())
+
+    def close(self) -> None:
+        with contextlib.suppress(Exception):
+            self._port.close()
+
+
+def open_port(device: str, baud: int) -> SerialPort:
+    """Open a port, held for ourselves alone. Raises OSError only."""
     import serial
 
     try:
-        return serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
+        port = _guarded(lambda: serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True))
     except OSError as error:
         why = _REMEDIES.get(error.errno or 0)
         if why is None:
             raise
         raise OSError(error.errno, why.format(device, device)) from error
+    return SerialPort(port)
+
+
+def _guarded(call: Callable[[], Any]) -> Any:
+    """Raises OSError only: pyserial lets ValueError, termios.error and TypeError out."""
+    try:
+        return call()
+    except OSError:
+        raise
     except Exception as error:
         raise OSError(errno.EIO, str(error)) from error

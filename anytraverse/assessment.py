@@ -150,9 +150,14 @@ class Assessment:
     observation: Observation | None = field(default=None, repr=False)
 
     @property
+    def bad(self) -> tuple[Finding, ...]:
+        """The findings that are."""
+        return tuple(finding for finding in self.findings if finding.bad)
+
+    @property
     def reasons(self) -> frozenset[Reason]:
         """All reasons, not the first."""
-        return frozenset(finding.reason for finding in self.findings if finding.bad)
+        return frozenset(finding.reason for finding in self.bad)
 
     @property
     def ok(self) -> bool:
@@ -164,7 +169,7 @@ class Assessment:
         """Where to look: the worst tile, or one whose name alone holds the vehicle; None without an ROI."""
         if self.roi is None:
             return None
-        bad = {finding.figure for finding in self.findings if finding.bad}
+        bad = {finding.figure for finding in self.bad}
         named = self.roi.named_tile if NAMED_TILE in bad and WORST_TILE not in bad else None
         return named.tile if named is not None else self.roi.worst_tile
 
@@ -178,4 +183,4 @@ class Assessment:
 
     def finding(self, reason: Reason) -> Finding | None:
         """The first bad finding of `reason`."""
-        return next((one for one in self.findings if one.reason is reason and one.bad), None)
+        return next((one for one in self.bad if one.reason is reason), None)

@@ -224,7 +224,7 @@ def looks_unsure(assessment: Assessment) -> bool:
 
 def _figures(assessment: Assessment) -> str:
     if assessment.roi is None:
-        return "; ".join(finding.figure for finding in assessment.findings if finding.bad) or "not judged"
+        return "; ".join(finding.figure for finding in assessment.bad) or "not judged"
     roi = assessment.roi
     parts = [f"uncertainty {roi.uncertainty:.2f}", f"worst tile {roi.worst_tile.uncertainty:.2f}"]
     if assessment.similarity is not None:

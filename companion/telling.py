@@ -143,7 +143,7 @@ def call_data(
 
 
 def _has_bad_tile(seen: Assessment) -> bool:
-    return any(finding.bad and finding.figure in (WORST_TILE, NAMED_TILE) for finding in seen.findings)
+    return any(finding.figure in (WORST_TILE, NAMED_TILE) for finding in seen.bad)
 
 
 def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:

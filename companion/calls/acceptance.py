@@ -174,12 +174,12 @@ class Acceptance:
 
 def _named_reasons(seen: Assessment) -> frozenset[Reason]:
     """What the tile that a tapped word explains makes the frame bad for."""
-    return frozenset(one.reason for one in seen.findings if one.bad and one.figure == NAMED_TILE)
+    return frozenset(one.reason for one in seen.bad if one.figure == NAMED_TILE)
 
 
 def blocked_by_name(seen: Assessment) -> bool:
     """Whether the frame is blocked by a tile with a name, and by nothing else."""
-    return [one.figure for one in seen.findings if one.bad and one.reason is Reason.BLOCKED] == [NAMED_TILE]
+    return [one.figure for one in seen.bad if one.reason is Reason.BLOCKED] == [NAMED_TILE]
 
 
 def scene_of(seen: Assessment) -> Embedding | None:

@@ -14,10 +14,10 @@ from anytraverse.regions import Box
 from companion.calls.decisions import Call, CallClosed, Decision, GoLapsed
 from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
-from companion.eyes import Applied, Eyes
 from companion.kept import Kept
 from companion.link.heard import AnswerRequest, SetRequest
 from companion.telling import blocked_text, flags
+from companion.vision.client import Applied, Vision, VisionLostError
 from companion.wire import notices, texts
 from companion.wire.answers import (
     Acknowledgement,
@@ -104,11 +104,11 @@ class Conversation:
     """
 
     def __init__(
-        self, calls: OperatorCalls, eyes: Eyes, words: Preferences, replies: Iterable[Kept] = ()
+        self, calls: OperatorCalls, vision: Vision, words: Preferences, replies: Iterable[Kept] = ()
     ) -> None:
         """replies: those kept before a restart."""
         self._calls = calls
-        self._eyes = eyes
+        self._vision = vision
         self.words = words
         """The words in force, as far as the eyes have told."""
         self._asked = self._applied = self._overruled = 0
@@ -147,7 +147,8 @@ class Conversation:
         go = request.motion is Motion.GO
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
-        if not self._eyes.answer(asked, changes, call=observation, call_id=number, go=go, place=place):
+        frame_id = observation.frame.id if observation is not None else 0
+        if not self._vision.answer(asked, changes, frame_id=frame_id, call_id=number, go=go, place=place):
             return self._reply(request, target or 0, Result.BUSY, _EYES_BUSY)
         self._asked = asked.number
         return Heard()
@@ -155,7 +156,7 @@ class Conversation:
     def set_words(self, request: SetRequest, operations: Iterable[Operation]) -> bool:
         """Words and weights without a call. False when too many wait, or the eyes hang."""
         changes = replace(changes_of(operations), missing_ok=True)
-        return self._eyes.answer(request, changes, call=None, call_id=0, go=False)
+        return self._vision.answer(request, changes)
 
     def applied(self, applied: Applied, *, remembered: bool, now: float) -> Heard:
         """The eyes have applied an answer, or refused it. remembered: the journal holds it."""
@@ -166,6 +167,8 @@ class Conversation:
             return Heard()
         asked = applied.token
         self._applied = asked.number
+        if isinstance(applied.error, VisionLostError):
+            return self._reply(asked.request, asked.target, Result.BUSY, str(applied.error))
         if applied.error is not None:
             return self._reply(asked.request, asked.target, Result.REFUSED, str(applied.error))
         outcome = applied.outcome

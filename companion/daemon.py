@@ -13,9 +13,7 @@ from companion.acting import Acting
 from companion.announcement import Announcement
 from companion.autopilots import known_autopilot
 from companion.calls.machine import OperatorCalls
-from companion.cameras.newest import CameraThread
 from companion.conversation import Conversation, Heard, unremembered
-from companion.eyes import Applied, Eyes, Judged
 from companion.keeper import Keeper
 from companion.link import heard as radio
 from companion.link.heard import AnswerRequest, ModeAck, PolicyRequest, Pulses, Vehicle, VehicleHeard
@@ -30,9 +28,11 @@ from companion.status import Status
 from companion.tasks import Liveness
 from companion.telling import summary
 from companion.trial import Trial
+from companion.vision.client import Applied, Judged, Result, Vision
+from companion.vision.messages import Drawn
 from companion.watch import Watch
 from companion.weak_words import WeakWords
-from companion.whereabouts import Whereabouts
+from companion.whereabouts import Whereabouts, is_moving
 from companion.wire import notices, texts
 from companion.wire.ids import Policy, State
 
@@ -54,8 +54,7 @@ class Daemon:
     def __init__(
         self,
         link: Link,
-        camera: CameraThread,
-        eyes: Eyes,
+        vision: Vision,
         calls: OperatorCalls,
         keeper: Keeper,
         conversation: Conversation,
@@ -64,14 +63,14 @@ class Daemon:
         model: Model,
         view: int = 0,
     ) -> None:
-        """model: of the eyes. view: the camera's horizontal field of view, degrees, 0 where not known."""
+        """model: what judges. view: the camera's horizontal field of view, degrees, 0 where not known."""
         self._link = link
-        self._eyes = eyes
+        self._vision = vision
         self._calls = calls
         self._keeper = keeper
         self._conversation = conversation
         self._desk = desk
-        self._weak_words = WeakWords(model.trust)
+        self._weak_words = WeakWords()
         self._view = view
         self._announcement = Announcement(calls)
         self._odometer = Odometer()
@@ -79,7 +78,7 @@ class Daemon:
         place = self.whereabouts.place
         keeper.stamp = self.whereabouts.clock.stamp
         self._mishaps = Mishaps(lambda now: link.say(notices.mishap(), ERROR, now))
-        self._watch = Watch(liveness, link, camera, eyes, calls, keeper)
+        self._watch = Watch(liveness, link, vision, calls, keeper)
         self._shadow = ShadowTeller(desk.book, calls, link, keeper)
         self._acting = Acting(
             link,
@@ -92,7 +91,7 @@ class Daemon:
             self._shadow,
         )
         self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, place)
-        self._status = Status(link, camera, calls, conversation, desk, self._trial, model)
+        self._status = Status(link, vision, calls, conversation, desk, self._trial, model)
         self._slumber = Slumber(link, calls, time.monotonic())
         self._replies: list[Heard] = []
 
@@ -105,12 +104,14 @@ class Daemon:
             with self._mishaps.survived(type(heard).__name__, now):
                 self._hear(heard, now)
         self._acting.hurry(now)
-        for result in self._eyes.results():
+        self._vision.situation(self.whereabouts.place(), now, moving=is_moving(self._link, self._calls))
+        deaths = self._vision.restarted
+        results = self._vision.poll(now)
+        if self._vision.restarted != deaths:
+            self._keeper.lost_vision(self._calls)
+        for result in results:
             with self._mishaps.survived(type(result).__name__, now):
-                if isinstance(result, Judged):
-                    self._judged(result, now)
-                else:
-                    self._applied(result, now)
+                self._take_result(result, now)
         self._watch.look(now)
         self._desk.policy.tick(now)
         self._shadow.tick(now)
@@ -145,7 +146,8 @@ class Daemon:
         return self._status.figures(time.monotonic())
 
     def _wait(self) -> None:
-        readable = [*self._link.filenos(), self._eyes.fileno()]
+        vision = self._vision.fileno()
+        readable = [*self._link.filenos(), *([] if vision is None else [vision])]
         patience = min(TICK, self._link.wait(time.monotonic()))
         try:
             select.select(readable, [], [], patience)
@@ -178,6 +180,15 @@ class Daemon:
         )
         self._acting.carry_out(decisions, now)
 
+    def _take_result(self, result: Result, now: float) -> None:
+        match result:
+            case Judged():
+                self._judged(result, now)
+            case Applied():
+                self._applied(result, now)
+            case Drawn():
+                self._keeper.drawn(result, self._calls)
+
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._status.took = judged.took
@@ -193,12 +204,12 @@ class Daemon:
             self._link.say(texts.frame_lost(self._calls.current_id), WARNING, now)
         if seen.dropped:
             self._link.say(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
-        for word in self._weak_words.new(judged.memory):
+        for word in self._weak_words.new(self._vision.weak, judged.memory.preferences):
             self._link.say(notices.weak_word(word), NOTICE, now)
         state = self._calls.state(now)
-        region = self._calls.numbers.judging.region
         self._link.summary(
-            summary(seen, region, state, self._calls.policy, self._calls.current_id, self._view, now), now
+            summary(seen, judged.sectors, state, self._calls.policy, self._calls.current_id, self._view, now),
+            now,
         )
         if seen.roi is not None:
             figures = {"AT_TRAV": seen.roi.traversability, "AT_UNC": seen.roi.uncertainty}

@@ -5,11 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from anytraverse.frame import Image
-from companion.calls.machine import OperatorCalls
-from companion.link.link import Link
-
-MOVES = 0.1
-"""m/s above which a vehicle moves. It may be low: a sensor's noise makes any two pictures differ."""
 
 
 class FrozenPicture:
@@ -35,9 +30,3 @@ class FrozenPicture:
             self._seconds += now - self._looked_at
         self._looked_at = now
         return self._seconds
-
-
-def is_moving(link: Link, calls: OperatorCalls) -> bool:
-    """Whether the vehicle moves; where its speed is not known, whether it drives by itself."""
-    speed = link.vehicle.speed if link.vehicle is not None else None
-    return calls.autopilot.drives_itself if speed is None else speed > MOVES

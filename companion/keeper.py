@@ -14,7 +14,6 @@ from types import MappingProxyType
 from typing import Any
 
 from anytraverse.assessment import Assessment
-from anytraverse.frame import Frame
 from anytraverse.memory import Memory
 from companion.album import Album
 from companion.calls.acceptance import Acceptance
@@ -23,10 +22,11 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import snapshot
 from companion.conversation import Reply
 from companion.durable import write_whole
-from companion.eyes import Applied, Eyes
 from companion.files.calls import CallFiles
 from companion.journal import Journal, JournalError
 from companion.kept import Kept, kept_reply
+from companion.vision.client import Applied, Vision
+from companion.vision.messages import Drawn
 from companion.wire.ids import State
 from companion.wire.words_text import operation_text
 
@@ -50,6 +50,7 @@ class Keeper:
         journal: Journal,
         album: Album,
         files: CallFiles,
+        vision: Vision,
         status: Path,
         frame_id: int = 0,
         replies: Sequence[Kept] = (),
@@ -58,6 +59,9 @@ class Keeper:
         self._journal = journal
         self._album = album
         self._files = files
+        self._vision = vision
+        self._drawing: dict[int, int] = {}
+        """Frame -> the call or hold that it is drawn for."""
         self._status = status
         self._memory: Memory | None = None
         self._calls: dict[str, Any] | None = None
@@ -112,12 +116,9 @@ class Keeper:
         return state == self._calls
 
     def call_opened(self, call: Call, state: State) -> None:
-        """Keep the call's frame, and a picture of it."""
-        if call.seen is None:
-            return
-        self._keep("frame", self._journal.save_frame, call.seen.frame.image)
+        """Tell of it, and have its frame kept and drawn."""
         reasons = " ".join(sorted(reason.value.replace("_", " ") for reason in call.reasons))
-        self._show(call, call.seen, state, f"C{call.id} {reasons}")
+        self._show(call, state, f"C{call.id} {reasons}")
 
     def call_closed(self, call: Call) -> None:
         """Nothing is asked any more."""
@@ -127,8 +128,16 @@ class Keeper:
 
     def hold_shown(self, number: int, seen: Assessment, state: State) -> None:
         """Keep a picture of what blocks the way."""
-        large = self._album_path(seen, state, f"H{number} blocked")
-        self._shown = number, self._files.held(number, seen, large)
+        self._draw(number, seen.frame.id, f"H{number} blocked", state)
+
+    def drawn(self, drawn: Drawn, calls: OperatorCalls) -> None:
+        """Pictures came: write them, and what must survive of an open call."""
+        number = self._drawing.pop(drawn.frame_id, 0) if drawn.png else 0
+        if number and calls.call is not None and calls.call.frame_id == drawn.frame_id:
+            self._keep("frame", self._journal.save_frame, drawn.png)
+        large = self._album.store(drawn.title, drawn.panel)
+        if number and large is not None:
+            self._shown = number, self._files.drawn(number, drawn.thumbnail, large)
 
     def picture_of(self, number: int) -> str:
         """Where the ground finds the picture of an open call or hold, "" without one."""
@@ -136,21 +145,26 @@ class Keeper:
 
     def picture(self, seen: Assessment, state: State, title: str) -> None:
         """A moment for the album."""
-        self._album.keep(seen, state, title)
+        if self._album.wanted:
+            self._vision.draw(seen.frame.id, title, state)
 
     def judged(self, seen: Assessment, at: float) -> None:
         """Count a judged frame."""
         self._frames += 1
         self._recent.append((seen.frame.id, seen.frame.captured_at, at))
 
-    def restore_call_frame(self, calls: OperatorCalls, eyes: Eyes) -> None:
+    def restore_call_frame(self, calls: OperatorCalls) -> None:
         """Have the frame of a call that a restart found open judged again."""
         if calls.call is None:
             return
-        image = self._journal.load_frame()
-        self._frame_lost = image is None or not eyes.look_at(
-            _CALL_FRAME, Frame(calls.call.frame_id, time.monotonic(), image)
-        )
+        png = self._journal.load_frame()
+        self._frame_lost = png is None or not self._vision.restore(_CALL_FRAME, calls.call.frame_id, png)
+
+    def lost_vision(self, calls: OperatorCalls) -> None:
+        """The vision process died: a call whose frame had not come from it yet gets another one."""
+        self._drawing.clear()
+        if calls.call is not None and not self._vision.holds_frame(calls.call.frame_id):
+            calls.call.seen, self._frame_lost = None, True
 
     @staticmethod
     def is_call_frame(token: object) -> bool:
@@ -172,7 +186,6 @@ class Keeper:
         self._frame_lost = False
         calls.call.frame_id = seen.frame.id
         self._take_up(calls, seen, now)
-        self._keep("frame", self._journal.save_frame, seen.frame.image)
         return True
 
     def _take_up(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
@@ -183,15 +196,15 @@ class Keeper:
         call.scope = Acceptance.of(
             seen, frozenset(call.reasons), calls.numbers, now, calls.autopilot.travelled
         )
-        self._show(call, seen, State.CALLING, f"C{call.id} after a restart")
+        self._show(call, State.CALLING, f"C{call.id} after a restart")
 
-    def _show(self, call: Call, seen: Assessment, state: State, title: str) -> None:
-        large = self._album_path(seen, state, title)
-        self._shown = call.id, self._files.opened(call, large, self._answers(call))
+    def _show(self, call: Call, state: State, title: str) -> None:
+        self._files.opened(call, self._answers(call))
+        self._draw(call.id, call.frame_id, title, state)
 
-    def _album_path(self, seen: Assessment, state: State, title: str) -> Path | None:
-        kept = self._album.keep(seen, state, title)
-        return self._album.path(kept) if kept else None
+    def _draw(self, number: int, frame_id: int, title: str, state: State) -> None:
+        self._drawing[frame_id] = number
+        self._vision.draw(frame_id, title, state, keep=True)
 
     def _answers(self, call: Call) -> Sequence[Mapping[str, Any]]:
         try:

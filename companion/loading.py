@@ -1,11 +1,10 @@
-"""Loading, which may take a while, with a link that says so meanwhile."""
+"""Waiting for the vision process to load, which may take a while, with a link that says so meanwhile."""
 
 from __future__ import annotations
 
-import threading
+import select
 import time
 from collections.abc import Callable
-from typing import TypeVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -19,53 +18,43 @@ from companion.link.heard import (
     WordsRequest,
 )
 from companion.link.link import Link
+from companion.vision.client import Vision
+from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Outcome, Reasons, Result, Stage
 
-Loaded = TypeVar("Loaded")
-
-_TICK = 0.05
+_TICK = 0.02
 _AGAIN = "starting, send it again"
 _WARNING = 4
 
 
-def load(make: Callable[[], Loaded], link: Link, stop: Callable[[], bool]) -> Loaded | None:
-    """What `make` makes in a thread, while the link tells that we are starting.
+def load(vision: Vision, link: Link, stop: Callable[[], bool]) -> Ready | None:
+    """What the vision process says once it is ready, while the link tells that we are starting.
 
-    None when `stop()` came first. Raises AnyTraverseError when it cannot be made.
+    A process that dies is started again. None when `stop()` came first. Raises AnyTraverseError when the
+    perceiver cannot be made.
     """
-    loaded: list[Loaded] = []
-    failed: list[Exception] = []
-
-    def run() -> None:
-        try:
-            loaded.append(make())
-        except Exception as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=run, name="loading", daemon=True)
-    thread.start()
-    while thread.is_alive() and not stop():
+    while not stop():
         now = time.monotonic()
         for heard in link.poll(now):
             _put_off(heard, link, now)
+        vision.poll(now)
+        if vision.failed:
+            raise AnyTraverseError(vision.failed)
+        if vision.ready is not None:
+            return vision.ready
         link.tick(now)
-        thread.join(_TICK)
-    if failed:
-        raise _told(failed[0]) from failed[0]
-    return loaded[0] if loaded else None
+        _wait(link, vision)
+    return None
 
 
-def _told(error: Exception) -> AnyTraverseError:
-    if isinstance(error, AnyTraverseError):
-        return error
-    if isinstance(error, MemoryError):
-        return AnyTraverseError(
-            "the perceiver does not fit into memory: stop other programs, "
-            "or take an int8 bundle or one of a smaller --size"
-        )
-    return AnyTraverseError(f"the perceiver failed to load: {error!r}")
+def _wait(link: Link, vision: Vision) -> None:
+    descriptor = vision.fileno()
+    try:
+        select.select([*link.filenos(), *([] if descriptor is None else [descriptor])], [], [], _TICK)
+    except (OSError, ValueError):  # a device that has just gone
+        time.sleep(_TICK)
 
 
 def _put_off(heard: Heard, link: Link, now: float) -> None:

@@ -5,21 +5,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from anytraverse.perception import Perceiver
-from companion.weak_words import Trust
 
 
 class Model(NamedTuple):
     """A perceiver as a person knows it.
 
     precision, why: the variant of its bundle that runs, and why that one; "" without a bundle.
-    int8_idle: the bundle carries int8, and it is not what runs. trust: of its words, None where untold.
+    int8_idle: the bundle carries int8, and it is not what runs.
     """
 
     id: str
     precision: str = ""
     why: str = ""
     int8_idle: bool = False
-    trust: Trust | None = None
 
     @classmethod
     def of(cls, perceiver: Perceiver) -> Model:
@@ -27,8 +25,7 @@ class Model(NamedTuple):
         precision = getattr(perceiver, "precision", "")
         manifest = getattr(perceiver, "manifest", None)
         idle = manifest is not None and "int8" in manifest.variants and precision != "int8"
-        trust = getattr(perceiver, "trust", None)
-        return cls(perceiver.model_id, precision, getattr(perceiver, "why", ""), idle, trust)
+        return cls(perceiver.model_id, precision, getattr(perceiver, "why", ""), idle)
 
     def __str__(self) -> str:
         return f"{self.id}, {self.precision}: {self.why}" if self.precision else self.id

@@ -14,7 +14,6 @@ from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
 from companion.calls.policies import Policies
 from companion.conversation import Conversation, Heard
-from companion.eyes import Applied, Eyes
 from companion.link.heard import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
 from companion.overrides import Overrides
@@ -22,6 +21,7 @@ from companion.policy_desk import PolicyDesk
 from companion.refusal import Refuses
 from companion.shadow_book import ShadowBook
 from companion.tuning import judging_values, tuned
+from companion.vision.client import Applied, Vision
 from companion.wire import notices
 from companion.wire.answers import ForgetWord, Operation, SetWord
 from companion.wire.ids import Policy
@@ -51,7 +51,7 @@ class SettingsDesk:
         self,
         parameters: Sequence[Parameter],
         link: Link,
-        eyes: Eyes,
+        vision: Vision,
         calls: OperatorCalls,
         conversation: Conversation,
         refuses: Refuses,
@@ -71,7 +71,7 @@ class SettingsDesk:
         self._told = {parameter.name: parameter.value for parameter in parameters}
         self._told_words: Preferences | None = None
         self._link = link
-        self._eyes = eyes
+        self._vision = vision
         self._calls = calls
         self._conversation = conversation
         self.overrides = overrides
@@ -190,7 +190,7 @@ class SettingsDesk:
         if refusal is not None:
             log.warning("%s: %s", what, refusal.why)
             return notices.kept_for_hold(what, refusal.reason)
-        if not self._eyes.retune(other):
+        if not self._vision.tune(other):
             return notices.refused(_BUSY)
         self._calls.retune(other)
         return ""

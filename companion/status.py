@@ -6,12 +6,12 @@ from dataclasses import asdict
 from typing import Any
 
 from companion.calls.machine import OperatorCalls
-from companion.cameras.newest import CameraThread
 from companion.conversation import Conversation
 from companion.link.link import Link
 from companion.model import Model
 from companion.settings_desk import SettingsDesk
 from companion.trial import Trial
+from companion.vision.client import Vision
 
 
 class Status:
@@ -20,7 +20,7 @@ class Status:
     def __init__(
         self,
         link: Link,
-        camera: CameraThread,
+        vision: Vision,
         calls: OperatorCalls,
         conversation: Conversation,
         desk: SettingsDesk,
@@ -28,7 +28,7 @@ class Status:
         model: Model,
     ) -> None:
         self._link = link
-        self._camera = camera
+        self._vision = vision
         self._calls = calls
         self._conversation = conversation
         self._desk = desk
@@ -38,7 +38,7 @@ class Status:
 
     def figures(self, now: float) -> dict[str, Any]:
         """All of it as JSON values."""
-        newest, camera = self._calls.sight.newest, self._camera.status
+        newest, camera = self._calls.sight.newest, self._vision.camera
         return {
             "state": self._calls.state(now).name.lower(),
             "reasons": sorted(reason.value for reason in self._calls.sight.reasons(now)),

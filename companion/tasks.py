@@ -1,4 +1,4 @@
-"""Every moving part of the daemon on one screen. Liveness limits come from this table."""
+"""Every moving part of the daemon on one screen. Liveness limits and restarts come from this table."""
 
 from __future__ import annotations
 
@@ -7,14 +7,35 @@ from typing import NamedTuple
 from companion.calls.numbers import Numbers
 
 
+class Restarts(NamedTuple):
+    """When a process is killed, and when it is started again. Seconds.
+
+    silent_for: without a sign of life, to which four of its steps are added. loading: the same while it
+    loads. first, longest: the wait before it is started again, which doubles from death to death; the first
+    death in a while costs no wait. One that ran for `longest` begins anew.
+    """
+
+    silent_for: float
+    loading: float
+    first: float
+    longest: float
+
+
+VISION = Restarts(silent_for=3.0, loading=180.0, first=2.0, longest=60.0)
+
+
 class Task(NamedTuple):
-    """One row. silent_for: seconds without a sign of life until it counts as dead; None: not watched."""
+    """One row. silent_for: seconds without a sign of life until it counts as dead; None: not watched.
+
+    restarts: None for what ends with the daemon.
+    """
 
     name: str
     does: str
     runs: str
     silent_for: float | None
     when_silent: str
+    restarts: Restarts | None = None
 
 
 def tasks(numbers: Numbers) -> tuple[Task, ...]:
@@ -22,10 +43,11 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
     fresh = numbers.freshness
     # fmt: off
     return (
-        Task("camera",  "keeps the newest frame",         "thread, its own rate",       fresh, "fault: hold"),
-        Task("eyes",    "judges frames, applies answers", "thread, at the judged rate", fresh, "fault: hold"),
-        Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",   None,  "no heartbeat"),
-        Task("calls",   "decides: call, hold, resume",    "main loop, on every input", None,  "no heartbeat"),
+        Task("camera",  "keeps the newest frame",         "vision process, own rate",   fresh, "fault: hold"),
+        Task("vision",  "judges frames, applies answers", "vision process, judged rate", fresh, "fault: hold",
+             VISION),
+        Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",    None,  "no heartbeat"),
+        Task("calls",   "decides: call, hold, resume",    "main loop, on every input",  None,  "no heartbeat"),
         Task("journal", "writes what must survive",       "main loop, on every change", None,  "said"),
     )
     # fmt: on

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from anytraverse.assessment import NAMED_TILE, WORST_TILE, Assessment, Reason
 from anytraverse.history import Place
 from anytraverse.judging import CORRIDOR
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
-from anytraverse.roi import sectors
 from companion.calls.machine import OperatorCalls
 from companion.wire import texts
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State, words_hash
@@ -38,10 +37,19 @@ def fractions(box: Box) -> Fractions:
 
 
 def summary(
-    seen: Assessment, region: Region, state: State, policy: Policy, current_id: int, view: int, now: float
+    seen: Assessment,
+    sectors: Sequence[float | None],
+    state: State,
+    policy: Policy,
+    current_id: int,
+    view: int,
+    now: float,
 ) -> Summary:
-    """The newest frame in one payload; the link fills in sequence and drops. view: field of view, degrees."""
-    roi, maps = seen.roi, seen.maps
+    """The newest frame in one payload; the link fills in sequence and drops.
+
+    sectors: drivable share of each image column, none where it was not judged. view: field of view, degrees.
+    """
+    roi = seen.roi
     return Summary(
         state=state,
         policy=policy,
@@ -58,7 +66,7 @@ def summary(
         field_of_view=view,
         words=words_hash(seen.words),
         dropped=0,
-        sectors=sectors(maps.known, maps.drivable, region, SECTORS) if maps else (None,) * SECTORS,
+        sectors=tuple(sectors) if len(sectors) == SECTORS else (None,) * SECTORS,
     )
 
 

@@ -7,17 +7,18 @@ import logging
 from anytraverse.assessment import Reason
 from companion.autopilots import known_autopilot
 from companion.calls.machine import OperatorCalls
-from companion.cameras.newest import CameraState, CameraThread
-from companion.eyes import Eyes
+from companion.cameras.newest import CameraState
 from companion.keeper import Keeper
 from companion.link.link import Link
 from companion.tasks import Liveness
 from companion.telling import fault_name
+from companion.vision.client import Vision
 from companion.wire import notices, texts
+from companion.wire.ids import Policy
 
 log = logging.getLogger(__name__)
 
-ERROR, WARNING, NOTICE = 3, 4, 5
+ALERT, ERROR, WARNING, NOTICE = 1, 3, 4, 5
 ALONE_AFTER = 10.0
 """Seconds without an autopilot after which the log says what to check."""
 RECOVERED_AFTER = 2.0
@@ -31,15 +32,13 @@ class Watch:
         self,
         liveness: Liveness,
         link: Link,
-        camera: CameraThread,
-        eyes: Eyes,
+        vision: Vision,
         calls: OperatorCalls,
         keeper: Keeper,
     ) -> None:
         self._liveness = liveness
         self._link = link
-        self._camera = camera
-        self._eyes = eyes
+        self._vision = vision
         self._calls = calls
         self._keeper = keeper
         self._faulty_at: float | None = None
@@ -48,22 +47,25 @@ class Watch:
         self._alone_since: float | None = None
         self._alone_said = False
         self._stranger: tuple[int, int] | None = None
+        self._unreliable = False
 
     def silent(self, now: float) -> list[str]:
         """What gives no sign of life, in two or three words each, the most basic first."""
-        state = self._camera.state
+        if self._vision.trouble:
+            return [self._vision.trouble]
+        silent = self._liveness.silent(now)
+        if "vision" in silent:  # of the camera nothing is known then
+            return ["vision silent"]
         names = {CameraState.ENDED: "camera ended", CameraState.FAILED: "camera failed"}
-        return [
-            names.get(state, "camera silent") if task == "camera" else f"{task} silent"
-            for task in self._liveness.silent(now)
-        ]
+        return [names.get(self._vision.camera.state, "camera silent")] if "camera" in silent else []
 
     def look(self, now: float) -> None:
         """Take in the signs of life and tell what changed."""
-        self._liveness.beat("eyes", self._eyes.alive_at)
-        if self._camera.delivered_at is not None:
-            self._liveness.beat("camera", self._camera.delivered_at)
+        self._liveness.beat("vision", self._vision.alive_at)
+        if self._vision.delivered_at is not None:
+            self._liveness.beat("camera", self._vision.delivered_at)
         self._look_at_faults(now)
+        self._look_at_deaths(now)
         self._look_for_autopilot(now)
         self._look_at_autopilot(now)
         if self._link.trouble != self._link_trouble:
@@ -73,6 +75,17 @@ class Watch:
             self._unremembered = self._keeper.failing
             text = notices.journal_fails() if self._unremembered else notices.journal_works()
             self._link.say(text, WARNING, now)
+
+    def _look_at_deaths(self, now: float) -> None:
+        """What dies again and again may see well in between: it does not end a hold by itself."""
+        if self._vision.unreliable:
+            self._calls.require_go()
+        if self._vision.unreliable is not self._unreliable:
+            self._unreliable = self._vision.unreliable
+            if self._unreliable:
+                text = notices.vision_unreliable(hold=self._calls.policy is Policy.HOLD)
+                log.error("%s", text)
+                self._link.say(text, ALERT, now)
 
     def _look_for_autopilot(self, now: float) -> None:
         if self._link.vehicle is not None:
@@ -101,7 +114,7 @@ class Watch:
         if Reason.FAULT in self._calls.sight.reasons(now):
             if self._faulty_at is None:
                 why = fault_name(self._calls.sight.newest, self.silent(now))
-                log.error("fault: %s %s", why, self._camera.status.reason)
+                log.error("fault: %s %s", why, self._vision.camera.reason)
                 if self._calls.current_id == 0:
                     self._link.say(texts.fit(f"Companion FAULT: {why}"), ERROR, now)
             self._faulty_at = now

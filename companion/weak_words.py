@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from anytraverse.errors import UnknownWordError
-from anytraverse.memory import Memory
-from anytraverse.perception import WEAK
-
-Trust = Callable[[str], str]
-"""How far a word can be trusted, as a perceiver with a `trust` says it. Raises UnknownWordError."""
+from collections.abc import Iterable
 
 
 class WeakWords:
     """Tells each weak word once when it comes into use, and again only after it was out of use."""
 
-    def __init__(self, trust: Trust | None) -> None:
-        """trust: None for a perceiver that says nothing of its words."""
-        self._trust = trust
-        self._in_use: frozenset[str] = frozenset()
+    def __init__(self) -> None:
+        self._told: frozenset[str] = frozenset()
 
-    def new(self, memory: Memory) -> list[str]:
-        """The weak words in use that were not before, and that no tap explains."""
-        before, self._in_use = self._in_use, frozenset(memory.preferences)
-        return [
-            word
-            for word in memory.preferences
-            if word not in before and word not in memory.examples and self._is_weak(word)
-        ]
-
-    def _is_weak(self, word: str) -> bool:
-        try:
-            return self._trust is not None and self._trust(word) == WEAK
-        except UnknownWordError:
-            return False
+    def new(self, weak: Iterable[str], words: Iterable[str]) -> list[str]:
+        """The weak ones of the `words` in use that were not told since they came into use."""
+        new = [word for word in weak if word not in self._told]
+        self._told = (self._told | frozenset(weak)) & frozenset(words)
+        return new

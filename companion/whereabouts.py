@@ -5,8 +5,12 @@ from __future__ import annotations
 import time
 
 from anytraverse.history import Place
+from companion.calls.machine import OperatorCalls
 from companion.link.link import Link
 from companion.wall_clock import WallClock
+
+MOVES = 0.1
+"""m/s above which a vehicle moves. It may be low: a sensor's noise makes any two pictures differ."""
 
 
 class Whereabouts:
@@ -29,3 +33,9 @@ class Whereabouts:
     def _told(self) -> float | None:
         vehicle = self._link.vehicle
         return None if vehicle is None or vehicle.clock is None else vehicle.clock + time.monotonic()
+
+
+def is_moving(link: Link, calls: OperatorCalls) -> bool:
+    """Whether the vehicle moves; where its speed is not known, whether it drives by itself."""
+    speed = link.vehicle.speed if link.vehicle is not None else None
+    return calls.autopilot.drives_itself if speed is None else speed > MOVES

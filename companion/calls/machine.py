@@ -100,6 +100,11 @@ class OperatorCalls:
             decisions.append(self._close(Outcome.SWITCHED_OFF))
         return decisions + self._settle(now)
 
+    def require_go(self) -> None:
+        """The hold that stands does not end without a go, whatever asked for it."""
+        if self.hold is not None:
+            self.hold.only_fault = False
+
     def retune(self, judging: Settings) -> None:
         """Other thresholds from now on."""
         self.numbers = replace(self.numbers, judging=judging)

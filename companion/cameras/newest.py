@@ -119,6 +119,11 @@ class CameraThread:
         """Never blocks."""
         return self._status.state
 
+    @property
+    def running(self) -> bool:
+        """Whether frames may come, or a file has ended in good order."""
+        return self._thread.is_alive() or self._status.state is CameraState.ENDED
+
     def take(self, timeout: float) -> Frame | None:
         """The newest frame not yet taken; blocks up to `timeout` seconds for one, whatever the state.
 

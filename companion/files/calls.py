@@ -9,15 +9,12 @@ import json
 import logging
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from anytraverse.assessment import Assessment
-from anytraverse.regions import Region
 from companion.calls.decisions import Call
 from companion.durable import write_whole
-from companion.files.thumbnail import thumbnail
 from companion.journal.records import record_of
 
 log = logging.getLogger(__name__)
@@ -35,33 +32,31 @@ _NAME = re.compile(r"\.?([0-9]{1,5})(-large)?\.(json|jpg)(\.part)?\Z", re.ASCII)
 class CallFiles:
     """A folder that `companion.files.folder.Folder` can serve as it is."""
 
-    def __init__(self, folder: Path, region: Callable[[], Region]) -> None:
-        """region: asked for the region of interest in force."""
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._region = region
         self._record: dict[str, Any] = {}
 
-    def opened(self, call: Call, large: Path | None, answers: Sequence[Mapping[str, Any]] = ()) -> str:
-        """Write all of a call; its picture's path as the ground asks for it, "" without one.
-
-        large: the album's picture, None: no pictures are kept. answers: those of before a restart.
-        """
-        pictures = {} if large is None or call.seen is None else self._pictures(call.id, call.seen, large)
+    def opened(self, call: Call, answers: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Write all of a call but its pictures. answers: those of before a restart."""
         self._record = {
             "id": call.id,
             **record_of(call),
-            **pictures,
             "outcome": None,
             "closed": None,
             "answers": [dict(answer) for answer in answers][-ANSWERS:],
         }
         self._write_record()
         self._prune(call.id)
-        return pictures.get("picture", "")
 
-    def held(self, number: int, seen: Assessment, large: Path | None) -> str:
-        """Write the pictures of a hold, as `opened` does; nothing else is told of it."""
-        pictures = {} if large is None else self._pictures(number, seen, large)
+    def drawn(self, number: int, small: bytes, large: Path) -> str:
+        """Write the pictures of a call or hold; the small one's path for the ground, "" without one.
+
+        small: JPEG sized for a radio. large: the album's picture.
+        """
+        pictures = self._pictures(number, small, large)
+        if number == self._record.get("id"):
+            self._record |= pictures
+            self._write_record()
         self._prune(number)
         return pictures.get("picture", "")
 
@@ -78,12 +73,13 @@ class CallFiles:
             self._record |= {"reasons": reasons, "outcome": call.outcome.name.lower(), "closed": round(at, 2)}
             self._write_record()
 
-    def _pictures(self, number: int, seen: Assessment, large: Path) -> dict[str, str]:
+    def _pictures(self, number: int, small: bytes, large: Path) -> dict[str, str]:
         names = {"picture": f"{number}.jpg", "large": f"{number}-large.jpg"}
         try:
-            self._write(names["picture"], thumbnail(seen, self._region()))
+            if small:
+                self._write(names["picture"], small)
             self._copy(large, names["large"])
-        except Exception as error:  # whatever the drawing raises, a picture is worth no fault
+        except OSError as error:
             log.warning("no picture of %d for the ground: %r", number, error)
         return {what: f"/calls/{name}" for what, name in names.items() if (self._folder / name).is_file()}
 

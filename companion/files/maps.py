@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Map
-from companion.files.opened import FileError, MissingError
+from companion.files.opened import MissingError
 from companion.files.tree import Documents
 
 WIDTH = 64
@@ -44,19 +47,35 @@ class NewestMaps:
 
 
 def grey_png(values: Map, unknown: float) -> bytes:
-    """A map in [0, 1], at most 64 pixels wide, in 16 steps. unknown: what stands for a value that is none.
-
-    Raises FileError, ImportError without OpenCV.
-    """
-    import cv2
-
+    """A map in [0, 1], at most 64 pixels wide, in 16 steps. unknown: what stands for a value that is none."""
     known = np.where(np.isfinite(values), values, unknown).astype(np.float32)
     height, width = known.shape
     if width > WIDTH:
-        size = (WIDTH, max(1, round(height * WIDTH / width)))
-        known = np.asarray(cv2.resize(known, size, interpolation=cv2.INTER_AREA), np.float32)
+        known = _averaged(known, max(1, round(height * WIDTH / width)), WIDTH)
     steps = np.round(known.clip(0, 1) * (LEVELS - 1)) * (255 / (LEVELS - 1))
-    done, encoded = cv2.imencode(".png", steps.astype(np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    if not done:
-        raise FileError("the map cannot be encoded")
-    return encoded.tobytes()
+    return _png(steps.astype(np.uint8))
+
+
+def _averaged(values: Map, height: int, width: int) -> Map:
+    """The mean of each of height x width blocks of pixels."""
+    rows, columns = (
+        np.linspace(0, size, count + 1).astype(np.intp)[:-1]
+        for size, count in zip(values.shape, (height, width), strict=True)
+    )
+    sums = np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1)
+    tall, wide = np.diff(rows, append=values.shape[0]), np.diff(columns, append=values.shape[1])
+    means: Map = (sums / np.outer(tall, wide)).astype(np.float32)
+    return means
+
+
+def _png(grey: NDArray[np.uint8]) -> bytes:
+    """PNG (ISO/IEC 15948) of (height, width) grey pixels: the supervisor has no OpenCV."""
+    height, width = grey.shape
+    rows = np.zeros((height, width + 1), np.uint8)  # each row begins with its filter: none
+    rows[:, 1:] = grey
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        for kind, body in chunks
+    )

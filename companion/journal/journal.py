@@ -10,13 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from anytraverse.frame import Image
 from anytraverse.memory import Memory
 from companion.calls.decisions import Call
 from companion.durable import sync_folder, write_durably
 from companion.journal.database import Database
 from companion.journal.errors import Damaged, JournalError
-from companion.journal.png import from_png, to_png
 from companion.journal.records import CallRecord, record_of
 from companion.journal.rows import read_memory, write_memory
 
@@ -84,18 +82,18 @@ class Journal:
         """The state kept last, or None."""
         return self._supervision
 
-    def save_frame(self, image: Image) -> None:
-        """Keep the frame of the open call, losslessly, in place of the one before. Raises JournalError."""
+    def save_frame(self, png: bytes) -> None:
+        """Keep the frame of the open call in place of the one before. Raises JournalError."""
         try:
-            write_durably(self._frame, to_png(image))
-        except (OSError, ImportError, ValueError) as error:
+            write_durably(self._frame, png)
+        except OSError as error:
             raise JournalError(f"{self._frame} cannot be written ({error}): make room on the disk") from error
 
-    def load_frame(self) -> Image | None:
-        """The frame kept last; None when there is none, or it cannot be read."""
+    def load_frame(self) -> bytes | None:
+        """The frame kept last, PNG; None when there is none, or it cannot be read."""
         try:
-            return from_png(self._frame.read_bytes())
-        except (OSError, ImportError, ValueError) as error:
+            return self._frame.read_bytes()
+        except OSError as error:
             if not isinstance(error, FileNotFoundError):
                 _log.warning("the frame of the open call is lost: %s", error)
             return None

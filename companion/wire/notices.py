@@ -134,6 +134,11 @@ def known_place(call: int) -> str:
     return fit(f"Known place again: words of C{call}" if call else "Known place again: words as at first")
 
 
+def vision_unreliable(*, hold: bool) -> str:
+    """The vision process dies again and again."""
+    return fit(f"Vision died 3 times in 10 min: {'a go is needed' if hold else 'see its log'}")
+
+
 def mishap() -> str:
     """An error that nobody foresaw; the companion goes on."""
     return "Companion error: see its log"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
-from anytraverse.memory import first_memory
+from anytraverse.memory import Memory, first_memory
 from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
@@ -22,12 +22,11 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.calls.policies import Policies
 from companion.calls.switch import OffSwitch, Side
-from companion.cameras.newest import CameraState, CameraStatus, CameraThread
+from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.configured import kept_values
 from companion.conversation import Conversation
 from companion.daemon import Daemon
-from companion.eyes import Eyes
 from companion.files.calls import CallFiles
 from companion.files.offer import Offer
 from companion.files.state import State
@@ -35,12 +34,13 @@ from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.kept import saved_replies
 from companion.link.rehearsal import Rehearsal
-from companion.model import Model
 from companion.overrides import Overrides
 from companion.refusal import HoldJudge
 from companion.restored import open_book, restore_calls
 from companion.settings_desk import SettingsDesk
-from companion.tasks import Liveness, tasks
+from companion.tasks import VISION, Liveness, tasks
+from companion.vision.client import Vision
+from companion.vision.loopback import Loopback
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
 from companion.wire.parameters import ROI, build
@@ -66,16 +66,11 @@ class Clock:
 
 
 class PlayedCamera:
-    """As far as the daemon looks at a `CameraThread`."""
+    """What the vision process tells of its camera."""
 
     def __init__(self) -> None:
         self.status = CameraStatus(CameraState.DELIVERING)
         self.delivered_at: float | None = None
-
-    @property
-    def state(self) -> CameraState:
-        """What the reader is doing."""
-        return self.status.state
 
 
 def picture(thing: str = "", ground: str = "grass", scene: int = 0) -> np.ndarray[Any, np.dtype[np.uint8]]:
@@ -103,6 +98,7 @@ class Rig:
     ) -> None:
         self.folder, self.clock, self.policy, self.pictures = folder, clock, policy, pictures
         self.frame_id = 0
+        self._grain = np.random.default_rng(0)
         self._pulses_at = 0.0
         self.hung = False
         self.switch = switch
@@ -125,7 +121,6 @@ class Rig:
         self.journal = Journal(self.folder)
         supervision = self.journal.load_supervision() or {}
         self.perceiver = Painted()
-        memory = self.journal.load_memory() or first_memory(self.perceiver.model_id, WORDS)
         configured = Settings(region=Box(*self.roi))
         overrides = Overrides(kept_values(self.config, configured), self.perceiver.model_id)
         self.left_out = overrides.restore(supervision.get("settings"))
@@ -139,18 +134,26 @@ class Rig:
         book = open_book(self.perceiver.model_id, self.calls, supervision.get("shadow"), now, notices)
         assert notices == []
         replies = saved_replies(supervision.get("replies"))
-        album = Album(self.folder / "pictures", self.pictures, lambda: judging.region)
+        album = Album(self.folder / "pictures", self.pictures)
         last_frame = int(supervision.get("frame_id", 0))
-        files = CallFiles(self.offer.calls, lambda: judging.region)
-        self.keeper = Keeper(self.journal, album, files, self.folder / "status.json", last_frame, replies)
+        files = CallFiles(self.offer.calls)
         self.camera = PlayedCamera()
-        self.engine = AnyTraverse(self.perceiver, judging, memory)
-        self.eyes = Eyes(self.engine, cast(Any, self.camera), PERIOD)
-        self.conversation = Conversation(self.calls, self.eyes, memory.preferences, replies)
+        self.judging = judging
+        memory = self.journal.load_memory()
+        self.vision = Vision(self._launch, self.config, memory, VISION, first_frame=last_frame + 1)
+        for _ in range(2):
+            self.vision.poll(now)
+            self.child.work()
+        self.vision.poll(now)
+        assert self.vision.ready is not None
+        self.keeper = Keeper(
+            self.journal, album, files, self.vision, self.folder / "status.json", last_frame, replies
+        )
+        self.conversation = Conversation(self.calls, self.vision, self.vision.memory.preferences, replies)
         self.desk = SettingsDesk(
             self.listed,
             self.stage.link,
-            self.eyes,
+            self.vision,
             self.calls,
             self.conversation,
             HoldJudge(self.config, Pace(self.step_time, PERIOD, judging.freshness)).refuses,
@@ -163,14 +166,13 @@ class Rig:
         liveness = Liveness(tasks(self.calls.numbers), now)
         self.daemon = Daemon(
             self.stage.link,
-            cast(CameraThread, self.camera),
-            self.eyes,
+            self.vision,
             self.calls,
             self.keeper,
             self.conversation,
             self.desk,
             liveness,
-            Model.of(self.perceiver),
+            self.vision.ready.model,
         )
         state = State(
             self.daemon.status,
@@ -181,11 +183,21 @@ class Rig:
             self.daemon.whereabouts,
         )
         self.offer.show(state.figures, lambda: self.calls.sight.newest)
-        self.keeper.restore_call_frame(self.calls, self.eyes)
+        self.vision.tune(judging)
+        self.keeper.restore_call_frame(self.calls)
+
+    def _launch(self) -> Loopback:
+        self.child = Loopback(self._make_engine, self.step_time)
+        return self.child
+
+    def _make_engine(self, memory: Memory | None) -> AnyTraverse:
+        known = memory or first_memory(self.perceiver.model_id, WORDS)
+        self.engine = AnyTraverse(self.perceiver, self.judging, known)
+        return self.engine
 
     def kill(self) -> None:
         """As kill -9 leaves it."""
-        self.eyes.stop()
+        self.vision.close()
         self.journal.close()
 
     def restart(self, *, forget_frame: bool = False) -> None:
@@ -198,6 +210,7 @@ class Rig:
         for _ in range(round(seconds / PERIOD)):
             self.frame_id += 1
             image = picture(thing, ground, scene)
+            image[1:, :, 2] = self._grain.integers(0, 256, image.shape[:2])[1:]  # no two are alike
             self.step(Frame(self.frame_id, self.clock.now + PERIOD - 0.02, image))
 
     def wait(self, seconds: float) -> None:
@@ -212,11 +225,11 @@ class Rig:
             self._turn()
         if frame is not None:
             self.camera.delivered_at = self.clock.now
-        if not self.hung:
-            self.eyes.alive_at = self.clock.now
-            self.eyes._do_jobs()
-            if frame is not None:
-                self.eyes._publish(self.eyes._judge(frame))
+        self.child.hung = self.hung
+        self.child.live(self.camera.status, self.camera.delivered_at)
+        self.child.work()
+        if frame is not None:
+            self.child.look(frame)
         self._turn()
 
     def answer(

@@ -35,7 +35,7 @@ def test_hung_eyes_are_told_from_a_lost_camera(rig: Rig) -> None:
     rig.hung = True
     rig.see(T + 0.5)
     assert rig.stage.mode == HOLD
-    assert "H1 FAULT eyes silent" in rig.texts
+    assert "H1 FAULT vision silent" in rig.texts
 
 
 def test_a_perceiver_that_fails_on_every_frame_is_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from anytraverse.regions import Box
 from companion.calls.decisions import Call
 from companion.files.calls import ANSWERS, KEPT, CallFiles
 from companion.files.offer import Offer
-from companion.files.thumbnail import LIMIT
+from companion.vision.thumbnail import LIMIT
 from companion.logbook import logbook
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion

@@ -15,7 +15,7 @@ from pymavlink import mavftp, mavutil
 
 from companion import readiness, run
 from companion.config import load_config
-from companion.files.thumbnail import LIMIT
+from companion.vision.thumbnail import LIMIT
 from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL
 from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import Painted

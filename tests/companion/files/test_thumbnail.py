@@ -14,7 +14,7 @@ from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.field.render import Camera
 from companion.field.things import World
-from companion.files.thumbnail import LIMIT, thumbnail
+from companion.vision.thumbnail import LIMIT, thumbnail
 
 REGION = Box(1 / 3, 0.6, 2 / 3, 0.95)
 REAL = Path(__file__).parents[3].parent / "shared" / "data" / "frames"

@@ -1,0 +1,230 @@
+"""What the vision process says is checked before it is believed: types, sizes, ranges, finite numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from anytraverse.answers import AnswerOutcome
+from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
+from anytraverse.history import Entry, History, is_embedding
+from anytraverse.judging import Settings
+from anytraverse.memory import Memory
+from anytraverse.perception import Example
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
+from anytraverse.roi import RoiFigures, Tile
+from companion.cameras.newest import CameraStatus
+from companion.model import Model
+from companion.vision.messages import (
+    Alive,
+    Done,
+    Drawn,
+    Failed,
+    Logged,
+    Looked,
+    MemoryUpdate,
+    Ready,
+    Report,
+)
+
+LARGEST_MAP = 4 << 20
+"""Pixels of one map."""
+LONGEST_TEXT = 4096
+_AHEAD = 0.001
+"""Seconds that a time of the other process may lie ahead, by rounding."""
+_ROUNDING = 1e-6
+_U32 = 0xFFFFFFFF
+
+
+class BadReportError(Exception):
+    """A report that cannot be true. Whoever said it is not to be relied on."""
+
+
+@dataclass
+class Expected:
+    """What the next report is measured by. last_frame: id of the newest frame that was heard of."""
+
+    last_frame: int
+
+
+def checked(message: Any, expected: Expected, now: float) -> Report:
+    """The report, where it can be believed. Raises BadReportError. now: monotonic seconds."""
+    try:
+        _check(message, expected, now)
+    except (AttributeError, TypeError, ValueError, LookupError) as error:  # not even the fields are right
+        raise BadReportError(f"wrong: {error!r}") from error
+    report: Report = message
+    return report
+
+
+def _check(message: Any, expected: Expected, now: float) -> None:
+    match message:
+        case Looked():
+            _check_looked(message, expected, now)
+        case Done(number, outcome, error, update):
+            _need(_whole(number) and _text(error), "a number and a text")
+            _need((outcome is None) == bool(error), "an outcome or an error")
+            if outcome is not None:
+                _check_outcome(outcome, now)
+            if update is not None:
+                _check_update(update)
+        case Ready(model, settings, update, notices, step):
+            _need(
+                isinstance(model, Model) and all(map(_text, (model.id, model.precision, model.why))),
+                "a model",
+            )
+            _need(isinstance(settings, Settings), "settings")
+            _need(isinstance(notices, tuple) and all(map(_text, notices)), "notices")
+            _need(_number(step) and 0.0 <= step < math.inf, "seconds of a step")
+            _check_update(update)
+        case Alive(camera, delivered_at):
+            _need(isinstance(camera, CameraStatus) and _text(camera.reason), "the state of a camera")
+            _need(delivered_at is None or _past(delivered_at, now), "when a frame came")
+        case Drawn():
+            texts_fit = _text(message.title) and _whole(message.number) and _whole(message.frame_id)
+            pictures = (message.panel, message.thumbnail, message.png)
+            _need(texts_fit and all(isinstance(one, bytes) for one in pictures), "pictures")
+        case Logged(level, name, text):
+            _need(_whole(level) and _text(name) and _text(text), "a line of the log")
+        case Failed(text):
+            _need(_text(text), "a text")
+        case _:
+            raise BadReportError(f"no report but {type(message).__name__}")
+
+
+def _check_looked(looked: Looked, expected: Expected, now: float) -> None:
+    seen = looked.assessment
+    _check_assessment(seen, now)
+    _need(seen.frame.id > expected.last_frame, f"frame {seen.frame.id} after {expected.last_frame}")
+    _need(_past(looked.at, now) and looked.at >= seen.frame.captured_at, "when a frame was judged")
+    _need(_number(looked.took) and looked.took >= 0.0, "seconds of judging")
+    _need(_whole(looked.revision), "a revision")
+    _need(isinstance(looked.sectors, tuple) and len(looked.sectors) <= 16, "sectors")
+    _need(all(share is None or _fraction(share) for share in looked.sectors), "a sector's share")
+    if looked.update is not None:
+        _check_update(looked.update)
+    expected.last_frame = seen.frame.id
+
+
+def _check_outcome(outcome: Any, now: float) -> None:
+    _need(isinstance(outcome, AnswerOutcome), "an outcome")
+    _need(all(map(_text, outcome.dropped)) and isinstance(outcome.remembered, bool), "what an answer changed")
+    for seen in (outcome.call, outcome.newest):
+        if seen is not None:
+            _check_assessment(seen, now)
+
+
+def _check_assessment(seen: Any, now: float) -> None:
+    _need(isinstance(seen, Assessment), "an assessment")
+    _need(_whole(seen.frame.id) and seen.frame.id <= _U32, "a frame's id")
+    _need(_past(seen.frame.captured_at, now), "when a frame was taken")
+    _need(isinstance(seen.words, Preferences) and all(map(_text, seen.dropped)), "words")
+    _need(_number(seen.age) and math.isfinite(seen.age), "a frame's age")
+    _need(
+        seen.similarity is None or (_number(seen.similarity) and -1.0 <= seen.similarity <= 1.0),
+        "a similarity",
+    )
+    _need(_number(seen.scene_age) and math.isfinite(seen.scene_age), "a scene's age")
+    _need(isinstance(seen.findings, tuple), "findings")
+    for finding in seen.findings:
+        _check_finding(finding)
+    if seen.maps is not None:
+        _check_maps(seen.maps, len(seen.words))
+    if seen.roi is not None:
+        _check_roi(seen.roi)
+    if seen.observation is not None:
+        _need(isinstance(seen.observation, Observation), "an observation")
+        embedding = seen.observation.embedding
+        _need(isinstance(embedding, np.ndarray) and embedding.dtype == np.float32, "an embedding")
+    for entry in (seen.adopted, seen.match.entry if seen.match is not None else None):
+        if entry is not None:
+            _check_entry(entry)
+
+
+def _check_finding(finding: Any) -> None:
+    right = isinstance(finding, Finding) and isinstance(finding.reason, Reason) and _text(finding.figure)
+    _need(right and isinstance(finding.bad, bool) and isinstance(finding.clear, bool), "a finding")
+    _need(not (finding.bad and finding.clear), "a finding that is bad and clear")
+    _need(_number(finding.value) and _number(finding.threshold), "a finding's figures")
+
+
+def _check_maps(maps: Any, words: int) -> None:
+    _need(isinstance(maps, Maps), "maps")
+    shape = maps.signed.shape
+    _need(len(shape) == 2 and 0 < maps.signed.size <= LARGEST_MAP, f"maps of shape {shape}")
+    for name, lowest in (("signed", -1.0), ("uncertainty", 0.0), ("strangeness", 0.0)):
+        one = getattr(maps, name)
+        right = isinstance(one, np.ndarray) and one.dtype == np.float32 and one.shape == shape
+        _need(right and bool(np.isfinite(one).all()), f"the map {name}")
+        _need(float(one.min()) >= lowest and float(one.max()) <= 1.0, f"values of the map {name}")
+    _need(isinstance(maps.named, np.ndarray) and maps.named.shape == (words,), "words of the maps")
+
+
+def _check_roi(roi: Any) -> None:
+    _need(isinstance(roi, RoiFigures) and isinstance(roi.worst_tile, Tile), "figures of the ROI")
+    _need(isinstance(roi.worst_tile.box, Box), "a tile's box")
+    shares = (roi.uncertainty, roi.traversability, roi.known_share, roi.worst_tile.uncertainty)
+    _need(all(_fraction(share) for share in shares), "figures of the ROI")
+    _need(roi.drivable_share is None or _fraction(roi.drivable_share), "a drivable share")
+
+
+def _check_update(update: Any) -> None:
+    _need(isinstance(update, MemoryUpdate) and isinstance(update.memory, Memory), "a memory")
+    _need(all(map(_whole, (update.revision, update.base, update.limit, update.memory.clock))), "a revision")
+    memory = update.memory
+    _need(_text(memory.model_id) and isinstance(memory.history, History), "a memory")
+    _need(isinstance(memory.preferences, Preferences) and isinstance(memory.configured, Preferences), "words")
+    _need(memory.reference is None or _is_vector(memory.reference), "a reference")
+    _need(all(_text(word) and _whole(at) for word, at in memory.settled.items()), "stamps of words")
+    _check_examples(memory.examples)
+    for entry in update.entries:
+        _check_entry(entry)
+    _need(all(map(_whole, update.removed)) and all(map(_text, update.weak)), "rows of a memory")
+
+
+def _check_entry(entry: Any) -> None:
+    _need(isinstance(entry, Entry) and _is_vector(entry.embedding), "a remembered scene")
+    _need(all(map(_whole, (entry.order, entry.matched, entry.call_id))), "a remembered scene's stamps")
+    _need(isinstance(entry.preferences, Preferences), "a remembered scene's words")
+    _check_examples(entry.examples)
+
+
+def _check_examples(examples: Any) -> None:
+    for word, kept in examples.items():
+        _need(
+            _text(word) and all(isinstance(one, Example) and _is_vector(one.vector) for one in kept), "taps"
+        )
+
+
+def _is_vector(vector: Any) -> bool:
+    right = isinstance(vector, np.ndarray) and vector.dtype == np.float32 and vector.ndim == 1
+    return right and (is_embedding(vector) or bool(np.isfinite(vector).all()))
+
+
+def _past(seconds: Any, now: float) -> bool:
+    return _number(seconds) and math.isfinite(seconds) and seconds <= now + _AHEAD
+
+
+def _fraction(value: Any) -> bool:
+    return _number(value) and -_ROUNDING <= value <= 1.0 + _ROUNDING
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= LONGEST_TEXT
+
+
+def _need(holds: bool, what: str) -> None:
+    if not holds:
+        raise BadReportError(f"wrong: {what}")

@@ -1,0 +1,82 @@
+"""A vision process without a process, for tests and benches: its messages are real, its time is the caller's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from anytraverse.memory import Memory
+from companion.cameras.newest import CameraStatus
+from companion.model import Model
+from companion.vision.codec import Splitter, decode_trusted, encode
+from companion.vision.messages import Alive, Ready, Report, Start, update_from
+from companion.vision.worker import Worker, weak_in_use
+
+
+class Loopback:
+    """A `Child` that does what it was asked when `work` is called, and not while it is `hung`."""
+
+    idle = True
+
+    def __init__(self, engine: Callable[[Memory | None], AnyTraverse], step: float = 0.02) -> None:
+        """engine: makes one on a memory, None: none was ever kept. step: seconds that a whole step is said to take."""
+        self._make = engine
+        self._step = step
+        self._splitter = Splitter()
+        self._requests: list[bytes] = []
+        self._reports: list[bytes] = []
+        self._worker: Worker | None = None
+        self.hung = False
+        self.death = ""
+        self.requests: list[object] = []
+        """All that it was asked, oldest first."""
+
+    def fileno(self) -> int | None:
+        return None
+
+    def send(self, message: bytes) -> bool:
+        self._requests += self._splitter.feed(message)
+        return True
+
+    def receive(self) -> list[bytes]:
+        taken, self._reports = self._reports, []
+        return taken
+
+    def ended(self) -> str:
+        return self.death
+
+    def close(self) -> None:
+        self.death = self.death or "closed"
+
+    def work(self) -> None:
+        """Do what waits."""
+        while self._requests and not self.hung and not self.death:
+            request = decode_trusted(self._requests.pop(0))
+            self.requests.append(request)
+            if isinstance(request, Start):
+                self._start(request)
+            elif self._worker is not None:
+                for report in self._worker.handle(request):
+                    self.report(report)
+
+    def look(self, frame: Frame) -> None:
+        """Judge a frame."""
+        if self._worker is not None and not self.hung and not self.death:
+            self.report(self._worker.look(frame))
+
+    def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
+        """Give a sign of life."""
+        if not self.hung and not self.death:
+            self.report(Alive(camera, delivered_at))
+
+    def report(self, report: Report) -> None:
+        """Send anything to the supervisor."""
+        self._reports += Splitter().feed(encode(report))
+
+    def _start(self, start: Start) -> None:
+        engine, revision = self._make(start.memory), start.revision + 1
+        self._worker = Worker(engine, revision)
+        memory = engine.memory
+        update = update_from(start.memory, memory, revision, start.revision, weak_in_use(engine, memory))
+        self.report(Ready(Model.of(engine.perceiver), engine.settings, update, (), self._step))

@@ -1,0 +1,83 @@
+"""Pictures of judged frames, encoded: panels to look at later, thumbnails for a radio, frames to keep."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+
+from anytraverse.assessment import Assessment
+from anytraverse.frame import Image, is_image
+from anytraverse.regions import Region
+from companion.vision.messages import Draw, Drawn
+from companion.vision.thumbnail import thumbnail
+from companion.wire.ids import State
+
+log = logging.getLogger(__name__)
+
+_COLOURS = {
+    State.STARTING: (110, 118, 129),
+    State.OK: (0, 158, 115),
+    State.CALLING: (230, 159, 0),
+    State.HOLDING: (86, 180, 233),
+    State.BLOCKED: (213, 94, 0),
+    State.FAULT: (160, 30, 30),
+    State.OFF: (110, 118, 129),
+}
+_QUALITY = 90
+
+
+def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
+    """All that was asked for; what cannot be drawn is left out, since a picture is worth no fault."""
+
+    def made(what: str, draw: Callable[[], bytes]) -> bytes:
+        try:
+            return draw()
+        except Exception as error:  # whatever the drawing raises
+            log.warning("no %s of %s: %r", what, request.title, error)
+            return b""
+
+    return Drawn(
+        request.number,
+        request.frame_id,
+        request.title,
+        panel=made("picture", lambda: panel(seen, request.state, request.title, region)),
+        thumbnail=made("thumbnail", lambda: thumbnail(seen, region)) if request.keep else b"",
+        png=made("copy", lambda: to_png(seen.frame.image)) if request.keep else b"",
+    )
+
+
+def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
+    """JPEG of the frame under its judgement, with title and figures. Raises ValueError, ImportError."""
+    import cv2
+
+    from anytraverse.panel import draw_state
+
+    tile = draw_state(seen.frame.image, seen, title, _COLOURS[state], region=region)
+    done, encoded = cv2.imencode(".jpg", tile[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    if not done:
+        raise ValueError("the picture could not be encoded")
+    return encoded.tobytes()
+
+
+def to_png(image: Image) -> bytes:
+    """A frame without loss. Raises ValueError for what is no RGB picture, ImportError without OpenCV."""
+    import cv2
+
+    if not is_image(image):
+        raise ValueError("not an RGB picture of 8 bits a channel")
+    done, encoded = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    if not done:
+        raise ValueError("the picture cannot be encoded")
+    return encoded.tobytes()
+
+
+def from_png(content: bytes) -> Image:
+    """What `to_png` encoded. Raises ValueError for what is no picture, ImportError without OpenCV."""
+    import cv2
+
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) if content else None
+    if picture is None:
+        raise ValueError("the picture is torn")
+    return np.ascontiguousarray(picture[..., ::-1], np.uint8)

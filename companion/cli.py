@@ -26,9 +26,10 @@ class UserError(Exception):
     """Something that whoever typed the command can mend. Its text is what they are told."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; its exit code, or 2 with what to mend on stderr."""
+def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = None) -> int:
+    """Run a command; its exit code, or 2 with what to mend on stderr. vision: as for `companion.run.main`."""
     options = _parser().parse_args(arguments)
+    options.vision = vision
     try:
         code: int = options.run(options)
     except UserError as error:
@@ -86,7 +87,7 @@ def _run(options: argparse.Namespace) -> int:
         config = load_config(options.config)
         from companion.run import main as run
 
-        return _leave(run(config))
+        return _leave(run(config, vision=options.vision))
     except ConfigError as error:
         raise UserError(_told(error)) from error
     except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:

@@ -46,15 +46,15 @@ log = logging.getLogger(__name__)
 _STATUS_PERIOD = 1.0
 
 
-def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequence[str] = COMMAND) -> int:
+def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequence[str] | None = None) -> int:
     """Run until `stop()` (by default SIGTERM or SIGINT); the exit code.
 
-    vision: the command of the vision process, for one with perceivers of its own.
+    vision: the command of the vision process, for one that knows other perceivers.
     Raises AnyTraverseError, LinkError, ParameterError, JournalError for what a person must mend first.
     """
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
-        return _main(config, stop, vision, closing)
+        return _main(config, stop, vision or COMMAND, closing)
 
 
 def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], closing: ExitStack) -> int:

@@ -43,12 +43,12 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
     fresh = numbers.freshness
     # fmt: off
     return (
-        Task("camera",  "keeps the newest frame",         "vision process, own rate",   fresh, "fault: hold"),
-        Task("vision",  "judges frames, applies answers", "vision process, judged rate", fresh, "fault: hold",
+        Task("camera",  "keeps the newest frame",         "vision process, own rate", fresh, "fault: hold"),
+        Task("vision",  "judges frames, applies answers", "vision process, as asked", fresh, "fault: hold",
              VISION),
-        Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",    None,  "no heartbeat"),
-        Task("calls",   "decides: call, hold, resume",    "main loop, on every input",  None,  "no heartbeat"),
-        Task("journal", "writes what must survive",       "main loop, on every change", None,  "said"),
+        Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",  None,  "no heartbeat"),
+        Task("calls",   "decides: call, hold, resume",    "main loop, every input",   None,  "no heartbeat"),
+        Task("journal", "writes what must survive",       "main loop, every change",  None,  "said"),
     )
     # fmt: on
 

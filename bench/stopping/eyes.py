@@ -1,11 +1,16 @@
 """The companion with a perceiver that breaks when told to: `python -m bench.stopping.eyes run --config FILE`.
 
-`broken:FILE` is the built-in perceiver until FILE says otherwise: "nan" or "one nan" for maps that are not
-numbers, as a whole or in one pixel, "hang" for a call that never returns.
+`broken:FILE` is the built-in perceiver until FILE says otherwise. "nan" or "one nan": maps that are not numbers,
+as a whole or in one pixel. "hang": a call that never returns. "lock": the same in native code that keeps the
+interpreter's lock. "segfault": native code that reads where nothing is. "memory": killed as the kernel kills
+when memory runs out. `python -m bench.stopping.eyes vision ...` is its vision process.
 """
 
 from __future__ import annotations
 
+import ctypes
+import os
+import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -56,8 +61,15 @@ class Breakable:
         return self._own.meaning(word)
 
     def encode(self, image: Image) -> Features:
-        if self._fault() == "hang":
-            threading.Event().wait()
+        match self._fault():
+            case "hang":
+                threading.Event().wait()
+            case "lock":
+                ctypes.PyDLL(None).pause()  # PyDLL keeps the interpreter's lock
+            case "segfault":
+                ctypes.string_at(0)
+            case "memory":
+                os.kill(os.getpid(), signal.SIGKILL)
         return self._own.encode(image)
 
     def attend(self, features: Features, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
@@ -83,7 +95,11 @@ class Breakable:
 
 
 if __name__ == "__main__":
+    register()
+    if sys.argv[1] == "vision":
+        from companion.vision.process import main as see
+
+        see(int(sys.argv[2]), int(sys.argv[3]))
     from companion.cli import main
 
-    register()
-    sys.exit(main())
+    sys.exit(main(vision=(sys.executable, "-m", "bench.stopping.eyes", "vision")))

@@ -1,7 +1,7 @@
-"""Messages as bytes. The vision process runs native code on whatever a camera sends: what it says is only data.
+"""Messages as bytes. Native code reads whatever a camera sends: what the vision process says is only data.
 
-A message is a length (u32, little endian) and a pickle. The supervisor's side reads dataclasses and enums of the
-modules listed here, and numpy arrays, nothing else. Frames, attention and features stay in the vision process.
+A message is a length (u32, little endian) and a pickle. The supervisor's side reads dataclasses and enums of
+the modules listed here, and numpy arrays, nothing else. Pixels, attention and features stay where they are.
 """
 
 from __future__ import annotations

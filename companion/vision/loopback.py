@@ -1,4 +1,4 @@
-"""A vision process without a process, for tests and benches: its messages are real, its time is the caller's."""
+"""A vision process without a process, for tests and benches: real messages, the caller's time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Loopback:
     idle = True
 
     def __init__(self, engine: Callable[[Memory | None], AnyTraverse], step: float = 0.02) -> None:
-        """engine: makes one on a memory, None: none was ever kept. step: seconds that a whole step is said to take."""
+        """engine: makes one on a memory, None: none was ever kept. step: seconds that a step is said to take."""
         self._make = engine
         self._step = step
         self._splitter = Splitter()

@@ -132,7 +132,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class Alive:
-    """Sent a few times a second. delivered_at: monotonic seconds of the camera's newest frame, None: none yet."""
+    """Sent a few times a second. delivered_at: monotonic seconds of the newest frame, None: none yet."""
 
     camera: CameraStatus
     delivered_at: float | None

@@ -36,7 +36,7 @@ from companion.vision.messages import (
 
 log = logging.getLogger(__name__)
 
-RECENT = 4
+RECENT = 3
 """Judged frames that can still be drawn or kept: the supervisor is at most two behind."""
 KEPT = 3
 """Frames of calls and holds that can be answered and tapped in."""

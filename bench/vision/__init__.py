@@ -1,0 +1,1 @@
+"""What the vision process costs, and what its death costs: nothing that was acknowledged."""

@@ -1,0 +1,218 @@
+"""Kills the vision process between an answer and its acknowledgement, again and again, by SIGKILL.
+
+`python -m bench.vision.kills --kills 200`. Real processes: the daemon in this one, the vision process it starts,
+an operator on UDP who sends each answer again under the same transaction until it is acknowledged for good. Its
+last line is JSON. `lost`: words that were acknowledged and are not in the journal afterwards. `twice`: answers
+that were applied more than once, by the memory's clock, which counts every change.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import os
+import random
+import signal
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import cv2
+from pymavlink.dialects.v20 import development as mavlink
+
+from bench.link.plates import picture
+from bench.vision.painted import COMMAND, register
+from companion import run
+from companion.config import load_config
+from companion.journal import Journal
+from companion.tasks import VISION
+from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
+from companion.wire.ids import COMPONENT_ID, TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Result
+
+LONGEST_DELAY = 0.06
+"""s from sending to the kill, at random: about the time that an answer takes."""
+_LOOK = 0.002
+AGAIN_AFTER = 0.4
+PATIENCE = 30.0
+_DONE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
+
+
+class Operator:
+    """Sends answers as 255/190 and hears what comes of them."""
+
+    def __init__(self) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(_LOOK)
+        self._rover: Any = None
+        self._encoder = mavlink.MAVLink(None, 255, 190)
+        self._parser = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self.socket.getsockname()[1])
+
+    def send(self, transaction: int, word: str, weight: float) -> None:
+        """One word without a call."""
+        payload = AnswerMessage(transaction, 0, Motion.NONE, (SetWord(word, weight),)).pack()
+        padded = list(payload.ljust(128, b"\0"))
+        message = mavlink.MAVLink_tunnel_message(1, COMPONENT_ID, TUNNEL_ANSWER, len(payload), padded)
+        packed = message.pack(self._encoder)
+        self._encoder.seq = (self._encoder.seq + 1) % 256
+        if self._rover is not None:
+            self.socket.sendto(packed, self._rover)
+
+    def acknowledgements(self) -> list[Acknowledgement]:
+        """What came within 2 ms."""
+        try:
+            data, self._rover = self.socket.recvfrom(4096)
+        except TimeoutError:
+            return []
+        return [
+            Acknowledgement.unpack(bytes(message.payload[: message.payload_length]))
+            for message in self._parser.parse_buffer(data) or []
+            if message.get_type() == "TUNNEL" and message.payload_type == TUNNEL_ACKNOWLEDGEMENT
+        ]
+
+
+class Returns(logging.Handler):
+    """Counts how often the vision process was back."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+        self.setFormatter(logging.Formatter("%(message)s"))
+        log = logging.getLogger("companion.vision.client")
+        log.setLevel(logging.INFO)
+        log.addHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.count += record.getMessage() == "the vision process is back"
+
+
+def vision_pid() -> int | None:
+    """Of the vision process that this process started, None while there is none."""
+    for task in Path("/proc/self/task").iterdir():
+        with suppress(OSError, ValueError):
+            for pid in (task / "children").read_text().split():
+                if "bench.vision.painted" in Path(f"/proc/{pid}/cmdline").read_text():
+                    return int(pid)
+    return None
+
+
+def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
+    """Kill `count` times; what came of it."""
+    register()
+    chance, operator = random.Random(seed), Operator()
+    frames = folder / "frames"
+    frames.mkdir()
+    cv2.imwrite(str(frames / "0.png"), picture(0)[..., ::-1])
+    path = folder / "companion.toml"
+    path.write_text(
+        f'[camera]\nsource = "folder:{frames}"\nloop = true\n[vehicle]\nfile = ""\n'
+        f'[link]\nurl = "udpout:127.0.0.1:{operator.port}"\nbudget = 0\nasked_budget = 0\n'
+        f'[journal]\nfolder = "{folder / "state"}"\n[perceiver]\nname = "plates"\n[words]\ngrass = 1.0\n'
+    )
+    over, results = threading.Event(), Counter[str]()
+    told: dict[str, float] = {}
+    daemon = threading.Thread(
+        target=run.main, args=(load_config(str(path)), over.is_set, COMMAND), name="daemon"
+    )
+    killed = answers = 0
+    returns = Returns()
+    with mock.patch("companion.run.VISION", VISION._replace(first=0.0)):
+        daemon.start()
+        try:
+            while killed < count:
+                answers += 1
+                word, weight = f"thing {answers % 12 + 1}", round(2.0 * chance.random() - 1.0, 3)
+                killed += _answered(operator, answers, word, weight, chance, results)
+                told[word] = weight
+        finally:
+            over.set()
+            daemon.join()
+            operator.socket.close()
+    journal = Journal(folder / "state")
+    memory = journal.load_memory()
+    journal.close()
+    assert memory is not None
+    kept = {word: round(memory.preferences[word], 3) for word in memory.preferences}
+    lost = [word for word, weight in told.items() if abs(kept.get(word, 9.0) - weight) > 1e-3]
+    # The clock counts the first reference, each return of the process, and each answer that was applied.
+    twice = memory.clock - 1 - returns.count - answers
+    return {
+        "kills": killed,
+        "answers": answers,
+        "returns": returns.count,
+        "lost": len(lost),
+        "twice": twice,
+        "acknowledged": dict(results),
+    }
+
+
+def _answered(
+    operator: Operator,
+    transaction: int,
+    word: str,
+    weight: float,
+    chance: random.Random,
+    results: Counter[str],
+) -> int:
+    """Send until it is acknowledged for good, with one kill on the way; how many there were."""
+    until = time.monotonic() + PATIENCE
+    while vision_pid() is None or not _reachable(operator):
+        if time.monotonic() > until:
+            raise TimeoutError("no vision process")
+    kill_at: float | None = None
+    sent_at, killed = float("-inf"), 0
+    while time.monotonic() < until:
+        now = time.monotonic()
+        if now - sent_at >= AGAIN_AFTER:
+            sent_at = now
+            operator.send(transaction, word, weight)
+            if kill_at is None and not killed:
+                kill_at = now + chance.random() * LONGEST_DELAY
+        if kill_at is not None and now >= kill_at:
+            kill_at = None
+            pid = vision_pid()
+            if pid is not None:
+                os.kill(pid, signal.SIGKILL)
+                killed = 1
+        for ack in operator.acknowledgements():
+            if ack.transaction == transaction:
+                results[ack.result.name.lower()] += 1
+                if ack.result in _DONE:
+                    return killed
+    raise TimeoutError(f"answer {transaction} was never acknowledged: {dict(results)}")
+
+
+def _reachable(operator: Operator) -> bool:
+    operator.acknowledgements()
+    return operator._rover is not None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """0 when nothing was lost or applied twice."""
+    parser = argparse.ArgumentParser(prog="python -m bench.vision.kills", description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        figures = kills(options.kills, options.seed, Path(folder))
+    print(json.dumps(figures))
+    return 0 if figures["lost"] == figures["twice"] == 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,28 @@
+"""A vision process that starts in a blink: `python -m bench.vision.painted DESCRIPTOR PARENT`."""
+
+from __future__ import annotations
+
+import sys
+
+from anytraverse.perception import KINDS
+from anytraverse.perception.runtime import Runtime
+from bench.link.plates import Plates
+
+COMMAND = (sys.executable, "-m", "bench.vision.painted")
+
+
+def make(_: str, __: Runtime) -> Plates:
+    """The perceiver of bench.link, which reads numbers off pictures."""
+    return Plates()
+
+
+def register() -> None:
+    """Make "plates" a kind of perceiver in this process."""
+    KINDS["plates"] = ("bench.vision.painted", "make")
+
+
+if __name__ == "__main__":
+    from companion.vision.process import main
+
+    register()
+    main(int(sys.argv[1]), int(sys.argv[2]))

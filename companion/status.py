@@ -59,6 +59,7 @@ class Status:
             },
             "test_call": self._trial.status,
             "hold_refused": self._desk.policy.hold_refused,
+            "vision": {"trouble": self._vision.trouble, "restarts": self._vision.restarted},
             "camera": {
                 "state": camera.state.value,
                 "reason": camera.reason,

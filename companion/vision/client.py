@@ -17,7 +17,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
-from companion.cameras.newest import CameraStatus
+from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.tasks import Restarts
 from companion.vision.checks import BadReportError, Expected, checked
@@ -348,7 +348,8 @@ class Vision:
         self._again_at = now + wait
         self.trouble = short
         self.restarted += 1
-        self.camera, self.delivered_at = replace(self.camera, reason=what), None
+        self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=what)
+        self.delivered_at = None
         self._drawing.clear()
         error = VisionLostError("vision restarted: send it again")
         asked = [token for token in self._asked.values() if token is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from anytraverse.decoding import decode
 from anytraverse.frame import Image, is_image
 
 
@@ -20,10 +21,8 @@ def to_png(image: Image) -> bytes:
 
 
 def from_png(content: bytes) -> Image:
-    """Raises ValueError for what is no picture, ImportError without OpenCV."""
-    import cv2
-
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) if content else None
+    """Raises ValueError for what is no picture or one too large, ImportError without OpenCV."""
+    picture = decode(content)
     if picture is None:
         raise ValueError("the picture is torn")
     return np.ascontiguousarray(picture[..., ::-1], np.uint8)

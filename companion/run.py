@@ -58,7 +58,9 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
     """
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
-        return _main(config, stop, closing)
+        code = _main(config, stop, closing)
+        log.info("told to stop, and stopped")
+        return code
 
 
 def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
@@ -125,7 +127,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
         news.append(notices.int8_idle())
     _tell(news, link, now)
     log.info("perceiver: %s, %.0f ms a frame", model, 1e3 * pace.step)
-    log.info("ready: camera %s, policy %s", config.camera.source, numbers.policy.name.lower())
+    log.info("ready: policy %s", numbers.policy.name.lower())
     eyes.start()
     keeper.restore_call_frame(calls, eyes)
     _run(daemon, keeper, stop)

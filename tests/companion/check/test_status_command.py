@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from companion.check import status_command
+from companion.check.here import RUNNING
 from companion.cli import main
 
 WELL: dict[str, Any] = {
@@ -102,10 +103,9 @@ def test_one_that_writes_nothing_any_more_hangs(folder: Folder, capsys: pytest.C
     try:
         folder.says(process.pid)
         at = time.time()
-        monotonic = at + status_command.RUNNING + 3.0
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(status_command, "_started", lambda _: at - 60.0)
-            patched.setattr(status_command.time, "time", lambda: monotonic)
+            patched.setattr(time, "time", lambda: at + RUNNING + 3.0)
             assert folder.asked() == 1
     finally:
         process.communicate(b"\n", timeout=10.0)

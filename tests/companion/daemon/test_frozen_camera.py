@@ -104,9 +104,7 @@ def test_noise_on_a_still_picture_is_the_same_picture(drive: Callable[[float], P
         assert frozen.seconds(with_noise(still, number), now, moving=True) == pytest.approx(now)
 
 
-@pytest.mark.parametrize(
-    ("contrast", "haze"), [(1.0, 0.0), (0.15, 0.0), (0.2, 160.0), (0.08, 185.0)], ids=str
-)
+@pytest.mark.parametrize(("contrast", "haze"), [(1.0, 0.0), (0.15, 0.0), (0.2, 160.0)], ids=str)
 def test_a_rover_that_creeps_sees_another_picture_within_a_second_in_little_light_and_fog(
     drive: Callable[[float], Picture], contrast: float, haze: float
 ) -> None:

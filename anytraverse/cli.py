@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Union
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.release import own_version
 
 Commands = Mapping[str, tuple[str, Union[str, "Commands"]]]
 
@@ -42,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command: its exit code, or 2 with one line on stderr when the input cannot be used."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="anytraverse", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
     try:
         _add(parser, COMMANDS, words)
         options = parser.parse_args(words)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from anytraverse.assessment import Assessment
+from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError, PerceiverError
 from anytraverse.frame import Frame, Image
@@ -73,11 +74,12 @@ def read_picture(path: str) -> Image:
         raise PerceiverError(
             'reading pictures needs OpenCV: pip install "anytraverse-companion[rover]"'
         ) from None
-    data = np.frombuffer(Path(path).read_bytes(), dtype=np.uint8)
+    with Path(path).open("rb") as file:
+        content = file.read(MAX_BYTES + 1)
     try:
-        picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    except cv2.error:
-        picture = None
+        picture = decode(content)
+    except PictureTooLargeError as error:
+        raise PictureError(f"{path}: {error}") from error
     if picture is None:
         raise PictureError(f"{path}: not a picture that can be read, give a JPEG or PNG file")
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)

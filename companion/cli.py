@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anytraverse.release import own_version
+
 if TYPE_CHECKING:
     from companion.config import Config
 
@@ -42,6 +44,7 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="companion", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
 
     run = commands.add_parser("run", help="look, judge and call, until stopped")
@@ -66,6 +69,11 @@ def _parser() -> argparse.ArgumentParser:
     whole.add_argument("--json", action="store_true", help="the last line is one JSON object")
     whole.add_argument("--dry-run", action="store_true", help="raise a test call, and wait for its answer")
     whole.set_defaults(run=_check_rover)
+
+    status = commands.add_parser("status", help="say what the companion that runs says of itself")
+    status.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
+    status.add_argument("--json", action="store_true", help="the last line is one JSON object")
+    status.set_defaults(run=_status)
 
     config = commands.add_parser("config", help="check a configuration")
     actions = config.add_subparsers(dest="action", required=True, metavar="action")
@@ -164,6 +172,12 @@ def _check_rover(options: argparse.Namespace) -> int:
     from companion.check.main import check
 
     return check(options.file, link=options.link, as_json=options.json)
+
+
+def _status(options: argparse.Namespace) -> int:
+    from companion.check.status_command import status
+
+    return status(options.file, as_json=options.json)
 
 
 def _try_perceiver(config: Config) -> str:

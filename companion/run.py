@@ -54,7 +54,9 @@ def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequenc
     """
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
-        return _main(config, stop, vision or COMMAND, closing)
+        code = _main(config, stop, vision or COMMAND, closing)
+        log.info("told to stop, and stopped")
+        return code
 
 
 def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], closing: ExitStack) -> int:
@@ -117,7 +119,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
         news.append(notices.int8_idle())
     _tell(news, link, now)
     log.info("perceiver: %s, %.0f ms a frame", model, 1e3 * pace.step)
-    log.info("ready: camera %s, policy %s", config.camera.source, numbers.policy.name.lower())
+    log.info("ready: policy %s", numbers.policy.name.lower())
     vision.tune(judging)
     keeper.restore_call_frame(calls)
     _run(daemon, keeper, stop)

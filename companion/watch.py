@@ -114,7 +114,7 @@ class Watch:
         if Reason.FAULT in self._calls.sight.reasons(now):
             if self._faulty_at is None:
                 why = fault_name(self._calls.sight.newest, self.silent(now))
-                log.error("fault: %s %s", why, self._vision.camera.reason)
+                log.error("fault: %s", ": ".join(filter(None, (why, self._vision.camera.reason))))
                 if self._calls.current_id == 0:
                     self._link.say(texts.fit(f"Companion FAULT: {why}"), ERROR, now)
             self._faulty_at = now

@@ -9,8 +9,8 @@ from companion.calls.machine import OperatorCalls
 from companion.link.link import Link
 from companion.wall_clock import WallClock
 
-MOVES = 0.1
-"""m/s above which a vehicle moves. It may be low: a sensor's noise makes any two pictures differ."""
+MOVES = 0.2
+"""m/s above which a vehicle moves: enough to change what its camera sees within a second."""
 
 
 class Whereabouts:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
+from anytraverse.release import own_version
 from companion.wire.signing_key import SigningKeyError, read_key
 from gcs_plugin import wording
 from gcs_plugin.client import OperatorClient
@@ -176,6 +177,7 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="anytraverse-operator", description=__doc__, epilog="Type `help` once it runs."
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
     parser.add_argument(
         "--connect", default="udpin:0.0.0.0:14550", metavar="LINK", help=f"{EXAMPLES} (default %(default)s)"
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from anytraverse.decoding import PictureTooLargeError, check_size
 from anytraverse.errors import PerceiverError
 from anytraverse.frame import Image
 from anytraverse.look import PictureError, read_picture
@@ -64,6 +65,10 @@ def _video(path: Path) -> Iterator[Image]:
         ) from None
     video = cv2.VideoCapture(str(path))
     try:
+        try:
+            check_size(int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        except PictureTooLargeError as error:
+            raise PictureError(f"{path}: {error}") from error
         count = int(min(video.get(cv2.CAP_PROP_FRAME_COUNT), 1e7))
         wanted = set(spread(count)) if count > 0 else set(range(MOST_FRAMES))
         for index in range(max(wanted, default=-1) + 1):

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.decoding import PictureTooLargeError, decode
 from anytraverse.evaluation.labels import Classes, DatasetError, Labels, read_classes
 from anytraverse.frame import Image
 
@@ -165,12 +166,12 @@ def _decoded(file: Path, flags: int) -> NDArray[np.uint8]:
     mark, reach = _ENDS.get(data[:2], (b"", 1))
     try:
         whole = bool(data) and mark in data[-reach:]
-        picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if whole else None
-    except cv2.error:
-        picture = None
+        picture = decode(data, flags) if whole else None
+    except PictureTooLargeError as error:
+        raise DatasetError(f"{file}: {error}") from error
     if picture is None:
         raise TornPictureError(f"{file.name}: torn, or not a picture")
-    return np.asarray(picture)
+    return picture
 
 
 def _halved(file: Path, what: str, suffix: str) -> str:

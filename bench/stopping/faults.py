@@ -27,8 +27,11 @@ def _cut(*, on: bool) -> Act:
     return lambda stage: setattr(stage.wire, "cut", on)
 
 
-def _freeze(*, on: bool) -> Act:
-    return lambda stage: setattr(stage.lens, "frozen", on)
+def _freeze(*, on: bool, clock: bool = False) -> Act:
+    def act(stage: Stage) -> None:
+        stage.lens.clock, stage.lens.frozen = clock and on, on
+
+    return act
 
 
 def _cover(*, on: bool) -> Act:
@@ -41,6 +44,7 @@ def _break(how: str) -> Act:
 
 CAMERA: Mapping[str, Fault] = {
     "frozen_camera": Fault(_freeze(on=True), _freeze(on=False)),
+    "frozen_with_clock": Fault(_freeze(on=True, clock=True), _freeze(on=False)),
     "silent_camera": Fault(_cover(on=True), _cover(on=False)),
 }
 SILENCE: Mapping[str, Fault] = {

@@ -179,7 +179,7 @@ def report(job: Job) -> Iterator[Run]:
             stage.control.start()
             doings = [*CAMERA.values(), SILENCE["dead_link"]]
             for part, fault in enumerate(doings, start=1):
-                _drive_to(stage, job.trail.length * (part - random.random()) / 3)
+                _drive_to(stage, job.trail.length * (part - random.random()) / len(doings))
                 fault.begin(stage)
                 _drive_to(stage, stage.status()["distance"] + 10.0)
                 if fault.end is not None:

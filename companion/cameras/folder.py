@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
 from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
 from companion.cameras.pace import Pace
 
@@ -58,12 +59,15 @@ class PictureFolder:
             self._frames = iter(pictures(self._folder))
             path = next(self._frames)
         try:
-            picture = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
-        except (OSError, cv2.error) as error:
+            with path.open("rb") as file:
+                picture = decode(file.read(MAX_BYTES + 1))
+        except OSError as error:
             raise BadFrame(f"{path} cannot be read ({error}): mend or remove it") from error
+        except PictureTooLargeError as error:
+            raise BadFrame(f"{path}: {error}") from error
         if picture is None:
             raise BadFrame(f"{path} is torn or no picture: mend or remove it")
-        return Capture(now, cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))  # type: ignore[arg-type]
+        return Capture(now, np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8))
 
     def close(self) -> None:
         """Nothing is held open."""

@@ -192,6 +192,8 @@ class CameraThread:
         frame = Frame(self._next_id, capture.captured_at, capture.image)
         self._next_id += 1
         self._delivered_at = time.monotonic()
+        if self._status.state is not CameraState.DELIVERING:
+            _log.info("camera delivers %d x %d pixels", capture.image.shape[1], capture.image.shape[0])
         dropped = self._newest.put(frame)
         self._set(
             state=CameraState.DELIVERING,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 
+from anytraverse.decoding import PictureTooLargeError, check_size
 from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
 from companion.cameras.pace import Pace
 
@@ -44,6 +45,11 @@ class VideoFile:
         video = cv2.VideoCapture(str(self._path))
         if not video.isOpened():
             raise CameraError(f"{self._path} is no video that can be decoded: try to play it, or convert it")
+        try:
+            check_size(int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        except PictureTooLargeError as error:
+            video.release()
+            raise CameraError(f"{self._path}: {error}") from error
         return video
 
     def _own_rate(self) -> float:

@@ -37,10 +37,10 @@ def status(folder: Path) -> dict[str, Any] | None:
         said = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return said if isinstance(said, dict) and _is_alive(said.get("pid")) else None
+    return said if isinstance(said, dict) and is_alive(said.get("pid")) else None
 
 
-def _is_alive(pid: object) -> bool:
+def is_alive(pid: object) -> bool:
     """Whether that process is there, or nothing is known of it: its file stays young for a while after it."""
     if not isinstance(pid, int) or pid <= 0:
         return True

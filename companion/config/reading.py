@@ -35,7 +35,12 @@ def load_config(path: str | Path) -> Config:
         raise ConfigError(problems)
     config = Config(**sections, **words._asdict())
     folder = main.path.parent.absolute()
-    return replace(config, perceiver=config.perceiver.beside(folder), link=config.link.beside(folder))
+    return replace(
+        config,
+        perceiver=config.perceiver.beside(folder),
+        link=config.link.beside(folder),
+        journal=config.journal.beside(folder),
+    )
 
 
 def word_problem(path: str | Path, word: str, reason: str) -> Problem:

@@ -174,6 +174,12 @@ class Journal(Section):
     )
     scenes: int = setting(256, whole(1, 10_000), "answered scenes remembered")
 
+    def beside(self, folder: Path) -> Journal:
+        """With a relative path counted from `folder`."""
+        if not self.folder:
+            return self
+        return replace(self, folder=str(folder / os.path.expanduser(self.folder)))
+
     @property
     def path(self) -> Path:
         """The folder that counts."""

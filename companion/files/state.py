@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from anytraverse.release import own_version
 from companion.calls.machine import OperatorCalls
 from companion.conversation import Conversation
 from companion.keeper import Keeper
-from companion.link.command_desk import own_version
 from companion.places import place_figures
 from companion.settings_desk import SettingsDesk
 from companion.telling import current_data

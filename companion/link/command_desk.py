@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.release import own_version
 from companion.link import encode
 from companion.link.guard import Guard
 from companion.link.heard import ParameterRequest, PolicyRequest, ResetRequest, Sender
@@ -23,7 +23,6 @@ LATER: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 DENIED: int = mavlink.MAV_RESULT_DENIED
 UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 STORAGE_LOAD, STORAGE_SAVE, STORAGE_RESET = 0, 1, 2
-DISTRIBUTION = "anytraverse-companion"
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _SUMMARY = mavlink.MAVLINK_MSG_ID_TUNNEL
 _NUMBER = mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
@@ -140,11 +139,3 @@ class CommandDesk:
 
     def _acknowledge(self, sender: Sender, command: int, result: int, now: float) -> None:
         self._outbox.push("command ack", encode.command_ack(command, result, sender), now, to=sender)
-
-
-def own_version() -> str:
-    """Of the installed distribution, "0" where there is none."""
-    try:
-        return version(DISTRIBUTION)
-    except PackageNotFoundError:
-        return "0"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from anytraverse.assessment import Assessment
+from anytraverse.decoding import decode
 from anytraverse.frame import Image, is_image
 from anytraverse.regions import Region
 from companion.vision.messages import Draw, Drawn
@@ -74,10 +75,8 @@ def to_png(image: Image) -> bytes:
 
 
 def from_png(content: bytes) -> Image:
-    """What `to_png` encoded. Raises ValueError for what is no picture, ImportError without OpenCV."""
-    import cv2
-
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) if content else None
+    """What `to_png` encoded. Raises ValueError for what is no picture or one too large, ImportError."""
+    picture = decode(content)
     if picture is None:
         raise ValueError("the picture is torn")
     return np.ascontiguousarray(picture[..., ::-1], np.uint8)

@@ -25,6 +25,7 @@ SEEDS = (1, 2)
 AT_ONCE = 6
 KINDS = {
     "frozen_camera": {"companion", "script"},
+    "frozen_with_clock": {"companion", "script"},
     "silent_camera": {"companion", "script"},
     "nan_maps": {"companion", "script"},
     "hung_perceiver": {"companion", "script"},

@@ -309,6 +309,17 @@ def test_the_signing_key_lies_beside_the_file_unless_its_path_is_whole(tmp_path:
         assert config.link.signing_key == meant
 
 
+def test_the_journal_lies_beside_the_file_unless_its_path_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    _write(tmp_path, '[journal]\nfolder = "state"\n')
+    for path in (tmp_path / "companion.toml", Path("../companion.toml")):
+        assert load_config(path).journal.path.resolve() == tmp_path / "state"
+    assert load_config(_write(tmp_path, '[journal]\nfolder = "/var/x"\n')).journal.path == Path("/var/x")
+
+
 def test_an_unsigned_autopilot_needs_a_key_for_the_rest(tmp_path: Path) -> None:
     (problem,) = _problems(tmp_path, "[link]\nunsigned_autopilot = true\n")
     assert "counts only with a signing_key" in problem

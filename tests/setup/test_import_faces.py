@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from anytraverse.release import own_version
+
 # Imports what the arguments name (with every module below, for "name.*") while some packages cannot be found.
 PROBE = """
 import importlib, json, os, pkgutil, sys
@@ -69,7 +71,8 @@ def test_the_wires_definition_needs_no_link() -> None:
 
 
 def test_the_operators_side_knows_of_the_rest_only_the_wire_and_the_words() -> None:
-    shared = imported(["companion.wire.*", "anytraverse.preferences"], VISION)["modules"]
+    light = ["anytraverse.preferences", "anytraverse.release"]
+    shared = imported(["companion.wire.*", *light], VISION)["modules"]
     loaded = imported(["gcs_plugin.*"], VISION)["modules"]
     more = set(loaded) - set(shared)
     assert [name for name in sorted(more) if name.startswith(("companion.", "anytraverse."))] == []
@@ -82,3 +85,11 @@ def test_the_algorithm_knows_nothing_of_the_daemon() -> None:
 
 def test_the_operators_side_leaves_mavproxys_environment_variables_alone() -> None:
     assert imported(["gcs_plugin.*"], VISION)["environment"] == []
+
+
+@pytest.mark.parametrize("module", ["anytraverse.cli", "companion.cli", "gcs_plugin.terminal"])
+def test_each_program_tells_its_version(module: str) -> None:
+    told = subprocess.run(
+        [sys.executable, "-m", module, "--version"], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert told.stdout.split()[-1] == own_version()

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -16,16 +20,53 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion.calls.holding import Vehicle
 from companion.eyes import Eyes, Judged
-from companion.frozen import FrozenPicture, is_moving
+from companion.field.render import Camera
+from companion.field.things import World
+from companion.frozen import CHANGED_REGIONS, MOVES, FrozenPicture, changed_regions, is_moving, luma
 from companion.link.heard import Vehicle as Told
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import AUTO, MANUAL, MakeRig, picture
 
+Picture = NDArray[np.uint8]
 
-def a_picture(value: int = 0) -> NDArray[np.uint8]:
+SEQUENCE = Path(__file__).parents[4] / "shared" / "data" / "sequence"
+
+
+@pytest.fixture(scope="module")
+def drive() -> Callable[[float], Picture]:
+    """What the simulated rover sees so many metres after its start."""
+    world = World(1)
+    camera = Camera(world, 640, 480)
+    return lambda metres: camera.render(world.trail.pose(world.trail.start + metres), metres)[0]
+
+
+def a_picture(value: int = 0) -> Picture:
     image = np.zeros((4, 6, 3), np.uint8)
-    image[1, 2, 0] = value
+    image[1:3, 2:5] = value
     return image
+
+
+def compressed(picture: Picture, quality: int) -> Picture:
+    done, content = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return np.asarray(cv2.imdecode(content, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
+
+
+def with_a_clock(picture: Picture, seconds: float) -> Picture:
+    shown = picture.copy()
+    for colour, width in ((0, 6), (255, 3)):
+        text = f"2026-11-22 14:{seconds // 60:02.0f}:{seconds % 60:05.2f}"
+        cv2.putText(shown, text, (10, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.2, (colour,) * 3, width)
+    return shown
+
+
+def with_noise(picture: Picture, seed: int, deviation: float = 6.0) -> Picture:
+    noise = np.random.default_rng(seed).normal(0.0, deviation, picture.shape)
+    return np.asarray(np.clip(picture + noise, 0, 255), np.uint8)
+
+
+def dimmed(picture: Picture, contrast: float, haze: float) -> Picture:
+    return with_noise(np.asarray(picture * contrast + haze, np.uint8), 0, 2.5)
 
 
 def test_only_time_in_motion_without_any_change_counts() -> None:
@@ -34,8 +75,8 @@ def test_only_time_in_motion_without_any_change_counts() -> None:
     assert frozen.seconds(a_picture(), 1.5, moving=True) == 0.5
     assert frozen.seconds(a_picture(), 5.0, moving=False) == 0.5
     assert frozen.seconds(a_picture(), 5.25, moving=True) == 0.75
-    assert frozen.seconds(a_picture(1), 6.0, moving=True) == 0.0
-    assert frozen.seconds(a_picture(1), 6.5, moving=True) == 0.5
+    assert frozen.seconds(a_picture(9), 6.0, moving=True) == 0.0
+    assert frozen.seconds(a_picture(9), 6.5, moving=True) == 0.5
 
 
 def test_another_size_is_another_picture() -> None:
@@ -44,11 +85,59 @@ def test_another_size_is_another_picture() -> None:
     assert frozen.seconds(np.zeros((4, 8, 3), np.uint8), 9.0, moving=True) == 0.0
 
 
+@pytest.mark.parametrize("quality", [95, 80, 60, 40])
+def test_a_still_picture_with_a_clock_compressed_each_time_anew_is_the_same(
+    drive: Callable[[float], Picture], quality: int
+) -> None:
+    frozen, still = FrozenPicture(), drive(0.0)
+    for number in range(20):
+        other = quality - 10 * (number % 2)
+        now = 0.1 * number
+        counted = frozen.seconds(compressed(with_a_clock(still, 7.3 * number), other), now, moving=True)
+        assert counted == pytest.approx(now)
+
+
+def test_noise_on_a_still_picture_is_the_same_picture(drive: Callable[[float], Picture]) -> None:
+    frozen, still = FrozenPicture(), drive(0.0)
+    for number in range(10):
+        now = 0.1 * number
+        assert frozen.seconds(with_noise(still, number), now, moving=True) == pytest.approx(now)
+
+
+@pytest.mark.parametrize(("contrast", "haze"), [(1.0, 0.0), (0.15, 0.0), (0.2, 160.0)], ids=str)
+def test_a_rover_that_creeps_sees_another_picture_within_a_second_in_little_light_and_fog(
+    drive: Callable[[float], Picture], contrast: float, haze: float
+) -> None:
+    for start in range(0, 120, 8):
+        before, after = (luma(dimmed(drive(metres), contrast, haze)) for metres in (start, start + MOVES))
+        assert changed_regions(before, after) >= CHANGED_REGIONS, start
+
+
+def test_every_frame_of_a_real_drive_is_another_picture() -> None:
+    if not SEQUENCE.is_dir():
+        pytest.skip(f"{SEQUENCE} is not here")
+    frames = [np.asarray(cv2.imread(str(path)), np.uint8) for path in sorted(SEQUENCE.glob("*.jpg"))]
+    for before, after in pairwise(frames):
+        assert changed_regions(luma(before), luma(after)) > 2 * CHANGED_REGIONS
+        assert changed_regions(luma(compressed(before, 60)), luma(compressed(before, 30))) < CHANGED_REGIONS
+
+
+def test_what_moves_in_a_corner_of_a_still_picture_is_no_motion_of_the_rover() -> None:
+    frozen, still = FrozenPicture(), np.full((480, 640, 3), 90, np.uint8)
+    waving = still.copy()
+    waving[:80, :400] = 200
+    frozen.seconds(still, 1.0, moving=True)
+    assert frozen.seconds(waving, 2.0, moving=True) == 1.0
+    waving[:80, :480] = 200
+    assert frozen.seconds(waving, 3.0, moving=True) == 0.0
+
+
 @pytest.mark.parametrize(
     ("speed", "mode", "moving"),
     [
         (0.0, AUTO, False),
         (0.05, AUTO, False),
+        (0.15, AUTO, False),
         (0.5, AUTO, True),
         (0.5, MANUAL, True),
         (None, AUTO, True),
@@ -89,9 +178,9 @@ def test_the_eyes_say_so_after_t_and_until_the_picture_changes(monkeypatch: pyte
     moving = True
     eyes.moving = lambda: moving
 
-    def look(seconds: float, thing: str = "") -> Judged:
+    def look(seconds: float, scene: int = 0) -> Judged:
         clock.now += seconds
-        return eyes._judge(Frame(1, clock.now, picture(thing)))
+        return eyes._judge(Frame(1, clock.now, picture(scene=scene)))
 
     def frozen(judged: Judged) -> bool:
         finding = judged.assessment.finding(Reason.FAULT)
@@ -102,7 +191,7 @@ def test_the_eyes_say_so_after_t_and_until_the_picture_changes(monkeypatch: pyte
     moving = False
     assert frozen(look(10.0)), "stopped for it, it is no better"
     moving = True
-    assert not frozen(look(0.25, "rock"))
+    assert not frozen(look(0.25, scene=90))
 
 
 def test_a_vehicle_that_may_be_held_is_held_for_a_frozen_camera(make_rig: MakeRig) -> None:
@@ -116,5 +205,5 @@ def test_a_vehicle_that_may_be_held_is_held_for_a_frozen_camera(make_rig: MakeRi
     assert any("camera frozen" in text for text in rig.texts)
     rig.see(3.0)
     assert rig.state == ("FAULT", 1)
-    rig.see(1.0, ground="rock")
+    rig.see(1.0, scene=90)
     assert rig.state[0] != "FAULT"

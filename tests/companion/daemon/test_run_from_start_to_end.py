@@ -103,6 +103,25 @@ def test_a_key_that_others_may_read_ends_it_at_once(config: Config, tmp_path: Pa
         run.main(replace(config, link=replace(config.link, signing_key=str(key))), lambda: True)
 
 
+def test_the_log_says_when_it_is_ready_when_the_camera_delivers_and_that_it_stopped(
+    config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    pictures, hidden = tmp_path / "frames", tmp_path / "later"
+    pictures.rename(hidden)
+    caplog.set_level("INFO")
+
+    def back_after_a_fault() -> bool:
+        if "fault: camera failed: folder" in caplog.text and hidden.is_dir():
+            assert "ready: policy report" in caplog.text
+            assert "camera delivers" not in caplog.text
+            hidden.rename(pictures)
+        return "camera delivers" in caplog.text
+
+    assert run.main(config, until(back_after_a_fault)) == 0
+    assert "camera delivers" in caplog.text
+    assert caplog.messages[-1] == "told to stop, and stopped"
+
+
 def test_it_judges_tells_and_leaves_nothing_running(
     config: Config, tmp_path: Path, radio: socket.socket
 ) -> None:

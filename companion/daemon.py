@@ -181,6 +181,7 @@ class Daemon:
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._status.took = judged.took
+        self._status.latencies.append(seen.age)
         self._conversation.words = judged.memory.preferences
         self._acting.carry_out(self._calls.assessed(seen, now), now, at_once=True)
         self._keeper.save_memory(judged.memory)

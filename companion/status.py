@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import asdict
+from statistics import median
 from typing import Any
 
 from companion.calls.machine import OperatorCalls
@@ -13,9 +15,15 @@ from companion.model import Model
 from companion.settings_desk import SettingsDesk
 from companion.trial import Trial
 
+_NEWEST = 25
+"""Frames whose latency is told."""
+
 
 class Status:
-    """Looks at the parts and changes none. took: s that the newest frame took to judge."""
+    """Looks at the parts and changes none.
+
+    took: s that the newest frame took to judge. latencies: s of the newest, from capture until judged.
+    """
 
     def __init__(
         self,
@@ -35,6 +43,7 @@ class Status:
         self._trial = trial
         self._model = model
         self.took = 0.0
+        self.latencies: deque[float] = deque(maxlen=_NEWEST)
 
     def figures(self, now: float) -> dict[str, Any]:
         """All of it as JSON values."""
@@ -57,6 +66,7 @@ class Status:
                 "step_ms": round(1e3 * self.took, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
             },
+            "latency_ms": round(1e3 * median(self.latencies), 1) if self.latencies else None,
             "test_call": self._trial.status,
             "hold_refused": self._desk.policy.hold_refused,
             "camera": {

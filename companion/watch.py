@@ -50,12 +50,16 @@ class Watch:
         self._stranger: tuple[int, int] | None = None
 
     def silent(self, now: float) -> list[str]:
-        """What gives no sign of life, in two or three words each, the most basic first."""
-        state = self._camera.state
+        """What gives no sign of life, in two or three words each, the most basic first.
+
+        A view is as old as its capture: what is silent is named by the time that the view is too old.
+        """
+        state, newest = self._camera.state, self._calls.sight.newest
+        latency = max(0.0, newest.age) if newest is not None else 0.0
         names = {CameraState.ENDED: "camera ended", CameraState.FAILED: "camera failed"}
         return [
             names.get(state, "camera silent") if task == "camera" else f"{task} silent"
-            for task in self._liveness.silent(now)
+            for task in self._liveness.silent(now + latency)
         ]
 
     def look(self, now: float) -> None:

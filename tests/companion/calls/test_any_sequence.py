@@ -79,9 +79,13 @@ class Calls(RuleBasedStateMachine):
         self.highest = 0
         self.closed: list[int] = []
 
-    @initialize(policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]), ends=st.booleans())
-    def begin(self, policy: Policy, ends: bool) -> None:
-        self.scene = Scene(policy, fault_ends_hold=ends)
+    @initialize(
+        policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]),
+        ends=st.booleans(),
+        latency=st.sampled_from([0.05, 0.05, 0.4, 0.8]),
+    )
+    def begin(self, policy: Policy, ends: bool, latency: float) -> None:
+        self.scene = Scene(policy, fault_ends_hold=ends, latency=latency)
         self.bad_at = self.good_at = self.excused_at = self.scene.now
         self._hear(self.modes[0], True)  # noqa: FBT003
 
@@ -230,7 +234,7 @@ class Calls(RuleBasedStateMachine):
         """good: whether a frame could be OK; None: no frame."""
         if good:
             self.run = self.run + 1 if self.scene.now - max(self.good_at, self.bad_at) <= T else 1
-            self.good_at = self.scene.now
+            self.good_at = max(self.good_at, self.scene.now - self.scene.latency)
         elif good is False or self.scene.now - max(self.good_at, self.bad_at) > T:
             self.run, self.bad_at = 0, self.scene.now
 

@@ -257,6 +257,8 @@ class Daemon:
             self._trial.announce(now)
         elif self._calls.policy is Policy.OFF:
             self._link.announce(None, notices.off(self._desk.policy.off_by), now)
+        elif reminder := self._watch.reminder():
+            self._link.announce(None, reminder, now)
         else:
             self._link.announce(None, self._desk.policy.reminder, now, quiet=True, severity=WARNING)
         self._desk.tell_changes(self._conversation.words, now)

@@ -50,7 +50,7 @@ class Status:
         newest, camera = self._calls.sight.newest, self._camera.status
         return {
             "state": self._calls.state(now).name.lower(),
-            "reasons": sorted(reason.value for reason in self._calls.sight.reasons(now)),
+            "reasons": sorted(reason.value for reason in self._calls.reasons(now)),
             "current_id": self._calls.current_id,
             "policy": self._calls.policy.name.lower(),
             "switches": self._desk.policy.figures(),

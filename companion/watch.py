@@ -20,6 +20,7 @@ log = logging.getLogger(__name__)
 ERROR, WARNING, NOTICE = 3, 4, 5
 ALONE_AFTER = 10.0
 """Seconds without an autopilot after which the log says what to check."""
+AUTOPILOT_SILENT = "autopilot silent, STOP BY HAND"
 RECOVERED_AFTER = 2.0
 """Seconds without a fault until it counts as over: one that comes and goes is said once."""
 
@@ -47,6 +48,7 @@ class Watch:
         self._unremembered = False
         self._alone_since: float | None = None
         self._alone_said = False
+        self._autopilot_silent = False
         self._stranger: tuple[int, int] | None = None
 
     def silent(self, now: float) -> list[str]:
@@ -57,16 +59,22 @@ class Watch:
         state, newest = self._camera.state, self._calls.sight.newest
         latency = max(0.0, newest.age) if newest is not None else 0.0
         names = {CameraState.ENDED: "camera ended", CameraState.FAILED: "camera failed"}
-        return [
+        tasks = [
             names.get(state, "camera silent") if task == "camera" else f"{task} silent"
             for task in self._liveness.silent(now + latency)
         ]
+        return [*tasks, AUTOPILOT_SILENT] if self._autopilot_silent else tasks
+
+    def reminder(self) -> str:
+        """What is repeated while no call and no hold is open, "" for nothing."""
+        return texts.companion_fault(AUTOPILOT_SILENT) if self._autopilot_silent else ""
 
     def look(self, now: float) -> None:
         """Take in the signs of life and tell what changed."""
         self._liveness.beat("eyes", self._eyes.alive_at)
         if self._camera.delivered_at is not None:
             self._liveness.beat("camera", self._camera.delivered_at)
+        self._look_at_silence(now)
         self._look_at_faults(now)
         self._look_for_autopilot(now)
         self._look_at_autopilot(now)
@@ -77,6 +85,16 @@ class Watch:
             self._unremembered = self._keeper.failing
             text = notices.journal_fails() if self._unremembered else notices.journal_works()
             self._link.say(text, WARNING, now)
+
+    def _look_at_silence(self, now: float) -> None:
+        if self._calls.autopilot_silent(now) == self._autopilot_silent:
+            return
+        self._autopilot_silent = not self._autopilot_silent
+        if self._autopilot_silent:
+            log.error("fault: autopilot silent: does it run, is its wire to the companion whole?")
+        elif not self._calls.holding.silent(now):
+            log.info("the autopilot is heard again")
+            self._link.say(notices.autopilot_back(), NOTICE, now)
 
     def _look_for_autopilot(self, now: float) -> None:
         if self._link.vehicle is not None:
@@ -107,7 +125,7 @@ class Watch:
                 why = fault_name(self._calls.sight.newest, self.silent(now))
                 log.error("fault: %s %s", why, self._camera.status.reason)
                 if self._calls.current_id == 0:
-                    self._link.say(texts.fit(f"Companion FAULT: {why}"), ERROR, now)
+                    self._link.say(texts.companion_fault(why), ERROR, now)
             self._faulty_at = now
         elif self._faulty_at is not None and now - self._faulty_at >= RECOVERED_AFTER:
             self._faulty_at = None

@@ -50,10 +50,12 @@ class Holding:
         self.vehicle = Vehicle()
         self.go_at: float | None = None
         self.handover: Handover | None = None
-        self._forgotten_at = -math.inf
+        self._forgotten_at = self._silent_at = -math.inf
+        self._beat_at: float | None = None
 
     def hear(self, vehicle: Vehicle, now: float) -> HoldEvent | None:
         """The autopilot showed its mode, or, with the old `heard_at`, only where it is."""
+        self._beat(vehicle.heard_at)
         if vehicle.heard_at is not None and vehicle.heard_at <= self._forgotten_at:
             vehicle = replace(vehicle, heard_at=None)
         before, self.vehicle = self.vehicle, vehicle
@@ -64,15 +66,31 @@ class Holding:
             self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
         return self.hold.vehicle(vehicle.mode, now, self.numbers)
 
-    def forget(self, now: float) -> None:
-        """What was told until now is not known to be the mode any more."""
+    def forget(self, now: float, slept: float = 0.0) -> None:
+        """What was told until now is not known to be the mode any more. slept: s in which we heard nobody."""
         self._forgotten_at = now
+        if self._beat_at is not None:
+            self._beat_at += slept
         self.vehicle = replace(self.vehicle, heard_at=None)
 
     def heard(self, now: float) -> bool:
         """Whether the mode is known: it was told within `vehicle_silence`."""
         heard_at = self.vehicle.heard_at
         return heard_at is not None and now - heard_at <= self.numbers.vehicle_silence
+
+    def silent(self, now: float) -> bool:
+        """Whether the heartbeat of an autopilot that was heard is lost, or was until shortly ago."""
+        if self._beat_at is None:
+            return False
+        lost = now - self._beat_at > self.numbers.heartbeat_lost
+        return lost or now - self._silent_at < self.numbers.heartbeat_back
+
+    def _beat(self, heard_at: float | None) -> None:
+        if heard_at is None or (self._beat_at is not None and heard_at <= self._beat_at):
+            return
+        if self._beat_at is not None and heard_at - self._beat_at > self.numbers.heartbeat_lost:
+            self._silent_at = heard_at
+        self._beat_at = heard_at
 
     def drives_itself(self, now: float) -> bool:
         """Whether the autopilot drives by itself, as far as is known now."""

@@ -181,11 +181,19 @@ class OperatorCalls:
             return Stage.CLEAR
         return Stage.ANSWERED if answered else Stage.OPEN
 
+    def reasons(self, now: float) -> frozenset[Reason]:
+        """What is told to be wrong now. A silent autopilot is only told: nothing is commanded over it."""
+        return self.sight.reasons(now) | ({Reason.FAULT} if self.autopilot_silent(now) else frozenset())
+
+    def autopilot_silent(self, now: float) -> bool:
+        """Whether the rover is to be held, and its autopilot, heard once, is silent."""
+        return self.policy is Policy.HOLD and self.holding.silent(now)
+
     def state(self, now: float) -> State:
         """The one word of the heartbeat: what a human should know first."""
         if self.policy is Policy.OFF:
             return State.OFF
-        reasons = self.sight.reasons(now)
+        reasons = self.reasons(now)
         if Reason.FAULT in reasons:
             return State.FAULT
         if self.call is not None and not self.call.answered:

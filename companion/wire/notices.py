@@ -54,6 +54,11 @@ def unknown_autopilot() -> str:
     return "Autopilot of unknown kind: it is never held"
 
 
+def autopilot_back() -> str:
+    """Its heartbeat is heard again."""
+    return "Autopilot is heard again"
+
+
 def ids_taken(system: int, connection: str) -> str:
     """Another component speaks under our ids on this connection: nothing more is said there."""
     return fit(f"Another {system}/{COMPONENT_ID} on link {connection}: silent there")

@@ -116,6 +116,11 @@ def fault(number: int, what: str, kind: Kind = Kind.HOLD) -> str:
     return fit(f"{name(kind, number)} FAULT {what}")
 
 
+def companion_fault(what: str) -> str:
+    """The companion cannot judge or cannot hold, and nothing is open that says so."""
+    return fit(f"Companion FAULT: {what}")
+
+
 def recovered() -> str:
     """The fault is gone."""
     return "Companion sees again"

@@ -23,7 +23,7 @@ from companion.calls.decisions import (
 )
 from companion.calls.snapshot import restore, snapshot
 from companion.telling import current_text
-from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage
+from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 from tests.companion.calls.scenes import (
     AHEAD,
     AUTO,
@@ -205,6 +205,14 @@ class Calls(RuleBasedStateMachine):
         late = self.scene.now - max(self.good_at, self.excused_at) > T + 1e-6
         if calls.policy is Policy.HOLD and drives and late:
             assert calls.hold is not None
+
+    @invariant()
+    def an_autopilot_that_falls_silent_is_a_fault_where_the_rover_is_to_be_held(self) -> None:
+        calls, heard = self.scene.calls, self.heard_at > float("-inf")
+        if calls.policy is not Policy.HOLD or not heard:
+            assert calls.reasons(self.scene.now) == calls.sight.reasons(self.scene.now)
+        elif self.scene.now - self.heard_at > 3.0:
+            assert calls.state(self.scene.now) is State.FAULT
 
     @invariant()
     def it_can_always_be_told_and_kept(self) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from companion.acting import Acting
 from companion.announcement import Announcement
 from companion.autopilots import known_autopilot
+from companion.autopilots.ardupilot import ScriptHold
 from companion.calls.machine import OperatorCalls
 from companion.cameras.newest import CameraThread
 from companion.conversation import Conversation, Heard, unremembered
@@ -164,6 +165,8 @@ class Daemon:
                 self._take(self._desk.set(heard, now), now)
             case PolicyRequest():
                 self._acting.carry_out(self._desk.policy.command(heard, now), now)
+            case ScriptHold():
+                self._calls.holding.script_told = heard
             case ModeAck(accepted=False):
                 log.info("the autopilot says no to a mode: MAV_RESULT %d", heard.result)
             case Pulses():

@@ -53,6 +53,7 @@ class Status:
             "reasons": sorted(reason.value for reason in self._calls.reasons(now)),
             "current_id": self._calls.current_id,
             "policy": self._calls.policy.name.lower(),
+            "held_by": _held_by(self._calls),
             "switches": self._desk.policy.figures(),
             "shadow": self._desk.book.figures(self._calls.shadow),
             "words": self._conversation.words.format(),
@@ -77,3 +78,10 @@ class Status:
             },
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
         }
+
+
+def _held_by(calls: OperatorCalls) -> str | None:
+    script = calls.holding.script_holds
+    if script is not None:
+        return f"script: {script.why}"
+    return "companion" if calls.hold is not None and calls.hold.standing else None

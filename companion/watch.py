@@ -67,7 +67,10 @@ class Watch:
 
     def reminder(self) -> str:
         """What is repeated while no call and no hold is open, "" for nothing."""
-        return texts.companion_fault(AUTOPILOT_SILENT) if self._autopilot_silent else ""
+        if self._autopilot_silent:
+            return texts.companion_fault(AUTOPILOT_SILENT)
+        script = self._calls.holding.script_holds
+        return notices.script_holds(*script) if script is not None else ""
 
     def look(self, now: float) -> None:
         """Take in the signs of life and tell what changed."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from anytraverse.assessment import Assessment, Reason
 from companion.autopilots import Autopilot
+from companion.autopilots.ardupilot import ScriptHold
 from companion.calls.decisions import Decision, GoLapsed, HoldMoved, HoldShown, HoldStarted, SetMode
 from companion.calls.handover import Handover
 from companion.calls.hold import Hold, HoldEvent, HoldStage
@@ -42,6 +43,7 @@ class Holding:
     """At most one hold. go_at: when the go was given that the hold waits to fulfil.
 
     handover: the end of a hold that stood on our setpoints; nothing else is commanded meanwhile.
+    script_told: of the hold of the autopilot's script, until the vehicle shows that it is over.
     """
 
     def __init__(self, numbers: Numbers) -> None:
@@ -50,6 +52,7 @@ class Holding:
         self.vehicle = Vehicle()
         self.go_at: float | None = None
         self.handover: Handover | None = None
+        self.script_told: ScriptHold | None = None
         self._forgotten_at = self._silent_at = -math.inf
         self._beat_at: float | None = None
 
@@ -60,6 +63,8 @@ class Holding:
             vehicle = replace(vehicle, heard_at=None)
         before, self.vehicle = self.vehicle, vehicle
         news = (vehicle.heard_at, vehicle.mode, vehicle.armed) != (before.heard_at, before.mode, before.armed)
+        if news and not self._at_rest:
+            self.script_told = None
         if not news or self.hold is None or vehicle.mode is None or self.handover is not None:
             return None
         if before.heard_at is None:
@@ -95,6 +100,16 @@ class Holding:
     def drives_itself(self, now: float) -> bool:
         """Whether the autopilot drives by itself, as far as is known now."""
         return self.heard(now) and self.vehicle.drives_itself
+
+    @property
+    def script_holds(self) -> ScriptHold | None:
+        """The hold of the autopilot's script that the vehicle stands in; None without one."""
+        return self.script_told if self.hold is None and self._at_rest else None
+
+    @property
+    def _at_rest(self) -> bool:
+        vehicle = self.vehicle
+        return vehicle.armed and vehicle.autopilot is not None and vehicle.mode == vehicle.autopilot.rest_mode
 
     @property
     def streams(self) -> bool:

@@ -200,7 +200,7 @@ class OperatorCalls:
             return State.CALLING
         if Reason.BLOCKED in reasons:
             return State.BLOCKED
-        if self.hold is not None or reasons:
+        if self.hold is not None or reasons or self.holding.script_holds is not None:
             return State.HOLDING
         return State.OK if self.sight.was_ok else State.STARTING
 

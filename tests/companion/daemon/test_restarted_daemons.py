@@ -128,6 +128,7 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "reasons",
         "current_id",
         "policy",
+        "held_by",
         "switches",
         "shadow",
         "words",

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from companion.autopilots.autopilot import Autopilot, ModeCommand
 
 MAV_AUTOPILOT = 3
-AUTO, GUIDED, HOLD = 10, 15, 4
+AUTO, GUIDED, HOLD, INITIALISING = 10, 15, 4, 16
 _CUSTOM = 1
 """MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
 
@@ -40,6 +40,7 @@ ROVER = Autopilot(
     rest_mode=HOLD,
     command=_command,
     loses_target=frozenset({GUIDED}),
+    booting=frozenset({INITIALISING}),
     names={
         0: "MANUAL",
         1: "ACRO",
@@ -54,6 +55,6 @@ ROVER = Autopilot(
         11: "RTL",
         12: "SMART_RTL",
         GUIDED: "GUIDED",
-        16: "INITIALISING",
+        INITIALISING: "INITIALISING",
     },
 )

@@ -67,9 +67,43 @@ class Holding:
             self.script_told = None
         if not news or self.hold is None or vehicle.mode is None or self.handover is not None:
             return None
-        if before.heard_at is None:
+        unseen = self._unseen(before)
+        if unseen:
             self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
-        return self.hold.vehicle(vehicle.mode, now, self.numbers)
+        return self._reboot(self.hold, before, unseen=unseen) or (
+            None if self.hold.rebooted else self.hold.vehicle(vehicle.mode, now, self.numbers)
+        )
+
+    def _unseen(self, before: Vehicle) -> bool:
+        """Whether it was not heard for a while before it told its mode."""
+        heard_at = self.vehicle.heard_at
+        if heard_at is None or before.heard_at is None:
+            return True
+        return heard_at - before.heard_at > self.numbers.heartbeat_lost
+
+    def _reboot(self, hold: Hold, before: Vehicle, *, unseen: bool) -> HoldEvent | None:
+        """What a boot of the autopilot means: no mode that it shows, disarmed, is a human's.
+
+        Armed then in a mode that drives by itself it is held again, in another one it is a human who drives.
+        """
+        vehicle, autopilot = self.vehicle, self.vehicle.autopilot
+        boots = autopilot.booting if autopilot is not None else frozenset[int]()
+        booting = vehicle.mode in boots
+        lost = unseen and not vehicle.armed and (before.armed or vehicle.mode != hold.mode)
+        if booting or lost:
+            known = hold.rebooted or (before.heard_at is None and not booting)
+            hold.begin_anew()
+            self.go_at = None
+            return None if known else HoldEvent.REBOOTED
+        if not hold.rebooted or (not vehicle.armed and vehicle.mode != hold.mode):
+            return None
+        if vehicle.mode == hold.mode:
+            hold.rebooted = False
+        elif autopilot is not None and vehicle.mode in autopilot.holdable:
+            hold.rebooted, hold.mode_before = False, vehicle.mode
+        elif not before.armed and before.mode not in boots:
+            return HoldEvent.TAKEN_OVER
+        return None
 
     def forget(self, now: float, slept: float = 0.0) -> None:
         """What was told until now is not known to be the mode any more. slept: s in which we heard nobody."""
@@ -185,7 +219,7 @@ class Holding:
 
     def _command(self, hold: Hold, now: float) -> list[Decision]:
         autopilot = self.vehicle.autopilot
-        if not self.vehicle.armed or hold.needs_lead(autopilot, now):
+        if not self.vehicle.armed or hold.rebooted or hold.needs_lead(autopilot, now):
             return []
         decisions: list[Decision] = []
         resuming = hold.stage is HoldStage.RESUMING

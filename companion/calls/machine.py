@@ -70,7 +70,7 @@ class OperatorCalls:
         told_at = now if heard_at is None else heard_at
         event = self.holding.hear(Vehicle(mode, armed, travelled, told_at, autopilot), now)
         decisions: list[Decision] = []
-        if event is HoldEvent.CONFIRMED and self.hold is not None:
+        if event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
             decisions.append(HoldMoved(self.hold, event))
         elif event is not None:
             decisions += self._end_hold(event, now)

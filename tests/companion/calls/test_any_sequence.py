@@ -35,7 +35,6 @@ from tests.companion.calls.scenes import (
     GUIDED,
     HOLD,
     LOG,
-    LOITER,
     MANUAL,
     RTL,
     Scene,
@@ -63,7 +62,7 @@ class Calls(RuleBasedStateMachine):
     """Feeds the state machine and keeps books of its own about modes, frames, answers and ids."""
 
     kind = ardupilot.ROVER
-    modes = (*[AUTO] * 5, GUIDED, HOLD, MANUAL, RTL, LOITER)
+    modes = (*[AUTO] * 5, GUIDED, HOLD, MANUAL, RTL, ardupilot.INITIALISING)
 
     def __init__(self) -> None:
         super().__init__()
@@ -193,6 +192,12 @@ class Calls(RuleBasedStateMachine):
     def an_answered_call_is_open_only_while_its_hold_stands(self) -> None:
         calls = self.scene.calls
         assert calls.call is None or not calls.call.answered or calls.hold is not None
+
+    @invariant()
+    def a_rebooted_rover_that_is_armed_to_drive_by_itself_is_held_again(self) -> None:
+        hold = self.scene.calls.hold
+        if hold is not None and hold.rebooted:
+            assert not (self.armed and self.mode in self.kind.holdable)
 
     @invariant()
     def a_go_waits_only_for_a_hold(self) -> None:

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.wire.ids import Policy
-from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 TEXT = "Companion FAULT: autopilot silent, STOP BY HAND"
 
@@ -78,6 +78,19 @@ def test_another_policy_ends_the_fault_without_a_word_of_an_autopilot_that_is_he
     rig.see(3.0)
     assert rig.state == ("OK", 0)
     assert "Autopilot is heard again" not in rig.texts
+
+
+def test_an_autopilot_that_reboots_with_a_call_open_keeps_it_and_that_is_said(held: Rig) -> None:
+    broken(held)
+    held.see(4.0, "drum")
+    held.stage.vehicle, held.stage.armed = 1, False
+    for mode in (16, MANUAL):
+        held.stage.mode = mode
+        held.see(3.0, "drum")
+    assert held.state == ("CALLING", 1)
+    assert "C1 stays open: the autopilot rebooted" in held.texts
+    assert not [text for text in held.texts if "taken over" in text]
+    assert held.daemon.status()["held_by"] is None
 
 
 def test_the_script_on_the_autopilot_stops_the_rover_and_the_companion_commands_nothing(rig: Rig) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -13,6 +13,7 @@ from typing import Any
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.judging import Settings
+from anytraverse.memory import Memory
 from anytraverse.pace import Pace
 from anytraverse.regions import Region
 from companion.album import Album
@@ -21,7 +22,7 @@ from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
 from companion.check.stopping import Stopping
 from companion.config import Config
-from companion.configured import call_numbers, first_values, kept_values, restored_policies
+from companion.configured import call_numbers, first_values, first_words, kept_values, restored_policies
 from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.eyes import Eyes
@@ -40,7 +41,7 @@ from companion.model import Model
 from companion.overrides import Overrides
 from companion.readiness import get_ready
 from companion.refusal import HoldJudge
-from companion.restored import first_policy, open_book, open_id, restore_calls, whole
+from companion.restored import first_parameters, first_policy, open_book, open_id, restore_calls, whole
 from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness, tasks
 from companion.wire import notices, parameters, texts
@@ -67,11 +68,10 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     closing.callback(journal.close)
     closing.enter_context(logbook(config.journal.path))
     offer = Offer(config.journal.path)
-    supervision = journal.load_supervision() or {}
-    link = Link(config.link.settings(), listed, time.monotonic(), tree=offer.tree, signing=_signing(config))
+    memory, supervision = journal.load_memory(), journal.load_supervision() or {}
+    link = _open_link(config, offer, memory, supervision)
     closing.callback(link.close)
-    link.set_state(State.STARTING, open_id(supervision), first_policy(config, supervision))
-    ready = load(partial(get_ready, config, journal.load_memory()), link, stop)
+    ready = load(partial(get_ready, config, memory), link, stop)
     if ready is None:
         return 0
     engine, news = ready.engine, list(ready.notices)
@@ -130,6 +130,15 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     keeper.restore_call_frame(calls, eyes)
     _run(daemon, keeper, stop)
     return 0
+
+
+def _open_link(config: Config, offer: Offer, memory: Memory | None, saved: Mapping[str, Any]) -> Link:
+    """It tells from the first moment what was in force before the restart."""
+    first = first_parameters(config, memory, saved)
+    link = Link(config.link.settings(), first, time.monotonic(), tree=offer.tree, signing=_signing(config))
+    link.set_words(first_words(config, memory))
+    link.set_state(State.STARTING, open_id(saved), first_policy(config, saved))
+    return link
 
 
 def _tell(news: Iterable[str], link: Link, now: float) -> None:

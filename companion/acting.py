@@ -91,7 +91,7 @@ class Acting:
 
     def _command(self, decision: Decision, now: float) -> None:
         match decision:
-            case HoldMoved() if decision.event in _ENDS:
+            case HoldMoved() if decision.event in _ENDS or decision.event is HoldEvent.REBOOTED:
                 self._link.forget_mode()
             case SetMode(mode):
                 self._link.set_mode(mode, now)
@@ -157,6 +157,8 @@ class Acting:
             case HoldEvent.TAKEN_OVER:
                 mode = self._mode_name(self._calls.autopilot.mode or 0)
                 self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
+            case HoldEvent.REBOOTED:
+                self._link.say(texts.rebooted(kind, hold.id), WARNING, now)
             case HoldEvent.DROPPED:
                 self._link.say(texts.dropped(kind, hold.id), WARNING, now)
 

@@ -52,7 +52,7 @@ class Announcement:
         key = (
             calls.current_id,
             calls.stage(),
-            calls.sight.reasons(now),
+            calls.reasons(now),
             calls.hold is not None and calls.hold.stage,
             calls.call is not None and (calls.call.tried, calls.call.answered, calls.call.seen is None),
             calls.go_at is not None,
@@ -94,7 +94,7 @@ class Announcement:
         """The last word on a hold, with the figures of the newest frame."""
         seen = self._calls.sight.newest
         frame_id = seen.frame.id if seen is not None else 0
-        reasons = self._calls.sight.reasons(now)
+        reasons = self._calls.reasons(now)
         return self._closed(Kind.HOLD, number, outcome, reasons, seen, frame_id, words, place, 0.0)
 
     def _closed(

@@ -5,16 +5,30 @@ from __future__ import annotations
 from typing import Any
 
 from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import Memory, resumed_memory
 from anytraverse.perception import Perceiver
+from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor
 from companion.calls.numbers import Numbers
 from companion.calls.policies import Policies
 from companion.calls.switch import OffSwitch, Side
 from companion.config import Config
+from companion.overrides import kept_settings
 from companion.tuning import judging_values
 from companion.wire.ids import Policy
-from companion.wire.parameters import BUDGET, NUMBER_RATE, ROI, SUMMARY_RATE, build
+from companion.wire.parameters import (
+    BUDGET,
+    NOT_IN_USE,
+    NUMBER_RATE,
+    ROI,
+    SUMMARY_RATE,
+    THR_ROI,
+    THR_SCENE,
+    THR_TILE,
+    THR_TRAV,
+    build,
+)
 
 
 def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
@@ -61,17 +75,34 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
     )
 
 
-def first_values(config: Config) -> dict[str, float]:
-    """What the parameters say from the first moment on, before the perceiver is known."""
+def first_values(config: Config, saved: Any = None) -> dict[str, float]:
+    """What the parameters say from the first moment on, before the perceiver is known.
+
+    saved: the settings in the journal, which the ground had set.
+    """
     sides = {name: getattr(config.roi, side) for side, name in ROI.items()}
-    return {**sides, BUDGET: config.link.budget}
+    given = config.thresholds
+    tile = NOT_IN_USE if given.tile == "off" else given.tile
+    thresholds = {THR_ROI: given.roi, THR_SCENE: given.scene, THR_TILE: tile, THR_TRAV: given.trav}
+    of_file = {name: float(value) for name, value in thresholds.items() if value is not None}
+    return kept_settings({**of_file, **sides, **_rates(), BUDGET: config.link.budget}, saved)
+
+
+def first_words(config: Config, saved: Memory | None) -> Preferences:
+    """The words in force as far as the journal tells before the perceiver is known."""
+    if saved is None:
+        return config.preferences
+    return resumed_memory(saved, saved.model_id, config.preferences, lambda word: word)[0].preferences
 
 
 def kept_values(config: Config, judging: Settings) -> dict[str, float]:
     """The configured value of every parameter that is kept when the ground sets it."""
+    return {**judging_values(judging), **_rates(), BUDGET: config.link.budget}
+
+
+def _rates() -> dict[str, float]:
     listed = {parameter.name: parameter.value for parameter in build((), {}, {})}
-    rates = {name: listed[name] for name in (SUMMARY_RATE, NUMBER_RATE)}
-    return {**judging_values(judging), **rates, BUDGET: config.link.budget}
+    return {name: listed[name] for name in (SUMMARY_RATE, NUMBER_RATE)}
 
 
 def restored_policies(config: Config, policy: Policy, saved: Any, now: float) -> Policies:

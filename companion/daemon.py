@@ -12,6 +12,7 @@ from typing import Any
 from companion.acting import Acting
 from companion.announcement import Announcement
 from companion.autopilots import known_autopilot
+from companion.autopilots.ardupilot import ScriptHold
 from companion.calls.machine import OperatorCalls
 from companion.conversation import Conversation, Heard, unremembered
 from companion.keeper import Keeper
@@ -166,6 +167,8 @@ class Daemon:
                 self._take(self._desk.set(heard, now), now)
             case PolicyRequest():
                 self._acting.carry_out(self._desk.policy.command(heard, now), now)
+            case ScriptHold():
+                self._calls.holding.script_told = heard
             case ModeAck(accepted=False):
                 log.info("the autopilot says no to a mode: MAV_RESULT %d", heard.result)
             case Pulses():
@@ -192,6 +195,7 @@ class Daemon:
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._status.took = judged.took
+        self._status.latencies.append(seen.age)
         self._conversation.words = judged.memory.preferences
         self._acting.carry_out(self._calls.assessed(seen, now), now, at_once=True)
         self._keeper.save_memory(judged.memory)
@@ -267,6 +271,8 @@ class Daemon:
             self._trial.announce(now)
         elif self._calls.policy is Policy.OFF:
             self._link.announce(None, notices.off(self._desk.policy.off_by), now)
+        elif reminder := self._watch.reminder():
+            self._link.announce(None, reminder, now)
         else:
             self._link.announce(None, self._desk.policy.reminder, now, quiet=True, severity=WARNING)
         self._desk.tell_changes(self._conversation.words, now)

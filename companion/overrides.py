@@ -86,6 +86,22 @@ class Overrides:
         return [f"{', '.join(names)}: {what}" for what, names in told if names]
 
 
+def kept_settings(known: Mapping[str, float], saved: Any) -> dict[str, float]:
+    """The values in force before the perceiver is loaded: `known` configured ones, and what `saved` made.
+
+    Where the configured value is the perceiver's own, it is taken to be the one that was set over.
+    """
+    rows = saved.get("values") if isinstance(saved, Mapping) else None
+    if not isinstance(rows, Mapping):
+        return dict(known)
+    listed = {parameter.name: parameter for parameter in build((), {}, {})}
+    own = {name: _read(listed[name], rows.get(name)) for name in OF_THE_PERCEIVER}
+    presumed = {name: row[1] for name, row in own.items() if row is not None}
+    overrides = Overrides({**presumed, **known}, saved.get("model"))
+    overrides.restore(saved)
+    return {**known, **overrides.values}
+
+
 def _read(parameter: Parameter | None, row: Any) -> tuple[float, float] | None:
     """Value and the configured one that it was set over; None for anything else."""
     try:

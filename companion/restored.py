@@ -7,12 +7,14 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from anytraverse.memory import Memory
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.config import Config
-from companion.configured import restored_policies
+from companion.configured import first_values, first_words, restored_policies
 from companion.shadow_book import ShadowBook
 from companion.wire.ids import Policy
+from companion.wire.parameters import POLICY, Parameter, build
 
 log = logging.getLogger(__name__)
 
@@ -23,6 +25,16 @@ def first_policy(config: Config, saved: Mapping[str, Any]) -> Policy:
     """What will be in force unless holding is refused: the autopilot's script goes by it from the start."""
     configured = Policy[config.call.policy.upper()]
     return restored_policies(config, configured, saved.get("policy"), time.monotonic()).in_force
+
+
+def first_parameters(
+    config: Config, memory: Memory | None, saved: Mapping[str, Any]
+) -> tuple[Parameter, ...]:
+    """The parameters as they were before the restart, for the time until the perceiver is loaded."""
+    words = first_words(config, memory)
+    offered = {word: words[word] for word in config.vocabulary if word in words}
+    values = {**first_values(config, saved.get("settings")), POLICY: float(first_policy(config, saved))}
+    return build(config.vocabulary, offered, values, aliases=config.aliases)
 
 
 def open_id(saved: Mapping[str, Any]) -> int:

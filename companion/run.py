@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.judging import Settings
+from anytraverse.memory import Memory
 from anytraverse.pace import Pace
 from companion.album import Album
 from companion.calls.machine import OperatorCalls
 from companion.check.stopping import Stopping
 from companion.config import Config
-from companion.configured import call_numbers, first_values, kept_values, restored_policies
+from companion.configured import call_numbers, first_values, first_words, kept_values, restored_policies
 from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.files.calls import CallFiles
@@ -32,7 +33,7 @@ from companion.loading import load
 from companion.logbook import logbook
 from companion.overrides import Overrides
 from companion.refusal import HoldJudge
-from companion.restored import first_policy, open_book, open_id, restore_calls, whole
+from companion.restored import first_parameters, first_policy, open_book, open_id, restore_calls, whole
 from companion.settings_desk import SettingsDesk
 from companion.tasks import VISION, Liveness, tasks
 from companion.vision.child import COMMAND, VisionChild
@@ -65,12 +66,10 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     closing.callback(journal.close)
     closing.enter_context(logbook(config.journal.path))
     offer = Offer(config.journal.path)
-    supervision = journal.load_supervision() or {}
-    link = Link(config.link.settings(), listed, time.monotonic(), tree=offer.tree, signing=_signing(config))
+    memory, supervision = journal.load_memory(), journal.load_supervision() or {}
+    link = _open_link(config, offer, memory, supervision)
     closing.callback(link.close)
-    link.set_state(State.STARTING, open_id(supervision), first_policy(config, supervision))
     last_frame = whole(supervision.get("frame_id"))
-    memory = journal.load_memory()
     vision = Vision(partial(VisionChild, command), config, memory, VISION, first_frame=last_frame + 1)
     closing.callback(vision.close)
     ready = load(vision, link, stop)
@@ -124,6 +123,15 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     keeper.restore_call_frame(calls)
     _run(daemon, keeper, stop)
     return 0
+
+
+def _open_link(config: Config, offer: Offer, memory: Memory | None, saved: Mapping[str, Any]) -> Link:
+    """It tells from the first moment what was in force before the restart."""
+    first = first_parameters(config, memory, saved)
+    link = Link(config.link.settings(), first, time.monotonic(), tree=offer.tree, signing=_signing(config))
+    link.set_words(first_words(config, memory))
+    link.set_state(State.STARTING, open_id(saved), first_policy(config, saved))
+    return link
 
 
 def _tell(news: Iterable[str], link: Link, now: float) -> None:

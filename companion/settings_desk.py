@@ -95,7 +95,7 @@ class SettingsDesk:
         return {name: value for name, value in self._told.items() if name not in self._words}
 
     def start(self, now: float) -> None:
-        """Put in force what the ground set of the link, and tell every setting's value."""
+        """Put in force what the ground set of the link, and tell every setting's value and every weight."""
         weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
         self._link.set_configured({**self.overrides.configured, **weights})
         if self._exceeds_the_line(self.overrides.values.get(BUDGET, self._link.most_budget)):
@@ -105,6 +105,8 @@ class SettingsDesk:
         for name, value in {**values, **judging_values(self._calls.numbers.judging)}.items():
             self._use(name, value, now)
         self._echo(POLICY, float(self._calls.policy), now)
+        for name, word in self._words.items():
+            self._echo(name, self._conversation.words.get(word, NOT_IN_USE), now)
 
     def set(self, request: SetRequest, now: float) -> Heard:
         """A value, already in range. Words are echoed once the eyes have applied them."""

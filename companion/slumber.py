@@ -32,4 +32,4 @@ class Slumber:
             log.warning("the companion stood still for %.1f s: busy, stopped or starved", slept)
             self._link.skip(now)
             self._link.forget_mode()
-            self._calls.holding.forget(now)
+            self._calls.holding.forget(now, slept)

@@ -85,7 +85,7 @@ def current_data(
     seen = call.seen if call is not None else (hold and hold.seen) or calls.sight.newest
     since = call.opened_at if call is not None else hold.started_at if hold is not None else now
     place = call.place if call is not None and call.place.latitude is not None else place
-    reasons = calls.sight.reasons(now) | (call.reasons if call is not None and not call.answered else set())
+    reasons = calls.reasons(now) | (call.reasons if call is not None and not call.answered else set())
     return call_data(
         seen,
         calls.numbers.judging.region,
@@ -157,7 +157,7 @@ def _has_bad_tile(seen: Assessment) -> bool:
 def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
     """What a person reads of the open call or hold, "" without one. silent: as of `fault_name`."""
     number, kind, stage = calls.current_id, calls.kind, calls.stage()
-    reasons = calls.sight.reasons(now)
+    reasons = calls.reasons(now)
     newest = calls.sight.newest
     if number == 0:
         return ""

@@ -21,6 +21,7 @@ log = logging.getLogger(__name__)
 ALERT, ERROR, WARNING, NOTICE = 1, 3, 4, 5
 ALONE_AFTER = 10.0
 """Seconds without an autopilot after which the log says what to check."""
+AUTOPILOT_SILENT = "autopilot silent, STOP BY HAND"
 RECOVERED_AFTER = 2.0
 """Seconds without a fault until it counts as over: one that comes and goes is said once."""
 
@@ -46,24 +47,39 @@ class Watch:
         self._unremembered = False
         self._alone_since: float | None = None
         self._alone_said = False
+        self._autopilot_silent = False
         self._stranger: tuple[int, int] | None = None
         self._unreliable = False
 
     def silent(self, now: float) -> list[str]:
-        """What gives no sign of life, in two or three words each, the most basic first."""
+        """What gives no sign of life, in two or three words each, the most basic first.
+
+        A view is as old as its capture: what is silent is named by the time that the view is too old.
+        """
+        others = [AUTOPILOT_SILENT] if self._autopilot_silent else []
         if self._vision.trouble:
-            return [self._vision.trouble]
-        silent = self._liveness.silent(now)
+            return [self._vision.trouble, *others]
+        newest = self._calls.sight.newest
+        silent = self._liveness.silent(now + (max(0.0, newest.age) if newest is not None else 0.0))
         if "vision" in silent:  # of the camera nothing is known then
-            return ["vision silent"]
+            return ["vision silent", *others]
         names = {CameraState.ENDED: "camera ended", CameraState.FAILED: "camera failed"}
-        return [names.get(self._vision.camera.state, "camera silent")] if "camera" in silent else []
+        camera = names.get(self._vision.camera.state, "camera silent")
+        return [camera, *others] if "camera" in silent else others
+
+    def reminder(self) -> str:
+        """What is repeated while no call and no hold is open, "" for nothing."""
+        if self._autopilot_silent:
+            return texts.companion_fault(AUTOPILOT_SILENT)
+        script = self._calls.holding.script_holds
+        return notices.script_holds(*script) if script is not None else ""
 
     def look(self, now: float) -> None:
         """Take in the signs of life and tell what changed."""
         self._liveness.beat("vision", self._vision.alive_at)
         if self._vision.delivered_at is not None:
             self._liveness.beat("camera", self._vision.delivered_at)
+        self._look_at_silence(now)
         self._look_at_faults(now)
         self._look_at_deaths(now)
         self._look_for_autopilot(now)
@@ -86,6 +102,16 @@ class Watch:
                 text = notices.vision_unreliable(hold=self._calls.policy is Policy.HOLD)
                 log.error("%s", text)
                 self._link.say(text, ALERT, now)
+
+    def _look_at_silence(self, now: float) -> None:
+        if self._calls.autopilot_silent(now) == self._autopilot_silent:
+            return
+        self._autopilot_silent = not self._autopilot_silent
+        if self._autopilot_silent:
+            log.error("fault: autopilot silent: does it run, is its wire to the companion whole?")
+        elif not self._calls.holding.silent(now):
+            log.info("the autopilot is heard again")
+            self._link.say(notices.autopilot_back(), NOTICE, now)
 
     def _look_for_autopilot(self, now: float) -> None:
         if self._link.vehicle is not None:
@@ -116,7 +142,7 @@ class Watch:
                 why = fault_name(self._calls.sight.newest, self.silent(now))
                 log.error("fault: %s", ": ".join(filter(None, (why, self._vision.camera.reason))))
                 if self._calls.current_id == 0:
-                    self._link.say(texts.fit(f"Companion FAULT: {why}"), ERROR, now)
+                    self._link.say(texts.companion_fault(why), ERROR, now)
             self._faulty_at = now
         elif self._faulty_at is not None and now - self._faulty_at >= RECOVERED_AFTER:
             self._faulty_at = None

@@ -188,7 +188,8 @@ class TextOutput:
                 known = "companion heard" if event.up else "companion NOT HEARD: answers wait"
                 return [f"rover {event.system} {known}"], _GOOD if event.up else _ALARM
             case ev.StateChanged():
-                told = event.state not in (State.CALLING, State.HOLDING)  # a call says it better
+                call = event.state in (State.CALLING, State.HOLDING) and event.current_id != 0
+                told = not call  # which says it better
                 return [wording.state(event.state, event.current_id)] * told, _FAINT
             case ev.VehicleChanged():
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], _FAINT

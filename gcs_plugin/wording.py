@@ -175,7 +175,9 @@ def given_up(target: int) -> str:
 
 
 def state(value: State, current_id: int) -> str:
-    """The companion's state."""
+    """The companion's state. A hold without an id is not the companion's own: its text says whose."""
+    if value is State.HOLDING and not current_id:
+        return "companion sees; the vehicle is HELD, not by the companion: its text says by whom"
     about = f" ({current_id})" if current_id else ""
     return f"companion {_STATES[value]}{about}"
 

@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import re
+from typing import NamedTuple
+
 from companion.autopilots.autopilot import Autopilot, ModeCommand
 
 MAV_AUTOPILOT = 3
-AUTO, GUIDED, HOLD = 10, 15, 4
+AUTO, GUIDED, HOLD, INITIALISING = 10, 15, 4, 16
 _CUSTOM = 1
 """MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
+
+
+class ScriptHold(NamedTuple):
+    """What the script on the autopilot holds the vehicle for, and the mode that a human sets to drive on."""
+
+    why: str
+    mode: str
+
+
+_SCRIPT_HOLD = re.compile(r"HOLD(?:: | since )([a-z ]{1,20})(?:\. |: set )([A-Z]{3,8}) ")
+
+
+def script_hold(text: str) -> ScriptHold | None:
+    """What a STATUSTEXT of the autopilot tells of a hold of its script's; None: it tells of none."""
+    found = _SCRIPT_HOLD.match(text)
+    return ScriptHold(*found.groups()) if found is not None else None
 
 
 def _command(mode: int) -> ModeCommand:
@@ -21,6 +40,7 @@ ROVER = Autopilot(
     rest_mode=HOLD,
     command=_command,
     loses_target=frozenset({GUIDED}),
+    booting=frozenset({INITIALISING}),
     names={
         0: "MANUAL",
         1: "ACRO",
@@ -35,6 +55,6 @@ ROVER = Autopilot(
         11: "RTL",
         12: "SMART_RTL",
         GUIDED: "GUIDED",
-        16: "INITIALISING",
+        INITIALISING: "INITIALISING",
     },
 )

@@ -18,6 +18,7 @@ class Autopilot:
     loses_target: modes that stand still after a hold until they are told again where to go.
     streamed: modes that stand only while zero velocity is streamed to them.
     lead: seconds of that stream before such a mode is taken.
+    booting: modes that it shows by itself while it boots.
     rest_mode: stands without a stream: what a hold in a streamed mode is left in when the stream must end.
     tells_late: HEARTBEAT shows a change up to a second later; CURRENT_MODE, asked for, tells it sooner.
     overrun: m that hold_mode drives on, beyond the way of braking, before it circles back and stands.
@@ -31,6 +32,7 @@ class Autopilot:
     names: Mapping[int, str] = field(hash=False)
     loses_target: frozenset[int] = frozenset()
     streamed: frozenset[int] = frozenset()
+    booting: frozenset[int] = frozenset()
     lead: float = 0.0
     tells_late: bool = False
     overrun: float = 0.0

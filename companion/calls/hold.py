@@ -25,6 +25,8 @@ class HoldEvent(Enum):
     FAILED = "failed"
     TAKEN_OVER = "taken over"
     RESUMED = "resumed"
+    REBOOTED = "rebooted"
+    """The autopilot began anew: nobody took over, and the hold goes on."""
     DROPPED = "dropped"
     """We may not command any more; the vehicle stays as it is."""
 
@@ -37,6 +39,7 @@ class Hold:
     failed: the autopilot did not follow after all tries; a human must act.
     only_fault: nothing but a fault ever asked for it, so that it may end without a go; one whose way back
     failed needs one.
+    rebooted: the autopilot began anew, and nobody has armed it since: the modes that it shows are nobody's.
     seen: the first frame of it that was blocked, which can be tapped in; None: not blocked yet, or a call's.
     """
 
@@ -50,6 +53,7 @@ class Hold:
     failed: bool = False
     only_fault: bool = True
     called_back_at: float | None = None
+    rebooted: bool = False
     seen: Assessment | None = None
 
     @property
@@ -74,6 +78,11 @@ class Hold:
         """Hold again after all, while the way back may already have been taken."""
         self.turn(HoldStage.REQUESTED)
         self.called_back_at = now
+
+    def begin_anew(self) -> None:
+        """The autopilot rebooted: the vehicle does not stand by our doing now, and drives on only by a go."""
+        self.turn(HoldStage.REQUESTED)
+        self.rebooted, self.only_fault = True, False
 
     def needs_lead(self, autopilot: Autopilot | None, now: float) -> bool:
         """Whether zero velocity was not streamed for long enough yet to ask for the mode that holds."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from anytraverse.assessment import Assessment, Reason
 from companion.autopilots import Autopilot
+from companion.autopilots.ardupilot import ScriptHold
 from companion.calls.decisions import Decision, GoLapsed, HoldMoved, HoldShown, HoldStarted, SetMode
 from companion.calls.handover import Handover
 from companion.calls.hold import Hold, HoldEvent, HoldStage
@@ -42,6 +43,7 @@ class Holding:
     """At most one hold. go_at: when the go was given that the hold waits to fulfil.
 
     handover: the end of a hold that stood on our setpoints; nothing else is commanded meanwhile.
+    script_told: of the hold of the autopilot's script, until the vehicle shows that it is over.
     """
 
     def __init__(self, numbers: Numbers) -> None:
@@ -50,23 +52,64 @@ class Holding:
         self.vehicle = Vehicle()
         self.go_at: float | None = None
         self.handover: Handover | None = None
-        self._forgotten_at = -math.inf
+        self.script_told: ScriptHold | None = None
+        self._forgotten_at = self._silent_at = -math.inf
+        self._beat_at: float | None = None
 
     def hear(self, vehicle: Vehicle, now: float) -> HoldEvent | None:
         """The autopilot showed its mode, or, with the old `heard_at`, only where it is."""
+        self._beat(vehicle.heard_at)
         if vehicle.heard_at is not None and vehicle.heard_at <= self._forgotten_at:
             vehicle = replace(vehicle, heard_at=None)
         before, self.vehicle = self.vehicle, vehicle
         news = (vehicle.heard_at, vehicle.mode, vehicle.armed) != (before.heard_at, before.mode, before.armed)
+        if news and not self._at_rest:
+            self.script_told = None
         if not news or self.hold is None or vehicle.mode is None or self.handover is not None:
             return None
-        if before.heard_at is None:
+        unseen = self._unseen(before)
+        if unseen:
             self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
-        return self.hold.vehicle(vehicle.mode, now, self.numbers)
+        return self._reboot(self.hold, before, unseen=unseen) or (
+            None if self.hold.rebooted else self.hold.vehicle(vehicle.mode, now, self.numbers)
+        )
 
-    def forget(self, now: float) -> None:
-        """What was told until now is not known to be the mode any more."""
+    def _unseen(self, before: Vehicle) -> bool:
+        """Whether it was not heard for a while before it told its mode."""
+        heard_at = self.vehicle.heard_at
+        if heard_at is None or before.heard_at is None:
+            return True
+        return heard_at - before.heard_at > self.numbers.heartbeat_lost
+
+    def _reboot(self, hold: Hold, before: Vehicle, *, unseen: bool) -> HoldEvent | None:
+        """What a boot of the autopilot means: no mode that it shows, disarmed, is a human's.
+
+        Armed then in a mode that drives by itself it is held again, in another one it is a human who drives.
+        """
+        vehicle, autopilot = self.vehicle, self.vehicle.autopilot
+        boots = autopilot.booting if autopilot is not None else frozenset[int]()
+        booting = vehicle.mode in boots
+        lost = unseen and not vehicle.armed and (before.armed or vehicle.mode != hold.mode)
+        if booting or lost:
+            known = hold.rebooted or (before.heard_at is None and not booting)
+            hold.begin_anew()
+            self.go_at = None
+            return None if known else HoldEvent.REBOOTED
+        if not hold.rebooted or (not vehicle.armed and vehicle.mode != hold.mode):
+            return None
+        if vehicle.mode == hold.mode:
+            hold.rebooted = False
+        elif autopilot is not None and vehicle.mode in autopilot.holdable:
+            hold.rebooted, hold.mode_before = False, vehicle.mode
+        elif not before.armed and before.mode not in boots:
+            return HoldEvent.TAKEN_OVER
+        return None
+
+    def forget(self, now: float, slept: float = 0.0) -> None:
+        """What was told until now is not known to be the mode any more. slept: s in which we heard nobody."""
         self._forgotten_at = now
+        if self._beat_at is not None:
+            self._beat_at += slept
         self.vehicle = replace(self.vehicle, heard_at=None)
 
     def heard(self, now: float) -> bool:
@@ -74,9 +117,33 @@ class Holding:
         heard_at = self.vehicle.heard_at
         return heard_at is not None and now - heard_at <= self.numbers.vehicle_silence
 
+    def silent(self, now: float) -> bool:
+        """Whether the heartbeat of an autopilot that was heard is lost, or was until shortly ago."""
+        if self._beat_at is None:
+            return False
+        lost = now - self._beat_at > self.numbers.heartbeat_lost
+        return lost or now - self._silent_at < self.numbers.heartbeat_back
+
+    def _beat(self, heard_at: float | None) -> None:
+        if heard_at is None or (self._beat_at is not None and heard_at <= self._beat_at):
+            return
+        if self._beat_at is not None and heard_at - self._beat_at > self.numbers.heartbeat_lost:
+            self._silent_at = heard_at
+        self._beat_at = heard_at
+
     def drives_itself(self, now: float) -> bool:
         """Whether the autopilot drives by itself, as far as is known now."""
         return self.heard(now) and self.vehicle.drives_itself
+
+    @property
+    def script_holds(self) -> ScriptHold | None:
+        """The hold of the autopilot's script that the vehicle stands in; None without one."""
+        return self.script_told if self.hold is None and self._at_rest else None
+
+    @property
+    def _at_rest(self) -> bool:
+        vehicle = self.vehicle
+        return vehicle.armed and vehicle.autopilot is not None and vehicle.mode == vehicle.autopilot.rest_mode
 
     @property
     def streams(self) -> bool:
@@ -152,7 +219,7 @@ class Holding:
 
     def _command(self, hold: Hold, now: float) -> list[Decision]:
         autopilot = self.vehicle.autopilot
-        if not self.vehicle.armed or hold.needs_lead(autopilot, now):
+        if not self.vehicle.armed or hold.rebooted or hold.needs_lead(autopilot, now):
             return []
         decisions: list[Decision] = []
         resuming = hold.stage is HoldStage.RESUMING

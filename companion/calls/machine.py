@@ -70,7 +70,7 @@ class OperatorCalls:
         told_at = now if heard_at is None else heard_at
         event = self.holding.hear(Vehicle(mode, armed, travelled, told_at, autopilot), now)
         decisions: list[Decision] = []
-        if event is HoldEvent.CONFIRMED and self.hold is not None:
+        if event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
             decisions.append(HoldMoved(self.hold, event))
         elif event is not None:
             decisions += self._end_hold(event, now)
@@ -186,18 +186,26 @@ class OperatorCalls:
             return Stage.CLEAR
         return Stage.ANSWERED if answered else Stage.OPEN
 
+    def reasons(self, now: float) -> frozenset[Reason]:
+        """What is told to be wrong now. A silent autopilot is only told: nothing is commanded over it."""
+        return self.sight.reasons(now) | ({Reason.FAULT} if self.autopilot_silent(now) else frozenset())
+
+    def autopilot_silent(self, now: float) -> bool:
+        """Whether the rover is to be held, and its autopilot, heard once, is silent."""
+        return self.policy is Policy.HOLD and self.holding.silent(now)
+
     def state(self, now: float) -> State:
         """The one word of the heartbeat: what a human should know first."""
         if self.policy is Policy.OFF:
             return State.OFF
-        reasons = self.sight.reasons(now)
+        reasons = self.reasons(now)
         if Reason.FAULT in reasons:
             return State.FAULT
         if self.call is not None and not self.call.answered:
             return State.CALLING
         if Reason.BLOCKED in reasons:
             return State.BLOCKED
-        if self.hold is not None or reasons:
+        if self.hold is not None or reasons or self.holding.script_holds is not None:
             return State.HOLDING
         return State.OK if self.sight.was_ok else State.STARTING
 

@@ -43,6 +43,10 @@ class Numbers:
     """The way back, called back by us, may show for this long without a human's doing."""
     vehicle_silence: float = 5.0
     """A mode last heard this long ago is not known any more: nothing is commanded over it."""
+    heartbeat_lost: float = 3.0
+    """Under hold an autopilot that was heard and is silent for this long is a fault ..."""
+    heartbeat_back: float = 2.0
+    """... until it has been heard for this long."""
     fault_ends_hold: bool = False
     """Whether the hold of a fault may end by itself."""
     px4_hold: str = "loiter"

@@ -17,6 +17,9 @@ _OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 class Sight:
     """Fails closed: no fresh frame is a fault, and no OK frame within T is a reason of its own.
 
+    A frame's age counts from its capture: one that waited anywhere for longer than T is not OK, and ends no
+    reason.
+
     ok_run: OK frames in a row. bad_at: when it was last not OK, be it by a frame or by the lack of one.
     """
 
@@ -29,6 +32,8 @@ class Sight:
         """Whether any frame was: before that nothing can be said to be OK, though no reason counts yet."""
         self.bad_at = now
         self._ok_at = self._seen_at = now
+        """Capture of the newest frame that was OK, and of the newest of all."""
+        self._ok = False
         self._votes = {reason: Votes(numbers.votes, numbers.window) for reason in Reason}
         self._open: frozenset[Reason] = frozenset()
         """The newest frame's reasons that nobody accepted."""
@@ -36,8 +41,8 @@ class Sight:
     def take(self, seen: Assessment, now: float, travelled: float | None) -> None:
         """A new frame was judged. travelled: metres driven, None where not known."""
         self.pass_time(now)
-        self._seen_at = now
-        self._weigh(seen)
+        self._seen_at = max(self._seen_at, _captured(seen, now))
+        self._weigh(seen, now)
         acceptance = self.acceptance
         if acceptance is not None:
             if (seen.reasons - self._open) & _OF_THINGS:
@@ -45,23 +50,17 @@ class Sight:
             if acceptance.ended(seen, self.numbers, now, travelled):
                 self.acceptance = None
         for reason, votes in self._votes.items():
-            bad, clear = self._vote(reason, seen)
+            bad, clear = self._vote(reason, seen, now)
             votes.add(bad=bad, clear=clear)
         if self._ok:
-            self._ok_at, self.ok_run = now, self.ok_run + 1
-        else:
-            self.bad_at, self.ok_run = now, 0
+            self.ok_run += 1
 
     def judge_again(self, seen: Assessment, now: float) -> None:
         """The newest frame was judged again: what it says counts instead of what it said, not in addition."""
-        self._weigh(seen)
+        self._weigh(seen, now)
         for reason, votes in self._votes.items():
-            bad, clear = self._vote(reason, seen)
+            bad, clear = self._vote(reason, seen, now)
             votes.amend(bad=bad, clear=clear)
-        if self._ok:
-            self._ok_at = now
-        else:
-            self.bad_at, self.ok_run = now, 0
 
     def pass_time(self, now: float) -> None:
         """Without frames nothing is OK."""
@@ -78,7 +77,7 @@ class Sight:
         return frozenset(active)
 
     def fresh(self, now: float) -> bool:
-        """Whether a frame was judged within T."""
+        """Whether a frame that was captured within T has been judged."""
         return now - self._seen_at <= self.numbers.freshness
 
     def look_again(self) -> None:
@@ -109,18 +108,28 @@ class Sight:
         for reason in reasons:
             self._votes[reason].reset()
 
-    @property
-    def _ok(self) -> bool:
-        return self.newest is not None and bool(self.newest.findings) and not self._open
-
-    def _weigh(self, seen: Assessment) -> None:
+    def _weigh(self, seen: Assessment, now: float) -> None:
         covered = self.acceptance.covers(seen, self.numbers) if self.acceptance is not None else frozenset()
         self.newest, self._open = seen, seen.reasons - covered
+        self._ok = bool(seen.findings) and not self._open and not self._is_old(seen, now)
         self.was_ok = self.was_ok or self._ok
+        if self._ok:
+            self._ok_at = max(self._ok_at, _captured(seen, now))
+        else:
+            self.bad_at, self.ok_run = now, 0
 
-    def _vote(self, reason: Reason, seen: Assessment) -> tuple[bool, bool]:
+    def _is_old(self, seen: Assessment, now: float) -> bool:
+        return now - seen.frame.captured_at > self.numbers.freshness
+
+    def _vote(self, reason: Reason, seen: Assessment, now: float) -> tuple[bool, bool]:
         """Bad, clear or neither. A remembered scene that may still be adopted is not voted against."""
         if reason in self._open:
             waiting = reason is Reason.UNKNOWN_SCENE and seen.match is not None and seen.adopted is None
             return not waiting, False
-        return False, reason in seen.reasons or seen.is_clear(reason)
+        clear = reason in seen.reasons or seen.is_clear(reason)
+        return False, clear and not self._is_old(seen, now)
+
+
+def _captured(seen: Assessment, now: float) -> float:
+    """One in the future is a fault of its frame, and makes nothing after it fresh."""
+    return min(seen.frame.captured_at, now)

@@ -55,6 +55,8 @@ class State:
             "policy": status["policy"],
             "hold_refused": status["hold_refused"],
             "reasons": status["reasons"],
+            "held_by": status["held_by"],
+            "latency_ms": status["latency_ms"],
             "open": None if told is None else _open(told),
             "words": {word: round(words[word], _DIGITS) for word in words},
             "vocabulary": self._desk.vocabulary,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from companion.autopilots.ardupilot import ScriptHold
 from companion.wire.answers import Operation
 from companion.wire.ids import Motion, Policy
 
@@ -123,4 +124,4 @@ class ModeAck:
 
 
 SetRequest = ParameterRequest | WordsRequest | ResetRequest
-Heard = VehicleHeard | AnswerRequest | SetRequest | PolicyRequest | Pulses | ModeAck
+Heard = VehicleHeard | AnswerRequest | SetRequest | PolicyRequest | Pulses | ModeAck | ScriptHold

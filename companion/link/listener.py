@@ -6,6 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.autopilots.ardupilot import script_hold
 from companion.link.channel import Channel
 from companion.link.guard import Guard
 from companion.link.heard import Heard, ModeAck, VehicleHeard
@@ -83,6 +84,8 @@ class Listener:
             pass
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
             return self._hear_mode_ack(message)
+        elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
+            return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
             return self.receiver.hear_pulses(message, now)
         else:

@@ -31,6 +31,7 @@ PRIVATE_TELEMETRY = frozenset(
         "RC_CHANNELS",
         "CURRENT_MODE",
         "COMMAND_ACK",
+        "STATUSTEXT",
     }
 )
 """What an autopilot without a key may say on a wire of its own."""

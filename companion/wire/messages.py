@@ -78,6 +78,7 @@ _ROWS: tuple[_Row, ...] = (
     ("rc",          "RC_CHANNELS",         "off switch",        IN,   0.2,  54,  None, None,  "old in 3 s"),
     ("rc health",   "SYS_STATUS",          "transmitter lost",  IN,   1.0,  55,  None, None,  "old in 5 s"),
     ("mode told",   "CURRENT_MODE",        "PX4 mode, sooner",  IN,   0.2,  21,  None, None,  "heartbeat"),
+    ("script told", "STATUSTEXT",          "the script's hold", IN,   10.0, 63,  None, None,  "next one"),
     ("mode ack",    "COMMAND_ACK",         "mode taken or not", IN,   None, 22,  None, None,  "next one"),
 )
 # fmt: on

@@ -54,6 +54,16 @@ def unknown_autopilot() -> str:
     return "Autopilot of unknown kind: it is never held"
 
 
+def autopilot_back() -> str:
+    """Its heartbeat is heard again."""
+    return "Autopilot is heard again"
+
+
+def script_holds(why: str, mode: str) -> str:
+    """The script on the autopilot holds the vehicle, for `why`; `mode` set by a human ends that."""
+    return fit(f"Script holds ({why}): set {mode} by hand")
+
+
 def ids_taken(system: int, connection: str) -> str:
     """Another component speaks under our ids on this connection: nothing more is said there."""
     return fit(f"Another {system}/{COMPONENT_ID} on link {connection}: silent there")

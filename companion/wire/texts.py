@@ -116,6 +116,11 @@ def fault(number: int, what: str, kind: Kind = Kind.HOLD) -> str:
     return fit(f"{name(kind, number)} FAULT {what}")
 
 
+def companion_fault(what: str) -> str:
+    """The companion cannot judge or cannot hold, and nothing is open that says so."""
+    return fit(f"Companion FAULT: {what}")
+
+
 def recovered() -> str:
     """The fault is gone."""
     return "Companion sees again"
@@ -186,6 +191,11 @@ def go_lapsed(kind: Kind, number: int) -> str:
 def taken_over(kind: Kind, number: int, mode: str) -> str:
     """A human changed the mode during our hold."""
     return fit(f"{name(kind, number)} taken over by hand: {mode}")
+
+
+def rebooted(kind: Kind, number: int) -> str:
+    """The autopilot rebooted during our hold: nobody took over."""
+    return fit(f"{name(kind, number)} stays open: the autopilot rebooted")
 
 
 def not_remembered(kind: Kind, number: int) -> str:

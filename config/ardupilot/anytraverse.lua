@@ -11,6 +11,7 @@ the feed. ATS_POLICY 1 has it act in report and shadow too, ATS_NEED 1 in every 
 
 The human's mode wins. A loss is held once: whoever then sets a guarded mode again, by transmitter or ground
 station, is taken to have read the text: no hold until the companion was well for 5 s or the rover was disarmed.
+A hold of this script's that outlasts its cause is said every 10 s, until somebody sets a mode or disarms.
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 
 Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 65536 or more;
@@ -66,6 +67,7 @@ local BY_HUMAN = { [1] = true, [2] = true, [42] = true, [53] = true } -- RC, GCS
 local ALERT, CRITICAL, ERROR, WARNING, INFO = 1, 2, 3, 4, 6
 local TRIES, RETRY_MS = 3, 1000
 local STEADY_MS = 5000
+local STANDS_MS = 10000
 local GOOD = 2 -- proximity:get_status()
 
 local own_system, avoid, path_planner
@@ -74,6 +76,7 @@ local seen, watched, state, silent_ms = false, false, STARTING, 0
 local policy, told_policy, asked, guarding = REPORT, nil, false, false
 local feed_seen, feed_dead_ms = false, 0
 local held, held_from, accepted, warned = false, nil, false, nil
+local stands = nil -- what the hold that still stands was for
 local tries, wait_ms, well_ms = 0, 0, 0
 local running, auth_id
 local told, told_ms = nil, 0
@@ -227,7 +230,7 @@ local function hold(reason, mode, dt)
   if wait_ms > 0 then return ALERT, "HOLD REFUSED, " .. reason .. ": take over" end
   vehicle:set_mode(HOLD)
   if vehicle:get_mode() == HOLD then
-    held, held_from, tries, wait_ms = true, GUARDABLE[mode], 0, 0
+    held, held_from, stands, tries, wait_ms = true, GUARDABLE[mode], reason, 0, 0
     return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind"
   end
   tries = tries + 1
@@ -240,16 +243,17 @@ end
 local function answer(reason, dt)
   local mode = vehicle:get_mode()
   if not arming:is_armed() then
-    held, accepted, tries, wait_ms = false, false, 0, 0
+    held, accepted, stands, tries, wait_ms = false, false, nil, 0, 0
   elseif not is_guarded(mode) then
     tries, wait_ms = 0, 0
+    if mode ~= HOLD then stands = nil end
     if held and mode == HOLD then return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind" end
     if not held and warned ~= reason then
       warned = reason
       gcs:send_text(WARNING, reason .. ": guarded modes will be held")
     end
   elseif accepted or held and BY_HUMAN[vehicle:get_control_mode_reason()] then
-    accepted = true
+    accepted, stands = true, nil
     return WARNING, GUARDABLE[mode] .. " without companion" .. (mode == 15 and ": send target again" or "")
   else
     return hold(reason, mode, dt)
@@ -261,9 +265,9 @@ local function is_running()
   return is_on("ENABLE") and not (switch >= 300 and rc:get_aux_cached(switch) == 2)
 end
 
-local function tell(dt, severity, text)
+local function tell(dt, severity, text, every_ms)
   told_ms = later(told_ms, dt)
-  if text and (text ~= told or told_ms >= (severity == ALERT and 5000 or 30000)) then
+  if text and (text ~= told or told_ms >= (every_ms or severity == ALERT and 5000 or 30000)) then
     gcs:send_text(severity, text)
     told_ms = 0
   end
@@ -276,7 +280,7 @@ local function guard(dt)
   running = is_running()
   guarding = running and guards()
   if not running then
-    held, accepted, warned, tries, wait_ms = false, false, nil, 0, 0
+    held, accepted, warned, stands, tries, wait_ms = false, false, nil, nil, 0, 0
     allow_arming(nil)
     return tell(dt, WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil)
   end
@@ -286,9 +290,11 @@ local function guard(dt)
   well_ms = reason and 0 or later(well_ms, dt)
   if well_ms >= STEADY_MS then accepted = false end
   if reason then return tell(dt, answer(reason, dt)) end
-  if held or warned then gcs:send_text(INFO, "Companion is back: nothing resumes by itself") end
+  if held or warned then gcs:send_text(WARNING, "Companion is back: nothing resumes by itself") end
   held, warned, tries, wait_ms = false, nil, 0, 0
-  tell(dt)
+  if not stands then return tell(dt) end
+  if vehicle:get_mode() ~= HOLD or not arming:is_armed() then stands = nil end
+  tell(dt, WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS)
 end
 
 -- Running ----------------------------------------------------------------------------------------------------------

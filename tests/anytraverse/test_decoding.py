@@ -18,7 +18,7 @@ from anytraverse.evaluation.datasets import _decoded
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.look import PictureError, read_picture
 from companion.cameras import BadFrame, CameraError, Playback, open_camera
-from companion.journal.png import from_png
+from companion.vision.pictures import from_png
 
 KINDS = (".png", ".jpg", ".bmp", ".webp", ".tiff")
 

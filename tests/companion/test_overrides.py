@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -7,9 +8,11 @@ from hypothesis import strategies as st
 
 from anytraverse.errors import SettingsError
 from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import first_memory
+from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.configured import kept_values
+from companion.configured import first_values, first_words, kept_values
 from companion.overrides import Overrides
 from companion.tuning import SMALLEST_ROI, judging_values, tuned
 from companion.wire.parameters import ROI, build
@@ -96,3 +99,44 @@ def test_whatever_sides_are_set_the_region_stays_one(sides: dict[str, float]) ->
         return
     assert box.right - box.left >= SMALLEST_ROI - 1e-5
     assert box.bottom - box.top >= SMALLEST_ROI - 1e-5
+
+
+def test_before_the_perceiver_is_known_what_the_ground_set_counts_as_kept() -> None:
+    before = fresh()
+    for name, value in {"AT_THR_ROI": 0.5, "AT_THR_TRAV": 0.6, "AT_ROI_T": 0.5, "AT_SUM_HZ": 2.0}.items():
+        before.set(name, value)
+    values = first_values(Config(), before.saved())
+    assert {name: values[name] for name in before.values} == before.values
+    assert values["AT_BUDGET"] == Config().link.budget
+
+
+def test_a_value_that_was_edited_in_the_file_since_counts_as_edited_from_the_first_moment() -> None:
+    before = fresh()
+    before.set("AT_THR_ROI", 0.5)
+    before.set("AT_ROI_T", 0.5)
+    edited = replace(
+        Config(), thresholds=replace(Config().thresholds, roi=0.2), roi=replace(Config().roi, top=0.7)
+    )
+    values = first_values(edited, before.saved())
+    assert (values["AT_THR_ROI"], values["AT_ROI_T"]) == (0.2, 0.7)
+
+
+@given(
+    saved=JSON
+    | st.fixed_dictionaries({"model": JSON, "values": st.dictionaries(st.sampled_from(sorted(LISTED)), JSON)})
+)
+@settings(max_examples=200)
+def test_whatever_the_journal_holds_the_first_values_are_ones_that_a_parameter_takes(saved: Any) -> None:
+    for name, value in first_values(Config(), saved).items():
+        assert LISTED[name].accepts(value)
+
+
+def test_before_the_perceiver_is_known_the_kept_words_are_in_force_and_edited_ones_win() -> None:
+    configured = Preferences.parse("grass: 1; rock: -1")
+    memory = first_memory("a", configured)
+    memory = memory.using(memory.preferences.merged(Preferences.of({"drum": -0.5, "rock": -0.2}, 3)), {})
+    config = replace(Config(), words={"grass": 1.0, "rock": -1.0}, vocabulary=("grass", "rock", "drum"))
+    assert dict(first_words(config, memory)) == {"grass": 1.0, "rock": -0.2, "drum": -0.5}
+    edited = replace(config, words={"grass": 0.5, "rock": -1.0})
+    assert first_words(edited, memory)["grass"] == 0.5
+    assert dict(first_words(config, None)) == config.words

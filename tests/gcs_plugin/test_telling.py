@@ -21,6 +21,7 @@ from gcs_plugin.commands import parse
 from gcs_plugin.keyboard import MAX_WAITING, Keyboard
 from gcs_plugin.output import JsonOutput, TextOutput
 from gcs_plugin.pending import Status
+from gcs_plugin.rovers import Rover
 from gcs_plugin.vehicle import mode_name
 from gcs_plugin.wishes import Wished
 
@@ -118,6 +119,46 @@ def test_a_text_that_the_autopilot_brought_first_is_read_once() -> None:
     output.event(ev.VehicleTextHeard(1, 3, "C7 FAULT camera silent"), 1.0, several=False)
     output.event(ev.TextHeard(1, 3, "C7 FAULT camera silent"), 1.3, several=False)
     assert page.getvalue().count("C7 FAULT") == 1
+
+
+def test_that_the_companion_is_back_and_the_scripts_hold_stands_is_read_as_the_script_says_it() -> None:
+    pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
+    from tests.companion.field.stubs import driving
+
+    board = driving()
+    board.pass_time(3.0)
+    board.pass_time(25.0, state=ids.State.OK)
+    page, rover = io.StringIO(), Rover(1)
+    output = TextOutput(page, colours=False)
+    for said in board.said:
+        for event in rover.hear_vehicle_text(said.severity, said.text, said.t):
+            output.event(event, said.t, several=False)
+    assert [line[10:] for line in page.getvalue().splitlines()] == [
+        'autopilot says "HOLD: companion silent. AUTO again = go blind"',
+        'autopilot says "Companion is back: nothing resumes by itself"',
+        'autopilot says "HOLD since companion silent: set AUTO by hand"',
+    ]
+
+
+@pytest.mark.parametrize(
+    ("state", "number", "told"),
+    [
+        (
+            ids.State.HOLDING,
+            0,
+            "companion sees; the vehicle is HELD, not by the companion: its text says by whom",
+        ),
+        (ids.State.HOLDING, 3, None),
+        (ids.State.CALLING, 3, None),
+        (ids.State.OK, 0, "companion ok"),
+    ],
+)
+def test_a_hold_that_is_not_the_companions_is_never_told_as_ok(
+    state: ids.State, number: int, told: str | None
+) -> None:
+    page = io.StringIO()
+    TextOutput(page, colours=False).event(ev.StateChanged(1, state, number), 1.0, several=False)
+    assert [line[10:] for line in page.getvalue().splitlines()] == ([] if told is None else [told])
 
 
 def test_that_the_vehicle_is_held_now_is_told_without_the_rest(thing_call: CallData) -> None:

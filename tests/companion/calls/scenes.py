@@ -188,6 +188,7 @@ class Scene:
         fault_ends_hold: bool = False,
         now: float = 1000.0,
         kind: KnownAutopilot | None = ardupilot.ROVER,
+        latency: float = 0.05,
     ) -> None:
         judging = Settings(thresholds=Thresholds(tile=tile), freshness=freshness)
         self.now = now
@@ -198,6 +199,8 @@ class Scene:
         self.reference = 0.0
         self.view = CLEAR
         self.camera = True
+        self.latency = latency
+        """Seconds from a frame's capture until it is judged."""
         self.frames: dict[int, View] = {}
         self.frame = 0
         self.due = now
@@ -236,7 +239,7 @@ class Scene:
     def judged(self, number: int) -> Assessment:
         """A frame judged with the words in force."""
         return self.frames[number].assessed(
-            number, self.words, self.numbers.judging, self.now, 0.05, self.reference
+            number, self.words, self.numbers.judging, self.now, self.latency, self.reference
         )
 
     def hear(self) -> None:

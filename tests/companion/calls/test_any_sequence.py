@@ -23,7 +23,7 @@ from companion.calls.decisions import (
 )
 from companion.calls.snapshot import restore, snapshot
 from companion.telling import current_text
-from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage
+from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 from tests.companion.calls.scenes import (
     AHEAD,
     AUTO,
@@ -35,7 +35,6 @@ from tests.companion.calls.scenes import (
     GUIDED,
     HOLD,
     LOG,
-    LOITER,
     MANUAL,
     RTL,
     Scene,
@@ -63,7 +62,7 @@ class Calls(RuleBasedStateMachine):
     """Feeds the state machine and keeps books of its own about modes, frames, answers and ids."""
 
     kind = ardupilot.ROVER
-    modes = (*[AUTO] * 5, GUIDED, HOLD, MANUAL, RTL, LOITER)
+    modes = (*[AUTO] * 5, GUIDED, HOLD, MANUAL, RTL, ardupilot.INITIALISING)
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,9 +78,13 @@ class Calls(RuleBasedStateMachine):
         self.highest = 0
         self.closed: list[int] = []
 
-    @initialize(policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]), ends=st.booleans())
-    def begin(self, policy: Policy, ends: bool) -> None:
-        self.scene = Scene(policy, fault_ends_hold=ends)
+    @initialize(
+        policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]),
+        ends=st.booleans(),
+        latency=st.sampled_from([0.05, 0.05, 0.4, 0.8]),
+    )
+    def begin(self, policy: Policy, ends: bool, latency: float) -> None:
+        self.scene = Scene(policy, fault_ends_hold=ends, latency=latency)
         self.bad_at = self.good_at = self.excused_at = self.scene.now
         self._hear(self.modes[0], True)  # noqa: FBT003
 
@@ -191,6 +194,12 @@ class Calls(RuleBasedStateMachine):
         assert calls.call is None or not calls.call.answered or calls.hold is not None
 
     @invariant()
+    def a_rebooted_rover_that_is_armed_to_drive_by_itself_is_held_again(self) -> None:
+        hold = self.scene.calls.hold
+        if hold is not None and hold.rebooted:
+            assert not (self.armed and self.mode in self.kind.holdable)
+
+    @invariant()
     def a_go_waits_only_for_a_hold(self) -> None:
         assert self.scene.calls.go_at is None or self.scene.calls.hold is not None
 
@@ -201,6 +210,14 @@ class Calls(RuleBasedStateMachine):
         late = self.scene.now - max(self.good_at, self.excused_at) > T + 1e-6
         if calls.policy is Policy.HOLD and drives and late:
             assert calls.hold is not None
+
+    @invariant()
+    def an_autopilot_that_falls_silent_is_a_fault_where_the_rover_is_to_be_held(self) -> None:
+        calls, heard = self.scene.calls, self.heard_at > float("-inf")
+        if calls.policy is not Policy.HOLD or not heard:
+            assert calls.reasons(self.scene.now) == calls.sight.reasons(self.scene.now)
+        elif self.scene.now - self.heard_at > 3.0:
+            assert calls.state(self.scene.now) is State.FAULT
 
     @invariant()
     def it_can_always_be_told_and_kept(self) -> None:
@@ -230,7 +247,7 @@ class Calls(RuleBasedStateMachine):
         """good: whether a frame could be OK; None: no frame."""
         if good:
             self.run = self.run + 1 if self.scene.now - max(self.good_at, self.bad_at) <= T else 1
-            self.good_at = self.scene.now
+            self.good_at = max(self.good_at, self.scene.now - self.scene.latency)
         elif good is False or self.scene.now - max(self.good_at, self.bad_at) > T:
             self.run, self.bad_at = 0, self.scene.now
 

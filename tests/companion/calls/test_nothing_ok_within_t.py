@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Assessment, Reason
+from companion.calls.decisions import HoldStarted
 from companion.calls.hold import HoldEvent, HoldStage
 from companion.wire.ids import Policy, State
 from tests.companion.calls.scenes import (
@@ -60,6 +61,75 @@ def test_frames_that_stop_coming_hold_after_t(hold: Scene) -> None:
     hold.run(0.5)
     assert hold.held() == [FAULT]
     assert hold.autopilot.mode == HOLD
+
+
+@pytest.mark.parametrize("latency", [0.05, 0.5, 0.8])
+def test_t_counts_from_the_capture_of_the_last_frame_however_late_it_was_judged(latency: float) -> None:
+    scene = Scene(Policy.HOLD, latency=latency)
+    scene.run(2.0)
+    assert scene.calls.sight.newest is not None
+    captured = scene.calls.sight.newest.frame.captured_at
+    assert scene.held() == []
+    scene.camera = False
+    scene.run(2.0)
+    held_at = next(at for at, decision in scene.log if isinstance(decision, HoldStarted))
+    assert 1.0 < held_at - captured <= 1.1
+
+
+@pytest.mark.parametrize("latency", [0.05, 0.5])
+def test_t_counts_from_the_capture_of_the_last_ok_frame_while_frames_that_are_none_come(
+    latency: float,
+) -> None:
+    scene = Scene(Policy.HOLD, latency=latency)
+    scene.run(2.0)
+    assert scene.calls.sight.newest is not None
+    captured = scene.calls.sight.newest.frame.captured_at
+    place = View(turned=60.0, pending=True)
+    scene.run(2.0, DRUM, LOG, place, BROKEN)
+    held_at = next(at for at, decision in scene.log if isinstance(decision, HoldStarted))
+    assert 1.0 < held_at - captured <= 1.1
+
+
+def test_a_capture_time_in_the_future_does_not_keep_a_blind_rover_driving(hold: Scene) -> None:
+    hold.latency = -60.0
+    hold.show(CLEAR)
+    hold.camera = False
+    hold.run(1.2)
+    assert hold.held() == [FAULT]
+
+
+def test_frames_that_waited_in_a_queue_while_we_were_stalled_are_no_fresh_views(held: Scene) -> None:
+    """Each was judged in time; they are read at once, seconds later."""
+    held.run(2.0, CLEAR)
+    waiting = []
+    for _ in range(20):
+        held.now = round(held.now + 0.1, 6)
+        held.frame += 1
+        held.frames[held.frame] = CLEAR
+        waiting.append(held.judged(held.frame))
+    held.now = round(held.now + 3.0, 6)
+    held.hear()
+    held.go()
+    for seen in waiting:
+        held.keep(held.calls.assessed(seen, held.now))
+    assert held.calls.sight.ok_run == 0
+    assert held.calls.state(held.now) is State.FAULT
+    assert held.modes() == [HOLD]
+    held.due = held.now
+    held.run(1.0, CLEAR)
+    assert held.autopilot.mode == AUTO
+
+
+def test_old_frames_do_not_outvote_what_blocks_the_way(blocked: Scene) -> None:
+    waiting = []
+    for _ in range(3):
+        blocked.frame += 1
+        blocked.frames[blocked.frame] = CLEAR
+        waiting.append(blocked.judged(blocked.frame))
+    blocked.now += 5.0
+    for seen in waiting:
+        blocked.keep(blocked.calls.assessed(seen, blocked.now))
+    assert Reason.BLOCKED in blocked.calls.sight.reasons(blocked.now)
 
 
 def test_t_is_the_freshness_limit_of_the_settings() -> None:

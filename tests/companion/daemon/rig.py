@@ -104,6 +104,8 @@ class Rig:
         self.switch = switch
         """The pulse of channel 7 in us; given, it is the off switch, and told five times a second."""
         self.step_time = 0.02
+        self.latency = 0.02
+        """Seconds from a frame's capture until it is judged."""
         self.roi = (1 / 3, 0.6, 2 / 3, 0.95)
         """Left, top, right and bottom as configured."""
         self.start()
@@ -211,7 +213,7 @@ class Rig:
             self.frame_id += 1
             image = picture(thing, ground, scene)
             image[1:, :, 2] = self._grain.integers(0, 256, image.shape[:2])[1:]  # no two are alike
-            self.step(Frame(self.frame_id, self.clock.now + PERIOD - 0.02, image))
+            self.step(Frame(self.frame_id, self.clock.now + PERIOD - self.latency, image))
 
     def wait(self, seconds: float) -> None:
         """No frames come."""

@@ -20,6 +20,18 @@ def test_without_frames_the_rover_is_held_within_t(rig: Rig) -> None:
     assert "H1 FAULT camera silent" in rig.texts
 
 
+def test_with_half_a_second_of_latency_the_hold_still_comes_at_t_after_the_last_capture(rig: Rig) -> None:
+    rig.latency = 0.5
+    rig.see(2.0)
+    newest = rig.calls.sight.newest
+    assert newest is not None
+    assert rig.stage.mode == AUTO
+    while rig.stage.mode == AUTO:
+        rig.wait(0.1)
+    assert T < rig.clock.now - newest.frame.captured_at <= T + 0.15
+    assert rig.daemon.status()["latency_ms"] == 500.0
+
+
 @pytest.mark.parametrize(
     ("state", "text"), [(CameraState.ENDED, "camera ended"), (CameraState.FAILED, "camera failed")]
 )

@@ -51,6 +51,7 @@ def test_the_state_tells_what_counts_in_two_thousand_bytes(make_rig: MakeRig) ->
     rig = make_rig(pictures=3)
     state = told(rig, "/state.json")
     assert (state["state"], state["policy"], state["open"]) == ("ok", "hold", None)
+    assert state["latency_ms"] == 20.0
     assert state["words"] == {"grass": 1.0, "rock": -1.0}
     assert state["vocabulary"] == ["grass", "rock", "drum"]
     assert (state["settings"]["AT_THR_ROI"], state["set_by_ground"]) == (0.3, [])

@@ -13,9 +13,12 @@ from pathlib import Path
 
 import cv2
 import pytest
+from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver
+from anytraverse.preferences import Preferences
 from companion import readiness, run
 from companion.config import Config, load_config
 from companion.journal import Journal
@@ -120,6 +123,41 @@ def test_the_log_says_when_it_is_ready_when_the_camera_delivers_and_that_it_stop
     assert run.main(config, until(back_after_a_fault)) == 0
     assert "camera delivers" in caplog.text
     assert caplog.messages[-1] == "told to stop, and stopped"
+
+
+def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
+    config: Config, tmp_path: Path, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = Journal(tmp_path / "state")
+    words = config.preferences.merged(Preferences.of({"rock": -0.25}, 3))
+    journal.save_memory(replace(first_memory("painted-1", config.preferences), preferences=words))
+    settings = {"model": "painted-1", "values": {"AT_THR_ROI": [0.55, 0.3], "AT_SUM_HZ": [2.0, 1.0]}}
+    journal.save_supervision({"settings": settings})
+    journal.close()
+    loads = threading.Event()
+    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: loads.wait(PATIENCE) and Painted())
+    parser, ground = mavlink.MAVLink(None), mavlink.MAVLink(None, 255, 190)
+    radio.settimeout(0)
+    heard: dict[str, float] = {}
+    asked: list[bool] = []
+
+    def listed() -> bool:
+        with suppress(BlockingIOError):
+            while True:
+                datagram, companion = radio.recvfrom(4096)
+                for message in parser.parse_buffer(datagram) or []:
+                    if message.get_type() == "PARAM_VALUE":
+                        heard[message.param_id] = round(message.param_value, 4)
+                if not asked:
+                    asked.append(True)
+                    radio.sendto(mavlink.MAVLink_param_request_list_message(1, 191).pack(ground), companion)
+        return {"AT_W_ROCK", "AT_THR_ROI", "AT_SUM_HZ"} <= set(heard)
+
+    try:
+        assert run.main(config, until(listed)) == 0
+    finally:
+        loads.set()
+    assert (heard["AT_W_ROCK"], heard["AT_THR_ROI"], heard["AT_SUM_HZ"]) == (-0.25, 0.55, 2.0)
 
 
 def test_it_judges_tells_and_leaves_nothing_running(

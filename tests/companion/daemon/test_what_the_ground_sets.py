@@ -19,7 +19,7 @@ from companion.configured import judging_settings
 from companion.link.ftp.rehearsal import FileClient
 from companion.trial import REQUEST
 from companion.wire.ids import Motion, Policy
-from companion.wire.parameters import ROI
+from companion.wire.parameters import NOT_IN_USE, ROI
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import AUTO, HOLD, WORDS, MakeRig, Rig
 
@@ -253,3 +253,12 @@ def test_a_budget_beyond_a_serial_line_is_refused_and_one_kept_from_another_line
         rig.see(0.5)
     assert rig.echoes("AT_BUDGET")[-3:] == [300, 300, 310]
     assert "AT_BUDGET takes up to 320: kept" in rig.texts
+
+
+def test_a_weight_that_was_told_before_the_perceiver_was_loaded_and_is_not_in_force_is_told_anew(
+    rig: Rig,
+) -> None:
+    rig.stage.link.set_parameter("AT_W_DRUM", -0.5, rig.clock.now)
+    rig.desk.start(rig.clock.now)
+    rig.see(1.0)
+    assert rig.echoes("AT_W_DRUM")[-1] == NOT_IN_USE

@@ -25,6 +25,9 @@ from tests.companion.field.stubs import (
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 
 
+BACK = "Companion is back: nothing resumes by itself"
+
+
 def test_boot_without_a_companion_is_silent_and_harmless() -> None:
     board = Board()
     board.pass_time(60.0)
@@ -92,8 +95,53 @@ def test_a_companion_that_restarts_quickly_is_gone_until_it_sees() -> None:
     board.pass_time(4.0, state=State.STARTING)
     assert board.texts(2) == [HELD]
     board.pass_time(1.0, state=State.OK)
-    assert board.texts(6)[-1] == "Companion is back: nothing resumes by itself"
+    assert board.texts(4)[-2:] == [BACK, "HOLD since companion silent: set AUTO by hand"]
     assert board.mode_now == HOLD
+
+
+@pytest.mark.parametrize(("mode", "name"), [(AUTO, "AUTO"), (GUIDED, "GUIDED")])
+@pytest.mark.parametrize("reason", ["companion silent", "companion fault", "obstacle feed dead"])
+def test_a_hold_that_outlasts_its_cause_is_said_until_somebody_sets_a_mode(
+    mode: int, name: str, reason: str
+) -> None:
+    board = driving()
+    board.mode_now, board.sensors, board.status = mode, 1, 2
+    board.pass_time(1.0, state=State.OK)
+    if reason == "obstacle feed dead":
+        board.status = 1
+    board.pass_time(
+        3.0, state={"companion silent": None, "companion fault": State.FAULT}.get(reason, State.OK)
+    )
+    assert board.mode_now == HOLD
+    board.status = 2
+    board.pass_time(31.0, state=State.OK)
+    told = f"HOLD since {reason}: set {name} by hand"
+    assert board.texts(4).count(told) == 4
+    assert board.texts(4)[1] == BACK
+    board.human_sets(mode)
+    board.pass_time(60.0, state=State.OK)
+    assert board.texts(4).count(told) == 4
+    assert board.mode_now == mode
+
+
+def test_disarming_ends_that_too() -> None:
+    board = driving()
+    until_held(board)
+    board.pass_time(1.0, state=State.OK)
+    board.armed = False
+    board.pass_time(1.0, state=State.OK)
+    board.armed = True
+    said = len(board.said)
+    board.pass_time(30.0, state=State.OK)
+    assert len(board.said) == said
+
+
+def test_a_hold_of_a_human_is_none_of_its_own() -> None:
+    board = driving()
+    board.human_sets(HOLD)
+    board.pass_time(5.0)
+    board.pass_time(30.0, state=State.OK)
+    assert board.texts(4) == ["companion silent: guarded modes will be held", BACK]
 
 
 def test_one_that_starts_for_the_first_time_is_waited_for_and_guarded() -> None:

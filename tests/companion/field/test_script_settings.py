@@ -119,7 +119,7 @@ class TestPolicy:
         board.human_sets(AUTO)
         board.pass_time(60.0)
         assert board.mode_now == AUTO
-        assert board.texts(6)[-1] == "Companion is back: nothing resumes by itself"
+        assert board.texts(6)[-1] == "HOLD since companion silent: set AUTO by hand"
 
     @pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW])
     def test_an_owner_may_ask_for_the_stop_in_these_policies_too(self, policy: Policy) -> None:

@@ -12,7 +12,7 @@ from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
 
 NUMBER = st.integers(0, 0xFFFF)
 FIGURE = st.none() | st.floats()
-FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text", "most"}
+FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text", "most", "why"}
 ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "connection": st.from_regex(r"[a-z][a-z0-9_-]{0,11}", fullmatch=True),
     "call": NUMBER,

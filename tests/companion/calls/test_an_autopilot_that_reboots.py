@@ -1,0 +1,153 @@
+"""An autopilot that reboots in our hold is no human who takes over: the call stays, nothing resumes alone."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.autopilots import ardupilot, px4
+from companion.calls.hold import HoldEvent, HoldStage
+from companion.wire.ids import Outcome, Policy
+from tests.companion.calls.scenes import (
+    AUTO,
+    BROKEN,
+    CLEAR,
+    DRUM,
+    GUIDED,
+    HOLD,
+    LOITER,
+    MANUAL,
+    Scene,
+)
+
+INITIALISING = ardupilot.INITIALISING
+
+
+def reboot(scene: Scene, into: int, *, told: bool = True, armed: bool = False) -> None:
+    """It falls silent, boots for some seconds, and comes back. told: a heartbeat shows that it boots."""
+    scene.autopilot.silent, scene.autopilot.armed = True, False
+    scene.run(4.0, DRUM)
+    scene.autopilot.silent = False
+    if told:
+        scene.autopilot.mode = INITIALISING
+        scene.run(1.0, DRUM)
+    scene.autopilot.mode, scene.autopilot.armed = into, armed
+    scene.run(2.0, DRUM)
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("into", [MANUAL, HOLD, LOITER, AUTO])
+def test_the_call_and_its_hold_stay_and_nothing_is_accepted_or_commanded(
+    held: Scene, into: int, told: bool
+) -> None:
+    reboot(held, into, told=told)
+    held.run(30.0, DRUM)
+    assert held.closed() == []
+    assert (held.call.id, held.hold.id) == (1, 1)
+    assert held.calls.sight.acceptance is None
+    assert held.modes() == [HOLD]
+    assert held.events().count(HoldEvent.REBOOTED) == 1
+    assert HoldEvent.TAKEN_OVER not in held.events()
+
+
+def test_a_quick_reboot_that_only_its_mode_shows_is_one_too(held: Scene) -> None:
+    held.human(INITIALISING, armed=False)
+    held.human(MANUAL, armed=False)
+    held.run(5.0, DRUM)
+    assert held.events() == [HoldEvent.CONFIRMED, HoldEvent.REBOOTED]
+    assert held.call.id == 1
+
+
+def test_it_is_not_told_to_stand_because_of_us_before_it_holds_again(held: Scene) -> None:
+    reboot(held, MANUAL)
+    assert not held.hold.standing
+    held.human(HOLD, armed=False)
+    assert held.hold.standing
+    assert held.events()[-1] is HoldEvent.CONFIRMED
+
+
+@pytest.mark.parametrize("mode", [AUTO, GUIDED])
+@pytest.mark.parametrize("armed", [True, False])
+def test_armed_again_in_a_driving_mode_it_is_held_again(held: Scene, mode: int, armed: bool) -> None:
+    """Be it by itself as it boots, or by somebody who armed it first and thought afterwards."""
+    reboot(held, mode, armed=armed)
+    if not armed:
+        held.human(mode)
+    held.run(1.0, DRUM)
+    assert held.modes() == [HOLD, HOLD]
+    assert held.autopilot.mode == HOLD
+    assert held.call.id == 1
+    held.human(mode)
+    assert held.closed() == [(1, Outcome.TAKEN_OVER)], "and now it is a human's mode"
+
+
+def test_armed_again_in_hold_it_stands_until_a_go_is_given(held: Scene) -> None:
+    reboot(held, HOLD)
+    held.human(HOLD)
+    held.run(20.0, CLEAR)
+    assert held.modes() == [HOLD]
+    held.go()
+    held.run(2.0, CLEAR)
+    assert held.autopilot.mode == AUTO
+    assert held.events()[-1] is HoldEvent.RESUMED
+
+
+def test_armed_again_in_manual_a_human_drives(held: Scene) -> None:
+    reboot(held, MANUAL)
+    held.human(MANUAL)
+    assert held.closed() == [(1, Outcome.TAKEN_OVER)]
+    assert held.calls.hold is None
+
+
+def test_a_mode_that_is_armed_as_it_boots_is_nobodys(held: Scene) -> None:
+    reboot(held, MANUAL, armed=True)
+    held.run(20.0, DRUM)
+    assert (held.closed(), held.modes(), held.events().count(HoldEvent.FAILED)) == ([], [HOLD], 0)
+    held.human(AUTO)
+    held.run(1.0, DRUM)
+    assert held.modes() == [HOLD, HOLD]
+
+
+def test_a_go_that_was_given_before_is_void(held: Scene) -> None:
+    held.autopilot.deaf = True
+    held.go()
+    held.run(1.0, CLEAR)
+    assert held.hold.stage is HoldStage.RESUMING
+    reboot(held, HOLD)
+    held.autopilot.deaf = False
+    asked = len(held.modes())
+    held.human(HOLD)
+    held.run(20.0, CLEAR)
+    assert held.calls.go_at is None
+    assert len(held.modes()) == asked
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_faults_hold_that_may_end_by_itself_may_not_after_a_reboot(told: bool) -> None:
+    scene = Scene(Policy.HOLD, fault_ends_hold=True)
+    scene.run(1.0)
+    scene.run(1.0, BROKEN)
+    reboot(scene, HOLD, told=told)
+    scene.human(HOLD)
+    scene.run(20.0, CLEAR)
+    assert AUTO not in scene.modes()
+
+
+def test_a_rover_that_was_switched_off_as_a_whole_keeps_its_call(held: Scene) -> None:
+    held.restarted()
+    held.autopilot.armed = False
+    for mode in (INITIALISING, MANUAL):
+        held.autopilot.mode = mode
+        held.run(1.0, DRUM)
+    assert held.closed() == []
+    assert (held.call.id, held.hold.id) == (1, 1)
+
+
+def test_a_px4_that_reboots_keeps_it_too() -> None:
+    scene = Scene(Policy.HOLD, mode=px4.MISSION, kind=px4.OFFBOARD_HOLD)
+    scene.run(1.0)
+    scene.run(2.0, DRUM)
+    reboot(scene, px4.LOITER, told=False)
+    scene.run(2.0, DRUM)
+    assert scene.call.id == 1
+    assert scene.hold.mode == px4.LOITER
+    assert scene.events()[-2:] == [HoldEvent.REBOOTED, HoldEvent.CONFIRMED]

@@ -39,7 +39,7 @@ from companion.logbook import logbook
 from companion.model import Model
 from companion.overrides import Overrides
 from companion.readiness import get_ready
-from companion.refusal import HoldJudge
+from companion.refusal import HoldJudge, require_checkable
 from companion.restored import first_policy, open_book, open_id, restore_calls, whole
 from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness, tasks
@@ -56,6 +56,7 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
 
     Raises AnyTraverseError, LinkError, ParameterError, JournalError for what a person must mend first.
     """
+    require_checkable(config)
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
         return _main(config, stop, closing)

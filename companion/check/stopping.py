@@ -100,10 +100,11 @@ class Stopping:
     def told(self) -> str:
         """The judgement and, where it is bad, what to do."""
         circling = f", then {self.overrun:g} m on in LOITER" if self.overrun else ""
+        braked = self.brakes.way(self.driven)
         way = (
             f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop "
-            f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {self.brakes.way(self.driven):.1f} m in HOLD{circling}), and "
-            f"a thing is seen {self.sees:.1f} m ahead"
+            f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {braked:.1f} m in "
+            f"HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"

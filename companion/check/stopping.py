@@ -103,8 +103,8 @@ class Stopping:
         braked = self.brakes.way(self.driven)
         way = (
             f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop "
-            f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {braked:.1f} m in "
-            f"HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
+            f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {braked:.1f} m "
+            f"in HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"

@@ -39,8 +39,8 @@ class Drive(enum.Enum):
 class Body:
     """Default: 1 m/s2 of acceleration. `Drive.BRAKE` stops it from 2.5 m/s within about 2.6 m.
 
-    `Drive.HOLD` slows it down by `easing` per second of its speed, and by `easing_rest` at the end: within 2 %
-    the ways of ArduPilot Rover 4.7-dev in its own simulation (companion.check.braking.ARDUPILOT).
+    `Drive.HOLD` slows it down by `easing` of its speed each second, and by `easing_rest`: within 2 % the ways
+    of ArduPilot Rover 4.7-dev in its own simulation (companion.check.braking.ARDUPILOT).
     """
 
     mass: float = 80.0  # kg

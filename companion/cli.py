@@ -68,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     whole.add_argument("--link", metavar="URL", help="a way of the check's own to the autopilot")
     whole.add_argument("--json", action="store_true", help="the last line is one JSON object")
     whole.add_argument("--dry-run", action="store_true", help="raise a test call, and wait for its answer")
+    whole.add_argument("--measure", action="store_true", help="you drive and set HOLD; it fits the brakes")
     whole.set_defaults(run=_check_rover)
 
     status = commands.add_parser("status", help="say what the companion that runs says of itself")
@@ -169,6 +170,10 @@ def _check_rover(options: argparse.Namespace) -> int:
         from companion.check.dry_run import dry_run
 
         return dry_run(options.file, as_json=options.json)
+    if options.measure:
+        from companion.check.measure import measure
+
+        return measure(options.file, link=options.link)
     from companion.check.main import check
 
     return check(options.file, link=options.link, as_json=options.json)

@@ -106,8 +106,10 @@ class PolicyDesk:
             if before is not None:
                 self._link.say(notices.hold_fits(), _WARNING, now)
             return []
-        log.error("%s", self._refusal.why)
-        if not self._policies.give_up_hold():
+        given_up = self._policies.give_up_hold()
+        if given_up or self._wants_hold:
+            log.error("%s", self._refusal.why)
+        if not given_up:
             return []
         self._wants_hold = True
         self._link.say(self._refusal.short, _ERROR, now)

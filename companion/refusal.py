@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.check.stopping import Stopping, judge
@@ -21,6 +22,25 @@ class Refusal:
     short: str
     reminder: str
     reason: str
+
+
+class UncheckedError(AnyTraverseError):
+    """Policy hold is configured, and nobody can say whether the vehicle stops in time."""
+
+
+def require_checkable(config: Config) -> None:
+    """Raises UncheckedError where the policy is hold and the stopping distance cannot be reckoned."""
+    stopping = judge(config)
+    if config.call.policy == "hold" and isinstance(stopping, str) and not config.stopping.unchecked:
+        raise UncheckedError(unchecked(stopping))
+
+
+def unchecked(missing: str) -> str:
+    """Why policy hold is refused, and what to do. missing: as `judge` says it."""
+    return (
+        f"policy hold is refused, since nobody can say whether the vehicle stops in time: {missing}. "
+        "Or drive without that knowledge: set [stopping] unchecked = true"
+    )
 
 
 Refuses = Callable[[Settings, float], Refusal | None]
@@ -49,16 +69,22 @@ class HoldJudge:
         return judge(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
 
     def refuses(self, judging: Settings, overrun: float = 0.0) -> Refusal | None:
-        """None where it may be held. What cannot be judged refuses nothing."""
-        return hold_refusal(self._pace, self.stopping(judging, overrun))
+        """None where it may be held. What cannot be judged is refused, but where its owner wants that."""
+        stopping = self.stopping(judging, overrun)
+        if isinstance(stopping, str) and self._config.stopping.unchecked:
+            return hold_refusal(self._pace, None)
+        return hold_refusal(self._pace, stopping)
 
 
-def hold_refusal(pace: Pace, stopping: Stopping | str) -> Refusal | None:
-    """None where the vehicle may be held. stopping: as judged, or why not, which refuses nothing."""
+def hold_refusal(pace: Pace, stopping: Stopping | str | None) -> Refusal | None:
+    """None where the vehicle may be held. stopping: as judged, or why not; None: that is no matter."""
     if not pace.keeps:
         short, reminder = notices.hold_refused(pace.step), notices.only_reports(pace.step)
         return Refusal(too_slow(pace), short, reminder, "perceiver too slow for HOLD")
-    if isinstance(stopping, Stopping) and not stopping.enough:
+    if isinstance(stopping, str):
+        short, reminder = notices.hold_unchecked(), notices.only_reports_unchecked()
+        return Refusal(unchecked(stopping), short, reminder, "stopping not checked")
+    if stopping is not None and not stopping.enough:
         speed, fits = stopping.speed, stopping.fits
         why = f"policy hold is refused: {stopping.told()}"
         short, reminder = notices.hold_outruns(speed, fits), notices.only_reports_outrunning(speed, fits)

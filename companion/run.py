@@ -32,7 +32,7 @@ from companion.link.signing import Signing, open_signing
 from companion.loading import load
 from companion.logbook import logbook
 from companion.overrides import Overrides
-from companion.refusal import HoldJudge
+from companion.refusal import HoldJudge, require_checkable
 from companion.restored import first_parameters, first_policy, open_book, open_id, restore_calls, whole
 from companion.settings_desk import SettingsDesk
 from companion.tasks import VISION, Liveness, tasks
@@ -53,6 +53,7 @@ def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequenc
     vision: the command of the vision process, for one that knows other perceivers.
     Raises AnyTraverseError, LinkError, ParameterError, JournalError for what a person must mend first.
     """
+    require_checkable(config)
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
         code = _main(config, stop, vision or COMMAND, closing)

@@ -8,6 +8,7 @@ import signal
 
 import cv2
 
+from companion.demo.main import SPEED
 from companion.field.render import Camera
 from companion.field.server import FieldServer, Options
 from companion.field.things import DEFAULT_SURPRISES, World
@@ -21,7 +22,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--at", type=float, default=0.0, help="m along the trail")
-    parser.add_argument("--speed", type=float, default=2.5, help="m/s")
+    parser.add_argument("--speed", type=float, default=SPEED, help="m/s")
     parser.add_argument("--surprises", action="store_true", help="a drum, a rock and a log on the way")
     parser.add_argument("--no-script", dest="script", action="store_false")
     given = parser.parse_args()

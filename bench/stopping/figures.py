@@ -17,8 +17,8 @@ def line(run: Run) -> str:
     if run.stop is not None:
         stop = run.stop
         told += (
-            f"  {stop.speed:.1f} m/s in the {stop.zone:6}  {stop.seconds:5.2f} s of {stop.limit:.2f}"
-            f"  {stop.metres:5.2f} m  by {stop.by or 'nobody'}"
+            f"  {stop.speed:.1f} m/s in the {stop.zone:6}  {stop.seconds:5.2f} s of {stop.limit.seconds:.2f}"
+            f"  {stop.metres:5.2f} m of {stop.limit.metres:.2f}  by {stop.by or 'nobody'}"
         )
     if run.disturbed:
         told += f"  (begun anew {run.disturbed} x)"
@@ -26,13 +26,14 @@ def line(run: Run) -> str:
 
 
 def figures(runs: Sequence[Run]) -> dict[str, Any]:
-    """runs, stopped: of those that had to stop. Seconds, metres: the worst; limit_seconds: the longest."""
+    """runs, stopped: of those that had to stop. Seconds, metres: the worst; limits: the longest."""
     due = [run for run in runs if run.kind not in NEVER_STOPS]
     return {
         "runs": len(due),
         "stopped": sum(run.stop is not None and run.stop.stopped for run in due),
         **_worst(due),
-        "limit_seconds": _most(run.stop.limit for run in due if run.stop is not None),
+        "limit_seconds": _most(run.stop.limit.seconds for run in due if run.stop is not None),
+        "limit_metres": _most(run.stop.limit.metres for run in due if run.stop is not None),
         "commanded_in_report_policy": sum(run.commanded for run in runs),
         "kinds": {kind: _of_kind(runs, kind) for kind in dict.fromkeys(run.kind for run in runs)},
     }

@@ -1,10 +1,11 @@
-"""How long the rover may take to stand, and where the figures for that come from."""
+"""How long and how far the rover may go on until it stands, and where the figures for that come from."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
+from companion.check.braking import ARDUPILOT, Brakes, fit
 from companion.field.onboard import install
 from companion.field.rover import STANDSTILL, STEP, Drive, Rover
 from companion.field.simulation import Simulation
@@ -16,19 +17,35 @@ SPARE = 1.0
 
 @dataclass(frozen=True)
 class Limit:
-    """Seconds from a fault to standstill.
+    """From a fault to standstill, by the formula of `companion check`: driven on at speed, then braked.
 
-    freshness: T, after which the companion may not say OK. timeout: the silence after which the script on the
-    autopilot acts. braking: from the order to standstill.
+    freshness: T in s, after which the companion may not say OK. timeout: s of silence after which the script
+    on the autopilot acts. speed: m/s at the fault; the rover really drives it, and does not overshoot it.
     """
 
     freshness: float
     timeout: float
-    braking: float
+    speed: float
+
+    @property
+    def noticed(self) -> float:
+        """Seconds until somebody orders HOLD."""
+        return self.freshness + self.timeout + SPARE
 
     @property
     def seconds(self) -> float:
-        return self.freshness + self.timeout + SPARE + self.braking
+        return self.noticed + braking(self.speed)[0]
+
+    @property
+    def metres(self) -> float:
+        return self.speed * self.noticed + brakes().way(self.speed)
+
+
+@cache
+def brakes() -> Brakes:
+    """As the demo's and the bench's configuration have them."""
+    found = fit(ARDUPILOT)
+    return Brakes.of(found.braking, found.time_constant)
 
 
 @cache
@@ -43,14 +60,15 @@ def script_timeout() -> float:
     return autopilot.parameters["ATS_TIMEOUT"]
 
 
+@lru_cache(256)
 def braking(speed: float) -> tuple[float, float]:
-    """Seconds and metres that the simulated rover takes from an order to stand, at `speed` m/s."""
+    """Seconds and metres that the simulated rover takes from HOLD to standstill, at `speed` m/s."""
     rover = Rover(World(1, ()).trail, cruise_speed=speed)
     rover.drive = Drive.FOLLOW
     while rover.speed < 0.99 * speed and rover.time < 20.0:
         rover.step(STEP)
     begun, driven = rover.time, rover.distance
-    rover.drive = Drive.BRAKE
+    rover.drive = Drive.HOLD
     while rover.speed > STANDSTILL:
         rover.step(STEP)
     return rover.time - begun, rover.distance - driven

@@ -11,19 +11,20 @@ from random import Random
 
 from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, Fault
 from bench.stopping.humans import STATES, take_over
-from bench.stopping.limits import Limit, braking, script_timeout
+from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage, Stop, stopped
+from companion.demo.main import SPEED
 from companion.field.rover import STANDSTILL
 from companion.field.trail import Trail
 from companion.wire.ids import Policy, State
 
-SLOW, FAST = 1.0, 2.5
+SLOW, FAST = 0.6, SPEED
 RUSH = 5.0
 """m/s of a rover that is only looked after."""
 LAP_WITHIN = 60.0
 TRIES = 3
 LATE = "too late"
-"""It stands, but took longer than its limit."""
+"""It stands, but took longer, or went farther, than its limit."""
 
 
 @dataclass(frozen=True)
@@ -152,11 +153,11 @@ def alien(job: Job) -> Iterator[Run]:
 
 
 def _asks(job: Job, stage: Stage) -> Run:
-    limit = Limit(stage.freshness, script_timeout(), braking(stage.speed)[0]).seconds
+    limit = Limit(stage.freshness, script_timeout(), stage.speed)
     stage.control.start()
     before = after = stage.status()
     asks = False
-    while after["t"] - before["t"] < limit + BEYOND:
+    while after["t"] - before["t"] < limit.seconds + BEYOND:
         after, told = stage.status(), stage.told()
         asks = told.get("state") == "calling" and "unknown_scene" in told["reasons"]
         if asks and after["mode"] == "HOLD" and after["speed"] <= STANDSTILL:

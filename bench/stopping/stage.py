@@ -16,11 +16,12 @@ from typing import Any
 from bench.stopping import eyes
 from bench.stopping.ground import Ground
 from bench.stopping.lens import Lens
-from bench.stopping.limits import Limit, braking, script_timeout
+from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.wire import Wire
 from companion.config import load_config
 from companion.demo.child import Child
 from companion.demo.config import write_config
+from companion.demo.main import SPEED
 from companion.field.autopilot import HAND
 from companion.field.control import FieldControl
 from companion.field.rover import STANDSTILL
@@ -62,7 +63,7 @@ class Plan:
 
     seed: int
     at: float
-    speed: float = 2.5
+    speed: float = SPEED
     policy: str = "hold"
     breakable: bool = False
     quiet: bool = True
@@ -74,22 +75,22 @@ class Plan:
 class Stop:
     """From a fault to standstill: by the simulation's clock and way. by: who changed the mode, "" nobody.
 
-    stands: in HOLD that no hand set, late or not, and half a second later still. limit, seconds: s.
-    metres: m. speed: m/s at the fault.
+    stands: in HOLD that no hand set, late or not, and half a second later still. seconds: s. metres: m.
+    speed: m/s at the fault.
     """
 
     stands: bool
     seconds: float
     metres: float
-    limit: float
+    limit: Limit
     speed: float
     zone: str
     by: str
 
     @property
     def stopped(self) -> bool:
-        """Within the limit."""
-        return self.stands and self.seconds <= self.limit
+        """Within the limit, in seconds and in metres."""
+        return self.stands and self.seconds <= self.limit.seconds and self.metres <= self.limit.metres
 
 
 class Stage:
@@ -215,9 +216,10 @@ class Stage:
         if before["mode"] != "AUTO":
             raise Disturbed(f"it stood already: {before['mode_log'][-1]}")
         fault()
-        limit = Limit(self.freshness, script_timeout(), braking(before["speed"])[0]).seconds
+        limit = Limit(self.freshness, script_timeout(), before["speed"])
+        until = before["t"] + limit.seconds + BEYOND
         after = self.status()
-        while after["speed"] > STANDSTILL and after["t"] - before["t"] < limit + BEYOND:
+        while after["speed"] > STANDSTILL and after["t"] < until:
             if self._cancelled.is_set():
                 raise KeyboardInterrupt
             time.sleep(LOOK)
@@ -243,7 +245,7 @@ class Stage:
 
 
 def stopped(
-    before: dict[str, Any], after: dict[str, Any], limit: float, later: dict[str, Any] | None = None
+    before: dict[str, Any], after: dict[str, Any], limit: Limit, later: dict[str, Any] | None = None
 ) -> Stop:
     """What lies between two of the field's statuses; later: one more, to see whether it stays."""
     held = [change for change in after["mode_log"] if change["t"] >= before["t"] and change["by"] != HAND]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import select
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 from companion.autopilots import known_autopilot
 from companion.check import parameters
-from companion.check.finding import Finding, failed, passed, warned
+from companion.check.finding import Finding, Verdict, failed, warned
 from companion.check.interview import HEARD_WITHIN, Interview
 from companion.check.parameters import NAMES, Facts
 from companion.config import Config
@@ -59,24 +60,39 @@ def ask_first(config: Config, urls: Sequence[str]) -> Asked:
 def ask(config: Config, url: str) -> Asked:
     """All about the autopilot behind `url`: up to 10 s to hear it, and some more to ask it."""
     try:
-        address = read_url(url)
-        check_installed(address)
-        signing = _signing(config.link.signing_key)
+        with talking(config, url, parameters.names) as (interview, turn):
+            until = interview.began + LIMIT
+            while not turn() and time.monotonic() < until:
+                pass
     except LinkError as error:
         return Asked([failed(CHECK, str(error))], heard=False)
-    began = time.monotonic()
+    return judged(config, url, interview)
+
+
+@contextmanager
+def talking(
+    config: Config, url: str, names: Callable[[int], Sequence[str]]
+) -> Iterator[tuple[Interview, Callable[[], bool]]]:
+    """An interview by `url`, and its turn, which waits a moment for what comes. Raises LinkError."""
+    address = read_url(url)
+    check_installed(address)
+    signing, began = _signing(config.link.signing_key), time.monotonic()
     connection = Connection(partial(open_transport, address), began)
-    interview = Interview(connection, parameters.names, config.link.system_id, began, signing)
+    interview = Interview(connection, names, config.link.system_id, began, signing)
     interview.sceptical = not config.link.unsigned_autopilot
+
+    def turn() -> bool:
+        over = interview.turn(time.monotonic())
+        readable = [number for number in (connection.fileno(),) if number is not None]
+        select.select(readable, [], [], _TICK)
+        return over
+
     try:
-        while not interview.turn(time.monotonic()) and time.monotonic() - began < LIMIT:
-            readable = [number for number in (connection.fileno(),) if number is not None]
-            select.select(readable, [], [], _TICK)
+        yield interview, turn
     finally:
         connection.close()
         if signing is not None:
             signing.close()
-    return judged(config, url, interview)
 
 
 def _signing(key: str | None) -> Signing | None:
@@ -91,7 +107,7 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     """What the interview showed."""
     autopilot, values = interview.autopilot, interview.values
     if autopilot is None:
-        return Asked([failed(CHECK, _silence(url, interview))], heard=False)
+        return Asked([failed(CHECK, silence(url, interview))], heard=False)
     name = NAMES.get(autopilot.kind, f"autopilot of kind {autopilot.kind}")
     who = f"{name}, system {autopilot.system_id}"
     known = known_autopilot(autopilot.kind, autopilot.vehicle, config.call.px4_hold)
@@ -107,14 +123,15 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     offboard = config.call.px4_hold == "offboard"
     facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard, config.call.policy)
     wrong = parameters.judge(autopilot.kind, facts, holds=config.call.policy == "hold")
-    if not wrong:
-        wrong = [passed(CHECK, f"{who}: {len(values)} parameters told, none makes a hold unsafe")]
+    worst = max((one.verdict for one in wrong), default=Verdict.PASS)
+    told = f"{len(wrong)} findings, below" if wrong else "none makes a hold unsafe"
+    wrong.insert(0, Finding(CHECK, worst, f"{who}: {len(values)} parameters told, {told}"))
     if autopilot.kind == parameters.PX4:
         wrong.append(warned(CHECK, _UNGUARDED))
     return Asked(wrong, parameters.speed(autopilot.kind, values), known.overrun)
 
 
-def _silence(url: str, interview: Interview) -> str:
+def silence(url: str, interview: Interview) -> str:
     """Why nobody was heard, as far as it can be known."""
     trouble = interview.connection.trouble
     if trouble is not None and "in use" in trouble:

@@ -54,6 +54,7 @@ class Interview:
 
     signing: where a key is configured; `sceptical`: what is not signed with it is not heard.
     names: what to ask an autopilot of that kind. values: what it answered. others: who else was heard.
+    listen: gets all that the autopilot says, and when.
     """
 
     connection: Connection
@@ -62,6 +63,7 @@ class Interview:
     began: float
     signing: Signing | None = None
     sceptical: bool = True
+    listen: Callable[[Any, float], None] = lambda _message, _now: None
     autopilot: Heartbeat | None = None
     values: dict[str, float] = field(default_factory=dict)
     others: set[tuple[int, int]] = field(default_factory=set)
@@ -82,7 +84,7 @@ class Interview:
             self.bytes += len(data)
             for message in self._parser.feed(data, now, whole=self.connection.datagrams):
                 if not self._doubts(message, now):
-                    self._hear(message)
+                    self._hear(message, now)
         if now - self._beat_at >= 1.0:
             self._beat_at = now
             self._send(
@@ -120,12 +122,13 @@ class Interview:
                 )
                 return
 
-    def _hear(self, message: Any) -> None:
+    def _hear(self, message: Any, now: float) -> None:
         sender = message.get_srcSystem(), message.get_srcComponent()
         kind = message.get_type()
         if sender[1] != AUTOPILOT_COMPONENT_ID or (self.autopilot and sender[0] != self.autopilot.system_id):
             self.others.add(sender)
-        elif kind == "HEARTBEAT" and self.autopilot is None:
+            return
+        if kind == "HEARTBEAT" and self.autopilot is None:
             self._adopt(sender[0], message)
         elif self.autopilot is not None and kind == "PARAM_VALUE":
             name, value = str(message.param_id), value_of(message, self.autopilot.kind)
@@ -133,6 +136,8 @@ class Interview:
                 self.values[name] = value
         elif kind == "PARAM_ERROR" and message.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST:
             self._questions.pop(str(message.param_id), None)
+        if self.autopilot is not None:
+            self.listen(message, now)
 
     def _adopt(self, system_id: int, message: Any) -> None:
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:

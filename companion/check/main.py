@@ -12,6 +12,7 @@ from companion.check.finding import Finding, Verdict, failed, passed, warned
 from companion.check.here import Perceives, check_disk, check_journal, check_perceiver, state_folder, status
 from companion.check.stopping import judge
 from companion.config import Config, ConfigError, load_config
+from companion.refusal import unchecked
 
 _WIDTH = 24
 
@@ -66,6 +67,8 @@ def check_stopping(config: Config, perceives: Perceives, asked: Asked) -> Findin
     name, fastest = asked.speed if asked.speed is not None else ("", None)
     judged = judge(config, perceives.step, perceives.tile, fastest, asked.overrun)
     if isinstance(judged, str):
+        if config.call.policy == "hold" and not config.stopping.unchecked:
+            return failed("stopping", unchecked(judged))
         return warned("stopping", f"not checked: {judged}")
     configured = config.stopping.speed
     by = ""

@@ -85,8 +85,8 @@ def with_bit(bit: int) -> Bad:
     return lambda value, _: int(value) & bit != 0
 
 
-def without_bit(bit: int) -> Bad:
-    return lambda value, _: int(value) & bit == 0
+def without_bits(bits: int) -> Bad:
+    return lambda value, _: int(value) & bits != bits
 
 
 DIES = "nothing stops the vehicle when the companion dies"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from companion.check.braking import OVERSHOOT, Brakes
 from companion.config import Config
 
 FARTHEST = 20.0
@@ -61,15 +62,16 @@ class Outlook:
 
 @dataclass(frozen=True)
 class Stopping:
-    """Speeds in m/s, braking in m/s2, times in s, distances in m from the vehicle's front.
+    """Times in s, distances in m from the vehicle's front.
 
-    react: from the moment that a thing may be seen until the brakes act. sees: where a thing is seen.
+    speed: m/s that it is told to drive; it is reckoned to drive `OVERSHOOT` times as fast. brakes: from HOLD
+    to standstill. react: from the moment that a thing may be seen until they act. sees: where that is.
     top: the ROI's upper side that would be enough at this speed; None where none would.
     overrun: driven on in the autopilot's hold mode, taken to come on top of braking.
     """
 
     speed: float
-    braking: float
+    brakes: Brakes
     react: float
     sees: float
     top: float | None = None
@@ -78,13 +80,17 @@ class Stopping:
     @property
     def needs(self) -> float:
         """The way to standstill from the moment that a thing may be seen."""
-        return self.speed * self.react + self.speed**2 / (2.0 * self.braking) + self.overrun
+        return self.driven * self.react + self.brakes.way(self.driven) + self.overrun
+
+    @property
+    def driven(self) -> float:
+        """m/s that it may really drive."""
+        return OVERSHOOT * self.speed
 
     @property
     def fits(self) -> float:
-        """The speed whose way to standstill is just what is seen."""
-        lost = self.braking * self.react
-        return math.sqrt(lost**2 + 2.0 * self.braking * max(0.0, self.sees - self.overrun)) - lost
+        """The speed to be told whose way to standstill is just what is seen."""
+        return self.brakes.fastest(self.sees - self.overrun, self.react) / OVERSHOOT
 
     @property
     def enough(self) -> bool:
@@ -94,9 +100,11 @@ class Stopping:
     def told(self) -> str:
         """The judgement and, where it is bad, what to do."""
         circling = f", then {self.overrun:g} m on in LOITER" if self.overrun else ""
+        braked = self.brakes.way(self.driven)
         way = (
-            f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop ({self.react:.1f} s to react, then "
-            f"braking at {self.braking:g} m/s2{circling}), and a thing is seen {self.sees:.1f} m ahead"
+            f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop "
+            f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {braked:.1f} m "
+            f"in HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"
@@ -128,15 +136,16 @@ def judge(
     tiles are not judged. speed: m/s that the autopilot is known to drive, which counts where it is greater
     than the configured one. overrun: as in `Stopping`, where the autopilot is known.
 
-    Time to react: a frame is judged and the votes come in, or the eyes fail just then and T passes, whichever
-    takes longer; then the order reaches the brakes. That both happen at once is not reckoned with.
+    Time to react: the camera's latency; then a frame is judged and the votes come in, or the eyes fail just
+    then and T passes, whichever takes longer; then the order reaches the brakes. That both happen at once is
+    not reckoned with. T counts from when a frame was captured, as far as the camera tells: its latency, which
+    it does not tell, comes on top.
     """
     mount, stopping, roi, call = config.mount, config.stopping, config.roi, config.call
     fastest = max((one for one in (stopping.speed, speed) if one is not None), default=None)
-    if mount.height is None or mount.tilt is None:
-        return "set [mount] height and tilt, and [stopping] speed"
-    if fastest is None:
-        return "set [stopping] speed"
+    if mount.height is None or mount.tilt is None or fastest is None:
+        missing = ["[mount] height and tilt"] if mount.height is None or mount.tilt is None else []
+        return f"set {', and '.join([*missing, *(['[stopping] speed'] if fastest is None else [])])}"
     if config.camera.view > WIDEST:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
     outlook = Outlook(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
@@ -144,8 +153,10 @@ def judge(
     rows = filled * roi.tile_share * (roi.right - roi.left) * mount.aspect
     sees = outlook.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)
-    react = max(step + call.window * interval, config.freshness) + stopping.delay
-    judged = Stopping(fastest, stopping.braking, react, min(sees, FARTHEST), overrun=overrun)
+    noticed = max(step + call.window * interval, config.freshness)
+    react = config.camera.latency + noticed + stopping.delay
+    brakes = Brakes.of(stopping.braking, stopping.time_constant)
+    judged = Stopping(fastest, brakes, react, min(sees, FARTHEST), overrun=overrun)
     top = outlook.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 

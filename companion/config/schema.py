@@ -34,6 +34,7 @@ class Camera(Section):
     )
     loop: bool = setting(False, flag, "whether a video or folder starts again at its end")  # noqa: FBT003
     view: float = setting(60.0, number(10, 180), "horizontal field of view, degrees")
+    latency: float = setting(0.15, number(0, 5), "s that a frame is old when it is here, and does not say")
 
 
 def _known_perceiver(name: str) -> None:
@@ -94,8 +95,16 @@ class Stopping(Section):
     """How fast the vehicle drives by itself, and how it stops."""
 
     speed: float | None = setting(None, number(0.05, 30), "m/s, the fastest that it drives by itself")
-    braking: float = setting(0.5, number(0.05, 10), "m/s2 of braking in HOLD, measured")
+    time_constant: float | None = setting(
+        None, number(0, 20), "s, from `companion check --measure`; unset: 2.1, or braking where that is worse"
+    )
+    braking: float = setting(0.5, number(0.01, 100), "m/s2 in HOLD, beside the time constant, measured")
     delay: float = setting(0.5, number(0, 10), "s from an order to hold until the brakes act")
+    unchecked: bool = setting(
+        False,  # noqa: FBT003
+        flag,
+        "whether policy hold is allowed although nobody can say whether it stops in time",
+    )
 
 
 @dataclass(frozen=True)

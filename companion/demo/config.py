@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+from companion.check.braking import ARDUPILOT, fit
 from companion.field.lens import FIELD_OF_VIEW, HEIGHT, PITCH
 from companion.field.rover import Body
 
@@ -31,7 +32,7 @@ keep = 200
 [call]
 policy = {policy}
 
-# At 2.5 m/s the rover needs 5 m from seeing a thing to standstill: `companion check` has the figures.
+# At 1.5 m/s the rover needs 5.0 m from seeing a thing to standstill: `companion check` has the figures.
 [roi]
 left = 0.35
 top = 0.46
@@ -60,11 +61,12 @@ front = {front:g}
 
 [stopping]
 speed = {speed:g}
+time_constant = {time_constant:g}
 braking = {braking:g}
 delay = {delay:g}
 """
-_TO_THE_BRAKES = 0.05
-"""Seconds from an order to the simulated actuators, over the loopback."""
+_TO_THE_AUTOPILOT = 0.1
+"""Seconds from an order until the simulated autopilot has taken HOLD, over the loopback."""
 
 
 def written_by_demo(path: Path) -> bool:
@@ -81,19 +83,21 @@ def write_config(out: Path, *, camera: str, link: str, policy: str, speed: float
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
     # What JSON makes of a string is a TOML string too, whatever is in a path.
     quoted = {name: json.dumps(value) for name, value in values.items()}
-    view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\n"
+    # Frames of the field say when they were captured.
+    view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\nlatency = 0\n"
     stopping = "" if speed is None else _of_the_field(speed)
     path.write_text(_TEXT.format(mark=_MARK, view=view, stopping=stopping, **quoted), encoding="utf-8")
     return path
 
 
 def _of_the_field(speed: float) -> str:
-    body = Body()
+    body, found = Body(), fit(ARDUPILOT)
     return _STOPPING.format(
         height=HEIGHT,
         tilt=math.degrees(PITCH),
         front=body.radius,
         speed=speed,
-        braking=(body.brake_force + body.rolling_force) / body.mass,
-        delay=body.reaction + _TO_THE_BRAKES,
+        time_constant=found.time_constant,
+        braking=found.braking,
+        delay=_TO_THE_AUTOPILOT,
     )

@@ -15,7 +15,7 @@ from companion.demo.story import Story
 from companion.demo.tally import Tally, missing
 from companion.field.control import FieldControl
 
-LIMIT = 85.0
+LIMIT = 170.0
 """Seconds after which the scripted demo gives up."""
 READY_WITHIN = 20.0
 STEP = 0.1
@@ -25,6 +25,8 @@ NEAR = 9.0
 """Metres ahead at which a person would point at a thing."""
 TAKE_OVER_AFTER = 4.0
 """Seconds that a blocked rover stands before nothing at all until a human takes over."""
+STANDS = 0.2
+"""m/s below which a rover in HOLD all but stands: the last centimetres take it two seconds."""
 REMOVE_AFTER = 1.5
 """Seconds that a named thing must have kept the rover standing before somebody takes it away."""
 
@@ -101,7 +103,8 @@ class Director:
     def _over(self, seconds: float) -> bool:
         if self._auto is None:
             return not self._stage.operator.running
-        return self._tally.returned_without_call or seconds >= LIMIT
+        held = bool(self.status) and self.status["mode"] == "HOLD"
+        return (self._tally.returned_without_call and not held) or seconds >= LIMIT
 
     def _follow(self, now: float) -> None:
         for child in (self._stage.trail, self._stage.daemon):
@@ -156,7 +159,7 @@ class Director:
         Where nothing stands, what is known there was mistaken: the person sees that, and takes over.
         """
         thing = self._thing_ahead()
-        standing = self.status["speed"] < 0.05 and self.status["mode"] == "HOLD"
+        standing = self.status["speed"] < STANDS and self.status["mode"] == "HOLD"
         unknown = any(
             call["stage"] == "open" and "unknown_object" in call["reasons"] for call in self._open.values()
         )

@@ -19,7 +19,7 @@ from companion.demo.sheet import write_sheet
 from companion.demo.story import Story
 from companion.field.control import FieldControl, FieldError
 
-SPEED = 2.5
+SPEED = 1.5
 """m/s that the simulated rover drives."""
 _OLD = ("state", "logs", "contact-sheet.png")
 

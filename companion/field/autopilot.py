@@ -185,7 +185,7 @@ class Autopilot:
 
     def drives(self) -> Drive:
         """What the mode asks of the motors of an armed rover."""
-        return {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}.get(Mode(self.mode), Drive.BRAKE)
+        return {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}.get(Mode(self.mode), Drive.HOLD)
 
     def _beat(self) -> None:
         """Mode or arming has changed: the heartbeat tells it at once."""

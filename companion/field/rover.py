@@ -27,7 +27,8 @@ class Drive(enum.Enum):
     """What the autopilot asks of the motors."""
 
     FOLLOW = "follow"  # along the trail at cruise speed
-    BRAKE = "brake"  # to standstill, and stay
+    HOLD = "hold"  # to standstill as ArduPilot's HOLD does it, and stay
+    BRAKE = "brake"  # to standstill as hard as it can, and stay
     CIRCLE = "circle"  # run on, then back to where it was asked for, and stay
     HOME = "home"  # straight to the start of the trail, and stay
     HAND = "hand"  # the hand's throttle and steering
@@ -36,12 +37,18 @@ class Drive(enum.Enum):
 
 @dataclass(frozen=True)
 class Body:
-    """Default: 1 m/s2 of acceleration, and 2.5 m/s is stopped within about 2.6 m."""
+    """Default: 1 m/s2 of acceleration. `Drive.BRAKE` stops it from 2.5 m/s within about 2.6 m.
+
+    `Drive.HOLD` slows it down by `easing` of its speed each second, and by `easing_rest`: within 2 % the ways
+    of ArduPilot Rover 4.7-dev in its own simulation (companion.check.braking.ARDUPILOT).
+    """
 
     mass: float = 80.0  # kg
     drive_force: float = 112.0
     brake_force: float = 80.0
     rolling_force: float = 32.0
+    easing: float = 0.5  # 1/s
+    easing_rest: float = 0.035  # m/s2
     top_speed: float = 5.0
     wheelbase: float = 0.6
     max_steering: float = 0.6
@@ -66,6 +73,7 @@ class Order:
 
     force: float = 0.0
     brake: bool = False
+    ease: bool = False
     steering: float | None = None  # None: leave the wheels as they are
 
 
@@ -146,8 +154,10 @@ class Rover:
     def _accelerate(self, order: Order) -> None:
         body = self.body
         speed = self.speed + order.force / body.mass * STEP
-        friction = (body.rolling_force + (body.brake_force if order.brake else 0.0)) / body.mass * STEP
-        self.speed = math.copysign(max(0.0, abs(speed) - friction), speed)
+        slower = (body.rolling_force + (body.brake_force if order.brake else 0.0)) / body.mass
+        if order.ease:  # the motors drive against the rolling friction, so that it is no harsher
+            slower = body.easing * abs(speed) + body.easing_rest
+        self.speed = math.copysign(max(0.0, abs(speed) - slower * STEP), speed)
 
     def _keep_the_log(self) -> None:
         self.time += STEP
@@ -164,6 +174,8 @@ class Rover:
     def _order(self) -> Order:
         if self.drive is Drive.FOLLOW:
             return Order(force=self._force_for(self.cruise_speed), steering=self._pursuit())
+        if self.drive is Drive.HOLD:
+            return Order(ease=True)
         if self.drive is Drive.BRAKE:
             return Order(brake=True)
         if self.drive is Drive.CIRCLE:

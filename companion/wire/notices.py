@@ -124,13 +124,23 @@ def only_reports_outrunning(speed: float | None, fits: float | None) -> str:
     return fit(f"Only reports: {outruns(speed, fits)}")
 
 
+def hold_unchecked() -> str:
+    """Policy hold is refused: the figures that say whether the vehicle stops in time are missing."""
+    return "HOLD refused: set [mount] and [stopping]"
+
+
+def only_reports_unchecked() -> str:
+    """The owner configured policy hold, and those figures are missing."""
+    return "Only reports: set [mount] and [stopping]"
+
+
 def hold_fits() -> str:
     """What refused policy hold is gone, by other settings: nobody sets it but the operator."""
     return "HOLD fits again: set AT_POLICY 2"
 
 
 def stopping_unchecked() -> str:
-    """Policy hold without the figures that say whether the vehicle stops in time."""
+    """Policy hold without the figures that say whether the vehicle stops in time, as its owner wants it."""
     return "Stopping not checked: set [mount] and [stopping]"
 
 

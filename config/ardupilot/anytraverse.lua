@@ -14,7 +14,7 @@ station, is taken to have read the text: no hold until the companion was well fo
 A hold of this script's that outlasts its cause is said every 10 s, until somebody sets a mode or disarms.
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 
-Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 65536 or more;
+Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 98304 or more;
 SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5500; reboot. The parameters ATS_* are
 there when it runs, "Policy hold: loss of companion will be held" (or the like) is its first text, said again when
 the policy changes; without a companion it stays silent and harmless, unless ATS_NEED asks for one.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,11 @@ import pytest
 
 from bench.stopping.figures import figures, good
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
-from bench.stopping.runs import GROUPS, LATE, Job, Run, untested
+from bench.stopping.runs import FAST, GROUPS, LATE, Job, Run, untested
 from bench.stopping.stage import Stop, stopped
+from companion.check.stopping import Stopping, judge
+from companion.config import load_config
+from companion.demo.config import write_config
 from companion.wire.ids import Policy, State
 
 pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lua 5.3")
@@ -73,19 +77,36 @@ def test_no_kind_is_left_out(runs: list[Run]) -> None:
 
 def test_the_limit_is_made_of_the_script_s_own_figure_and_the_rover_s_own_brakes() -> None:
     assert script_timeout() == 1.5
-    seconds, metres = braking(2.5)
-    assert seconds == pytest.approx(0.15 + 2.5 / 1.4, abs=0.05)
-    assert metres == pytest.approx(0.15 * 2.5 + 2.5**2 / 2.8, abs=0.1)
-    assert Limit(1.0, 1.5, 2.0).seconds == 4.5 + SPARE
+    seconds, metres = braking(1.84)
+    assert seconds == pytest.approx(6.2, abs=0.1)
+    assert metres == pytest.approx(3.5, rel=0.02), "as ArduPilot"
+    limit = Limit(1.0, 1.5, 1.84)
+    assert limit.seconds == 2.5 + SPARE + seconds
+    assert limit.metres == pytest.approx((2.5 + SPARE) * 1.84 + 3.5, abs=0.02)
+
+
+def test_what_the_bench_drives_at_is_what_check_passes(tmp_path: Path) -> None:
+    for top in ("top = 0.46", "top = 0.44"):
+        path = write_config(
+            tmp_path, camera="field:h:1", link="udpout:127.0.0.1:9", policy="hold", speed=FAST
+        )
+        path.write_text(path.read_text().replace("top = 0.46", top))
+        for tile in (0.65, None) if top == "top = 0.44" else (0.65,):
+            judged = judge(load_config(str(path)), step=0.05, tile=tile)
+            assert isinstance(judged, Stopping)
+            assert judged.enough, judged.told()
+
+
+LIMIT = Limit(1.0, 0.5, 0.6)
 
 
 def stop(seconds: float, *, stands: bool = True) -> Stop:
-    return Stop(stands, seconds, 2.0 * seconds, limit=5.0, speed=2.0, zone="meadow", by="script")
+    return Stop(stands, seconds, seconds, limit=LIMIT, speed=0.6, zone="meadow", by="script")
 
 
-def test_a_rover_that_is_late_or_drives_on_or_is_commanded_spoils_the_bench() -> None:
-    well = Run("kill_9", 1, "", stop(3.0))
-    late = Run("kill_9", 2, LATE, stop(6.0))
+def test_a_rover_that_is_late_or_goes_too_far_or_drives_on_or_is_commanded_spoils_the_bench() -> None:
+    well = Run("kill_9", 1, "", stop(2.0))
+    late = Run("kill_9", 2, LATE, stop(LIMIT.seconds + 0.1))
     gone = Run("kill_9", 3, "not stopped", stop(11.0, stands=False))
     quiet, commanded = Run("report", 1), Run("report", 2, "COMMAND_LONG 176 1 4", None, 1)
     assert good([well, quiet])
@@ -93,22 +114,27 @@ def test_a_rover_that_is_late_or_drives_on_or_is_commanded_spoils_the_bench() ->
     assert not good([])
     found = figures([well, late, gone, quiet, commanded])
     assert (found["runs"], found["stopped"], found["commanded_in_report_policy"]) == (3, 1, 1)
-    assert (found["worst_seconds"], found["worst_metres"], found["limit_seconds"]) == (11.0, 22.0, 5.0)
+    assert (found["worst_seconds"], found["worst_metres"]) == (11.0, 11.0)
+    assert (found["limit_seconds"], found["limit_metres"]) == (
+        round(LIMIT.seconds, 2),
+        round(LIMIT.metres, 2),
+    )
     assert found["kinds"]["kill_9"]["wrong"] == 2
+    assert not replace(stop(2.0), metres=LIMIT.metres + 0.1).stopped
 
 
 def status(t: float, mode: str, speed: float, by: str = "companion") -> dict[str, Any]:
     log = [{"t": 3.0, "mode": "HOLD", "by": by}] if mode == "HOLD" else []
-    return {"t": t, "mode": mode, "speed": speed, "distance": 2.0 * t, "zone": "meadow", "mode_log": log}
+    return {"t": t, "mode": mode, "speed": speed, "distance": 0.6 * t, "zone": "meadow", "mode_log": log}
 
 
 def test_only_one_that_was_held_and_goes_on_standing_has_stopped() -> None:
-    driving, standing = status(2.0, "AUTO", 2.0), status(4.0, "HOLD", 0.0)
-    assert stopped(driving, standing, 5.0, status(4.5, "HOLD", 0.0)).stopped
-    assert not stopped(driving, standing, 1.0).stopped
-    assert not stopped(driving, standing, 5.0, status(4.5, "AUTO", 0.4)).stands
-    assert not stopped(driving, status(4.0, "AUTO", 0.0), 5.0).stands
-    assert not stopped(driving, status(4.0, "HOLD", 0.0, by="hand"), 5.0).stands
+    driving, standing = status(2.0, "AUTO", 0.6), status(4.0, "HOLD", 0.0)
+    assert stopped(driving, standing, LIMIT, status(4.5, "HOLD", 0.0)).stopped
+    assert not stopped(driving, status(14.0, "HOLD", 0.0), LIMIT).stopped
+    assert not stopped(driving, standing, LIMIT, status(4.5, "AUTO", 0.4)).stands
+    assert not stopped(driving, status(4.0, "AUTO", 0.0), LIMIT).stands
+    assert not stopped(driving, status(4.0, "HOLD", 0.0, by="hand"), LIMIT).stands
 
 
 def test_a_lap_without_orders_proves_nothing_where_nothing_went_wrong_or_holding_was_allowed() -> None:

@@ -62,9 +62,9 @@ def test_no_parameter_of_ours_is_named_that_there_is_not() -> None:
 
 
 def test_what_the_check_asks_the_autopilot_is_explained_for_one_port_at_least() -> None:
-    explained = {re.sub(r"\d", "n", name) for name in re.findall(r"`([A-Z0-9_]+)`", TEXT)}
+    explained = {re.sub(r"\d+", "n", name) for name in re.findall(r"`([A-Z0-9_]+)`", TEXT)}
     for autopilot in (checked.ARDUPILOT, checked.PX4):
-        asked = {re.sub(r"\d", "n", name) for name in checked.names(autopilot)}
+        asked = {re.sub(r"\d+", "n", name) for name in checked.names(autopilot)}
         assert asked - {"RO_MAX_THR_SPEED"} <= explained
 
 

@@ -15,7 +15,7 @@ from companion.demo.director import Stage
 from companion.demo.main import set_stage
 
 PATIENCE = 30.0
-SPEED = 1.8
+SPEED = 1.2
 """m/s: slower than the demo's, so that a busy machine judges the drum before the rover is there."""
 
 

@@ -22,6 +22,7 @@ import pytest
 
 from companion.demo.child import Child
 from companion.demo.config import write_config
+from companion.demo.main import SPEED
 from companion.field.control import FieldControl
 
 ENVIRONMENT = Path(os.environ.get("INTEROP", "")).absolute()
@@ -37,13 +38,13 @@ class Stage:
     def __init__(self, out: Path) -> None:
         self.out = out
         self._children: list[Child] = []
-        field = self._start("field", ["companion.field", "--seed", "1"])
+        field = self._start("field", ["companion.field", "--seed", "1", "--speed", str(SPEED)])
         ports = json.loads(field.first_line(PATIENCE))
         host, _, port = ports["control"].rpartition(":")
         self.control = FieldControl(host, int(port))
         self.ground: str = ports["gcs"]
         camera = f"field:{ports['frames']}"
-        config = write_config(out, camera=camera, link=ports["companion"], policy="hold", speed=2.5)
+        config = write_config(out, camera=camera, link=ports["companion"], policy="hold", speed=SPEED)
         self.daemon = self._start("daemon", ["companion", "run", "--config", str(config)])
 
     def _start(self, name: str, arguments: list[str]) -> Child:

@@ -10,7 +10,7 @@ from companion.check.parameters import ARDUPILOT, PX4, Facts, judge, names, spee
 GOOD = {
     "MIS_RESTART": 0.0,
     "SCR_ENABLE": 1.0,
-    "SCR_HEAP_SIZE": 65536.0,
+    "SCR_HEAP_SIZE": 98304.0,
     "SCR_VM_I_COUNT": 10000.0,
     "ATS_ENABLE": 1.0,
     "ATS_MODES": 33792.0,
@@ -19,6 +19,7 @@ GOOD = {
     "SYSID_MYGCS": 255.0,
     "AVOID_ENABLE": 3.0,
     "AVOID_BACKUP_SPD": 0.0,
+    "PRX1_TYPE": 2.0,
 }
 GOOD_PX4 = {
     "MAV_0_FORWARD": 1.0,
@@ -41,8 +42,10 @@ def test_good_parameters_raise_nothing() -> None:
         (ARDUPILOT, "MIS_RESTART", 1, Verdict.FAIL, "the mission starts over: set 0"),
         (ARDUPILOT, "SCR_ENABLE", 0, Verdict.FAIL, "nothing stops the vehicle when the companion dies"),
         (ARDUPILOT, "ATS_ENABLE", 0, Verdict.FAIL, "switched off"),
-        (ARDUPILOT, "ATS_MODES", 32768, Verdict.FAIL, "does not guard AUTO"),
-        (ARDUPILOT, "SCR_HEAP_SIZE", 20000, Verdict.WARN, "44032"),
+        (ARDUPILOT, "ATS_MODES", 32768, Verdict.FAIL, "does not guard all modes that drive"),
+        (ARDUPILOT, "ATS_MODES", 1024, Verdict.FAIL, "set 33792"),
+        (ARDUPILOT, "ATS_RC", 300, Verdict.WARN, "no RCn_OPTION is that number"),
+        (ARDUPILOT, "SCR_HEAP_SIZE", 65536, Verdict.WARN, "98304"),
         (ARDUPILOT, "SCR_VM_I_COUNT", 1000, Verdict.WARN, "10000"),
         (ARDUPILOT, "FS_ACTION", 0, Verdict.WARN, "does nothing"),
         (ARDUPILOT, "FS_ACTION", 1, Verdict.WARN, "drives the vehicle home"),
@@ -81,6 +84,7 @@ def test_a_script_that_does_not_run_and_one_that_cannot_are_told_apart() -> None
     without = {name: value for name, value in GOOD.items() if not name.startswith("ATS_")}
     (found,) = judge(ARDUPILOT, Facts(without), holds=True)
     assert "anytraverse.lua does not run" in found.text
+    assert "SCR_HEAP_SIZE 98304" in found.text
     (found,) = judge(ARDUPILOT, Facts({**without, "SCR_ENABLE": 0.0}), holds=True)
     assert found.check == "SCR_ENABLE 0", "one reason is enough"
     none = {name: value for name, value in without.items() if not name.startswith("SCR_")}
@@ -104,10 +108,44 @@ def test_a_script_that_stops_more_than_the_companion_may_is_told(name: str, poli
     assert [one.check for one in found] == ([f"{name} 1"] if told else [])
 
 
-def test_a_demand_that_arming_does_not_ask_about_is_told() -> None:
-    (found,) = judge(ARDUPILOT, Facts({**GOOD, "ATS_NEED": 1.0, "ARMING_CHECK": 0.0}), holds=True)
-    assert found.check == "ARMING_CHECK 0"
-    assert judge(ARDUPILOT, Facts({**GOOD, "ARMING_CHECK": 0.0}), holds=True) == []
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ARMING_CHECK", 0.0),
+        ("ARMING_CHECK", 72.0),
+        ("ARMING_SKIPCHK", -1.0),
+        ("ARMING_SKIPCHK", float(1 << 17)),
+    ],
+)
+def test_a_demand_that_arming_does_not_ask_about_fails(name: str, value: float) -> None:
+    (found,) = judge(ARDUPILOT, Facts({**GOOD, "ATS_NEED": 1.0, name: value}), holds=True)
+    assert (found.check, found.verdict) == (f"{name} {value:g}", Verdict.FAIL)
+    assert "lets it arm without a companion" in found.text
+    assert judge(ARDUPILOT, Facts({**GOOD, name: value}), holds=True) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ARMING_CHECK", 1.0),
+        ("ARMING_CHECK", float(1 << 17)),
+        ("ARMING_SKIPCHK", 0.0),
+        ("ARMING_SKIPCHK", 72.0),
+    ],
+)
+def test_a_demand_that_arming_asks_about_is_sound(name: str, value: float) -> None:
+    assert judge(ARDUPILOT, Facts({**GOOD, "ATS_NEED": 1.0, name: value}), holds=True) == []
+
+
+def test_an_off_switch_of_the_script_that_a_channel_has_is_sound() -> None:
+    for option in (300.0, 307.0):
+        assert judge(ARDUPILOT, Facts({**GOOD, "ATS_RC": option, "RC11_OPTION": option}), holds=True) == []
+    (found,) = judge(ARDUPILOT, Facts({**GOOD, "ATS_RC": 300.0, "RC7_OPTION": 301.0}), holds=True)
+    assert found.check == "ATS_RC 300"
+
+
+def test_more_modes_than_must_be_guarded_may_be() -> None:
+    assert judge(ARDUPILOT, Facts({**GOOD, "ATS_MODES": 33792.0 + 64 + 256}), holds=True) == []
 
 
 @pytest.mark.parametrize("options", ["SERIAL2_OPTIONS", "MAV3_OPTIONS"])
@@ -139,9 +177,12 @@ def test_a_port_of_px4_that_is_not_in_use_need_not_forward() -> None:
     assert judge(PX4, facts, holds=True) == []
 
 
-def test_a_vehicle_that_backs_up_from_fences_alone_is_not_blamed() -> None:
-    facts = Facts({**GOOD, "AVOID_ENABLE": 1.0, "AVOID_BACKUP_SPD": 0.75})
+@pytest.mark.parametrize("others", [{"AVOID_ENABLE": 1.0}, {"PRX1_TYPE": 0.0}])
+def test_a_vehicle_that_has_nothing_to_back_up_from_is_not_blamed(others: dict[str, float]) -> None:
+    facts = Facts({**GOOD, "AVOID_BACKUP_SPD": 0.75, **others})
     assert judge(ARDUPILOT, facts, holds=True) == []
+    second = Facts({**GOOD, "AVOID_BACKUP_SPD": 0.75, "PRX1_TYPE": 0.0, "PRX2_TYPE": 4.0})
+    assert len(judge(ARDUPILOT, second, holds=True)) == 1
 
 
 @pytest.mark.parametrize(
@@ -164,6 +205,6 @@ def test_how_fast_it_drives_by_itself_is_the_autopilot_s_word(
 def test_every_parameter_is_asked_for_once_and_by_a_name_that_fits() -> None:
     for autopilot in (ARDUPILOT, PX4):
         asked = names(autopilot)
-        assert len(set(asked)) == len(asked) <= 40
+        assert len(set(asked)) == len(asked) <= 64
         assert all(0 < len(name) <= 16 for name in asked)
     assert names(0) == ()

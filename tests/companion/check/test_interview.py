@@ -108,7 +108,7 @@ def test_the_field_s_autopilot_is_asked_and_its_bad_parameters_are_told() -> Non
     field = Field()
     field.autopilot.set_parameter("MIS_RESTART", 1)
     talk = Talk(field.answer)
-    assert talk.run() < 10.0
+    assert talk.run() < 14.0
     told = {finding.check for finding in found(talk)}
     assert "MIS_RESTART 1" in told
     assert "MIS_RESTART 0" not in told
@@ -117,6 +117,15 @@ def test_the_field_s_autopilot_is_asked_and_its_bad_parameters_are_told() -> Non
     talk.run()
     assert not any(finding.check.startswith("MIS_RESTART") for finding in found(talk))
     assert judged(HOLDS, "", talk.interview).speed == ("CRUISE_SPEED", 2.5)
+
+
+def test_the_autopilot_has_a_row_of_its_own_whatever_else_is_found() -> None:
+    bad = Talk(answering({"MIS_RESTART": 1.0, "FS_ACTION": 2.0}))
+    bad.run()
+    row, *others = found(bad)
+    assert (row.check, row.verdict) == ("autopilot", Verdict.FAIL)
+    assert f"ArduPilot, system 1: 2 parameters told, {len(others)} findings, below" in row.text
+    assert "MIS_RESTART 1" in {one.check for one in others}
 
 
 def test_it_asks_one_by_one_with_pauses_by_name_and_from_a_component_of_its_own() -> None:
@@ -143,12 +152,12 @@ def test_a_name_that_the_autopilot_says_it_does_not_know_is_not_asked_again() ->
         return [mavlink.MAVLink_param_error_message(1, COMPONENT_ID, message.param_id.encode(), -1, error)]
 
     talk = Talk(answer)
-    assert talk.run() < 3.0
+    assert talk.run() < 5.0
 
 
 def test_an_autopilot_that_answers_nothing_is_told_and_waited_for_no_longer_than_it_may() -> None:
     talk = Talk(answering({}))
-    assert talk.run() < 12.0
+    assert talk.run() < 16.0
     (finding,) = found(talk)
     assert finding.verdict is Verdict.FAIL
     assert "answers none of our questions" in finding.text

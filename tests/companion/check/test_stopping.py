@@ -9,6 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from companion.check.braking import ARDUPILOT, OVERSHOOT, Brakes, fit
 from companion.check.stopping import FARTHEST, Outlook, Stopping, judge
 from companion.config import Config
 from companion.config.schema import Camera, Mount, Roi
@@ -23,9 +24,9 @@ OUTLOOKS = st.builds(
     front=st.floats(0, 3),
 )
 CONFIG = Config(
-    camera=Camera(view=75.0),
+    camera=Camera(view=75.0, latency=0.0),
     mount=Mount(height=1.0, tilt=7.0),
-    stopping=Setting(speed=1.0, braking=1.4, delay=0.2),
+    stopping=Setting(speed=1.0, time_constant=0.3, braking=1.4, delay=0.2),
     roi=Roi(0.35, 0.5, 0.65, 0.95),
 )
 
@@ -41,7 +42,7 @@ def judged(
 
 def at(speed: float, braking: float = 1.0, react: float = 1.5, sees: float = 8.0) -> Stopping:
     """Plain figures."""
-    return Stopping(speed, braking, react, sees)
+    return Stopping(speed, Brakes.of(braking, 0.3), react, sees)
 
 
 def test_the_axis_of_a_tilted_camera_meets_the_ground_where_trigonometry_says() -> None:
@@ -132,6 +133,34 @@ def test_the_time_to_react_is_the_votes_or_t_and_the_way_to_the_brakes() -> None
     assert judged(CONFIG, step=0.4).react == pytest.approx(0.4 + 3 * 0.4 + 0.2), "a slow perceiver's rate"
 
 
+def test_the_camera_s_latency_is_driven_blindly() -> None:
+    late = replace(CONFIG, camera=replace(CONFIG.camera, latency=0.5))
+    assert judged(late).react == pytest.approx(judged(CONFIG).react + 0.5)
+    assert judged(late).needs == pytest.approx(judged(CONFIG).needs + 0.5 * OVERSHOOT)
+    assert judged(late).fits < judged(CONFIG).fits
+
+
+def test_it_is_reckoned_to_drive_faster_than_it_is_told() -> None:
+    one = at(2.0, react=1.0)
+    assert one.driven == pytest.approx(2.24)
+    assert one.needs == pytest.approx(2.24 + 0.3 * 2.24 + 2.24**2 / 2.0)
+
+
+def test_an_old_braking_figure_promises_no_shorter_way_than_ardupilot_took() -> None:
+    for measured in ARDUPILOT:
+        figure = measured.speed**2 / (2.0 * measured.way)
+        for speed, way in ARDUPILOT:
+            old = replace(CONFIG, stopping=Setting(speed=speed / OVERSHOOT, braking=figure, delay=0.0))
+            assert judged(old).needs >= speed * judged(old).react + way
+
+
+def test_what_was_fitted_is_believed_at_every_speed() -> None:
+    found = fit(ARDUPILOT)
+    fitted = Setting(speed=1.0, time_constant=found.time_constant, braking=found.braking, delay=0.0)
+    lone = Setting(speed=1.0, braking=found.braking, delay=0.0)
+    assert judged(replace(CONFIG, stopping=fitted)).needs < judged(replace(CONFIG, stopping=lone)).needs
+
+
 def test_the_greater_of_the_configured_speed_and_the_autopilot_s_counts() -> None:
     assert judged(CONFIG, speed=2.5).speed == 2.5
     assert judged(CONFIG, speed=0.5).speed == 1.0
@@ -143,12 +172,12 @@ def test_what_outruns_its_eyes_is_told_the_speed_and_the_row_that_would_do() -> 
     for part in (
         "at 2.5 m/s",
         "to stop",
-        "drive at most 2.11",
-        "or set [roi] top = 0.45 (further up the picture)",
+        "drive at most 1.69",
+        "or set [roi] top = 0.41 (further up the picture)",
         "[call] freshness",
     ):
         assert part in told, told
-    assert "fits up to 2.11" in judged(CONFIG).told()
+    assert "fits up to 1.69" in judged(CONFIG).told()
 
 
 def test_what_is_driven_on_in_the_mode_that_holds_comes_on_top_and_has_a_remedy_of_its_own() -> None:
@@ -172,7 +201,8 @@ def test_what_stands_before_nothing_can_be_seen_is_not_told_a_speed_of_nought() 
 @pytest.mark.parametrize(
     ("config", "missing"),
     [
-        (Config(), "set [mount] height and tilt"),
+        (Config(), "set [mount] height and tilt, and [stopping] speed"),
+        (replace(Config(), stopping=Setting(speed=1.0)), "set [mount] height and tilt"),
         (replace(CONFIG, stopping=Setting()), "set [stopping] speed"),
         (replace(CONFIG, camera=Camera(view=170.0)), "no pinhole"),
     ],

@@ -24,6 +24,7 @@ from companion.calls.policies import Policies
 from companion.calls.switch import OffSwitch, Side
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
+from companion.config.schema import Stopping
 from companion.configured import kept_values
 from companion.conversation import Conversation
 from companion.daemon import Daemon
@@ -85,7 +86,7 @@ def picture(thing: str = "", ground: str = "grass", scene: int = 0) -> np.ndarra
 class Rig:
     """`see` shows frames and lets time pass; `texts`, `acks` and `state` are what the ground heard."""
 
-    config = Config()
+    config = Config(stopping=Stopping(unchecked=True))
     """Of it only what says whether the vehicle stops in time counts here."""
 
     def __init__(

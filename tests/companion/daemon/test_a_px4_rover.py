@@ -102,7 +102,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakePx4]:
     monkeypatch.setattr("companion.daemon.TICK", 0.0)
     made: list[Px4Rig] = []
 
-    def build(px4_hold: str, config: Config = Config()) -> Px4Rig:  # noqa: B008
+    def build(px4_hold: str, config: Config = Rig.config) -> Px4Rig:
         rig = Px4Rig(tmp_path, clock, px4_hold, config)
         made.append(rig)
         rig.see(4.0)
@@ -221,14 +221,16 @@ def test_an_autopilot_of_another_kind_is_told_once_and_never_commanded(make: Mak
     ]
 
 
-CLOSE = Config(mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0))
+CLOSE = Config(
+    mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0, time_constant=0.1, braking=1.0)
+)
 """It stops just before what it sees, and not 2.5 m further on."""
 
 
 def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4(make: MakePx4) -> None:
     rig = make("loiter", CLOSE)
     assert rig.told_policy is Policy.REPORT
-    assert rig.desk.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes, 0.1 fits"
+    assert rig.desk.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes, 0.0 fits"
     assert rig.desk.policy.hold_refused in rig.texts
     assert rig.echoes("AT_POLICY")[-1] == Policy.REPORT
     rig.see(5.0, "drum")

@@ -62,6 +62,8 @@ class Site:
             folder = "{self.folder / "state"}"
             [call]
             policy = "hold"
+            [stopping]
+            unchecked = true
             [words]
             grass = 1.0
             rock = -1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import subprocess
 import sys
@@ -28,6 +29,7 @@ from anytraverse.pace import Pace
 from anytraverse.perception import Perceiver, Prompt
 from anytraverse.preferences import Preferences
 from companion import readiness, run
+from companion.cli import main as cli
 from companion.config import Config, load_config
 from companion.config.schema import Mount, Stopping
 from companion.journal import Journal
@@ -169,6 +171,8 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
         [call]
         policy = "hold"
         freshness = 0.2
+        [stopping]
+        unchecked = true
         [words]
         grass = 1.0
         rock = -1.0
@@ -225,7 +229,8 @@ def test_a_perceiver_that_keeps_t_may_hold(
 
 def mounted(config: Config, speed: float) -> Config:
     """With a camera whose mount is known, on a vehicle of that speed."""
-    return replace(config, mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=speed))
+    stopping = Stopping(speed=speed, time_constant=0.1, braking=1.0)
+    return replace(config, mount=Mount(height=1.0, tilt=10.0), stopping=stopping)
 
 
 def test_a_vehicle_that_outruns_its_eyes_only_reports_and_says_which_speed_would_fit(
@@ -256,6 +261,50 @@ def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
     run_until_status(config, lambda status: status["link"]["sent"]["unsolicited"] > 300)
     assert heard(radio).count(b"Stopping not checked") == 1
     assert "was not checked: set [mount] height and tilt" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("mount", "stopping", "named"),
+    [
+        (Mount(), Stopping(), "set [mount] height and tilt, and [stopping] speed"),
+        (Mount(), Stopping(speed=1.0), "set [mount] height and tilt"),
+        (Mount(height=1.0, tilt=10.0), Stopping(), "set [stopping] speed"),
+    ],
+)
+def test_policy_hold_without_the_figures_for_stopping_does_not_start_and_names_them(
+    config: Config, mount: Mount, stopping: Stopping, named: str
+) -> None:
+    blind = replace(config, mount=mount, stopping=stopping)
+    with pytest.raises(AnyTraverseError, match=re.escape(named)) as refused:
+        run.main(blind)
+    assert "[stopping] unchecked = true" in str(refused.value)
+    assert not blind.journal.path.exists(), "nothing was begun"
+
+
+def test_policy_hold_without_the_figures_for_stopping_ends_the_program_with_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text('[vehicle]\nfile = ""\n[call]\npolicy = "hold"\n')
+    assert cli(["run", "--config", str(path)]) == 2
+    assert "set [mount] height and tilt, and [stopping] speed" in capsys.readouterr().err
+
+
+def test_the_ground_may_not_set_hold_where_nobody_knows_whether_it_stops_in_time(make_rig: MakeRig) -> None:
+    rig = make_rig(Policy.REPORT)
+    rig.config = Config()
+    rig.restart()
+    rig.set("AT_POLICY", float(Policy.HOLD))
+    rig.see(1.0)
+    assert rig.told_policy is Policy.REPORT
+    assert rig.echoes("AT_POLICY")[-1] == float(Policy.REPORT)
+    rig.stage.send(
+        mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 0, 5, float(Policy.HOLD), 0, 0, 0, 0)
+    )
+    rig.see(1.0)
+    assert rig.told_policy is Policy.REPORT
+    assert rig.stage.sent("COMMAND_ACK")[-1].result == mavlink.MAV_RESULT_FAILED
+    assert "HOLD refused: set [mount] and [stopping]" in rig.texts
 
 
 def test_remembered_and_offered_words_are_prepared_before_the_first_frame(

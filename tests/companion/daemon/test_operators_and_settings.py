@@ -255,7 +255,11 @@ def test_in_report_policy_a_thing_that_is_gone_passes(make_rig: MakeRig) -> None
 
 
 def test_a_region_of_interest_that_sees_less_far_is_judged_for_the_hold_policy_too(rig: Rig) -> None:
-    rig.config = replace(Config(), mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0))
+    rig.config = replace(
+        Config(),
+        mount=Mount(height=1.0, tilt=10.0),
+        stopping=Stopping(speed=1.0, time_constant=0.1, braking=1.0),
+    )
     rig.restart()
     rig.see(2.0)
     told = [rig.told_policy]

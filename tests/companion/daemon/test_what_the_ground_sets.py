@@ -48,7 +48,11 @@ def command(rig: Rig, number: int, *values: float) -> None:
 
 def outrunning(config: Any) -> Any:
     """A vehicle that just stops before what the rig's region of interest shows."""
-    return replace(config, mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0))
+    return replace(
+        config,
+        mount=Mount(height=1.0, tilt=10.0),
+        stopping=Stopping(speed=1.0, time_constant=0.1, braking=1.0),
+    )
 
 
 def test_the_parameter_file_tells_what_was_set_beside_what_is_configured(rig: Rig) -> None:

@@ -172,7 +172,7 @@ def test_auto_goes_on_after_a_hold_at_the_place_where_it_stood(bench: Bench) -> 
     bench.set_mode(Port.GCS, Mode.AUTO)
     bench.pass_time(15.0)
     bench.set_mode(Port.COMPANION, Mode.HOLD)
-    bench.pass_time(5.0)
+    bench.pass_time(9.0)
     assert bench.rover.speed == 0.0
     stood_at = bench.rover.s
     bench.set_mode(Port.COMPANION, Mode.AUTO)
@@ -204,7 +204,7 @@ def test_modes_without_a_way_of_their_own_stand_still(bench: Bench, mode: Mode) 
     bench.set_mode(Port.GCS, Mode.AUTO)
     bench.pass_time(4.0)
     bench.set_mode(Port.GCS, mode)
-    bench.pass_time(4.0)
+    bench.pass_time(9.0)
     assert bench.rover.speed == 0.0
 
 

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from companion.check.braking import ARDUPILOT, Brakes, Measured, fit
 from companion.field.rover import STEP, Drive, Rover
 from companion.field.trail import Trail
 
@@ -28,6 +29,28 @@ def test_a_rover_at_cruise_speed_needs_two_to_three_metres_to_stop(trail: Trail)
     drive(rover, Drive.BRAKE, 4.0)
     assert rover.speed == 0.0
     assert 2.0 <= rover.distance - before <= 3.0
+
+
+@pytest.mark.parametrize("measured", ARDUPILOT)
+def test_in_hold_it_takes_the_way_that_ardupilot_takes(trail: Trail, measured: Measured) -> None:
+    rover = Rover(trail, cruise_speed=measured.speed)
+    drive(rover, Drive.FOLLOW, 12.0)
+    assert rover.speed == pytest.approx(measured.speed, abs=0.02)
+    before = rover.distance
+    drive(rover, Drive.HOLD, 15.0)
+    assert rover.speed == 0.0
+    assert rover.distance - before == pytest.approx(measured.way, rel=0.025)
+
+
+def test_what_is_fitted_to_ardupilot_s_stops_is_not_shorter_than_the_rover_s(trail: Trail) -> None:
+    found = fit(ARDUPILOT)
+    brakes = Brakes.of(found.braking, found.time_constant)
+    for speed in (0.3, 0.5, 1.0, 1.5, 2.0, 2.5, 3.5, 5.0):
+        rover = Rover(trail, cruise_speed=speed)
+        drive(rover, Drive.FOLLOW, 12.0)
+        before = rover.distance
+        drive(rover, Drive.HOLD, 15.0)
+        assert rover.distance - before <= brakes.way(speed)
 
 
 def test_a_faster_rover_needs_more_than_in_proportion_to_its_speed(trail: Trail) -> None:

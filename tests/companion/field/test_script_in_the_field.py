@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from bench.stopping.limits import braking
 from companion.field.autopilot import HAND
 from companion.field.control import FieldError
 from companion.field.modes import Mode
@@ -20,7 +21,6 @@ from companion.wire.ids import Policy, State, heartbeat_mode
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 
 TICK = 0.02
-BRAKING = 2.0  # s; from 2.5 m/s the field's rover stands after 1.9
 
 
 class Scene:
@@ -108,9 +108,9 @@ def test_a_companion_that_dies_in_auto_is_stopped_in_time_and_metres(speed: floa
     held = scene.autopilot.mode_log[-1]
     assert (held.mode, held.by) == (Mode.HOLD, "script")
     assert timeout - 1.0 <= held.t - died <= timeout + 0.2
-    braking = 0.15 + speed / 1.4  # reaction and brakes of the field's rover
-    assert seconds <= timeout + 0.2 + braking + 0.1
-    assert metres <= speed * (timeout + 0.4) + speed**2 / 2.8 + 0.2
+    braked_in, braked_by = braking(speed)
+    assert seconds <= timeout + 0.2 + braked_in + 0.1
+    assert metres <= speed * (timeout + 0.4) + braked_by + 0.2
     assert "HOLD: companion silent. AUTO again = go blind" in scene.texts()
 
 
@@ -119,8 +119,9 @@ def test_a_fault_of_the_companion_stops_sooner(scene: Scene) -> None:
     scene.state = State.FAULT
     scene._beat_at = 0.0
     seconds, metres = scene.standstill()
-    assert seconds < 2.3
-    assert metres < 3.2
+    braked_in, braked_by = braking(2.5)
+    assert seconds < braked_in + 0.4
+    assert metres < braked_by + 0.4
 
 
 @pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW, Policy.OFF])
@@ -222,7 +223,7 @@ def test_an_obstacle_feed_that_dies_stops_it(scene: Scene) -> None:
         scene.pass_time(0.2)
     assert scene.is_in(Mode.AUTO)
     seconds, _ = scene.standstill()
-    assert seconds < 0.5 + 0.5 + 0.3 + BRAKING
+    assert seconds < 0.5 + 0.5 + 0.3 + braking(2.5)[0]
     assert "HOLD: obstacle feed dead. AUTO again = go blind" in scene.texts()
 
 

@@ -63,6 +63,11 @@ class Connection:
             self._well()
         return taken
 
+    def believe(self, now: float, *, autopilot: bool) -> None:
+        """A frame in what was read last was believed; autopilot: it was our autopilot's."""
+        if self._transport is not None:
+            self._transport.believe(now, autopilot=autopilot)
+
     def close(self) -> None:
         """Give the device back, until the next read."""
         if self._transport is not None:

@@ -174,6 +174,22 @@ def test_tcp_connects_survives_a_restart_of_the_other_end_and_connects_again() -
         link.close()
 
 
+def test_a_tcp_port_that_was_closed_for_long_is_found_within_half_a_second_of_its_return() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    link, now = link_to(f"tcp:127.0.0.1:{port}"), time.monotonic()
+    for _ in range(200):
+        now += 0.05
+        link.poll(now)
+    with socket.create_server(("127.0.0.1", port)) as server:
+        server.settimeout(0)
+        for _ in range(11):
+            now += 0.05
+            link.poll(now)
+        server.accept()[0].close()
+    link.close()
+
+
 def test_tcp_refused_is_tried_again_quietly() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

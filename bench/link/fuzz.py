@@ -88,7 +88,10 @@ class Fuzz:
         self._near, self._far = pair()
         self._listed = build(["grass", "dry bush"], {"grass": 1.0}, {})
         settings = LinkSettings("udpout:127.0.0.1:14550", asked_budget=0.0, pace=0.0, allowed_senders=ALLOWED)
-        self._link = Link(settings, self._listed, self.now, openers={MAIN: lambda: self._near}, tree=_tree())
+        openers = {MAIN: lambda: self._near}
+        self._link = Link(
+            settings, self._listed, self.now, openers=openers, tree=_tree(), clock=lambda: self.now
+        )
         self._parser = Parser()
         self._autopilot = mavlink.MAVLink(None, OURS, AUTOPILOT_COMPONENT_ID)
         self._heartbeat_at = 0.0

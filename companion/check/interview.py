@@ -84,6 +84,7 @@ class Interview:
             self.bytes += len(data)
             for message in self._parser.feed(data, now, whole=self.connection.datagrams):
                 if not self._doubts(message, now):
+                    self.connection.believe(now, autopilot=False)
                     self._hear(message, now)
         if now - self._beat_at >= 1.0:
             self._beat_at = now

@@ -10,7 +10,8 @@ from companion.wire.answers import AnswerMessage
 from companion.wire.packing import PayloadError
 
 MAX_PARTS = 4
-OF_A_SENDER, IN_ALL = 8, 32
+OF_A_SENDER, IN_ALL = 8, 1024
+"""In all more than are admitted in 30 s of those who share, however many names they have."""
 PATIENCE = 30.0
 """s without another part; a sender that backs off and a radio that loses half take 8 s or twice that."""
 

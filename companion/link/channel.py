@@ -13,7 +13,7 @@ from companion.link.settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.signing import Signing
 from companion.link.telling import Telling
 from companion.link.transport import Transport, opener
-from companion.wire.ids import COMPONENT_ID
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
 
 READS_PER_POLL = 512
 """More than a UDP socket keeps by default: after a stall the newest mode is heard before one decides."""
@@ -119,25 +119,36 @@ class Channel:
         """Give the device back."""
         self._connection.close()
 
-    def poll(self, now: float) -> Iterator[Any]:
-        """The messages that arrived."""
+    def poll(self, now: float) -> Iterator[list[Any]]:
+        """The messages that arrived, read by read, until no more wait; `believe` before the next."""
         room = BYTES_PER_POLL
         for _ in range(READS_PER_POLL):
-            data = self._connection.read(now) if room > 0 else b""
-            room -= len(data)
-            if self._opened != self._connection.opened:
-                self._opened = self._connection.opened
-                self.sender.version.forget()
-                self.telling.hurry()
-            if not data:
-                return
-            yield from self._parser.feed(data, now, whole=self._connection.datagrams)
+            data = b""
+            if not self._parser.behind:
+                data = self._connection.read(now) if room > 0 else b""
+                room -= len(data)
+                self._notice_opening()
+                if not data:
+                    return
+            yield self._parser.feed(data, now, whole=self._connection.datagrams)
+
+    def believe(self, sender: tuple[int, int], now: float) -> None:
+        """A message of `sender`, of what was read last, is genuine as far as anybody can tell."""
+        self._connection.believe(now, autopilot=sender == (self.sender.system_id, AUTOPILOT_COMPONENT_ID))
 
     def skip(self, now: float) -> None:
         """Throw away what waits to be read."""
+        self._parser.forget()
         for _ in range(READS_AT_MOST):
             if not self._connection.read(now):
                 break
+
+    def _notice_opening(self) -> None:
+        if self._opened != self._connection.opened:
+            self._opened = self._connection.opened
+            self._parser.forget()
+            self.sender.version.forget()
+            self.telling.hurry()
 
     def hear_ourselves(self, now: float) -> bool:
         """Somebody else spoke under our ids here; True when that is new."""

@@ -3,18 +3,34 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 from collections.abc import Callable
 
 from companion.link.transport import Transport
 
 FIRST_RETRY = 0.5
 LAST_RETRY = 8.0
+_ABSENT = frozenset(
+    {
+        errno.ENOENT,
+        errno.ENODEV,
+        errno.ENXIO,
+        errno.ECONNREFUSED,
+        errno.EHOSTUNREACH,
+        errno.ENETUNREACH,
+        errno.ETIMEDOUT,
+        errno.EADDRINUSE,
+        errno.EADDRNOTAVAIL,
+    }
+)
+"""There is nothing to open: to look for it often costs next to nothing, and harms nobody."""
 
 
 class Connection:
-    """A transport that may be absent: tried again after 0.5 s, twice that, ... 8 s. Raises nothing.
+    """A transport that may be absent: looked for every 0.5 s, so that it is back as soon as it is there.
 
-    It is well again when something is read, or taken 8 s after it was opened.
+    One that is there and breaks is tried again after 0.5 s, twice that, ... 8 s: to open some resets them. It
+    is well again when something is read, or taken 8 s after it was opened. Raises nothing.
     """
 
     def __init__(self, opener: Callable[[], Transport], now: float) -> None:
@@ -63,6 +79,11 @@ class Connection:
             self._well()
         return taken
 
+    def believe(self, now: float, *, autopilot: bool) -> None:
+        """A frame in what was read last was believed; autopilot: it was our autopilot's."""
+        if self._transport is not None:
+            self._transport.believe(now, autopilot=autopilot)
+
     def close(self) -> None:
         """Give the device back, until the next read."""
         if self._transport is not None:
@@ -87,5 +108,9 @@ class Connection:
     def _lost(self, error: OSError, now: float) -> None:
         self.close()
         self.trouble = error.strerror or str(error)
+        if error.errno in _ABSENT:
+            self._delay = FIRST_RETRY
+            self._retry_at = now + FIRST_RETRY
+            return
         self._retry_at = now + self._delay
         self._delay = min(LAST_RETRY, 2 * self._delay)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 from companion.files.tree import Tree
 from companion.link import encode
 from companion.link.announcer import ERROR, Announcer
 from companion.link.answer_parameter import AnswerParameter
 from companion.link.asking import Asking
-from companion.link.channel import channels_of
+from companion.link.channel import Channel, channels_of
 from companion.link.command_desk import CommandDesk
 from companion.link.counters import Counters, count
 from companion.link.desk import AnswerDesk
@@ -45,6 +47,9 @@ from companion.wire.ids import TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
+READING_FOR = 0.05
+"""s of one `poll`, all connections together: what waits longer stays in the devices' buffers."""
+
 
 class Link:
     """MAVLink component 191. Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`."""
@@ -58,17 +63,20 @@ class Link:
         openers: Mapping[str, Callable[[], Transport]] | None = None,
         tree: Tree | None = None,
         signing: Signing | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """openers: make the transports in place of the urls', by name. tree: what the ground may read.
 
         signing: signs all that leaves, and lets in only what is signed; each connection has a link id.
+        clock: s, by which `poll` sees that it took long enough.
         Raises LinkError, ParameterError.
         """
         self.most_budget = settings.most_budget
         self._signing = signing
+        self._clock = clock
         self._channels = channels_of(settings, now, openers=openers or {}, signing=signing)
-        self._outbox = Outbox(self._channels)
         self._guard = Guard(settings.allowed_senders, signing)
+        self._outbox = Outbox(self._channels, self._guard.share)
         self._speaker = Speaker(self._outbox)
         self._mishaps = Mishaps(lambda now: self.say(notices.mishap(), ERROR, now))
         self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
@@ -132,17 +140,23 @@ class Link:
     def poll(self, now: float) -> list[Heard]:
         """What arrived for the daemon; the protocol's own matters are answered here.
 
-        An error over one message is survived and said: nobody ends the companion by a frame.
+        Connections are read by turns, for 50 ms and once each at least: none that is flooded keeps another
+        unheard. An error over one message is survived and said: nobody ends the companion by a frame.
         """
         heard: list[Heard] = []
-        for channel in self._channels:
-            for message in channel.poll(now):
-                with self._mishaps.survived(message.get_type(), now):
-                    if not self._guard.believes(message, now):
-                        continue
-                    event = self._listener.hear(message, channel, now)
-                    if event is not None:
-                        heard.append(event)
+        until = self._clock() + READING_FOR
+        reads = {channel: channel.poll(now) for channel in self._channels}
+        while reads:
+            for channel in list(reads):
+                messages = None
+                with self._mishaps.survived(channel.label, now):
+                    messages = next(reads[channel], None)
+                if messages is None:
+                    del reads[channel]
+                else:
+                    heard += self._hear(messages, channel, now)
+            if self._clock() >= until:
+                break
         return heard
 
     def skip(self, now: float) -> None:
@@ -170,7 +184,8 @@ class Link:
             for channel in speaking:
                 channel.telling.hurry()
         for channel in self._channels:
-            channel.tick(now, calling=self._announcer.is_open)
+            with self._mishaps.survived(channel.label, now):
+                channel.tick(now, calling=self._announcer.is_open)
         with self._mishaps.survived("files", now):
             self._files.tick(now)
 
@@ -265,6 +280,15 @@ class Link:
     def forget_mode(self) -> None:
         """A mode that was asked for and waits to be sent is not wanted any more."""
         self._modes.forget()
+
+    def _hear(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[Heard]:
+        for message in messages:
+            with self._mishaps.survived(message.get_type(), now):
+                if not self._guard.believes(message, now):
+                    continue
+                event = self._listener.hear(message, channel, now)
+                if event is not None:
+                    yield event
 
     def _announce_due(self, now: float) -> None:
         while (spoken := self._announcer.text(now)) is not None:

@@ -47,8 +47,10 @@ class Listener:
         if sender == (self._outbox.system_id, COMPONENT_ID):
             self._hear_ourselves(message, channel, now)
             return None
+        channel.believe(sender, now)
         channel.sender.version.hear(message, now)
-        self._outbox.hear(sender, channel)
+        self._guard.hear(sender, now)
+        self._outbox.hear(sender, channel, now)
         kind = message.get_type()
         if sender[1] == AUTOPILOT_COMPONENT_ID and kind in TELEMETRY:
             if kind == "HEARTBEAT":
@@ -116,4 +118,7 @@ class Listener:
         if self._repeats.is_repeated(message, channel.name, now):
             self._guard.rejected["repeated"] += 1
             return False
-        return self._guard.admits(sender, now, kind=FILES if kind == FILES else "")
+        if not self._guard.admits(sender, now, kind=FILES if kind == FILES else ""):
+            return False
+        self._repeats.keep(message, channel.name, now)
+        return True

@@ -31,6 +31,9 @@ class MemoryTransport:
         self._outbox.append(frame)
         return True
 
+    def believe(self, now: float, *, autopilot: bool) -> None:
+        """There is one other end only."""
+
     def fileno(self) -> int | None:
         """There is none."""
         return None

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from companion.link.channel import Channel
 from companion.link.heard import Sender
+from companion.link.leases import Leases
 from companion.link.sender import LIFETIME
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
 MAX_ROUTES = 64
+KEPT = 10.0
+"""s without a word after which another sender may be remembered in one's place."""
 AUTOPILOT_SILENCE = 3.0
 
 
@@ -22,9 +24,11 @@ class Outbox:
     none did, by the one before.
     """
 
-    def __init__(self, channels: Sequence[Channel]) -> None:
+    def __init__(self, channels: Sequence[Channel], share: Callable[[Sender], Sender]) -> None:
+        """share: under whom a sender counts where replies go by turns."""
         self._channels = channels
-        self._routes: OrderedDict[Sender, Channel] = OrderedDict()
+        self._share = share
+        self._routes: Leases[Sender, Channel] = Leases(MAX_ROUTES, KEPT)
         self._autopilot_at: dict[str, float] = {}
         self._home: Channel | None = None
         self.moves = 0
@@ -39,12 +43,9 @@ class Outbox:
         for channel in self._channels:
             channel.sender.system_id = value
 
-    def hear(self, sender: Sender, channel: Channel) -> None:
-        """`sender` was heard on `channel`. The newest 64 senders are remembered."""
-        self._routes[sender] = channel
-        self._routes.move_to_end(sender)
-        if len(self._routes) > MAX_ROUTES:
-            self._routes.popitem(last=False)
+    def hear(self, sender: Sender, channel: Channel, now: float) -> None:
+        """`sender` was heard on `channel`. 64 senders are remembered, those first who were there first."""
+        self._routes.renew(sender, channel, now)
 
     def hear_autopilot(self, channel: Channel, now: float) -> bool:
         """Our autopilot's heartbeat came by `channel`; True when what it says there counts."""
@@ -87,8 +88,9 @@ class Outbox:
         is lost, and counted.
         to: system and component id that it is meant for, None for everybody; one never heard: by all.
         """
+        share = None if to is None else self._share(to)
         for channel in self._reach(to):
-            channel.push(name, message, now, key=key, lifetime=lifetime, to=to)
+            channel.push(name, message, now, key=key, lifetime=lifetime, to=share)
 
     def urge(self, name: str, now: float) -> None:
         """What waits of this row leaves now, where the device takes it."""
@@ -96,8 +98,9 @@ class Outbox:
             channel.urge(name, now)
 
     def waiting(self, name: str, to: Sender | None = None) -> int:
-        """How many frames of this row wait where fewest do."""
-        return min(channel.sender.waiting(name) for channel in self._reach(to))
+        """How many frames of this row wait where fewest do; to: for him, or who shares with him."""
+        share = None if to is None else self._share(to)
+        return min(channel.sender.waiting(name, to=share) for channel in self._reach(to))
 
     def is_own(self, message: Any) -> bool:
         """Whether `message` is one that was sent from here a moment ago and came back, maybe elsewhere."""

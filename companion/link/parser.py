@@ -13,6 +13,8 @@ _SIGNED = 1
 _SIGNATURE = 13
 PATIENCE = 1.5
 """s for the rest of a frame; the longest takes 1.2 s at 2400 baud."""
+MAX_BROKEN = 64
+"""Broken frames looked into at a time: each may cost the checksum of a long one."""
 
 
 class Parser:
@@ -27,19 +29,28 @@ class Parser:
         self._came_at: list[float] = []
         """Of each byte."""
         self.bad = 0
+        self.behind = False
+
+    def forget(self) -> None:
+        """What waits, whole or not, belongs to nothing that comes now."""
+        self._buffer.clear()
+        self._came_at.clear()
+        self.behind = False
 
     def feed(self, data: bytes, now: float, *, whole: bool) -> list[Any]:
         """The messages that are complete now, of ids that the dialect knows. Broken ones count in `bad`.
 
         So does a frame that is not whole after 1.5 s: noise that looks like the head of a long one would keep
-        back what comes behind it, which would then be believed late.
+        back what comes behind it, which would then be believed late. After 64 broken ones the rest of a
+        datagram is given up; a stream is `behind` then: feed it nothing to go on.
         """
+        enough = self.bad + MAX_BROKEN
         overdue = bisect_left(self._came_at, now - PATIENCE)
         self._buffer += data
         self._came_at += [now] * len(data)
         messages = []
         at = 0
-        while (at := self._marker(at)) < len(self._buffer):
+        while (at := self._marker(at)) < len(self._buffer) and self.bad < enough:
             length = self._length(at)
             if length is None or at + length > len(self._buffer):
                 if at >= overdue:
@@ -59,6 +70,7 @@ class Parser:
             if not unknown:
                 messages.append(message)
         done = len(self._buffer) if whole else at
+        self.behind = done < len(self._buffer) and self.bad >= enough
         del self._buffer[:done], self._came_at[:done]
         return messages
 

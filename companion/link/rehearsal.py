@@ -100,7 +100,9 @@ class Rehearsal(Wire):
         wires: dict[str, Wire] = {MAIN: self, **self.more}
         listed = build(["grass", "dry bush"], {"grass": 1.0}, {}) if parameters is None else parameters
         openers = {name: partial(_near, wire) for name, wire in wires.items()}
-        self.link = Link(self.settings, listed, self.now, openers=openers, tree=tree, signing=signing)
+        self.link = Link(
+            self.settings, listed, self.now, openers=openers, tree=tree, signing=signing, clock=lambda: 0.0
+        )
         self.vehicle = vehicle
         self.heard: list[Heard] = []
         self._heartbeat_at = 0.0

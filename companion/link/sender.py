@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.bucket import TokenBucket
 from companion.link.connection import Connection
+from companion.link.guard import CROWDS
 from companion.link.mavlink_version import MavlinkVersion, fits_1, pack_1
 from companion.link.settings import ConnectionSettings
 from companion.link.signing import Signing
@@ -47,7 +48,8 @@ class Sender:
 
     Within a budget nothing overtakes a more urgent frame, so a call never starves behind small change. What
     was asked for never goes twice in a row while something else may, so no flood of requests silences us.
-    Of what is equally urgent, whoever asked gets one in his turn, so no flood holds up what others asked for.
+    Of what is equally urgent, whoever asked gets one in his turn, so no flood holds up what others asked for;
+    and `CROWDS`, who have many names, never get two replies in a row while somebody else waits for one.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class Sender:
         self._order = 0
         self._turns: dict[int, int] = {}
         self._next_at = now
-        self._was_asked = False
+        self._was_asked = self._was_crowd = False
         self._recent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
         self.sent = dict.fromkeys(BUDGETS, 0)
         self.lost = 0
@@ -104,7 +106,7 @@ class Sender:
         """Queue a message of the table's row `name`; one with the same name and key takes its place.
 
         Forgotten after `lifetime` s. When 64 frames of a budget wait, the least urgent of those for whom most
-        wait is lost, and counted. to: system and component id that it is meant for, None for everybody.
+        wait is lost, and counted. to: whose turn it takes, None for everybody.
         What MAVLink 1 has no id for is left out where that is spoken, and counted.
         """
         row = MESSAGES[name]
@@ -137,9 +139,9 @@ class Sender:
         """B/s of unsolicited traffic from now on, 0 unlimited."""
         self._buckets["unsolicited"].set_rate(rate, now)
 
-    def waiting(self, name: str) -> int:
-        """How many frames of this row wait."""
-        return sum(frame.name == name for frame in self._queue)
+    def waiting(self, name: str, to: tuple[int, int] | None = None) -> int:
+        """How many frames of this row wait, for `to` alone where he is named."""
+        return sum(frame.name == name and to in (None, frame.to) for frame in self._queue)
 
     def has_room(self, name: str, now: float, *, reserve: int = 0) -> bool:
         """Whether the row's budget carries one more frame beside what waits for it and `reserve` bytes."""
@@ -205,6 +207,7 @@ class Sender:
         self._was_asked = frame.bucket == "asked"
         if self._was_asked:
             self._turns[frame.priority] = frame.turn
+            self._was_crowd = frame.to in CROWDS
         self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
         self._mav.seq = (self._mav.seq + 1) % 256
         self._next_at = now + self._pace
@@ -232,7 +235,9 @@ class Sender:
         """The most urgent of those that each budget lets go now, the budgets' turns considered."""
         first: dict[Bucket | None, _Frame] = {}
         for frame in self._queue:
-            first.setdefault(frame.bucket, frame)
+            before = first.setdefault(frame.bucket, frame)
+            if self._was_crowd and before.to in CROWDS and frame.to not in CROWDS:
+                first[frame.bucket] = frame
         ready = [
             frame
             for bucket, frame in first.items()

@@ -9,13 +9,14 @@ from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
+from companion.link.peers import Peer, Peers
 from companion.link.settings import Address, LinkError
 from companion.wire.serial_port import open_port
 from companion.wire.tcp import watch_peer
 
 _CHUNK = 2048
+"""Bytes of one read; a datagram is cut to as many. A frame has 280 at most."""
 _MAX_PENDING = 2048
-_MAX_PEERS = 4
 _MAX_SKIPPED = 512
 """Datagrams that say nothing, or come from elsewhere: they must not keep back what waits behind them."""
 
@@ -34,6 +35,9 @@ class Transport(Protocol):
     def write(self, frame: bytes) -> bool:
         """Send all of `frame`, or nothing and return False when the device takes nothing now."""
 
+    def believe(self, now: float, *, autopilot: bool) -> None:
+        """A frame in what was read last was believed; autopilot: it was our autopilot's."""
+
     def fileno(self) -> int | None:
         """For select; None where there is none."""
 
@@ -42,20 +46,20 @@ class Transport(Protocol):
 
 
 class Udp:
-    """udpin: bound, answers the four peers heard last. udpout: sends to one address and hears only it."""
+    """udpin: bound, answers whoever was believed (`Peers`). udpout: sends to one address, hears only it."""
 
     datagrams = True
 
     def __init__(self, address: Address) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(0)
-        self._fixed = address.scheme == "udpout"
-        self._peers: list[tuple[str, int]] = []
+        there = (address.place, address.number)
+        self._fixed: Peer | None = there if address.scheme == "udpout" else None
+        self._peers = Peers()
+        self._heard: Peer | None = None
         try:
-            if self._fixed:
-                self._peers.append((address.place, address.number))
-            else:
-                self._socket.bind((address.place, address.number))
+            if self._fixed is None:
+                self._socket.bind(there)
         except OSError:
             self._socket.close()
             raise
@@ -68,30 +72,31 @@ class Udp:
     def read(self) -> bytes:
         for _ in range(_MAX_SKIPPED):
             try:
-                datagram, peer = self._socket.recvfrom(65536)
+                datagram, peer = self._socket.recvfrom(_CHUNK)
             except (BlockingIOError, ConnectionRefusedError, InterruptedError):
                 break
-            if datagram and self._hears(peer):
+            if datagram and self._fixed in (None, peer):
+                self._heard = peer
                 return datagram
         return b""
 
-    def _hears(self, peer: tuple[str, int]) -> bool:
-        if self._fixed:
-            return peer in self._peers
-        others = [other for other in self._peers if other != peer]
-        self._peers = [*others[-(_MAX_PEERS - 1) :], peer]
-        return True
+    def believe(self, now: float, *, autopilot: bool) -> None:
+        if self._heard is not None:
+            self._peers.believe(self._heard, now, autopilot=autopilot)
 
     def write(self, frame: bytes) -> bool:
+        if self._fixed is not None:
+            self._send(frame, self._fixed)
+            return True
         taken = [self._send(frame, peer) for peer in self._peers]
-        return any(taken) or self._fixed
+        return any(taken)
 
-    def _send(self, frame: bytes, peer: tuple[str, int]) -> bool:
+    def _send(self, frame: bytes, peer: Peer) -> bool:
         """Nobody there yet, a full buffer, a network that is down: the next frame tries again."""
         try:
             self._socket.sendto(frame, peer)
         except OSError as error:
-            if self._fixed and isinstance(error, PermissionError):  # as to a broadcast address
+            if self._fixed is not None and isinstance(error, PermissionError):  # as to a broadcast address
                 raise
             return False
         return True
@@ -113,6 +118,9 @@ class _Stream:
 
     def _send(self, data: bytes) -> int:
         raise NotImplementedError
+
+    def believe(self, now: float, *, autopilot: bool) -> None:
+        """There is one other end only."""
 
     def write(self, frame: bytes) -> bool:
         if self._pending:

@@ -116,9 +116,8 @@ class FtpServer:
         return request.ack(session.opened.size.to_bytes(4, "little"))
 
     def _outranks(self, sender: Sender) -> bool:
-        """Whether somebody who may only read has made room for one who may answer calls."""
-        may = self._guard.may_change
-        return may(sender) and self._sessions.make_room(by=lambda other: not may(other))
+        """Whether somebody with less right has made room."""
+        return self._sessions.make_room(by=lambda other: self._guard.outranks(sender, other))
 
     def _read(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
         session = self._sessions.get(sender, request.session)

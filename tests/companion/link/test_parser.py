@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.parser import PATIENCE, Parser
+from companion.link.parser import MAX_BROKEN, PATIENCE, Parser
 
 MAV = mavlink.MAVLink(None, 255, 190)
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 253254, 4, 3).pack(MAV)
@@ -109,3 +109,39 @@ def test_the_buffer_never_grows_beyond_one_frame() -> None:
     for _ in range(1000):
         types(parser, HEARTBEAT[:-1])
     assert len(parser._buffer) < 300
+
+
+def test_of_a_datagram_full_of_false_heads_only_a_part_is_looked_into() -> None:
+    parser = Parser()
+    assert parser.feed(b"\xfe" * 60_000 + HEARTBEAT, 0.0, whole=True) == []
+    assert parser.bad == MAX_BROKEN
+    assert not parser.behind
+    assert len(parser.feed(HEARTBEAT, 0.0, whole=True)) == 1
+
+
+pieces = st.lists(
+    st.sampled_from([HEARTBEAT, TEXT, b"\xfe" * 30, b"\xfd" * 30, b"\xfe\x08\0\x01\x01\0" * 5, b"noise"]),
+    max_size=12,
+)
+
+
+@given(pieces, st.integers(1, 300))
+def test_a_stream_of_noise_is_looked_into_bit_by_bit_and_no_frame_is_lost_by_it(
+    content: list[bytes], size: int
+) -> None:
+    stream = b"".join(content)
+
+    def heard(limit: int) -> tuple[list[str], int]:
+        parser, found = Parser(), list[str]()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("companion.link.parser.MAX_BROKEN", limit)
+            for at in range(0, len(stream), size):
+                data = stream[at : at + size]
+                while data or parser.behind:
+                    before = parser.bad
+                    found += types(parser, data)
+                    assert parser.bad - before <= limit
+                    data = b""
+        return found, parser.bad
+
+    assert heard(3) == heard(10**6)

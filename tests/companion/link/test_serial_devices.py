@@ -7,6 +7,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -75,6 +76,28 @@ def test_a_serial_port_that_does_not_take_its_speed_is_trouble_and_no_crash() ->
     link = link_to("serial:/dev/ttyAMA0:57600", opener=lambda: open_transport(address))
     link.poll(time.monotonic())
     assert str(link.trouble).startswith("link lost: ")
+    link.close()
+    os.close(slave)
+    os.close(master)
+
+
+def test_a_serial_port_that_was_unplugged_for_long_is_open_half_a_second_after_it_is_back(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    by_id = tmp_path / "usb-autopilot"
+    link, now = link_to(f"serial:{by_id}:57600"), time.monotonic()
+    for _ in range(200):
+        now += 0.05
+        link.poll(now)
+    assert link.filenos() == []
+    by_id.symlink_to(os.ttyname(slave))
+    for _ in range(11):
+        now += 0.05
+        link.poll(now)
+    assert link.filenos() != []
     link.close()
     os.close(slave)
     os.close(master)

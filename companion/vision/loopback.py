@@ -20,7 +20,7 @@ class Loopback:
     idle = True
 
     def __init__(self, engine: Callable[[Memory | None], AnyTraverse], step: float = 0.02) -> None:
-        """engine: makes one on a memory, None: none was ever kept. step: seconds that a step is said to take."""
+        """engine: makes one on a memory, None: none was ever kept. step: seconds that a step is to take."""
         self._make = engine
         self._step = step
         self._splitter = Splitter()

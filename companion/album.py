@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 from anytraverse.assessment import Assessment
 from anytraverse.regions import Region
 from companion.durable import write_whole
 from companion.wire.ids import State
-
-log = logging.getLogger(__name__)
 
 _COLOURS = {
     State.STARTING: (110, 118, 129),
@@ -26,49 +22,44 @@ _COLOURS = {
 }
 
 
-class Album:
-    """A folder of at most `keep` pictures; the oldest goes. A picture that cannot be written is no fault."""
+def draw(seen: Assessment, state: State, title: str, region: Region) -> bytes:
+    """A judged frame as the album's JPEG. Raises ValueError, ImportError without OpenCV."""
+    import cv2
 
-    def __init__(self, folder: Path, keep: int, region: Callable[[], Region]) -> None:
-        """region: asked for the region of interest in force."""
+    from anytraverse.panel import draw_state
+
+    tile = draw_state(seen.frame.image, seen, title, _COLOURS[state], region=region)
+    done, encoded = cv2.imencode(".jpg", tile[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
+    if not done:
+        raise ValueError("the picture could not be encoded")
+    return encoded.tobytes()
+
+
+class Album:
+    """A folder of at most `keep` pictures; the oldest goes."""
+
+    def __init__(self, folder: Path, keep: int) -> None:
         self._folder = folder
         self._keep = keep
-        self._region = region
         self._count = max(map(_number, self._pictures()), default=0)
         for torn in folder.glob(".[0-9]*.part"):
             with contextlib.suppress(OSError):
                 torn.unlink()
 
-    def keep(self, seen: Assessment, state: State, title: str) -> str:
-        """Draw and store a judged frame; the file's name, or "" when it could not be written."""
-        if self._keep < 1:
-            return ""
-        try:
-            return self._write(seen, state, title)
-        except Exception as error:  # whatever the drawing raises, a picture is worth no fault
-            log.warning("no picture of %s: %r", title, error)
-            return ""
+    @property
+    def wanted(self) -> bool:
+        """Whether it keeps any picture at all."""
+        return self._keep > 0
 
-    def path(self, name: str) -> Path:
-        """Where a picture lies."""
-        return self._folder / name
-
-    def _write(self, seen: Assessment, state: State, title: str) -> str:
-        import cv2
-
-        from anytraverse.panel import draw_state
-
-        tile = draw_state(seen.frame.image, seen, title, _COLOURS[state], region=self._region())
-        done, encoded = cv2.imencode(".jpg", tile[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
-        if not done:
-            raise ValueError("the picture could not be encoded")
+    def add(self, picture: bytes, title: str) -> Path:
+        """Store a JPEG that `draw` made; where it lies. Raises OSError."""
         self._count += 1
         slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
-        name = f"{self._count:05d}-{slug}.jpg"
-        write_whole(self._folder / name, encoded.tobytes())
+        path = self._folder / f"{self._count:05d}-{slug}.jpg"
+        write_whole(path, picture)
         for old in self._pictures()[: -self._keep]:
             old.unlink(missing_ok=True)
-        return name
+        return path
 
     def _pictures(self) -> list[Path]:
         """The oldest first, also beyond 99,999."""

@@ -45,6 +45,7 @@ from companion.settings_desk import SettingsDesk
 from companion.tasks import Liveness, tasks
 from companion.wire import notices, parameters, texts
 from companion.wire.ids import Policy, State
+from companion.writer import Writer
 
 log = logging.getLogger(__name__)
 
@@ -64,8 +65,8 @@ def main(config: Config, stop: Callable[[], bool] | None = None) -> int:
 def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     listed = parameters.build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     journal = Journal(config.journal.path)
-    closing.callback(journal.close)
-    closing.enter_context(logbook(config.journal.path))
+    writer = closing.enter_context(Writer(journal))
+    closing.enter_context(logbook(config.journal.path, writer))
     offer = Offer(config.journal.path)
     supervision = journal.load_supervision() or {}
     link = Link(config.link.settings(), listed, time.monotonic(), tree=offer.tree, signing=_signing(config))
@@ -93,7 +94,7 @@ def _main(config: Config, stop: Callable[[], bool], closing: ExitStack) -> int:
     book = open_book(engine.perceiver.model_id, calls, supervision.get("shadow"), now, news)
     last_frame = whole(supervision.get("frame_id"))
     replies = saved_replies(supervision.get("replies"))
-    keeper = _open_keeper(config, journal, calls, offer, last_frame, replies)
+    keeper = _open_keeper(config, journal, writer, calls, offer, last_frame, replies)
     camera = _open_camera(config, last_frame + 1)
     closing.callback(camera.close)
     eyes = Eyes(engine, camera, pace.period)
@@ -172,6 +173,7 @@ def _signing(config: Config) -> Signing | None:
 def _open_keeper(
     config: Config,
     journal: Journal,
+    writer: Writer,
     calls: OperatorCalls,
     offer: Offer,
     last_frame: int,
@@ -181,8 +183,8 @@ def _open_keeper(
         return calls.numbers.judging.region
 
     folder = config.journal.path
-    album = Album(folder / "pictures", config.pictures.keep, region)
-    return Keeper(journal, album, CallFiles(offer.calls, region), folder / "status.json", last_frame, replies)
+    album, files = Album(folder / "pictures", config.pictures.keep), CallFiles(offer.calls)
+    return Keeper(journal, writer, album, files, folder / "status.json", region, last_frame, replies)
 
 
 def _open_camera(config: Config, first_id: int) -> CameraThread:
@@ -203,4 +205,4 @@ def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
         daemon.farewell()
         raise
     daemon.leave()
-    keeper.write_status(daemon.status(), last=True)
+    keeper.leave(daemon.status())

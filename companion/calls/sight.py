@@ -33,8 +33,9 @@ class Sight:
         self._open: frozenset[Reason] = frozenset()
         """The newest frame's reasons that nobody accepted."""
 
-    def take(self, seen: Assessment, now: float, travelled: float | None) -> None:
-        """A new frame was judged. travelled: metres driven, None where not known."""
+    def take(self, seen: Assessment, now: float, travelled: float | None, *, settled: bool = True) -> None:
+        """A new frame was judged. travelled: metres driven, None where not known. settled: it may add to
+        `ok_run`."""
         self.pass_time(now)
         self._seen_at = now
         self._weigh(seen)
@@ -48,7 +49,7 @@ class Sight:
             bad, clear = self._vote(reason, seen)
             votes.add(bad=bad, clear=clear)
         if self._ok:
-            self._ok_at, self.ok_run = now, self.ok_run + 1
+            self._ok_at, self.ok_run = now, self.ok_run + settled
         else:
             self.bad_at, self.ok_run = now, 0
 

@@ -186,8 +186,3 @@ def go_lapsed(kind: Kind, number: int) -> str:
 def taken_over(kind: Kind, number: int, mode: str) -> str:
     """A human changed the mode during our hold."""
     return fit(f"{name(kind, number)} taken over by hand: {mode}")
-
-
-def not_remembered(kind: Kind, number: int) -> str:
-    """The journal could not be written."""
-    return fit(f"{name(kind, number)} applied, not remembered: disk?")

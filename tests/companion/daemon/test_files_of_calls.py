@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +15,15 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from anytraverse.assessment import Reason
-from anytraverse.regions import Box
-from companion.calls.decisions import Call
 from companion.files.calls import ANSWERS, KEPT, CallFiles
 from companion.files.offer import Offer
 from companion.files.thumbnail import LIMIT
+from companion.journal import Journal
 from companion.logbook import logbook
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
+from companion.writer import Writer
 from tests.companion.daemon.rig import MakeRig, Rig
 
 
@@ -34,6 +35,16 @@ def fetched(rig: Rig, path: str) -> bytes:
 def told(rig: Rig, path: str) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(fetched(rig, path))
     return found
+
+
+@contextmanager
+def written(folder: Path) -> Iterator[Writer]:
+    """A writer that has written all when it is left."""
+    writer = Writer(Journal(folder / "journal"))
+    try:
+        yield writer
+    finally:
+        writer.close()
 
 
 def names(rig: Rig, folder: str) -> dict[str, int | None]:
@@ -190,8 +201,9 @@ def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
     assert json.loads(opened.read(0, 99)) == {"state": "starting"}
     assert tree.entries("/maps") == ()
     assert tree.entries("/calls") == ()
-    with logbook(tmp_path):
+    with written(tmp_path) as writer, logbook(tmp_path, writer):
         logging.getLogger("companion.test").warning("it looks")
+        writer.drain()
         (entry,) = tree.entries("/logs")
     content = tree.open("/logs/companion.log").read(0, 200)
     assert len(content) == entry.size
@@ -200,7 +212,7 @@ def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
 
 def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("companion.logbook.LONGEST", 2000)
-    with logbook(tmp_path):
+    with written(tmp_path) as writer, logbook(tmp_path, writer):
         for number in range(200):
             logging.getLogger("companion.test").warning("line %d", number)
     sizes = [entry.size for entry in Offer(tmp_path).tree.entries("/logs")]
@@ -211,7 +223,7 @@ def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_log_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     (tmp_path / "logs").write_text("a file in the folder's place")
-    with logbook(tmp_path):
+    with written(tmp_path) as writer, logbook(tmp_path, writer):
         logging.getLogger("companion.test").warning("said all the same")
 
 
@@ -235,17 +247,17 @@ def test_a_computer_without_a_clock_stamps_with_the_autopilots_time(
 
 def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) -> None:
     folder = tmp_path / "calls"
-    files = CallFiles(folder, lambda: Box(0, 0, 1, 1))
+    files = CallFiles(folder)
     for number in [*range(65530, 65536), *range(1, 60)]:
-        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
+        files.opened(number, {})
     kept = sorted(int(path.stem) for path in folder.iterdir())
     assert kept == list(range(60 - KEPT, 60))
 
 
 def test_of_a_call_that_was_answered_for_ever_the_newest_answers_are_told(tmp_path: Path) -> None:
-    files = CallFiles(tmp_path, lambda: Box(0, 0, 1, 1))
+    files = CallFiles(tmp_path)
     for earlier in (), [{"number": -1}] * ANSWERS:
-        files.opened(Call(7, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None, earlier)
+        files.opened(7, {}, earlier)
         for number in range(ANSWERS + 3):
             files.answered(7, {"number": number})
         kept = [one["number"] for one in json.loads((tmp_path / "7.json").read_text())["answers"]]
@@ -253,11 +265,11 @@ def test_of_a_call_that_was_answered_for_ever_the_newest_answers_are_told(tmp_pa
 
 
 def test_what_a_kill_left_of_a_file_goes_with_its_call(tmp_path: Path) -> None:
-    files = CallFiles(tmp_path, lambda: Box(0, 0, 1, 1))
+    files = CallFiles(tmp_path)
     torn, newer = tmp_path / ".1-large.jpg.part", tmp_path / ".9.json.part"
     for path in (torn, newer):
         path.write_bytes(b"half of")
     for number in range(10, 9 + KEPT):
-        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
+        files.opened(number, {})
     assert not torn.exists()
     assert newer.exists(), "its call is one of the newest"

@@ -18,13 +18,14 @@ from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.album import Album
+from companion.album import Album, draw
 from companion.calls.numbers import Numbers
 from companion.kept import Kept, saved_replies
 from companion.mishaps import Mishaps
 from companion.odometer import Odometer
 from companion.tasks import Liveness, tasks
 from companion.wire.ids import Result, State
+from gcs_plugin.pictures import jpeg_size
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
 
@@ -44,36 +45,32 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path, seen: Assessment) -> None:
+def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path) -> None:
     for number in range(3):
-        Album(tmp_path, 2, lambda: REGION).keep(seen, State.CALLING, f"C{number} Unknown thing!")
+        Album(tmp_path, 2).add(b"a picture", f"C{number} Unknown thing!")
     assert names(tmp_path) == ["00002-c1-unknown-thing.jpg", "00003-c2-unknown-thing.jpg"]
 
 
-def test_an_album_of_many_years_stays_bounded(tmp_path: Path, seen: Assessment) -> None:
+def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
     (tmp_path / "99999-old.jpg").touch()
     for _ in range(2):
-        album = Album(tmp_path, 2, lambda: REGION)
-        album.keep(seen, State.OK, "new")
-        album.keep(seen, State.OK, "new")
+        album = Album(tmp_path, 2)
+        album.add(b"a picture", "new")
+        album.add(b"a picture", "new")
     assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
 
 
-def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path, seen: Assessment) -> None:
+def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path) -> None:
     (tmp_path / "notes-of-mine.jpg").touch()
     (tmp_path / ".00007-torn.jpg.part").touch()
-    Album(tmp_path, 1, lambda: REGION).keep(seen, State.OK, "new")
+    Album(tmp_path, 1).add(b"a picture", "new")
     assert names(tmp_path) == ["00001-new.jpg", "notes-of-mine.jpg"]
 
 
-def test_a_picture_that_cannot_be_written_is_no_fault(tmp_path: Path, seen: Assessment) -> None:
-    (tmp_path / "file").touch()
-    assert Album(tmp_path / "file", 5, lambda: REGION).keep(seen, State.OK, "new") == ""
-
-
-def test_an_album_of_none_draws_nothing(tmp_path: Path, seen: Assessment) -> None:
-    assert Album(tmp_path / "none", 0, lambda: REGION).keep(seen, State.OK, "new") == ""
-    assert not (tmp_path / "none").exists()
+def test_a_judged_frame_is_drawn_as_a_jpeg_with_its_title(seen: Assessment) -> None:
+    drawn = draw(seen, State.CALLING, "C1 unknown thing", REGION)
+    assert jpeg_size(drawn) is not None
+    assert drawn != draw(seen, State.CALLING, "C2 unknown thing", REGION)
 
 
 def test_an_odometer_adds_up_slow_driving_but_not_noise_or_jumps() -> None:

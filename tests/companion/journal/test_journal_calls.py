@@ -10,8 +10,9 @@ import pytest
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call
-from companion.journal import Journal, JournalError
+from companion.journal import Batch, Journal, JournalError, Row
 from companion.journal import journal as journal_module
+from companion.journal.png import from_png, to_png
 from companion.wire.ids import Outcome
 
 
@@ -45,36 +46,43 @@ def test_the_callers_later_changes_of_the_state_are_not_kept(journal: Journal) -
 
 def test_the_frame_of_the_open_call_comes_back_pixel_by_pixel(journal: Journal, tmp_path: Path) -> None:
     image = np.random.default_rng(1).integers(0, 256, (24, 32, 3), np.uint8)
-    journal.save_frame(np.zeros((4, 4, 3), np.uint8))
-    journal.save_frame(image)
-    loaded = journal.load_frame()
-    assert loaded is not None
-    assert (loaded == image).all()
-    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".db", ".db-wal", ".png"]
+    journal.save_frame(6, to_png(np.zeros((4, 4, 3), np.uint8)))
+    journal.save_frame(7, to_png(image))
+    png = journal.load_frame(7)
+    assert png is not None
+    assert (from_png(png) == image).all()
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".db", ".db-wal"]
+
+
+def test_a_call_gets_no_other_calls_frame(journal: Journal) -> None:
+    journal.save_frame(6, b"of frame 6")
+    assert journal.load_frame(7) is None
+    assert journal.load_frame(6) == b"of frame 6"
 
 
 @pytest.mark.parametrize("content", [b"", b"torn", b"\x89PNG\r\n\x1a\n"])
-def test_a_torn_frame_is_no_frame(journal: Journal, tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "call.png").write_bytes(content)
-    assert journal.load_frame() is None
+def test_a_torn_frame_is_no_frame(content: bytes) -> None:
+    with pytest.raises(ValueError, match="torn"):
+        from_png(content)
 
 
-def test_what_is_no_picture_is_not_kept(journal: Journal) -> None:
-    journal.save_frame(np.ones((4, 4, 3), np.uint8))
-    with pytest.raises(JournalError):
-        journal.save_frame(np.ones((4, 4), np.uint8))
-    assert journal.load_frame() is not None
+def test_what_is_no_picture_is_no_frame() -> None:
+    with pytest.raises(ValueError, match="not an RGB picture"):
+        to_png(np.ones((4, 4), np.uint8))
 
 
-def test_a_full_disk_under_the_frame_is_a_journal_error(
-    journal: Journal, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
+def test_frame_state_memory_and_rows_are_kept_together_or_not_at_all(tmp_path: Path) -> None:
+    Journal(tmp_path).close()
+    journal = Journal(tmp_path, largest=(tmp_path / "journal.db").stat().st_size + 40_000)
+    row = Row.of_answer(1, {"motion": "go"}, 5.0)
+    journal.commit(Batch(state='{"call": 1}', frame=(1, b"one"), rows=(row,)))
     with pytest.raises(JournalError, match="make room"):
-        journal.save_frame(np.ones((4, 4, 3), np.uint8))
+        journal.commit(Batch(state='{"call": 2}', frame=(2, bytes(200_000)), rows=(row,)))
+    journal.close()
+    again = Journal(tmp_path)
+    assert (again.load_supervision(), again.load_frame(1)) == ({"call": 1}, b"one")
+    assert again.answers(1) == ({"motion": "go"},)
+    again.close()
 
 
 def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journal) -> None:

@@ -26,7 +26,7 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
         Task("eyes",    "judges frames, applies answers", "thread, at the judged rate", fresh, "fault: hold"),
         Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",   None,  "no heartbeat"),
         Task("calls",   "decides: call, hold, resume",    "main loop, on every input", None,  "no heartbeat"),
-        Task("journal", "writes what must survive",       "main loop, on every change", None,  "said"),
+        Task("writer",  "journal, pictures, status, log", "thread, when there is news", None,  "said"),
     )
     # fmt: on
 

@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.assessment import Assessment
+from companion.album import draw
 from companion.files.calls import ANSWERS, KEPT, CallFiles
 from companion.files.offer import Offer
 from companion.files.thumbnail import LIMIT
@@ -164,6 +166,44 @@ def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(ma
     assert abs(closed["closed"] - call["place"]["time"]) < 60
     entry = next(one for one in rig.engine.memory.history if one.call_id == 1)
     assert (entry.place.latitude, entry.place.attitude) == (47.0, (5.73, -2.86, 85.94))
+
+
+def test_file_picture_and_data_of_a_call_are_of_one_assessment_after_an_answer_too(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[tuple[Assessment, bytes]] = []
+
+    def noting(seen: Assessment, *what: Any) -> bytes:
+        drawn.append((seen, draw(seen, *what)))
+        return drawn[-1][1]
+
+    monkeypatch.setattr("companion.keeper.draw", noting)
+    rig = make_rig(pictures=3)
+    rig.see(3.0, "drum")
+    for words in ("grass: 1; rock: -1", "grass: 1; rock: -1; trail: 1"):
+        call, data = rig.calls.call, CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+        assert call is not None
+        assert call.seen is not None
+        assert call.seen.roi is not None
+        (large,) = [seen for seen, content in drawn if content == fetched(rig, "/calls/1-large.jpg")]
+        assert large is call.seen
+        record = told(rig, "/calls/1.json")
+        assert record["words"] == call.seen.words.format() == words
+        assert record["roi_uncertainty"] == call.seen.roi.uncertainty
+        assert data.roi_uncertainty == pytest.approx(call.seen.roi.uncertainty, abs=1e-4)
+        assert (record["frame_id"], data.frame_id) == (call.frame_id, call.seen.frame.id)
+        rig.word(1, "trail", 1.0)
+        rig.see(3.0, "drum")
+
+
+def test_a_picture_that_cannot_be_drawn_costs_no_call(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.keeper.draw", lambda *_: 1 / 0)
+    rig = make_rig(pictures=3)
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 1)
+    assert CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
 
 
 def test_without_pictures_a_call_is_told_all_the_same(held: Rig) -> None:

@@ -134,7 +134,7 @@ def test_a_slow_commit_is_failing_while_it_lasts_and_some_time_after(
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
 
     def slow(_: Batch) -> None:
-        for _ in range(3):
+        for _step in range(3):
             seen.append(writer.failing)
             now[0] += 1.5
 

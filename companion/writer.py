@@ -54,6 +54,8 @@ class Writer:
         self._writing_since: float | None = None
         self._slow_until = float("-inf")
         self._untidy = False
+        self._jobs_first = 0
+        """Jobs that waited during the last commit: the next one lets them go first."""
         self._troubled: set[str] = set()
         self.errors: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
@@ -103,22 +105,22 @@ class Writer:
             self._changed.notify_all()
 
     def run_once(self) -> bool:
-        """Do the most urgent that is due; False when nothing is."""
-        with self._changed:
-            batch, ticket = self._due(), self._ticket
-            if batch:
-                self._batch = Batch()
-            job = self._jobs.popleft() if not batch and not self._untidy and self._jobs else None
-        if batch:
-            self._commit(batch, ticket)
-        elif self._untidy:
+        """Do the most urgent that is due; False when nothing is. Jobs are not kept waiting for ever."""
+        if self._untidy:
             self._untidy = False
             self._survive("tidying", self._journal.tidy)
+            return True
+        with self._changed:
+            batch, ticket = Batch() if self._jobs_first else self._due(), self._ticket
+            if batch:
+                self._batch, self._jobs_first = Batch(), len(self._jobs)
+            job = self._jobs.popleft() if not batch and self._jobs else None
+            self._jobs_first = min(len(self._jobs), max(0, self._jobs_first - (job is not None)))
+        if batch:
+            self._commit(batch, ticket)
         elif job is not None:
             self._survive(job.kind, job.write)
-        else:
-            return False
-        return True
+        return bool(batch) or job is not None
 
     def drain(self, limit: float = SLOW) -> bool:
         """Wait until all is written that can be; False when `limit` seconds are, or were, not enough."""

@@ -49,6 +49,16 @@ def test_the_journal_goes_first_then_jobs_in_their_order(writer: Writer) -> None
     assert not writer.run_once()
 
 
+def test_a_journal_that_always_has_news_does_not_keep_jobs_waiting_for_ever(writer: Writer) -> None:
+    done: list[int] = []
+    for number in range(3):
+        writer.write("record", partial(done.append, number))
+    for _ in range(6):
+        writer.keep(Batch(state="{}"))
+        writer.run_once()
+    assert (done, writer.committed) == ([0, 1, 2], 6)
+
+
 def test_of_what_waits_the_newest_state_and_every_row_are_one_transaction(
     writer: Writer, journal: Journal
 ) -> None:

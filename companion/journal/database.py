@@ -62,6 +62,7 @@ class Database:
     def __init__(self, path: Path, largest: int) -> None:
         """largest: bytes that the file may reach; beyond, writing fails as on a full disk."""
         self.path = path
+        self._was_empty = path.is_file() and path.stat().st_size == 0
         try:
             self._connection = sqlite3.connect(
                 path, timeout=_WAIT, isolation_level=None, check_same_thread=False
@@ -138,6 +139,8 @@ class Database:
             execute(f"PRAGMA {name}").fetchone() for name in ("application_id", "user_version")
         )
         found = {name for (name,) in execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if self._was_empty:  # and nobody is about to fill it: the lock is ours by now
+            raise Damaged("the file is empty")
         if not found and version == 0:
             self._create()
             return

@@ -148,8 +148,6 @@ class Journal:
 
     def _open(self, largest: int) -> _Opened:
         """Open the file and read all that a start needs, so that damage shows now and not later."""
-        if self._path.is_file() and self._path.stat().st_size == 0:
-            raise Damaged("the file is empty")
         database = Database(self._path, largest)
         try:
             return database, read_memory(database.rows), _read_state(database)

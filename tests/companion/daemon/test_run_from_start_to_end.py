@@ -62,7 +62,7 @@ def config(tmp_path: Path, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
 
 def threads() -> set[str]:
     """Of a daemon, running."""
-    return {thread.name for thread in threading.enumerate()} & {"camera", "eyes", "loading"}
+    return {thread.name for thread in threading.enumerate()} & {"camera", "eyes", "loading", "writer"}
 
 
 def until(fits: Callable[[], bool]) -> Callable[[], bool]:

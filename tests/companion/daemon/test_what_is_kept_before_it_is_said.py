@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.journal import Batch, Journal, JournalError
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result
-from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Rig, spoil
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Clock, Rig, spoil
 
 GO = Motion.GO
 
@@ -368,3 +371,54 @@ def test_a_setting_is_echoed_once_it_is_kept(rig: Rig) -> None:
     rig.disk_hangs = False
     rig.see(0.5)
     assert (rig.echoes("AT_THR_ROI"), rig.echoes("AT_W_DRUM")) == ([0.4], [-1.0])
+
+
+_DOINGS = st.lists(
+    st.tuples(
+        st.booleans(),
+        st.sampled_from([None, None, GO, GO, Motion.STAY, Motion.NONE]),
+        st.booleans(),
+        st.integers(1, 12),
+    ),
+    max_size=8,
+)
+"""Whether the disk hangs, what is answered, whether with a word, and tenths of a second until the next."""
+
+
+@settings(max_examples=15, deadline=None)
+@given(_DOINGS)
+def test_whatever_the_disk_does_nothing_is_acknowledged_unkept_and_nobody_drives_on_unacknowledged(
+    tmp_path_factory: pytest.TempPathFactory, doings: list[tuple[bool, Motion | None, bool, int]]
+) -> None:
+    clock = Clock()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(time, "monotonic", clock)
+        patched.setattr("companion.daemon.TICK", 0.0)
+        rig = Rig(tmp_path_factory.mktemp("rover"), clock)
+        rig.see(4.0, "drum")
+        assert rig.stage.mode == HOLD
+        asked: dict[int, tuple[Motion, float]] = {}
+        checked = 0
+        for number, (hangs, motion, with_word, tenths) in enumerate([*doings, (False, None, False, 25)]):
+            rig.disk_hangs = hangs
+            if motion is not None and rig.stage.mode == HOLD:
+                asked[100 + number] = motion, clock.now
+                words = (SetWord("drum", 1.0),) if with_word else ()
+                rig.answer(1, motion, *words, transaction=100 + number)
+            for _ in range(tenths):
+                rig.see(0.1, "drum")
+                kept = {row[2] for row in (rig.journal.load_supervision() or {})["replies"]}
+                for ack in rig.acks[checked:]:
+                    assert ack.transaction in kept or ack.result not in (Result.APPLIED, Result.NOT_COVERED)
+                    assert clock.now - asked[ack.transaction][1] <= 2.3
+                checked = len(rig.acks)
+                if rig.stage.mode == AUTO:
+                    acknowledged = {ack.transaction for ack in rig.acks}
+                    assert any(asked[one][0] is GO for one in acknowledged)
+        assert {ack.transaction for ack in rig.acks} == set(asked)
+        newest = [motion for motion, _ in asked.values()]
+        if newest and newest[-1] is GO:
+            assert rig.stage.mode == AUTO
+        if GO not in newest:
+            assert rig.stage.mode == HOLD
+        rig.kill()

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import re
 from pathlib import Path
 
 from companion.durable import write_whole
 
-log = logging.getLogger(__name__)
-
 
 class Album:
-    """A folder of at most `keep` pictures; the oldest goes. A picture that cannot be written is no fault."""
+    """A folder of at most `keep` pictures; the oldest goes."""
 
     def __init__(self, folder: Path, keep: int) -> None:
         self._folder = folder
@@ -25,23 +22,17 @@ class Album:
 
     @property
     def wanted(self) -> bool:
-        """Whether pictures are kept at all."""
+        """Whether it keeps any picture at all."""
         return self._keep > 0
 
-    def store(self, title: str, jpeg: bytes) -> Path | None:
-        """Write a picture; where it lies, or None when there is none or it could not be written."""
-        if not self.wanted or not jpeg:
-            return None
+    def add(self, picture: bytes, title: str) -> Path:
+        """Store a JPEG; where it lies. Raises OSError."""
         self._count += 1
         slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
         path = self._folder / f"{self._count:05d}-{slug}.jpg"
-        try:
-            write_whole(path, jpeg)
-            for old in self._pictures()[: -self._keep]:
-                old.unlink(missing_ok=True)
-        except OSError as error:
-            log.warning("no picture of %s: %r", title, error)
-            return None
+        write_whole(path, picture)
+        for old in self._pictures()[: -self._keep]:
+            old.unlink(missing_ok=True)
         return path
 
     def _pictures(self) -> list[Path]:

@@ -39,16 +39,20 @@ _FRAME_PATIENCE = 10.0
 
 @dataclass(frozen=True)
 class Reply:
-    """An acknowledgement to send once everything that it says is on disk. again: it was kept before."""
+    """An acknowledgement. changed: something was, so that it leaves once everything that it says is on disk.
+
+    go: when the go was given that it tells of, monotonic seconds; None where it tells of none.
+    """
 
     request: AnswerRequest
     acknowledgement: Acknowledgement
-    again: bool = False
+    changed: bool = False
+    go: float | None = None
 
 
 @dataclass
 class Heard:
-    """What came of something heard: decisions to carry out first, then replies to send."""
+    """What came of something heard: decisions to carry out first, then replies."""
 
     decisions: list[Decision] = field(default_factory=list)
     replies: list[Reply] = field(default_factory=list)
@@ -100,7 +104,8 @@ def changes_of(operations: Iterable[Operation]) -> Changes:
 class Conversation:
     """Answers go to the eyes, which apply them in order; what came of it goes back to who asked.
 
-    Only "stay" overtakes: it counts at once, and takes the motion from what still waits for the eyes.
+    Only "stay" overtakes: it counts at once, and takes the motion from what still waits for the eyes. A go
+    counts from when its answer is kept.
     """
 
     def __init__(
@@ -118,7 +123,7 @@ class Conversation:
         """An operator's answer."""
         kept = self._replies.get((request.sender, request.transaction or 0))
         if kept is not None:
-            return self._reply(request, kept.target, kept.result, kept.text, again=True)
+            return self._reply(request, kept.target, kept.result, kept.text)
         target = self._calls.resolve(request.target, now)
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
@@ -158,8 +163,8 @@ class Conversation:
         changes = replace(changes_of(operations), missing_ok=True)
         return self._vision.answer(request, changes)
 
-    def applied(self, applied: Applied, *, remembered: bool, now: float) -> Heard:
-        """The eyes have applied an answer, or refused it. remembered: the journal holds it."""
+    def applied(self, applied: Applied, now: float) -> Heard:
+        """The eyes have applied an answer, or refused it."""
         self.words = applied.memory.preferences
         if isinstance(applied.token, SetRequest):
             return Heard(refused=str(applied.error or ""))
@@ -177,9 +182,9 @@ class Conversation:
         late = asked.request.motion is Motion.GO and now - asked.at > self._calls.numbers.go_lasts
         if asked.target:
             motion = Motion.NONE if late or asked.number <= self._overruled else asked.request.motion
-            result, decisions = self._calls.answered(asked.target, motion, asked.changed, outcome, now)
-        if result in (Result.APPLIED, Result.NOT_COVERED) and not remembered:
-            result = Result.APPLIED_NOT_REMEMBERED
+            result, decisions = self._calls.answered(
+                asked.target, motion, asked.changed, outcome, now, go_at=asked.at
+            )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
         text = self._outcome_text(asked.target, result, decisions, call_frame, newest, applied.memory)
@@ -195,9 +200,29 @@ class Conversation:
             decisions=decisions,
             call_frame=call_frame,
             newest=newest,
+            changed=True,
+            go=self._go(asked.request, asked.at),
         )
         heard.decisions = decisions
         return heard
+
+    def kept(self, reply: Reply, *, remembered: bool, now: float) -> Heard:
+        """What a reply says is on disk, or could not be put there: its go counts now, and it may leave."""
+        acknowledgement = reply.acknowledgement if remembered else unremembered(reply.acknowledgement)
+        decisions: list[Decision] = []
+        if reply.go is not None:
+            decisions = self._calls.go_kept(reply.go, now)
+            if self._calls.go_at is None:
+                target = acknowledgement.target
+                over = texts.fit(f"{target} is closed: the go came too late")
+                lapsed = texts.go_lapsed(self._calls.kind, target)
+                text = lapsed if target == self._calls.current_id else over
+                acknowledgement = replace(acknowledgement, text=text)
+        return Heard(decisions, [Reply(reply.request, acknowledgement)])
+
+    def _go(self, request: AnswerRequest, at: float) -> float | None:
+        """When the go was given that the hold waits to fulfil since this request."""
+        return at if request.motion is Motion.GO and self._calls.go_at == at else None
 
     def _stale(self, request: AnswerRequest) -> Heard:
         current = self._calls.current_id
@@ -209,10 +234,20 @@ class Conversation:
 
     def _moved(self, request: AnswerRequest, target: int, now: float) -> Heard:
         """Motion alone, where no frame needs to be judged again."""
-        result, decisions = self._calls.answered(target, request.motion, False, None, now)  # noqa: FBT003
+        result, decisions = self._calls.answered(
+            target,
+            request.motion,
+            False,  # noqa: FBT003
+            None,
+            now,
+            go_at=now,
+        )
         newest = self._calls.sight.newest
         text = self._outcome_text(target, result, decisions, None, newest, None)
-        heard = self._reply(request, target, result, text, decisions=decisions, newest=newest)
+        changed, go = result is not Result.STALE, self._go(request, now)
+        heard = self._reply(
+            request, target, result, text, decisions=decisions, newest=newest, changed=changed, go=go
+        )
         heard.decisions = decisions
         return heard
 
@@ -226,7 +261,8 @@ class Conversation:
         decisions: Sequence[Decision] = (),
         call_frame: Assessment | None = None,
         newest: Assessment | None = None,
-        again: bool = False,
+        changed: bool = False,
+        go: float | None = None,
     ) -> Heard:
         closed = _closed(decisions, target)
         roi, tile = (call_frame.roi, call_frame.tile) if call_frame is not None else (None, None)
@@ -243,7 +279,7 @@ class Conversation:
             words=words_hash(self.words),
             text=text,
         )
-        return Heard(replies=[Reply(request, acknowledgement, again)])
+        return Heard(replies=[Reply(request, acknowledgement, changed, go)])
 
     def _outcome_text(
         self,
@@ -256,8 +292,7 @@ class Conversation:
     ) -> str:
         """What a person is told of an answer that was applied."""
         if not target:
-            text = f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
-            return text if result is not Result.APPLIED_NOT_REMEMBERED else _UNREMEMBERED + text
+            return f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
         if result is Result.STALE:
             return self._too_late(target, memory)
         call = self._calls.call if self._calls.current_id == target else None
@@ -266,8 +301,6 @@ class Conversation:
             if Reason.UNKNOWN_OBJECT in call_frame.reasons or call_frame.roi is None:
                 return texts.still_unknown(target, call_frame.roi.uncertainty if call_frame.roi else None)
             return texts.still_new(target, call_frame.similarity)
-        if result is Result.APPLIED_NOT_REMEMBERED:
-            return texts.not_remembered(Kind.CALL if call or closed else self._calls.kind, target)
         if closed is not None:
             return texts.closed(Kind.CALL, target, closed.call.outcome)
         kind = self._calls.kind

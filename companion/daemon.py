@@ -7,6 +7,7 @@ import select
 import signal
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from companion.acting import Acting
@@ -14,7 +15,7 @@ from companion.announcement import Announcement
 from companion.autopilots import known_autopilot
 from companion.autopilots.ardupilot import ScriptHold
 from companion.calls.machine import OperatorCalls
-from companion.conversation import Conversation, Heard, unremembered
+from companion.conversation import Conversation, Heard, Reply
 from companion.keeper import Keeper
 from companion.link import heard as radio
 from companion.link.heard import AnswerRequest, ModeAck, PolicyRequest, Pulses, Vehicle, VehicleHeard
@@ -94,10 +95,10 @@ class Daemon:
         self._trial = Trial(keeper.folder, calls, link, lambda: conversation.words, place)
         self._status = Status(link, vision, calls, conversation, desk, self._trial, model)
         self._slumber = Slumber(link, calls, time.monotonic())
-        self._replies: list[Heard] = []
+        desk.when_kept(keeper.when_kept)
 
     def turn(self) -> None:
-        """Hear all, decide, stop, carry out, keep, then say: only a hold leaves before it is kept."""
+        """Hear all, decide, stop, carry out, have it kept, say what may be said; no disk is waited for."""
         self._wait()
         now = time.monotonic()
         self._slumber.look(now)
@@ -113,6 +114,9 @@ class Daemon:
         for result in results:
             with self._mishaps.survived(type(result).__name__, now):
                 self._take_result(result, now)
+        for say, kept in self._keeper.due(now):
+            with self._mishaps.survived("acknowledgement", now):
+                say(kept, now)
         self._watch.look(now)
         self._desk.policy.tick(now)
         self._shadow.tick(now)
@@ -197,8 +201,9 @@ class Daemon:
         self._status.took = judged.took
         self._status.latencies.append(seen.age)
         self._conversation.words = judged.memory.preferences
-        self._acting.carry_out(self._calls.assessed(seen, now), now, at_once=True)
         self._keeper.save_memory(judged.memory)
+        settled = self._keeper.settled(now, judged.memory)
+        self._acting.carry_out(self._calls.assessed(seen, now, settled=settled), now, at_once=True)
         if seen.adopted is not None:
             text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
@@ -223,39 +228,42 @@ class Daemon:
         self._keeper.judged(seen, judged.at)
 
     def _applied(self, applied: Applied, now: float) -> None:
-        remembered = self._keeper.save_memory(applied.memory)
+        self._keeper.save_memory(applied.memory)
         if self._keeper.is_call_frame(applied.token):
             self._keeper.reseen(self._calls, applied, now)
             return
-        heard = self._conversation.applied(applied, remembered=remembered, now=now)
+        heard = self._conversation.applied(applied, now)
         if heard.refused:
             self._link.say(notices.refused(heard.refused), ERROR, now)
         self._take(heard, now)
-        self._desk.answered(applied, now)
+        self._keeper.when_kept(lambda _, now: self._desk.answered(applied, now))
         call = self._calls.call
-        if call is not None and call.seen is not None and applied.outcome is not None:
+        if call is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
-            self._keeper.picture(call.seen, self._calls.state(now), title)
+            self._keeper.call_judged_again(call, self._calls.state(now), title)
 
     def _take(self, heard: Heard, now: float) -> None:
-        """Carry out what an answer led to; its acknowledgement waits until all of it is kept."""
+        """Carry out what an answer led to; an acknowledgement waits until all that it says is on disk."""
         self._acting.carry_out(heard.decisions, now)
-        if heard.replies:
-            self._replies.append(heard)
+        for reply in heard.replies:
+            if reply.changed:
+                self._keeper.answered(reply)
+                self._keeper.when_kept(partial(self._kept, reply))
+            else:
+                ack = reply.acknowledgement
+                self._link.acknowledge(reply.request, ack, now)
+                log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
+
+    def _kept(self, reply: Reply, remembered: bool, now: float) -> None:
+        self._take(self._conversation.kept(reply, remembered=remembered, now=now), now)
 
     def _speak(self, now: float) -> None:
-        replies = [reply for heard in self._replies for reply in heard.replies]
-        self._replies.clear()
         beside = {
             "policy": self._desk.policy.saved(),
             "settings": self._desk.overrides.saved(),
             "shadow": self._desk.book.saved(self._calls.shadow, now),
         }
-        kept = self._keeper.save_calls(self._calls, replies, beside)
-        for reply in replies:
-            ack = reply.acknowledgement if kept else unremembered(reply.acknowledgement)
-            self._link.acknowledge(reply.request, ack, now)
-            log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
+        self._keeper.save_calls(self._calls, beside, now)
         open_id = self._calls.current_id or self._trial.id
         self._link.set_state(self._calls.state(now), open_id, self._calls.policy)
         said = self._announcement.now(
@@ -275,7 +283,8 @@ class Daemon:
             self._link.announce(None, reminder, now)
         else:
             self._link.announce(None, self._desk.policy.reminder, now, quiet=True, severity=WARNING)
-        self._desk.tell_changes(self._conversation.words, now)
+        if self._keeper.settled(now):
+            self._desk.tell_changes(self._conversation.words, now)
 
 
 def stop_on_signals() -> Callable[[], bool]:

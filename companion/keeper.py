@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from anytraverse.assessment import Assessment
@@ -22,32 +21,41 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import snapshot
 from companion.conversation import Reply
 from companion.durable import write_whole
-from companion.files.calls import CallFiles
-from companion.journal import Journal, JournalError
+from companion.files.calls import CallFiles, address
+from companion.journal import Batch, Journal, JournalError, Row
+from companion.journal.batch import as_json
+from companion.journal.records import record_of
 from companion.kept import Kept, kept_reply
 from companion.vision.client import Applied, Vision
 from companion.vision.messages import Drawn
 from companion.wire.ids import State
 from companion.wire.words_text import operation_text
+from companion.writer import SLOW, Writer
 
 log = logging.getLogger(__name__)
 
 _CALL_FRAME = object()
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 _RECENT = 1200
 _REPLIES = 16
-_PATIENCE = 0.5
-"""Seconds before what could not be written is tried again."""
-_MOST_OWED = 16
-_Owed = tuple[str, Callable[[Any], None], Any]
+_RESERVED = 4
+_MOST_IDS = 0xFFFF
+_LARGEST_FRAME = 32 << 20
+"""Bytes of a call's frame beyond which it is not kept: it would not leave the journal enough room."""
+
+Say = Callable[[bool, float], None]
+"""Says something once it is on disk, or could not be put there: whether it is, and monotonic seconds."""
 
 
 class Keeper:
-    """Writes what changed; `failing` when it cannot. The daemon goes on unremembered."""
+    """Hands what changed in a turn of the daemon to the writer, and knows what is on disk.
+
+    Never waits: what must not be said before it is on disk is left here with `when_kept`.
+    """
 
     def __init__(
         self,
         journal: Journal,
+        writer: Writer,
         album: Album,
         files: CallFiles,
         vision: Vision,
@@ -55,18 +63,27 @@ class Keeper:
         frame_id: int = 0,
         replies: Sequence[Kept] = (),
     ) -> None:
-        """frame_id: of the last picture to tap in, over all restarts. replies: those kept before it."""
+        """journal: read until the daemon's first turn. vision: draws.
+
+        frame_id: of the last picture to tap in, over all restarts. replies: those kept before it.
+        """
         self._journal = journal
+        self._writer = writer
         self._album = album
         self._files = files
+        self._status = status
         self._vision = vision
         self._drawing: dict[int, int] = {}
         """Frame -> the call or hold that it is drawn for."""
-        self._status = status
+        self._news = Batch()
+        """Of this turn."""
+        self._unsaid: list[Say] = []
+        self._waiting: deque[tuple[int, float, list[Say]]] = deque()
+        self._ticket = 0
         self._memory: Memory | None = None
-        self._calls: dict[str, Any] | None = None
-        self._failed_at: dict[str, float] = {}
-        self._owed: list[_Owed] = []
+        self._memory_ticket, self._memory_at = 0, 0.0
+        self._state: dict[str, Any] = {}
+        self._last_id = 0
         self._frames = 0
         self._frame_id = frame_id
         self._replies: deque[Kept] = deque(replies, _REPLIES)
@@ -76,6 +93,9 @@ class Keeper:
         """Asked for the time that calls and answers get, seconds since 1970."""
         self._shown = 0, ""
         """The call or hold that has a picture, and where the ground finds it."""
+        self._shown_frame: Assessment | None = None
+        self._answers: tuple[int, list[Mapping[str, Any]]] = 0, []
+        """The newest call, and what was answered to it."""
 
     @property
     def folder(self) -> Path:
@@ -84,60 +104,120 @@ class Keeper:
 
     @property
     def failing(self) -> bool:
-        """Whether something that must survive could not be written at the last try."""
-        return bool(self._failed_at)
+        """Whether something that must survive could not be written at the last try, or waits for too long."""
+        return self._writer.failing
 
-    def save_memory(self, memory: Memory) -> bool:
-        """Whether the journal holds `memory`."""
-        if memory is not self._memory and self._write("memory", self._journal.save_memory, memory):
+    def save_memory(self, memory: Memory) -> None:
+        """Have the algorithm's memory kept, with what else this turn brings."""
+        if memory is not self._memory:
             self._memory = memory
-        return memory is self._memory
+            self._news = self._news.then(Batch(memory=memory))
 
-    def save_calls(
-        self, calls: OperatorCalls, replies: Sequence[Reply] = (), beside: Mapping[str, Any] = _NOTHING
-    ) -> bool:
-        """Whether the journal holds the open call, the hold, the counter, `replies` and what stands `beside`
-        them, all or nothing.
+    def settled(self, now: float, memory: Memory | None = None) -> bool:
+        """Whether frames judged under the newest memory may let the vehicle drive on: it is on disk, or the
+        disk did not take it in 2 s. memory: and whether it is this one.
+        """
+        if memory is not None and memory is not self._memory:
+            return False
+        return self._news.memory is None and self._kept(self._memory_ticket, self._memory_at, now) is not None
+
+    def save_calls(self, calls: OperatorCalls, beside: Mapping[str, Any], now: float) -> None:
+        """Have the open call, the hold, the counter, the replies and what stands `beside` them kept, in one
+        transaction with all else that this turn brought; what did not change is not written again.
 
         With its reply in the journal an answer that comes again after a restart is known.
         """
-        self._pay()
-        for reply in replies:
-            if not reply.again:
-                self._answered(reply)
-        state = {**snapshot(calls), **beside}
         asked = calls.call.frame_id if calls.call else 0
         shown = calls.hold.seen.frame.id if calls.hold and calls.hold.seen else 0
         self._frame_id = max(self._frame_id, asked, shown)
-        state["frame_id"] = self._frame_id
-        state["replies"] = [kept.saved() for kept in self._replies]
-        if state != self._calls and self._write("calls", self._journal.save_supervision, state):
-            self._calls = state
-        return state == self._calls
+        self._last_id = calls.last_id
+        state = {
+            **snapshot(calls),
+            **beside,
+            "last_id": _reserved(calls.last_id),
+            "frame_id": self._frame_id,
+            "replies": [kept.saved() for kept in self._replies],
+        }
+        if state != self._state:
+            self._state = state
+            self._keep(lambda: Batch(state=as_json(state)))
+        if self._news:
+            self._ticket = self._writer.keep(self._news)
+            if self._news.memory is not None:
+                self._memory_ticket, self._memory_at = self._ticket, now
+            self._news = Batch()
+        if self._unsaid:
+            self._waiting.append((self._ticket, now, self._unsaid))
+            self._unsaid = []
+
+    def when_kept(self, say: Say) -> None:
+        """Have `due` give `say` back once all that this turn brings is on disk, or was not taken in 2 s."""
+        self._unsaid.append(say)
+
+    def due(self, now: float) -> list[tuple[Say, bool]]:
+        """What may be said now, in order, and whether it is on disk."""
+        found: list[tuple[Say, bool]] = []
+        while self._waiting:
+            ticket, at, said = self._waiting[0]
+            kept = self._kept(ticket, at, now)
+            if kept is None:
+                break
+            self._waiting.popleft()
+            found += [(say, kept) for say in said]
+        return found
+
+    def answered(self, reply: Reply) -> None:
+        """Have an answer that changed something kept, and its reply."""
+        request, acknowledgement = reply.request, reply.acknowledgement
+        kept = kept_reply(request, acknowledgement)
+        if kept is not None:
+            self._replies.append(kept)
+        target = acknowledgement.target
+        if target == 0:
+            return
+        record = {
+            "motion": request.motion.name.lower(),
+            "operations": [operation_text(operation) for operation in request.operations],
+            "sender": list(request.sender),
+            "result": acknowledgement.result.name.lower(),
+            "text": acknowledgement.text,
+        }
+        at = self.stamp()
+        self._keep(lambda: Batch(rows=(Row.of_answer(target, record, at),)))
+        told = {"at": round(at, 2), **record}
+        if target == self._answers[0]:
+            self._answers[1].append(told)
+        self._writer.write("record", partial(self._files.answered, target, told))
 
     def call_opened(self, call: Call, state: State) -> None:
         """Tell of it, and have its frame kept and drawn."""
+        self._answers = call.id, []
+        if call.seen is None:
+            return
         reasons = " ".join(sorted(reason.value.replace("_", " ") for reason in call.reasons))
-        self._show(call, state, f"C{call.id} {reasons}")
+        self._tell(call, call.seen, state, f"C{call.id} {reasons}")
+
+    def call_judged_again(self, call: Call, state: State, title: str) -> None:
+        """An answer left the call open: text, file and picture name the same figures again."""
+        if call.seen is None:
+            return
+        if call.seen is self._shown_frame:
+            self.picture(call.seen, state, title)
+        else:
+            self._tell(call, call.seen, state, title)
 
     def call_closed(self, call: Call) -> None:
         """Nothing is asked any more."""
         at = self.stamp()
-        self._keep("call", partial(self._journal.record_call, at=at), call)
-        self._files.closed(call, at)
+        self._keep(lambda: Batch(rows=(Row.of_call(call, at),)))
+        reasons = sorted(reason.value for reason in call.reasons)
+        self._writer.write(
+            "record", partial(self._files.closed, call.id, reasons, call.outcome.name.lower(), at)
+        )
 
     def hold_shown(self, number: int, seen: Assessment, state: State) -> None:
         """Keep a picture of what blocks the way."""
-        self._draw(number, seen.frame.id, f"H{number} blocked", state)
-
-    def drawn(self, drawn: Drawn, calls: OperatorCalls) -> None:
-        """Pictures came: write them, and what must survive of an open call."""
-        number = self._drawing.pop(drawn.frame_id, 0) if drawn.png else 0
-        if number and calls.call is not None and calls.call.frame_id == drawn.frame_id:
-            self._keep("frame", self._journal.save_frame, drawn.png)
-        large = self._album.store(drawn.title, drawn.panel)
-        if number and large is not None:
-            self._shown = number, self._files.drawn(number, drawn.thumbnail, large)
+        self._show(number, seen, state, f"H{number} blocked")
 
     def picture_of(self, number: int) -> str:
         """Where the ground finds the picture of an open call or hold, "" without one."""
@@ -148,16 +228,30 @@ class Keeper:
         if self._album.wanted:
             self._vision.draw(seen.frame.id, title, state)
 
+    def drawn(self, drawn: Drawn, calls: OperatorCalls) -> None:
+        """Pictures came: have them written, and what must survive of an open call."""
+        number = self._drawing.pop(drawn.frame_id, 0) if drawn.png else 0
+        if number and calls.call is not None and calls.call.frame_id == drawn.frame_id:
+            self._keep_frame(drawn.frame_id, drawn.png)
+        if not self._album.wanted or not drawn.panel:
+            return
+        if number and number == self._shown[0] and drawn.thumbnail:
+            self._shown = number, address(f"{number}.jpg")
+            store = partial(self._store, number, drawn.thumbnail, drawn.panel, drawn.title)
+            self._writer.write("picture", store)
+        else:
+            self._writer.write("picture", partial(self._album.add, drawn.panel, drawn.title))
+
     def judged(self, seen: Assessment, at: float) -> None:
         """Count a judged frame."""
         self._frames += 1
         self._recent.append((seen.frame.id, seen.frame.captured_at, at))
 
     def restore_call_frame(self, calls: OperatorCalls) -> None:
-        """Have the frame of a call that a restart found open judged again."""
+        """Have the frame of a call that a restart found open judged again. Before the daemon's first turn."""
         if calls.call is None:
             return
-        png = self._journal.load_frame()
+        png = self._restored(calls.call)
         self._frame_lost = png is None or not self._vision.restore(_CALL_FRAME, calls.call.frame_id, png)
 
     def lost_vision(self, calls: OperatorCalls) -> None:
@@ -188,6 +282,55 @@ class Keeper:
         self._take_up(calls, seen, now)
         return True
 
+    def write_status(self, figures: Mapping[str, Any]) -> None:
+        """The status file: figures, frames judged, whose they are, and how the disk does."""
+        content = json.dumps(self._whole(figures)).encode()
+        self._writer.write("status", partial(write_whole, self._status, content))
+
+    def leave(self, figures: Mapping[str, Any]) -> None:
+        """The last word: all that waits is written, as far as the disk takes it in 2 s, then the status file
+        with when the newest frames were taken and judged; that list is long, and memory cards wear out.
+        """
+        if self._state:
+            self._writer.keep(Batch(state=as_json({**self._state, "last_id": self._last_id})))
+        self._writer.drain()
+        content = json.dumps({**self._whole(figures), "recent": list(self._recent)}).encode()
+        try:
+            write_whole(self._status, content)
+        except OSError as error:
+            log.warning("no status file: %s", error)
+
+    def _whole(self, figures: Mapping[str, Any]) -> dict[str, Any]:
+        writer = self._writer
+        disk = {"failing": writer.failing, "errors": dict(writer.errors), "dropped": dict(writer.dropped)}
+        return {**figures, "frames": self._frames, "pid": os.getpid(), "disk": disk}
+
+    def _kept(self, ticket: int, at: float, now: float) -> bool | None:
+        """Whether what was handed over at `at` is on disk, None while that is open."""
+        if self._writer.committed >= ticket:
+            return True
+        return False if self._writer.failed >= ticket or now - at >= SLOW else None
+
+    def _keep(self, made: Callable[[], Batch]) -> None:
+        try:
+            self._news = self._news.then(made())
+        except JournalError as error:
+            log.error("not kept: %s", error)
+
+    def _keep_frame(self, frame_id: int, png: bytes) -> None:
+        if len(png) > _LARGEST_FRAME:
+            log.error("the frame of the call is not kept: %d bytes, at most %d", len(png), _LARGEST_FRAME)
+            return
+        self._news = self._news.then(Batch(frame=(frame_id, png)))
+
+    def _restored(self, call: Call) -> bytes | None:
+        try:
+            self._answers = call.id, [*self._journal.answers(call.id)]
+            return self._journal.load_frame(call.frame_id)
+        except JournalError as error:
+            log.warning("the frame of call %d is lost: %s", call.id, error)
+            return None
+
     def _take_up(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
         call = calls.call
         if call is None or call.seen is not None:
@@ -196,76 +339,31 @@ class Keeper:
         call.scope = Acceptance.of(
             seen, frozenset(call.reasons), calls.numbers, now, calls.autopilot.travelled
         )
-        self._show(call, State.CALLING, f"C{call.id} after a restart")
+        self._tell(call, seen, State.CALLING, f"C{call.id} after a restart")
 
-    def _show(self, call: Call, state: State, title: str) -> None:
-        self._files.opened(call, self._answers(call))
-        self._draw(call.id, call.frame_id, title, state)
+    def _tell(self, call: Call, seen: Assessment, state: State, title: str) -> None:
+        self._show(call.id, seen, state, title)
+        answers = list(self._answers[1]) if call.id == self._answers[0] else []
+        self._writer.write("record", partial(self._files.opened, call.id, record_of(call), answers))
 
-    def _draw(self, number: int, frame_id: int, title: str, state: State) -> None:
-        self._drawing[frame_id] = number
-        self._vision.draw(frame_id, title, state, keep=True)
+    def _show(self, number: int, seen: Assessment, state: State, title: str) -> None:
+        self._shown, self._shown_frame = (number, ""), seen
+        self._drawing[seen.frame.id] = number
+        self._vision.draw(seen.frame.id, title, state, keep=True)
 
-    def _answers(self, call: Call) -> Sequence[Mapping[str, Any]]:
+    def _store(self, number: int, small: bytes, large: bytes, title: str) -> None:
+        """In the writer's thread."""
         try:
-            return self._journal.answers(call.id)
-        except JournalError as error:
-            log.warning("earlier answers to call %d are not told: %s", call.id, error)
-            return ()
+            self._files.pictures(number, small, self._album.add(large, title))
+        except Exception:
+            if self._shown[0] == number:
+                self._shown = number, ""
+            raise
 
-    def write_status(self, figures: Mapping[str, Any], *, last: bool = False) -> None:
-        """The status file: figures, frames judged, and whose they are.
 
-        last: with when the newest frames were taken and judged; that list is long, and memory cards wear out.
-        """
-        status = {**figures, "frames": self._frames, "pid": os.getpid()}
-        if last:
-            status["recent"] = list(self._recent)
-        try:
-            write_whole(self._status, json.dumps(status).encode())
-        except OSError as error:
-            log.warning("no status file: %s", error)
-
-    def _answered(self, reply: Reply) -> None:
-        request, acknowledgement = reply.request, reply.acknowledgement
-        kept = kept_reply(request, acknowledgement)
-        if kept is not None:
-            self._replies.append(kept)
-        if acknowledgement.target == 0:
-            return
-        record = {
-            "motion": request.motion.name.lower(),
-            "operations": [operation_text(operation) for operation in request.operations],
-            "sender": list(request.sender),
-            "result": acknowledgement.result.name.lower(),
-            "text": acknowledgement.text,
-        }
-        at = self.stamp()
-        self._keep("answer", partial(self._journal.record_answer, acknowledgement.target, at=at), record)
-        self._files.answered(acknowledgement.target, {"at": round(at, 2), **record})
-
-    def _keep(self, what: str, write: Callable[[Any], None], value: Any) -> None:
-        """Now, or when there is room; of several frames the newest."""
-        owed = [one for one in self._owed if one[0] != "frame" or what != "frame"]
-        self._owed = [*owed, (what, write, value)][-_MOST_OWED:]
-        self._pay()
-
-    def _pay(self) -> None:
-        """What fails in a way that nobody foresaw is not tried again: it would fail in every turn."""
-        owed, self._owed = self._owed, []
-        self._owed = [one for one in owed if not self._write(*one)]
-
-    def _write(self, what: str, write: Callable[[Any], None], value: Any) -> bool:
-        now = time.monotonic()
-        failed_at = self._failed_at.get(what)
-        if failed_at is not None and now - failed_at < _PATIENCE:
-            return False
-        try:
-            write(value)
-        except JournalError as error:
-            if failed_at is None:
-                log.error("%s not kept: %s", what, error)
-            self._failed_at[what] = now
-            return False
-        self._failed_at.pop(what, None)
-        return True
+def _reserved(last_id: int) -> int:
+    """The journal's counter runs ahead, so that an id may be told before it is on disk: after a kill those
+    between are skipped, and none is given twice.
+    """
+    ahead = (last_id // _RESERVED + 2) * _RESERVED
+    return ahead if ahead <= _MOST_IDS else ahead - _MOST_IDS

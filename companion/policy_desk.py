@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Callable
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -20,6 +22,16 @@ from companion.wire.parameters import POLICY
 
 log = logging.getLogger(__name__)
 _WARNING, _ERROR = 4, 3
+
+WhenKept = Callable[[Callable[[bool, float], None]], None]
+"""Where to leave what is to be said once it is in the journal: see `Keeper.when_kept`."""
+
+
+def at_once(say: Callable[[bool, float], None]) -> None:
+    """Where there is no journal."""
+    say(True, time.monotonic())  # noqa: FBT003
+
+
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
 
 
@@ -44,6 +56,7 @@ class PolicyDesk:
         self._refusal = refuses(*self._judged)
         self._wants_hold = wants_hold
         self._lost = False
+        self.when_kept: WhenKept = at_once
         if policies.switch is not None:
             link.ask_for_pulses()
 
@@ -93,7 +106,8 @@ class PolicyDesk:
     def command(self, request: PolicyRequest, now: float) -> list[Decision]:
         """The same by command."""
         accepted, decisions = self.set(request.policy, request.sender, now)
-        self._link.acknowledge_command(request, _ACCEPTED if accepted else _FAILED, now)
+        result = _ACCEPTED if accepted else _FAILED
+        self.when_kept(lambda _, now: self._link.acknowledge_command(request, result, now))
         return decisions
 
     def reckon(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
@@ -148,5 +162,5 @@ class PolicyDesk:
         if said:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
             self._link.say(notices.policy(policy, who), _WARNING, now)
-        self._link.set_parameter(POLICY, float(policy), now)
+        self.when_kept(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
         return decisions

@@ -41,6 +41,7 @@ from companion.vision.client import Vision
 from companion.vision.messages import Ready
 from companion.wire import notices, parameters, texts
 from companion.wire.ids import Policy, State
+from companion.writer import Writer
 
 log = logging.getLogger(__name__)
 
@@ -64,8 +65,8 @@ def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequenc
 def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], closing: ExitStack) -> int:
     listed = parameters.build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     journal = Journal(config.journal.path)
-    closing.callback(journal.close)
-    closing.enter_context(logbook(config.journal.path))
+    writer = closing.enter_context(Writer(journal))
+    closing.enter_context(logbook(config.journal.path, writer))
     offer = Offer(config.journal.path)
     memory, supervision = journal.load_memory(), journal.load_supervision() or {}
     link = _open_link(config, offer, memory, supervision)
@@ -94,7 +95,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
         restore_calls(calls, supervision, now, news)
     book = open_book(model.id, calls, supervision.get("shadow"), now, news)
     replies = saved_replies(supervision.get("replies"))
-    keeper = _open_keeper(config, journal, vision, offer, last_frame, replies)
+    keeper = _open_keeper(config, journal, writer, vision, offer, last_frame, replies)
     conversation = Conversation(calls, vision, vision.memory.preferences, replies)
     desk = SettingsDesk(
         listed,
@@ -177,6 +178,7 @@ def _signing(config: Config) -> Signing | None:
 def _open_keeper(
     config: Config,
     journal: Journal,
+    writer: Writer,
     vision: Vision,
     offer: Offer,
     last_frame: int,
@@ -184,7 +186,8 @@ def _open_keeper(
 ) -> Keeper:
     folder = config.journal.path
     album, files = Album(folder / "pictures", config.pictures.keep), CallFiles(offer.calls)
-    return Keeper(journal, album, files, vision, folder / "status.json", last_frame, replies)
+    status = folder / "status.json"
+    return Keeper(journal, writer, album, files, vision, status, last_frame, replies)
 
 
 def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
@@ -200,4 +203,4 @@ def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
         daemon.farewell()
         raise
     daemon.leave()
-    keeper.write_status(daemon.status(), last=True)
+    keeper.leave(daemon.status())

@@ -17,7 +17,7 @@ from companion.conversation import Conversation, Heard
 from companion.link.heard import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
 from companion.overrides import Overrides
-from companion.policy_desk import PolicyDesk
+from companion.policy_desk import PolicyDesk, WhenKept, at_once
 from companion.refusal import Refuses
 from companion.shadow_book import ShadowBook
 from companion.tuning import judging_values, tuned
@@ -83,6 +83,7 @@ class SettingsDesk:
             wants_hold=wants_hold,
         )
         self.book = book or ShadowBook()
+        self._when_kept: WhenKept = at_once
 
     @property
     def vocabulary(self) -> list[str]:
@@ -94,6 +95,10 @@ class SettingsDesk:
         """Parameter name -> the value in force, without the words' weights."""
         return {name: value for name, value in self._told.items() if name not in self._words}
 
+    def when_kept(self, when_kept: WhenKept) -> None:
+        """Where to leave what must not be told before it is in the journal; until then it is told at once."""
+        self._when_kept = self.policy.when_kept = when_kept
+
     def start(self, now: float) -> None:
         """Put in force what the ground set of the link, and tell every setting's value and every weight."""
         weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
@@ -104,6 +109,7 @@ class SettingsDesk:
         values = self.overrides.configured | dict(self.overrides.values)
         for name, value in {**values, **judging_values(self._calls.numbers.judging)}.items():
             self._use(name, value, now)
+            self._echo(name, value, now)
         self._echo(POLICY, float(self._calls.policy), now)
         for name, word in self._words.items():
             self._echo(name, self._conversation.words.get(word, NOT_IN_USE), now)
@@ -176,6 +182,7 @@ class SettingsDesk:
             return
         log.info("%s = %g, set by %d/%d", name, value, *request.sender)
         self._use(name, value, now)
+        self._echo_kept(name, value)
         self.overrides.set(name, value)
 
     def _tune(self, values: Mapping[str, float], what: str) -> str:
@@ -209,6 +216,7 @@ class SettingsDesk:
         log.warning("settings and words as configured, asked for by %d/%d", *request.sender)
         for name, value in configured.items():
             self._use(name, value, now)
+            self._echo_kept(name, value)
         self.overrides.drop(*configured)
         others = [ForgetWord(word) for word in self._conversation.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
@@ -221,7 +229,7 @@ class SettingsDesk:
             self.book.begin_anew(self._calls.shadow, time.time())
         else:
             self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
-        self._echo(SHADOW_HOLDS, float(self._calls.shadow.count), now)
+        self._echo_kept(SHADOW_HOLDS, float(self._calls.shadow.count))
 
     def _exceeds_the_line(self, budget: float) -> bool:
         return (budget or math.inf) > self._link.most_budget
@@ -231,10 +239,13 @@ class SettingsDesk:
             self._link.set_rate(_RATES[name], value)
         elif name == BUDGET:
             self._link.set_budget(value, now)
-        self._echo(name, value, now)
 
     def _refuse(self, why: str, now: float) -> None:
         self._link.say(notices.refused(why), _WARNING, now)
+
+    def _echo_kept(self, name: str, value: float) -> None:
+        self._told[name] = value
+        self._when_kept(lambda _, now: self._link.set_parameter(name, value, now))
 
     def _echo(self, name: str, value: float, now: float) -> None:
         self._told[name] = value

@@ -26,7 +26,7 @@ class Slumber:
         self._awake_at = now
 
     def look(self, now: float) -> None:
-        """Before anything is heard, and before anything leaves: a disk may have kept us waiting between."""
+        """Before anything is heard, and before anything leaves: whatever may have kept us waiting between."""
         slept, self._awake_at = now - self._awake_at, now
         if slept > ASLEEP:
             log.warning("the companion stood still for %.1f s: busy, stopped or starved", slept)

@@ -43,6 +43,7 @@ from companion.vision.client import Vision
 from companion.vision.loopback import Loopback
 from companion.wire.ids import Motion, Policy, Result
 from companion.wire.parameters import build
+from companion.writer import Writer
 
 FRAME_PERIOD = 0.25
 _ROI = Box(0.333, 0.6, 0.667, 0.95)
@@ -66,10 +67,17 @@ class CountedCalls(OperatorCalls):
         self.applied: list[Applied] = []
 
     def answered(
-        self, target: int, motion: Motion, changed: bool, outcome: AnswerOutcome | None, now: float
+        self,
+        target: int,
+        motion: Motion,
+        changed: bool,
+        outcome: AnswerOutcome | None,
+        now: float,
+        *,
+        go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
         """As ever, and counted."""
-        result, decisions = super().answered(target, motion, changed, outcome, now)
+        result, decisions = super().answered(target, motion, changed, outcome, now, go_at=go_at)
         self.applied.append(Applied(now, target, motion, result))
         return result, decisions
 
@@ -104,7 +112,8 @@ class Companion:
         self._vision = vision
         conversation = Conversation(self.calls, vision, words)
         album, files = Album(folder / "pictures", 0), CallFiles(folder / "calls")
-        keeper = Keeper(self.journal, album, files, vision, folder / "status.json")
+        self.writer = Writer(self.journal)
+        keeper = Keeper(self.journal, self.writer, album, files, vision, folder / "status.json")
         book, _ = ShadowBook.restored(None, self.calls.shadow, model.id, now, time.time())
         judge = HoldJudge(Config(), Pace(0.02, FRAME_PERIOD, judging.freshness))
         desk = SettingsDesk(
@@ -123,14 +132,15 @@ class Companion:
         vision.tune(judging)
 
     def turn(self) -> None:
-        """One round of the daemon's loop."""
+        """One round of the daemon's loop; what it wants kept is on disk before the next."""
         self._daemon.turn()
+        self.writer.drain()
 
     def close(self) -> None:
         """Give everything back."""
         self._vision.close()
         self.link.close()
-        self.journal.close()
+        self.writer.close()
 
 
 class Rover(Companion):

@@ -40,7 +40,7 @@ class Vehicle:
 
 
 class Holding:
-    """At most one hold. go_at: when the go was given that the hold waits to fulfil.
+    """At most one hold. go_at: when the go was given that the hold waits to fulfil. go_counts: it is kept.
 
     handover: the end of a hold that stood on our setpoints; nothing else is commanded meanwhile.
     script_told: of the hold of the autopilot's script, until the vehicle shows that it is over.
@@ -51,6 +51,7 @@ class Holding:
         self.hold: Hold | None = None
         self.vehicle = Vehicle()
         self.go_at: float | None = None
+        self.go_counts = False
         self.handover: Handover | None = None
         self.script_told: ScriptHold | None = None
         self._forgotten_at = self._silent_at = -math.inf
@@ -183,14 +184,24 @@ class Holding:
         mode = self.handover.tick(self.vehicle.mode, now, self.numbers) if self.heard(now) else None
         return [] if mode is None else [SetMode(mode)]
 
-    def answer(self, motion: Motion, sight: Sight, now: float) -> None:
-        """The newest answer decides: whatever is not a go takes an earlier one back."""
+    def answer(self, motion: Motion, at: float) -> None:
+        """The newest answer, heard at `at`, decides: whatever is not a go takes an earlier one back.
+
+        A go moves nothing before it is kept, nor does it stop what an earlier one moves.
+        """
         if self.hold is None or motion is not Motion.GO:
             self.go_at = None
             return
-        if self.go_at is None and self.hold.stage is not HoldStage.RESUMING:
+        self.go_counts = self.go_counts and self.go_at is not None
+        self.go_at = at
+
+    def go_kept(self, at: float, sight: Sight) -> None:
+        """The go heard at `at` counts; OK frames from now on fulfil it."""
+        if self.hold is None or self.go_at is None or self.go_counts or at < self.go_at:
+            return
+        self.go_counts = True
+        if self.hold.stage is not HoldStage.RESUMING:
             sight.ok_run = 0
-        self.go_at = now
 
     def settle(self, reasons: frozenset[Reason], sight: Sight, asking: bool, now: float) -> list[Decision]:
         """What is to be done now. asking: a call is open, so that the hold is not a fault's alone."""
@@ -243,7 +254,8 @@ class Holding:
             return False
         if self.vehicle.mode not in (hold.mode, hold.mode_before):
             return False
-        return self.go_at is not None or (self.numbers.fault_ends_hold and hold.only_fault)
+        given = self.go_at is not None and self.go_counts
+        return given or (self.numbers.fault_ends_hold and hold.only_fault)
 
     def _lapsed(self, go_at: float, sight: Sight, now: float) -> bool:
         """A go is for now: it does not wait long for a clear view, nor for arming or a lost autopilot."""

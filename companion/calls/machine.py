@@ -44,9 +44,9 @@ class OperatorCalls:
         self._reasons: frozenset[Reason] = frozenset()
         self.shadow = Shadow()
 
-    def assessed(self, seen: Assessment, now: float) -> list[Decision]:
-        """A frame was judged."""
-        self.sight.take(seen, now, self.autopilot.travelled)
+    def assessed(self, seen: Assessment, now: float, *, settled: bool = True) -> list[Decision]:
+        """A frame was judged. settled: under a memory that is kept; else it may hold, not let drive on."""
+        self.sight.take(seen, now, self.autopilot.travelled, settled=settled)
         if self.call is not None:
             self.call.add(seen)
             if self.call.scope is not None:
@@ -122,11 +122,19 @@ class OperatorCalls:
         return current if target == current or read else None
 
     def answered(
-        self, target: int, motion: Motion, changed: bool, outcome: AnswerOutcome | None, now: float
+        self,
+        target: int,
+        motion: Motion,
+        changed: bool,
+        outcome: AnswerOutcome | None,
+        now: float,
+        *,
+        go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
         """An answer to `target` (an id that `resolve` gave) was applied.
 
         changed: it taught words. outcome: the call's and the newest frame judged again, where they were.
+        go_at: when it was heard; a go of it then moves nothing before `go_kept`. None: it counts at once.
         """
         if target == 0 or target != self.current_id:
             return Result.STALE, []
@@ -139,8 +147,16 @@ class OperatorCalls:
             self.sight.look_again()
         if outcome is not None and outcome.newest is not None:
             self.sight.judge_again(outcome.newest, now)
-        self.holding.answer(motion if result is Result.APPLIED else Motion.NONE, self.sight, now)
+        at = now if go_at is None else go_at
+        self.holding.answer(motion if result is Result.APPLIED else Motion.NONE, at)
+        if go_at is None:
+            self.holding.go_kept(at, self.sight)
         return result, self._settle(now)
+
+    def go_kept(self, at: float, now: float) -> list[Decision]:
+        """The go that was heard at `at` is kept: it counts from now on, where nothing took it back."""
+        self.holding.go_kept(at, self.sight)
+        return self._settle(now)
 
     @property
     def hold(self) -> Hold | None:

@@ -38,8 +38,9 @@ class Sight:
         self._open: frozenset[Reason] = frozenset()
         """The newest frame's reasons that nobody accepted."""
 
-    def take(self, seen: Assessment, now: float, travelled: float | None) -> None:
-        """A new frame was judged. travelled: metres driven, None where not known."""
+    def take(self, seen: Assessment, now: float, travelled: float | None, *, settled: bool = True) -> None:
+        """A new frame was judged. travelled: metres driven, None where not known. settled: it may add to
+        `ok_run`."""
         self.pass_time(now)
         self._seen_at = max(self._seen_at, _captured(seen, now))
         self._weigh(seen, now)
@@ -53,7 +54,7 @@ class Sight:
             bad, clear = self._vote(reason, seen, now)
             votes.add(bad=bad, clear=clear)
         if self._ok:
-            self.ok_run += 1
+            self.ok_run += settled
 
     def judge_again(self, seen: Assessment, now: float) -> None:
         """The newest frame was judged again: what it says counts instead of what it said, not in addition."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from companion.journal.errors import Damaged, JournalError
 
-VERSION = 2
+VERSION = 3
 _OURS = 0x41547251
 """application_id: tells our files from other programs' ones."""
 _PAGE = 4096
@@ -19,6 +19,7 @@ _TROUBLE = (sqlite3.Error, UnicodeDecodeError)
 """The second where SQLite's words about a torn file quote what is in it."""
 _TORN = ("no such column", "Could not decode")
 
+_FRAME = "only INTEGER PRIMARY KEY CHECK (only = 1), frame_id INTEGER NOT NULL, png BLOB NOT NULL"
 _TABLES = {
     "memory": "only INTEGER PRIMARY KEY CHECK (only = 1), model_id TEXT NOT NULL, clock INTEGER NOT NULL,"
     " scenes INTEGER NOT NULL, reference BLOB",
@@ -37,14 +38,23 @@ _TABLES = {
     " outcome TEXT NOT NULL, record TEXT NOT NULL",
     "answers": "number INTEGER PRIMARY KEY, call_id INTEGER NOT NULL, answered_at REAL NOT NULL,"
     " record TEXT NOT NULL",
+    "frame": _FRAME,
 }
 """`owner` of words and examples: the stamp of an entry, or one of rows.IN_FORCE and rows.CONFIGURED."""
-_SINCE = {2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw"))}
+_SINCE = {
+    2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw")),
+    3: (f"CREATE TABLE frame ({_FRAME})",),
+}
 """What makes a file of the version before one of this version."""
+_LATER = {"frame"}
+"""Tables that an older file does not have."""
+_MOST_LOGGED = 4 << 20
+"""Bytes of the write-ahead log from which `tidy` takes it into the file."""
 
 
 class Database:
-    """One file, one process, one thread. A second process is refused: two daemons must not steer one rover.
+    """One file, one process, one thread at a time. A second process is refused: two daemons must not steer
+    one rover.
 
     Raises JournalError when it cannot be opened, Damaged when its content is torn.
     """
@@ -52,8 +62,11 @@ class Database:
     def __init__(self, path: Path, largest: int) -> None:
         """largest: bytes that the file may reach; beyond, writing fails as on a full disk."""
         self.path = path
+        self._was_empty = path.is_file() and path.stat().st_size == 0
         try:
-            self._connection = sqlite3.connect(path, timeout=_WAIT, isolation_level=None)
+            self._connection = sqlite3.connect(
+                path, timeout=_WAIT, isolation_level=None, check_same_thread=False
+            )
         except sqlite3.Error as error:
             raise JournalError(
                 f"{path} cannot be opened ({error}): check that the folder is writable"
@@ -84,6 +97,19 @@ class Database:
         except _TROUBLE as error:
             raise self._trouble(error) from error
 
+    def tidy(self) -> None:
+        """Take what the write-ahead log holds into the file, where it has grown long. Raises JournalError.
+
+        Not as a part of a commit, which is on disk before and should not wait for it.
+        """
+        try:
+            if Path(f"{self.path}-wal").stat().st_size >= _MOST_LOGGED:
+                self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+        except OSError as error:
+            raise JournalError(f"{self.path}-wal cannot be read: {error}") from error
+        except _TROUBLE as error:
+            raise self._trouble(error) from error
+
     def rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         """What a query finds. Raises JournalError, Damaged."""
         try:
@@ -104,6 +130,7 @@ class Database:
             "locking_mode = EXCLUSIVE",
             "journal_mode = WAL",
             "synchronous = FULL",
+            "wal_autocheckpoint = 0",
             "foreign_keys = ON",
             f"max_page_count = {max(1, largest // _PAGE)}",
         ):
@@ -112,6 +139,8 @@ class Database:
             execute(f"PRAGMA {name}").fetchone() for name in ("application_id", "user_version")
         )
         found = {name for (name,) in execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if self._was_empty:  # and nobody is about to fill it: the lock is ours by now
+            raise Damaged("the file is empty")
         if not found and version == 0:
             self._create()
             return
@@ -124,8 +153,9 @@ class Database:
                 f"{self.path} was written by a newer companion (its version {version}, ours {VERSION}): "
                 "install that one again, or move the file away to begin afresh"
             )
-        if not found >= _TABLES.keys():
-            raise Damaged(f"tables are missing: {', '.join(sorted(_TABLES.keys() - found))}")
+        wanted = _TABLES.keys() - (_LATER if version < VERSION else set())
+        if not found >= wanted:
+            raise Damaged(f"tables are missing: {', '.join(sorted(wanted - found))}")
         complaints = [text for (text,) in execute("PRAGMA quick_check(1)")]
         if complaints != ["ok"]:
             raise Damaged(str(complaints[0]))

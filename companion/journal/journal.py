@@ -1,21 +1,24 @@
-"""The journal: one folder with one SQLite file and the frame of the open call."""
+"""The journal: one SQLite file in a folder of its own."""
 
 from __future__ import annotations
 
 import json
 import logging
 import os
+import sqlite3
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
 from companion.calls.decisions import Call
-from companion.durable import sync_folder, write_durably
+from companion.durable import sync_folder
+from companion.journal.batch import Batch, Row, as_json
 from companion.journal.database import Database
 from companion.journal.errors import Damaged, JournalError
-from companion.journal.records import CallRecord, record_of
+from companion.journal.records import CallRecord
 from companion.journal.rows import read_memory, write_memory
 
 _log = logging.getLogger(__name__)
@@ -24,11 +27,14 @@ LARGEST = 64 << 20
 MAX_CALLS = 1000
 """Closed calls, and answers, that are kept; the oldest go."""
 
-_Opened = tuple[Database, Memory | None, dict[str, Any] | None]
+MAX_DAMAGED = 3
+"""Damaged journals that are kept beside it, the newest ones."""
+
+_Opened = tuple[Database, Memory | None, str | None]
 
 
 class Journal:
-    """What must survive a restart. One thread uses it; what it was told to keep is on disk when it returns.
+    """What must survive a restart. One thread at a time; what it was told to keep is on disk when it returns.
 
     recovered_from: where a damaged journal was set aside when this one was opened; None: it was whole.
     """
@@ -41,7 +47,7 @@ class Journal:
         """
         self._folder = folder
         self._path = self._folder / "journal.db"
-        self._frame = self._folder / "call.png"
+        self._old_frame = self._folder / "call.png"
         self.recovered_from: Path | None = None
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -54,17 +60,36 @@ class Journal:
         except Damaged as damage:
             self.recovered_from = self._set_aside(damage)
             opened = self._open(largest)
-        self._database, self._memory, self._supervision = opened
+        self._database, self._memory, self._state = opened
 
     def close(self) -> None:
         """Give the file back; more than once is fine."""
         self._database.close()
 
+    def commit(self, batch: Batch) -> None:
+        """Keep all of it, or nothing: then JournalError is raised, and what was kept before stays."""
+        with self._database.writing() as connection:
+            if batch.memory is not None:
+                write_memory(connection, batch.memory, self._memory)
+            if batch.state is not None:
+                connection.execute("REPLACE INTO supervision VALUES (1, ?)", (batch.state,))
+            if batch.frame is not None:
+                connection.execute("REPLACE INTO frame VALUES (1, ?, ?)", batch.frame)
+            for row in batch.rows:
+                _append(connection, row)
+        self._memory = batch.memory or self._memory
+        self._state = batch.state or self._state
+        if batch.frame is not None:
+            with suppress(OSError):  # it belongs to a call that is over
+                self._old_frame.unlink(missing_ok=True)
+
+    def tidy(self) -> None:
+        """What should be done now and then, and nobody waits for. Raises JournalError."""
+        self._database.tidy()
+
     def save_memory(self, memory: Memory) -> None:
         """Keep what the algorithm must not lose; only changed rows are written. Raises JournalError."""
-        with self._database.writing() as connection:
-            write_memory(connection, memory, self._memory)
-        self._memory = memory
+        self.commit(Batch(memory=memory))
 
     def load_memory(self) -> Memory | None:
         """The memory kept last, or None."""
@@ -72,27 +97,27 @@ class Journal:
 
     def save_supervision(self, state: Mapping[str, Any]) -> None:
         """Keep the state of the open call and the hold: JSON values. Raises JournalError."""
-        text = _json(state)
-        with self._database.writing() as connection:
-            connection.execute("REPLACE INTO supervision VALUES (1, ?)", (text,))
-        kept: dict[str, Any] = json.loads(text)
-        self._supervision = kept
+        self.commit(Batch(state=as_json(state)))
 
     def load_supervision(self) -> dict[str, Any] | None:
         """The state kept last, or None."""
-        return self._supervision
+        return None if self._state is None else _table(self._state)
 
-    def save_frame(self, png: bytes) -> None:
+    def save_frame(self, frame_id: int, png: bytes) -> None:
         """Keep the frame of the open call in place of the one before. Raises JournalError."""
-        try:
-            write_durably(self._frame, png)
-        except OSError as error:
-            raise JournalError(f"{self._frame} cannot be written ({error}): make room on the disk") from error
+        self.commit(Batch(frame=(frame_id, png)))
 
-    def load_frame(self) -> bytes | None:
-        """The frame kept last, PNG; None when there is none, or it cannot be read."""
+    def load_frame(self, frame_id: int) -> bytes | None:
+        """The PNG of this frame; None when another one was kept last, or none at all.
+
+        Versions 1 and 2 kept it as a file without an id: there it is the open call's. Raises JournalError.
+        """
+        found = self._database.rows("SELECT frame_id, png FROM frame")
+        if found:
+            ((number, png),) = found
+            return bytes(png) if number == frame_id else None
         try:
-            return self._frame.read_bytes()
+            return self._old_frame.read_bytes()
         except OSError as error:
             if not isinstance(error, FileNotFoundError):
                 _log.warning("the frame of the open call is lost: %s", error)
@@ -100,13 +125,11 @@ class Journal:
 
     def record_call(self, call: Call, at: float | None = None) -> None:
         """Keep what a closed call was about. at: seconds since 1970, by default now. Raises JournalError."""
-        row = (call.id, at or time.time(), call.outcome.name.lower(), _json(record_of(call)))
-        self._append("calls", "id, closed_at, outcome, record", row)
+        self.commit(Batch(rows=(Row.of_call(call, at or time.time()),)))
 
     def record_answer(self, call_id: int, record: Mapping[str, Any], at: float | None = None) -> None:
         """Keep what was answered to a call: JSON values. at: as for a call. Raises JournalError."""
-        row = (call_id, at or time.time(), _json(record))
-        self._append("answers", "call_id, answered_at, record", row)
+        self.commit(Batch(rows=(Row.of_answer(call_id, record, at or time.time()),)))
 
     def calls(self, limit: int = 20) -> list[CallRecord]:
         """The calls closed last, the newest first. Raises JournalError."""
@@ -133,9 +156,9 @@ class Journal:
             raise
 
     def _set_aside(self, damage: Damaged) -> Path:
-        number = 1
-        while (aside := self._folder / f"journal.damaged-{number}.db").exists():
-            number += 1
+        before = sorted(self._folder.glob("journal.damaged-*.db"), key=_number)
+        number = _number(before[-1]) + 1 if before else 1
+        aside = self._folder / f"journal.damaged-{number}.db"
         try:
             for suffix in ("-shm", "-wal", ""):
                 part = Path(f"{self._path}{suffix}")
@@ -146,31 +169,45 @@ class Journal:
             raise JournalError(
                 f"{self._path} is damaged ({damage}) and cannot be moved ({error.strerror}): move it by hand"
             ) from error
+        self._forget_damaged([*before, aside])
         _log.warning("the journal was damaged (%s): set aside as %s, begun afresh", damage, aside)
         return aside
 
-    def _append(self, table: str, columns: str, row: tuple[object, ...]) -> None:
-        marks = ", ".join("?" * len(row))
-        with self._database.writing() as connection:
-            connection.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", row)
-            connection.execute(
-                f"DELETE FROM {table} WHERE number <= (SELECT max(number) FROM {table}) - ?", (MAX_CALLS,)
-            )
+    def _forget_damaged(self, aside: list[Path]) -> None:
+        """All but the newest: a card that fails again and again must not fill up with them."""
+        for old in aside[:-MAX_DAMAGED]:
+            for suffix in ("-shm", "-wal", ""):
+                with suppress(OSError):
+                    Path(f"{old}{suffix}").unlink(missing_ok=True)
 
 
-def _json(values: Mapping[str, Any]) -> str:
-    try:
-        return json.dumps(dict(values))
-    except (TypeError, ValueError) as error:
-        raise JournalError(f"what cannot be written as JSON cannot be kept: {error}") from error
+def _number(aside: Path) -> int:
+    number = aside.stem.rpartition("-")[2]
+    return int(number) if number.isdecimal() else 0
 
 
-def _read_state(database: Database) -> dict[str, Any] | None:
+def _append(connection: sqlite3.Connection, row: Row) -> None:
+    marks = ", ".join("?" * len(row.values))
+    connection.execute(f"INSERT INTO {row.table} ({row.columns}) VALUES ({marks})", row.values)
+    connection.execute(
+        f"DELETE FROM {row.table} WHERE number <= (SELECT max(number) FROM {row.table}) - ?", (MAX_CALLS,)
+    )
+
+
+def _table(state: str) -> dict[str, Any]:
+    kept = json.loads(state)
+    if not isinstance(kept, dict):
+        raise Damaged("the state of the calls is no table")
+    return kept
+
+
+def _read_state(database: Database) -> str | None:
     found = database.rows("SELECT state FROM supervision")
+    if not found:
+        return None
     try:
-        state = json.loads(found[0][0]) if found else None
+        state = str(found[0][0])
+        _table(state)
     except (ValueError, TypeError) as error:
         raise Damaged(f"the state of the calls cannot be read: {error}") from error
-    if state is not None and not isinstance(state, dict):
-        raise Damaged("the state of the calls is no table")
     return state

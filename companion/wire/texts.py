@@ -196,8 +196,3 @@ def taken_over(kind: Kind, number: int, mode: str) -> str:
 def rebooted(kind: Kind, number: int) -> str:
     """The autopilot rebooted during our hold: nobody took over."""
     return fit(f"{name(kind, number)} stays open: the autopilot rebooted")
-
-
-def not_remembered(kind: Kind, number: int) -> str:
-    """The journal could not be written."""
-    return fit(f"{name(kind, number)} applied, not remembered: disk?")

@@ -84,12 +84,16 @@ class Talk:
         self._take(self.conversation.hear(request, self.scene.now))
 
     def seen(self, *, remembered: bool = True) -> None:
-        """The eyes have applied one answer."""
-        self._take(self.conversation.applied(self.eyes.apply(), remembered=remembered, now=self.scene.now))
+        """The eyes have applied one answer, and the disk takes what came of it at once, or not at all."""
+        self._take(self.conversation.applied(self.eyes.apply(), self.scene.now), remembered=remembered)
 
-    def _take(self, heard: Heard) -> None:
+    def _take(self, heard: Heard, *, remembered: bool = True) -> None:
         self.scene.keep(heard.decisions)
-        self.said += [reply.acknowledgement for reply in heard.replies]
+        for reply in heard.replies:
+            if reply.changed:
+                self._take(self.conversation.kept(reply, remembered=remembered, now=self.scene.now))
+            else:
+                self.said.append(reply.acknowledgement)
 
     @property
     def last(self) -> tuple[Result, str]:
@@ -135,7 +139,10 @@ def test_what_the_journal_could_not_keep_is_said(held: Scene) -> None:
     talk = Talk(held)
     talk.say(1, GO)
     talk.seen(remembered=False)
-    assert talk.last == (Result.APPLIED_NOT_REMEMBERED, "C1 applied, not remembered: disk?")
+    assert talk.last == (
+        Result.APPLIED_NOT_REMEMBERED,
+        "not remembered (disk?): C1 go given: waiting for a clear view",
+    )
     held.run(1.5)
     assert held.autopilot.mode == AUTO
 
@@ -185,9 +192,7 @@ def test_an_answer_that_the_eyes_refuse_moves_nothing(held: Scene) -> None:
     talk.say(1, GO, unicorn=1.0)
     token, *_ = talk.eyes.jobs.pop()
     error = UnknownWordError("unicorn", ("trail",))
-    heard = talk.conversation.applied(
-        Applied(token, None, error, memory(held)), remembered=True, now=held.now
-    )
+    heard = talk.conversation.applied(Applied(token, None, error, memory(held)), held.now)
     assert heard.replies[0].acknowledgement.result is Result.REFUSED
     assert heard.decisions == []
     assert held.calls.go_at is None

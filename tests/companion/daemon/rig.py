@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,7 @@ from companion.vision.loopback import Loopback
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
 from companion.wire.parameters import ROI, build
+from companion.writer import Writer
 from tests.anytraverse.conftest import AHEAD, CODES, GNOME, HEIGHT, WIDTH, Painted
 
 AUTO, HOLD, MANUAL = 10, 4, 0
@@ -83,6 +85,13 @@ def picture(thing: str = "", ground: str = "grass", scene: int = 0) -> np.ndarra
     return image
 
 
+def forget(folder: Path) -> None:
+    """The frame of the open call is lost."""
+    with sqlite3.connect(folder / "journal.db") as connection:
+        connection.execute("DELETE FROM frame")
+    connection.close()
+
+
 class Rig:
     """`see` shows frames and lets time pass; `texts`, `acks` and `state` are what the ground heard."""
 
@@ -102,6 +111,8 @@ class Rig:
         self._grain = np.random.default_rng(0)
         self._pulses_at = 0.0
         self.hung = False
+        self.disk_hangs = False
+        """Nothing is written; else all is that was handed over in a turn, before the next."""
         self.switch = switch
         """The pulse of channel 7 in us; given, it is the off switch, and told five times a second."""
         self.step_time = 0.02
@@ -114,7 +125,7 @@ class Rig:
     def start(self, *, mode: int = AUTO, forget_frame: bool = False) -> None:
         """A new process on the same folder; what the last one had in its hands is lost."""
         if forget_frame:
-            (self.folder / "call.png").unlink()
+            forget(self.folder)
         now = self.clock.now
         self.listed = build(["grass", "rock", "drum"], WORDS, dict(zip(ROI.values(), self.roi, strict=True)))
         self.offer = Offer(self.folder)
@@ -140,6 +151,7 @@ class Rig:
         album = Album(self.folder / "pictures", self.pictures)
         last_frame = int(supervision.get("frame_id", 0))
         files = CallFiles(self.offer.calls)
+        self.writer = Writer(self.journal)
         self.camera = PlayedCamera()
         self.judging = judging
         memory = self.journal.load_memory()
@@ -149,8 +161,9 @@ class Rig:
             self.child.work()
         self.vision.poll(now)
         assert self.vision.ready is not None
+        status = self.folder / "status.json"
         self.keeper = Keeper(
-            self.journal, album, files, self.vision, self.folder / "status.json", last_frame, replies
+            self.journal, self.writer, album, files, self.vision, status, last_frame, replies
         )
         self.conversation = Conversation(self.calls, self.vision, self.vision.memory.preferences, replies)
         self.desk = SettingsDesk(
@@ -290,6 +303,8 @@ class Rig:
             stage.send(mavlink.MAVLink_rc_channels_message(0, 16, *widths, 255), (1, 1))
         before = len(stage.frames)
         self.daemon.turn()
+        if not self.disk_hangs:
+            self.writer.drain()
         stage.collect(stage.now)
         for frame in stage.frames[before:]:
             if frame.message.get_type() == "COMMAND_LONG" and frame.message.command == 176:
@@ -300,12 +315,11 @@ class Rig:
 MakeRig = Callable[..., Rig]
 
 
-def spoil(rig: Rig, monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    """The journal's methods of these names fail as on a full disk."""
+def spoil(rig: Rig, monkeypatch: pytest.MonkeyPatch, error: Exception | None = None) -> None:
+    """The journal takes nothing, as on a full disk, or for another `error`."""
     from companion.journal import JournalError
 
     def full(*_: object) -> None:
-        raise JournalError("disk full")
+        raise error or JournalError("disk full")
 
-    for name in names:
-        monkeypatch.setattr(rig.journal, name, full)
+    monkeypatch.setattr(rig.journal, "commit", full)

@@ -58,6 +58,7 @@ class Px4Rig(Rig):
             self.px4.poll(self._stepped_at)
         self.stage.now = self.clock.now
         self.daemon.turn()
+        self.writer.drain()
         self.deliver()
 
     def deliver(self) -> None:

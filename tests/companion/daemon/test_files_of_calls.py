@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +15,17 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from anytraverse.assessment import Reason
-from companion.calls.decisions import Call
+from anytraverse.assessment import Assessment
 from companion.files.calls import ANSWERS, KEPT, CallFiles
 from companion.files.offer import Offer
+from companion.journal import Journal
 from companion.logbook import logbook
+from companion.vision.pictures import panel
 from companion.vision.thumbnail import LIMIT
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
+from companion.writer import Writer
 from tests.companion.daemon.rig import MakeRig, Rig
 
 
@@ -33,6 +37,16 @@ def fetched(rig: Rig, path: str) -> bytes:
 def told(rig: Rig, path: str) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(fetched(rig, path))
     return found
+
+
+@contextmanager
+def written(folder: Path) -> Iterator[Writer]:
+    """A writer that has written all when it is left."""
+    writer = Writer(Journal(folder / "journal"))
+    try:
+        yield writer
+    finally:
+        writer.close()
 
 
 def names(rig: Rig, folder: str) -> dict[str, int | None]:
@@ -155,6 +169,44 @@ def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(ma
     assert (entry.place.latitude, entry.place.attitude) == (47.0, (5.73, -2.86, 85.94))
 
 
+def test_file_picture_and_data_of_a_call_are_of_one_assessment_after_an_answer_too(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[tuple[Assessment, bytes]] = []
+
+    def noting(seen: Assessment, *what: Any) -> bytes:
+        drawn.append((seen, panel(seen, *what)))
+        return drawn[-1][1]
+
+    monkeypatch.setattr("companion.vision.pictures.panel", noting)
+    rig = make_rig(pictures=3)
+    rig.see(3.0, "drum")
+    for words in ("grass: 1; rock: -1", "grass: 1; rock: -1; trail: 1"):
+        call, data = rig.calls.call, CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+        assert call is not None
+        assert call.seen is not None
+        assert call.seen.roi is not None
+        (large,) = [seen for seen, content in drawn if content == fetched(rig, "/calls/1-large.jpg")]
+        assert (large.words, large.roi) == (call.seen.words, call.seen.roi)
+        record = told(rig, "/calls/1.json")
+        assert record["words"] == call.seen.words.format() == words
+        assert record["roi_uncertainty"] == call.seen.roi.uncertainty
+        assert data.roi_uncertainty == pytest.approx(call.seen.roi.uncertainty, abs=1e-4)
+        assert (record["frame_id"], data.frame_id) == (call.frame_id, call.seen.frame.id)
+        rig.word(1, "trail", 1.0)
+        rig.see(3.0, "drum")
+
+
+def test_a_picture_that_cannot_be_drawn_costs_no_call(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.vision.pictures.panel", lambda *_: 1 / 0)
+    rig = make_rig(pictures=3)
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 1)
+    assert CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
+
+
 def test_without_pictures_a_call_is_told_all_the_same(held: Rig) -> None:
     assert names(held, "/calls").keys() == {"1.json"}
     assert "picture" not in told(held, "/calls/1.json")
@@ -190,8 +242,9 @@ def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
     assert json.loads(opened.read(0, 99)) == {"state": "starting"}
     assert tree.entries("/maps") == ()
     assert tree.entries("/calls") == ()
-    with logbook(tmp_path):
+    with written(tmp_path) as writer, logbook(tmp_path, writer):
         logging.getLogger("companion.test").warning("it looks")
+        writer.drain()
         (entry,) = tree.entries("/logs")
     content = tree.open("/logs/companion.log").read(0, 200)
     assert len(content) == entry.size
@@ -200,7 +253,7 @@ def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
 
 def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("companion.logbook.LONGEST", 2000)
-    with logbook(tmp_path):
+    with written(tmp_path) as writer, logbook(tmp_path, writer):
         for number in range(200):
             logging.getLogger("companion.test").warning("line %d", number)
     sizes = [entry.size for entry in Offer(tmp_path).tree.entries("/logs")]
@@ -211,7 +264,7 @@ def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_log_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     (tmp_path / "logs").write_text("a file in the folder's place")
-    with logbook(tmp_path):
+    with written(tmp_path) as writer, logbook(tmp_path, writer):
         logging.getLogger("companion.test").warning("said all the same")
 
 
@@ -237,7 +290,7 @@ def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) 
     folder = tmp_path / "calls"
     files = CallFiles(folder)
     for number in [*range(65530, 65536), *range(1, 60)]:
-        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None))
+        files.opened(number, {})
     kept = sorted(int(path.stem) for path in folder.iterdir())
     assert kept == list(range(60 - KEPT, 60))
 
@@ -245,7 +298,7 @@ def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) 
 def test_of_a_call_that_was_answered_for_ever_the_newest_answers_are_told(tmp_path: Path) -> None:
     files = CallFiles(tmp_path)
     for earlier in (), [{"number": -1}] * ANSWERS:
-        files.opened(Call(7, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), earlier)
+        files.opened(7, {}, earlier)
         for number in range(ANSWERS + 3):
             files.answered(7, {"number": number})
         kept = [one["number"] for one in json.loads((tmp_path / "7.json").read_text())["answers"]]
@@ -258,6 +311,6 @@ def test_what_a_kill_left_of_a_file_goes_with_its_call(tmp_path: Path) -> None:
     for path in (torn, newer):
         path.write_bytes(b"half of")
     for number in range(10, 9 + KEPT):
-        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None))
+        files.opened(number, {})
     assert not torn.exists()
     assert newer.exists(), "its call is one of the newest"

@@ -48,18 +48,19 @@ def test_a_call_is_told_with_a_picture_before_and_after_a_restart(make_rig: Make
 
 
 def test_a_tap_in_a_holds_picture_of_before_a_restart_is_refused(rig: Rig) -> None:
-    frames = []
+    frames, number = [], 0
     for _ in range(2):
         rig.restart()
         rig.frame_id = (rig.journal.load_supervision() or {})["frame_id"]
         rig.see(2.0, "rock")
         hold = rig.calls.hold
         assert hold is not None
-        assert hold.id == 1
+        number = number or hold.id
+        assert hold.id == number
         assert hold.seen is not None
         frames.append(hold.seen.frame.id)
     for transaction, frame_id in enumerate(frames):
-        rig.answer(1, Motion.GO, TapBox(frame_id, BOX, "gnome", 1.0), transaction=7 + transaction)
+        rig.answer(number, Motion.GO, TapBox(frame_id, BOX, "gnome", 1.0), transaction=7 + transaction)
         rig.see(0.5, "rock")
     assert [ack.result for ack in rig.acks] == [Result.REFUSED, Result.APPLIED]
 
@@ -116,12 +117,23 @@ def test_ids_rise_over_restarts(rig: Rig) -> None:
     assert rig.state[1] == 1
     rig.restart()
     rig.see(5.0, "drum")
+    assert rig.state[0] == "CALLING"
+    assert rig.state[1] > 1
+
+
+def test_an_orderly_stop_skips_no_id(rig: Rig) -> None:
+    rig.wait(2.0)
+    assert rig.state[1] == 1
+    rig.keeper.leave(rig.daemon.status())
+    rig.restart()
+    rig.see(5.0, "drum")
     assert rig.state == ("CALLING", 2)
 
 
 def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_the_end(rig: Rig) -> None:
     path = rig.folder / "status.json"
     rig.keeper.write_status(rig.daemon.status())
+    rig.writer.drain()
     status = json.loads(path.read_text())
     assert set(status) == {
         "state",
@@ -144,11 +156,12 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "link",
         "frames",
         "pid",
+        "disk",
     }
     assert (status["state"], status["policy"], status["frames"]) == ("ok", "hold", 10)
     assert status["link"]["connections"]["main"]["mavlink"] == 2
     assert status["link"]["connections"]["main"]["sent"] == status["link"]["sent"]
-    rig.keeper.write_status(rig.daemon.status(), last=True)
+    rig.keeper.leave(rig.daemon.status())
     assert len(json.loads(path.read_text())["recent"]) == 10
 
 

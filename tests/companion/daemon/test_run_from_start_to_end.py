@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -76,6 +77,11 @@ def children() -> list[str]:
 def start(config: Config, stop: Callable[[], bool]) -> int:
     """The daemon, with a vision process that sees what is painted."""
     return run.main(config, stop, vision=painted.COMMAND)
+
+
+def threads() -> set[str]:
+    """Of a daemon, running."""
+    return {thread.name for thread in threading.enumerate()} & {"writer"}
 
 
 def until(fits: Callable[[], bool]) -> Callable[[], bool]:

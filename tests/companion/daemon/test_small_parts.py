@@ -28,7 +28,7 @@ def names(folder: Path) -> list[str]:
 
 def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path) -> None:
     for number in range(3):
-        Album(tmp_path, 2).store(f"C{number} Unknown thing!", JPEG)
+        Album(tmp_path, 2).add(JPEG, f"C{number} Unknown thing!")
     assert names(tmp_path) == ["00002-c1-unknown-thing.jpg", "00003-c2-unknown-thing.jpg"]
 
 
@@ -36,32 +36,20 @@ def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
     (tmp_path / "99999-old.jpg").touch()
     for _ in range(2):
         album = Album(tmp_path, 2)
-        album.store("new", JPEG)
-        album.store("new", JPEG)
+        album.add(JPEG, "new")
+        album.add(JPEG, "new")
     assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
 
 
 def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path) -> None:
     (tmp_path / "notes-of-mine.jpg").touch()
     (tmp_path / ".00007-torn.jpg.part").touch()
-    Album(tmp_path, 1).store("new", JPEG)
+    Album(tmp_path, 1).add(JPEG, "new")
     assert names(tmp_path) == ["00001-new.jpg", "notes-of-mine.jpg"]
 
 
-def test_a_picture_that_cannot_be_written_is_no_fault(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert Album(tmp_path / "file", 5).store("new", JPEG) is None
-
-
-def test_a_picture_that_could_not_be_drawn_leaves_no_file(tmp_path: Path) -> None:
-    assert Album(tmp_path, 5).store("new", b"") is None
-    assert names(tmp_path) == []
-
-
-def test_an_album_of_none_keeps_nothing(tmp_path: Path) -> None:
-    album = Album(tmp_path / "none", 0)
-    assert not album.wanted
-    assert album.store("new", JPEG) is None
+def test_an_album_of_none_is_not_wanted(tmp_path: Path) -> None:
+    assert not Album(tmp_path / "none", 0).wanted
     assert not (tmp_path / "none").exists()
 
 

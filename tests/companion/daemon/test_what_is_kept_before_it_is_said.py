@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from companion.journal import Journal
+from companion.journal import Batch, Journal, JournalError
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result
-from tests.companion.daemon.rig import HOLD, Rig, spoil
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Clock, Rig, spoil
 
 GO = Motion.GO
 
@@ -40,13 +43,14 @@ def test_an_id_is_on_disk_before_anybody_hears_it(rig: Rig) -> None:
     journal = on_disk(rig)
     calls = journal.load_supervision()
     assert calls is not None
-    assert (calls["last_id"], calls["call"]["id"], calls["hold"]["id"]) == (1, 1, 1)
-    assert journal.load_frame() is not None
+    assert calls["last_id"] >= rig.state[1]
+    assert (calls["call"]["id"], calls["hold"]["id"]) == (1, 1)
+    assert journal.load_frame(calls["call"]["frame_id"]) is not None
     journal.close()
 
 
 def test_with_a_full_disk_calls_go_on_and_it_is_said_once(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    spoil(rig, monkeypatch, "save_supervision", "save_memory", "save_frame")
+    spoil(rig, monkeypatch)
     rig.see(6.0, "drum")
     assert rig.state == ("CALLING", 1)
     assert rig.stage.mode == HOLD
@@ -54,21 +58,20 @@ def test_with_a_full_disk_calls_go_on_and_it_is_said_once(rig: Rig, monkeypatch:
 
 
 def test_what_cannot_be_kept_for_a_reason_that_nobody_foresaw_ends_nothing(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def torn(*_: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr(rig.journal, "save_frame", torn)
-    rig.see(3.0, "drum")
+    spoil(rig, monkeypatch, MemoryError("none left"))
+    rig.see(5.0, "drum")
     assert rig.state == ("CALLING", 1)
     assert rig.stage.mode == HOLD
+    assert caplog.text.count("journal cannot be written: none left") == 1
+    assert rig.writer.errors["journal"] > 5, "it is tried again, and counted"
 
 
 def test_a_go_on_a_full_disk_is_taken_and_said_not_to_be_remembered(
     held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spoil(held, monkeypatch, "save_supervision", "save_memory")
+    spoil(held, monkeypatch)
     held.answer(1, GO)
     held.see(2.0)
     assert held.acks[-1].result is Result.APPLIED_NOT_REMEMBERED
@@ -77,7 +80,7 @@ def test_a_go_on_a_full_disk_is_taken_and_said_not_to_be_remembered(
 
 
 def test_a_stay_that_the_disk_did_not_take_says_so(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    spoil(held, monkeypatch, "save_supervision")
+    spoil(held, monkeypatch)
     held.answer(1, Motion.STAY)
     held.see(0.5, "drum")
     assert held.acks[-1].result is Result.APPLIED_NOT_REMEMBERED
@@ -87,14 +90,14 @@ def test_a_stay_that_the_disk_did_not_take_says_so(held: Rig, monkeypatch: pytes
 def test_a_word_that_covers_nothing_and_is_not_on_disk_says_so(
     held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spoil(held, monkeypatch, "save_memory")
+    spoil(held, monkeypatch)
     held.word(1, "trail", 1.0)
     held.see(0.5, "drum")
     assert held.acks[-1].result is Result.APPLIED_NOT_REMEMBERED
 
 
 def test_words_without_a_call_that_are_not_on_disk_say_so(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    spoil(rig, monkeypatch, "save_memory")
+    spoil(rig, monkeypatch)
     rig.word(0, "drum", -1.0)
     rig.see(0.5)
     assert rig.acks[-1].result is Result.APPLIED_NOT_REMEMBERED
@@ -112,12 +115,11 @@ def test_the_disk_is_not_hammered_while_it_is_full(rig: Rig, monkeypatch: pytest
     rig.set("AT_W_DRUM", -1.0)
     rig.see(5.0)
     assert 2 <= len(tries) <= 11
-    monkeypatch.undo()
 
 
 def test_once_there_is_room_again_all_is_kept_and_said(held: Rig) -> None:
     with pytest.MonkeyPatch.context() as patched:
-        spoil(held, patched, "save_memory", "save_supervision")
+        spoil(held, patched)
         held.word(1, "drum", -1.0)
         held.see(3.0, "drum")
     held.see(6.0, "drum")
@@ -127,12 +129,8 @@ def test_once_there_is_room_again_all_is_kept_and_said(held: Rig) -> None:
 
 
 def test_frame_and_answers_that_found_no_room_are_kept_once_there_is_some(rig: Rig) -> None:
-    def full(*_: object) -> None:
-        raise OSError("disk full")
-
     with pytest.MonkeyPatch.context() as patched:
-        spoil(rig, patched, "_append")
-        patched.setattr("companion.journal.journal.write_durably", full)
+        spoil(rig, patched)
         rig.see(3.0, "drum")
         rig.answer(1, Motion.STAY)
         rig.see(0.2, "drum")
@@ -140,8 +138,28 @@ def test_frame_and_answers_that_found_no_room_are_kept_once_there_is_some(rig: R
         rig.see(1.0, "drum")
     rig.see(8.0, "drum")
     assert rig.texts.count("Journal is written again") == 1
-    assert rig.journal.load_frame() is not None
+    assert rig.calls.call is not None
+    assert rig.journal.load_frame(rig.calls.call.frame_id) is not None
     assert [one["motion"] for one in rig.journal.answers(1)] == ["stay", "look_again"]
+
+
+def test_a_frame_that_finds_no_room_keeps_nothing_else_from_being_kept(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commit = rig.journal.commit
+
+    def full(batch: Batch) -> None:
+        if batch.frame is not None:
+            raise JournalError("disk full")
+        commit(batch)
+
+    monkeypatch.setattr(rig.journal, "commit", full)
+    rig.see(3.0, "drum")
+    rig.word(1, "drum", -1.0)
+    rig.see(1.0, "drum")
+    assert rig.acks[-1].result is Result.APPLIED
+    assert (rig.journal.load_supervision() or {})["call"]["answered"]
+    assert "Journal cannot be written, disk? Not remembered" in rig.texts
 
 
 def test_an_answer_asked_again_is_applied_once(held: Rig) -> None:
@@ -168,3 +186,239 @@ def test_an_answer_asked_again_after_a_restart_is_known(held: Rig) -> None:
     held.see(0.5, ground="trail")
     assert (held.acks[-1].target, held.acks[-1].result) == (1, Result.APPLIED)
     assert held.state[1] == number
+
+
+def test_what_changes_nothing_writes_nothing(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[Batch] = []
+    held.see(1.0, "drum")
+    monkeypatch.setattr(held.journal, "commit", written.append)
+    held.see(3.0, "drum")
+    held.answer(9, GO)
+    held.see(0.3, "drum")
+    held.word(1, "no such word", -7.0)
+    held.hung = True
+    held.answer(1, GO, SetWord("drum", 1.0), transaction=8)
+    held.wait(2.5)
+    held.answer(1, GO, SetWord("drum", 1.0), transaction=9)
+    held.wait(0.3)
+    results = {ack.result for ack in held.acks}
+    assert {Result.STALE, Result.BUSY} <= results
+    assert all(batch.memory is None and not batch.rows for batch in written)
+    assert len(written) <= 1, "the state of the hold may have changed, once"
+
+
+def test_all_that_an_answer_led_to_is_one_transaction(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    commit, written = held.journal.commit, list[Batch]()
+
+    def note(batch: Batch) -> None:
+        written.append(batch)
+        commit(batch)
+
+    monkeypatch.setattr(held.journal, "commit", note)
+    held.word(1, "drum", 1.0, GO)
+    held.see(0.3, "drum")
+    assert held.acks[-1].result is Result.APPLIED
+    with_memory = [batch for batch in written if batch.memory is not None]
+    assert len(with_memory) == 1
+    assert "replies" in (with_memory[0].state or "")
+    assert [row.table for row in with_memory[0].rows] == ["answers"]
+
+
+def test_a_call_is_one_transaction(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    commit, written = rig.journal.commit, list[Batch]()
+
+    def note(batch: Batch) -> None:
+        written.append(batch)
+        commit(batch)
+
+    monkeypatch.setattr(rig.journal, "commit", note)
+    while rig.state[1] == 0:
+        rig.see(0.1, "drum")
+    (first, *_) = [batch for batch in written if batch.state is not None and '"call": {' in batch.state]
+    assert first.frame is not None
+    assert f'"frame_id": {first.frame[0]}' in (first.state or "")
+
+
+def test_an_acknowledgement_leaves_after_its_commit_and_the_loop_goes_on_meanwhile(held: Rig) -> None:
+    held.disk_hangs = True
+    held.word(1, "drum", 1.0, GO)
+    held.see(1.5, "drum")
+    assert held.acks == []
+    assert held.stage.mode == HOLD
+    held.disk_hangs = False
+    held.see(0.2, "drum")
+    assert [ack.result for ack in held.acks] == [Result.APPLIED]
+    assert held.stage.mode == HOLD, "frames judged before that let nobody drive on"
+    held.see(1.0, "drum")
+    assert held.stage.mode == AUTO
+
+
+@pytest.mark.parametrize("words", [(), (SetWord("drum", 1.0),)], ids=["go alone", "with a word"])
+def test_after_two_seconds_without_a_commit_it_is_applied_and_not_remembered(
+    held: Rig, words: tuple[SetWord, ...]
+) -> None:
+    held.disk_hangs = True
+    heard_at = held.clock.now
+    held.answer(1, GO, *words)
+    while not held.acks:
+        held.see(0.1, "drum")
+    assert held.clock.now - heard_at == pytest.approx(2.0, abs=0.25)
+    assert held.acks[-1].result is Result.APPLIED_NOT_REMEMBERED
+    held.see(1.0, "drum")
+    assert held.stage.mode == AUTO, "a dead disk does not hold it for ever"
+
+
+def test_a_go_that_was_acknowledged_on_a_slow_disk_lets_the_rover_drive_on(held: Rig) -> None:
+    held.disk_hangs = True
+    held.answer(1, GO)
+    held.see(1.1)
+    held.disk_hangs = False
+    held.see(2.0)
+    assert held.acks[-1].result is Result.APPLIED
+    assert held.stage.mode == AUTO
+    assert not any("too old" in text for text in held.texts)
+
+
+def test_stay_needs_no_disk_to_count_and_takes_back_a_go_that_waits_for_it(held: Rig) -> None:
+    held.disk_hangs = True
+    held.answer(1, GO)
+    held.see(0.5)
+    held.answer(1, Motion.STAY, transaction=8)
+    held.see(0.5)
+    held.disk_hangs = False
+    held.see(3.0)
+    assert held.stage.mode == HOLD
+    first, second = held.acks
+    assert (first.transaction, first.text) == (7, "C1 go is too old: send it again")
+    assert (second.transaction, second.text) == (8, "C1 noted: still open")
+
+
+def test_a_second_go_that_waits_for_the_disk_does_not_stop_what_the_first_one_moves(rig: Rig) -> None:
+    rig.see(3.0, "rock")
+    assert rig.state == ("BLOCKED", 1)
+    rig.answer(1, GO)
+    rig.see(0.3)
+    rig.disk_hangs = True
+    rig.answer(1, GO, transaction=8)
+    rig.see(0.9)
+    assert rig.stage.mode == AUTO
+
+
+def test_a_go_for_what_a_human_ended_before_it_was_kept_is_told_so(held: Rig) -> None:
+    held.disk_hangs = True
+    held.answer(1, GO)
+    held.see(0.3)
+    held.stage.mode = MANUAL
+    held.see(1.2)
+    held.disk_hangs = False
+    held.see(0.3)
+    assert held.acks[-1].text == "1 is closed: the go came too late"
+    assert held.stage.mode == MANUAL
+
+
+def test_a_hold_is_decided_and_commanded_while_the_disk_hangs(rig: Rig) -> None:
+    rig.disk_hangs = True
+    rig.see(0.6, "drum")
+    assert rig.stage.mode == HOLD
+    assert rig.state == ("CALLING", 1)
+
+
+def test_frames_under_a_memory_that_is_not_kept_do_not_let_the_rover_drive_on(held: Rig) -> None:
+    held.answer(1, GO)
+    held.see(0.2)
+    held.disk_hangs = True
+    held.set("AT_W_DRUM", 0.5)
+    held.see(1.5)
+    assert held.stage.mode == HOLD
+    held.see(2.0)
+    assert held.stage.mode == AUTO, "after 2 s they count, remembered or not"
+
+
+def test_an_id_told_before_it_was_kept_is_not_given_again(rig: Rig) -> None:
+    rig.disk_hangs = True
+    rig.see(3.0, "drum")
+    assert rig.state == ("CALLING", 1)
+    rig.restart()
+    rig.disk_hangs = False
+    rig.see(3.0, "drum")
+    assert rig.state[0] == "CALLING"
+    assert rig.state[1] > 1
+
+
+def test_of_more_answers_than_there_is_room_for_all_that_wait_are_not_remembered(
+    held: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.writer.MAX_ROWS", 3)
+    monkeypatch.setattr("companion.journal.batch.MAX_ROWS", 3)
+    held.disk_hangs = True
+    for number in range(5):
+        held.answer(1, Motion.STAY, transaction=10 + number)
+        held.see(0.1, "drum")
+    held.disk_hangs = False
+    held.see(0.5, "drum")
+    results = [ack.result for ack in held.acks]
+    assert results == [Result.APPLIED_NOT_REMEMBERED] * 4 + [Result.APPLIED]
+    assert held.writer.dropped["journal"] == 2
+
+
+def test_a_setting_is_echoed_once_it_is_kept(rig: Rig) -> None:
+    rig.disk_hangs = True
+    rig.set("AT_THR_ROI", 0.4)
+    rig.set("AT_W_DRUM", -1.0)
+    rig.see(1.0)
+    assert rig.calls.numbers.judging.thresholds.roi == 0.4
+    assert (rig.echoes("AT_THR_ROI"), rig.echoes("AT_W_DRUM")) == ([], [])
+    rig.disk_hangs = False
+    rig.see(0.5)
+    assert (rig.echoes("AT_THR_ROI"), rig.echoes("AT_W_DRUM")) == ([0.4], [-1.0])
+
+
+_DOINGS = st.lists(
+    st.tuples(
+        st.booleans(),
+        st.sampled_from([None, None, GO, GO, Motion.STAY, Motion.NONE]),
+        st.booleans(),
+        st.integers(1, 12),
+    ),
+    max_size=8,
+)
+"""Whether the disk hangs, what is answered, whether with a word, and tenths of a second until the next."""
+
+
+@settings(max_examples=15, deadline=None)
+@given(_DOINGS)
+def test_whatever_the_disk_does_nothing_is_acknowledged_unkept_and_nobody_drives_on_unacknowledged(
+    tmp_path_factory: pytest.TempPathFactory, doings: list[tuple[bool, Motion | None, bool, int]]
+) -> None:
+    clock = Clock()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(time, "monotonic", clock)
+        patched.setattr("companion.daemon.TICK", 0.0)
+        rig = Rig(tmp_path_factory.mktemp("rover"), clock)
+        rig.see(4.0, "drum")
+        assert rig.stage.mode == HOLD
+        asked: dict[int, tuple[Motion, float]] = {}
+        checked = 0
+        for number, (hangs, motion, with_word, tenths) in enumerate([*doings, (False, None, False, 25)]):
+            rig.disk_hangs = hangs
+            if motion is not None and rig.stage.mode == HOLD:
+                asked[100 + number] = motion, clock.now
+                words = (SetWord("drum", 1.0),) if with_word else ()
+                rig.answer(1, motion, *words, transaction=100 + number)
+            for _ in range(tenths):
+                rig.see(0.1, "drum")
+                kept = {row[2] for row in (rig.journal.load_supervision() or {})["replies"]}
+                for ack in rig.acks[checked:]:
+                    assert ack.transaction in kept or ack.result not in (Result.APPLIED, Result.NOT_COVERED)
+                    assert clock.now - asked[ack.transaction][1] <= 2.3
+                checked = len(rig.acks)
+                if rig.stage.mode == AUTO:
+                    acknowledged = {ack.transaction for ack in rig.acks}
+                    assert any(asked[one][0] is GO for one in acknowledged)
+        assert {ack.transaction for ack in rig.acks} == set(asked)
+        newest = [motion for motion, _ in asked.values()]
+        if newest and newest[-1] is GO:
+            assert rig.stage.mode == AUTO
+        if GO not in newest:
+            assert rig.stage.mode == HOLD
+        rig.kill()

@@ -9,7 +9,7 @@ import pytest
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call
-from companion.journal import Journal, JournalError
+from companion.journal import Batch, Journal, JournalError, Row
 from companion.journal import journal as journal_module
 from companion.wire.ids import Outcome
 
@@ -43,27 +43,24 @@ def test_the_callers_later_changes_of_the_state_are_not_kept(journal: Journal) -
 
 
 def test_the_frame_of_the_open_call_comes_back_byte_by_byte(journal: Journal, tmp_path: Path) -> None:
-    journal.save_frame(b"the one before")
-    journal.save_frame(b"a picture")
-    assert journal.load_frame() == b"a picture"
-    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".db", ".db-wal", ".png"]
+    journal.save_frame(6, b"the one before")
+    journal.save_frame(7, b"a picture")
+    assert journal.load_frame(7) == b"a picture"
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".db", ".db-wal"]
 
 
-def test_where_none_was_kept_there_is_no_frame(journal: Journal, tmp_path: Path) -> None:
-    assert journal.load_frame() is None
-    (tmp_path / "call.png").mkdir()
-    assert journal.load_frame() is None
-
-
-def test_a_full_disk_under_the_frame_is_a_journal_error(
-    journal: Journal, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
+def test_frame_state_memory_and_rows_are_kept_together_or_not_at_all(tmp_path: Path) -> None:
+    Journal(tmp_path).close()
+    journal = Journal(tmp_path, largest=(tmp_path / "journal.db").stat().st_size + 40_000)
+    row = Row.of_answer(1, {"motion": "go"}, 5.0)
+    journal.commit(Batch(state='{"call": 1}', frame=(1, b"one"), rows=(row,)))
     with pytest.raises(JournalError, match="make room"):
-        journal.save_frame(b"a picture")
+        journal.commit(Batch(state='{"call": 2}', frame=(2, bytes(200_000)), rows=(row,)))
+    journal.close()
+    again = Journal(tmp_path)
+    assert (again.load_supervision(), again.load_frame(1)) == ({"call": 1}, b"one")
+    assert again.answers(1) == ({"motion": "go"},)
+    again.close()
 
 
 def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journal) -> None:

@@ -111,7 +111,7 @@ def _rich() -> Memory:
 def test_a_new_journal_remembers_nothing(journal: Journal) -> None:
     assert journal.load_memory() is None
     assert journal.load_supervision() is None
-    assert journal.load_frame() is None
+    assert journal.load_frame(0) is None
     assert journal.calls() == []
     assert journal.recovered_from is None
 

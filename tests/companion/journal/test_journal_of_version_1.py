@@ -29,6 +29,7 @@ def made_old(folder: Path) -> None:
     with sqlite3.connect(folder / "journal.db") as connection:
         for column in ("roll", "pitch", "yaw"):
             connection.execute(f"ALTER TABLE entries DROP COLUMN {column}")
+        connection.execute("DROP TABLE frame")
         connection.execute("PRAGMA user_version = 1")
     connection.close()
 
@@ -52,3 +53,24 @@ def test_an_older_journal_comes_back_and_takes_attitudes_from_then_on(tmp_path: 
         assert found is not None
         assert [one.place for one in found.history] == [OLD, NEW]
         journal.close()
+
+
+def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_another_is_kept(
+    tmp_path: Path,
+) -> None:
+    Journal(tmp_path).close()
+    with sqlite3.connect(tmp_path / "journal.db") as connection:
+        connection.execute("DROP TABLE frame")
+        connection.execute("PRAGMA user_version = 2")
+    connection.close()
+    (tmp_path / "call.png").write_bytes(b"a picture")
+    for _ in range(2):
+        journal = Journal(tmp_path)
+        assert journal.recovered_from is None
+        assert journal.load_frame(41) == b"a picture"
+        journal.close()
+    journal = Journal(tmp_path)
+    journal.save_frame(42, b"another")
+    assert (journal.load_frame(41), journal.load_frame(42)) == (None, b"another")
+    assert not (tmp_path / "call.png").exists()
+    journal.close()

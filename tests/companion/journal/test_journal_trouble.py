@@ -242,12 +242,41 @@ def test_a_second_damaged_journal_does_not_replace_the_first(tmp_path: Path) -> 
         assert journal.recovered_from == tmp_path / f"journal.damaged-{number}.db"
 
 
-def test_an_empty_file_is_a_new_journal(tmp_path: Path) -> None:
+def test_of_damaged_journals_the_newest_three_are_kept(tmp_path: Path) -> None:
+    for number in range(1, 13):
+        (tmp_path / "journal.db").write_bytes(b"no database %d" % number * 500)
+        Journal(tmp_path).close()
+        (tmp_path / f"journal.damaged-{number}.db-wal").write_bytes(b"its log")
+    kept = {path.name for path in tmp_path.glob("journal.damaged*")}
+    names = [f"journal.damaged-{number}.db" for number in (10, 11, 12)]
+    assert kept == {*names, *(f"{name}-wal" for name in names)}
+    assert (tmp_path / names[-1]).read_bytes().startswith(b"no database 12")
+
+
+def test_an_empty_file_is_a_damaged_journal(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "journal.db").write_bytes(b"")
     journal = Journal(tmp_path)
     journal.save_memory(_memory())
     journal.close()
-    assert journal.recovered_from is None
+    assert journal.recovered_from == tmp_path / "journal.damaged-1.db"
+    assert "the journal was damaged (the file is empty)" in caplog.text
+
+
+def test_a_long_write_ahead_log_is_taken_in_when_it_is_tidied_and_not_before(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    log = tmp_path / "journal.db-wal"
+    for number in range(3):
+        journal.save_frame(number, bytes(2 << 20))
+        assert log.stat().st_size > (number + 1) * (2 << 20)
+    journal.tidy()
+    assert log.stat().st_size == 0
+    journal.save_frame(9, b"small")
+    journal.tidy()
+    assert log.stat().st_size > 0
+    journal.close()
+    again = Journal(tmp_path)
+    assert again.load_frame(9) == b"small"
+    again.close()
 
 
 def test_a_journal_of_a_newer_companion_is_refused_and_left_alone(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from companion.conversation import Conversation, Heard
-from companion.eyes import Applied, Eyes
 from companion.link.heard import AnswerRequest
+from companion.vision.client import Applied, Vision
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Outcome, Result, Stage
 from tests.companion.calls.scenes import ACROSS, AUTO, CLEAR, DRUM, HOLD, Scene, Thing, View
@@ -34,16 +34,16 @@ class Queue:
         token: object,
         changes: Changes,
         *,
-        call: object,
-        call_id: int,
-        go: bool,
+        frame_id: int = 0,
+        call_id: int = 0,
+        go: bool = False,
         place: Place | None = None,
     ) -> bool:
-        """As `Eyes.answer`."""
-        assert (call_id > 0) or call is None
+        """As `Vision.answer`."""
+        assert (call_id > 0) or frame_id == 0
         assert (place is None) == (call_id == 0)
         if not self.full:
-            self.jobs.append((token, changes, call is not None, go))
+            self.jobs.append((token, changes, frame_id > 0, go))
         return not self.full
 
     def apply(self) -> Applied:
@@ -71,7 +71,7 @@ class Talk:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.eyes = Queue(scene)
-        self.conversation = Conversation(scene.calls, cast(Eyes, self.eyes), Preferences.of(scene.words))
+        self.conversation = Conversation(scene.calls, cast(Vision, self.eyes), Preferences.of(scene.words))
         self.said: list[Acknowledgement] = []
 
     def say(self, target: int, motion: Motion = Motion.NONE, **words: float) -> None:

@@ -30,6 +30,7 @@ from tests.companion.calls.scenes import (
     View,
 )
 
+SECTORS = (0.0, 0.5, 1.0, None) * 4
 BARREL = View((Thing(ACROSS),))
 
 
@@ -250,14 +251,13 @@ def test_a_summary_packs_and_unpacks_for_every_view(report: Scene, view: View) -
     newest = report.calls.sight.newest
     assert newest is not None
     state = report.calls.state(report.now)
-    made = summary(
-        newest, report.numbers.judging.region, state, Policy.REPORT, report.calls.current_id, 90, report.now
-    )
+    made = summary(newest, SECTORS, state, Policy.REPORT, report.calls.current_id, 90, report.now)
     told = Summary.unpack(made.pack())
     assert told.state is state
     assert told.reasons == flags(newest.reasons)
     assert told.frame_id == newest.frame.id
     assert told.latency_ms == 50
+    assert told.sectors == pytest.approx(SECTORS, abs=0.01)
     assert told.current_id == report.calls.current_id
     assert (told.roi_uncertainty is None) is (view is BROKEN)
 
@@ -267,7 +267,7 @@ def test_a_frame_judged_after_the_turn_began_is_as_old_as_its_judging_took(repor
     newest = report.calls.sight.newest
     assert newest is not None
     began = newest.frame.captured_at - 0.2
-    made = summary(newest, report.numbers.judging.region, State.OK, Policy.REPORT, 0, 90, began)
+    made = summary(newest, SECTORS, State.OK, Policy.REPORT, 0, 90, began)
     assert made.frame_age_ms == made.latency_ms == 50
 
 

@@ -7,10 +7,13 @@ from dataclasses import replace
 import pytest
 
 from companion.cameras.newest import CameraState
+from companion.wire import notices
+from companion.wire.answers import TapBox
 from companion.wire.ids import Motion, Policy, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
 
 T = 1.0
+AROUND = (0.4, 0.65, 0.6, 0.9)
 
 
 def test_without_frames_the_rover_is_held_within_t(rig: Rig) -> None:
@@ -98,15 +101,15 @@ def test_a_camera_that_comes_back_does_not_resume_by_itself(rig: Rig) -> None:
     assert rig.state == ("OK", 0)
 
 
-def test_answers_while_the_eyes_hang_are_busy_and_stay_counts_at_once(held: Rig) -> None:
+def test_answers_while_vision_hangs_are_busy_and_stay_counts_at_once(held: Rig) -> None:
     held.hung = True
-    held.see(3.0, "drum")
+    held.see(2.5, "drum")
     held.answer(1, Motion.GO, transaction=21)
     held.word(1, "drum", 0.5)
-    held.see(0.5, "drum")
+    held.see(0.3, "drum")
     assert [ack.result for ack in held.acks] == [Result.BUSY, Result.BUSY]
     held.answer(1, Motion.STAY, transaction=22)
-    held.see(0.5, "drum")
+    held.see(0.3, "drum")
     assert held.acks[-1].result is Result.APPLIED
     held.hung = False
     held.see(1.0, "drum")
@@ -115,21 +118,74 @@ def test_answers_while_the_eyes_hang_are_busy_and_stay_counts_at_once(held: Rig)
     assert held.acks[-1].result is Result.APPLIED
 
 
-def test_an_answer_caught_by_the_hang_is_applied_once_and_its_go_is_too_old(held: Rig) -> None:
+def test_a_vision_that_hangs_is_killed_and_started_again_on_what_it_knew(held: Rig) -> None:
+    held.word(0, "trail", 1.0)
+    held.see(0.5, "drum")
+    before, words = held.child, held.vision.memory.preferences.format()
+    assert "trail" in words
+    held.hung = True
+    held.see(4.0, "drum")
+    assert before.death == "closed"
+    assert held.child is not before
+    held.hung = False
+    held.see(1.0, "drum")
+    assert held.engine.memory.preferences.format() == words
+    assert held.vision.trouble == ""
+    assert held.state == ("CALLING", 1)
+    assert [text for text in held.texts if "FAULT" in text] == [
+        "C1 FAULT vision silent",
+        "C1 FAULT vision hangs",
+    ]
+
+
+def test_an_answer_caught_by_the_hang_is_busy_leaves_nothing_and_its_go_is_void(held: Rig) -> None:
     held.hung = True
     held.word(1, "drum", 0.5, Motion.GO)
-    held.see(31.0, "drum")
-    held.word(1, "drum", 0.5, Motion.GO)
-    held.see(0.5, "drum")
-    assert [ack.result for ack in held.acks] == [Result.BUSY]
-    held.see(35.0, "drum")
+    held.see(2.9, "drum")
+    assert held.acks == []
+    held.see(1.0, "drum")
+    assert [(ack.result, ack.text) for ack in held.acks] == [(Result.BUSY, "vision restarted: send it again")]
     held.hung = False
-    held.see(6.0, "drum")
-    assert held.acks[-1].text == "C1 go is too old: send it again"
-    assert held.stage.mode == HOLD
-    held.answer(1, Motion.GO, transaction=8)
+    held.see(6.0)
+    assert "drum" not in held.engine.memory.preferences
+    assert held.stage.mode == HOLD, "clear, but nobody said go since"
+    held.word(1, "drum", 0.5, Motion.GO)
     held.see(2.0, "drum")
+    assert [ack.result for ack in held.acks] == [Result.BUSY, Result.APPLIED], "the same transaction counts"
+    assert held.engine.memory.preferences["drum"] == 0.5
     assert held.stage.mode == AUTO
+
+
+def test_the_frame_of_the_call_outlives_a_vision_that_hung(held: Rig) -> None:
+    asked = held.calls.call
+    assert asked is not None
+    frame = asked.frame_id
+    held.hung = True
+    held.see(4.0)
+    held.hung = False
+    held.see(1.0)
+    assert held.calls.call is asked
+    assert asked.frame_id == frame
+    held.answer(1, Motion.GO, TapBox(frame, AROUND, "gnome", 1.0), transaction=31)
+    held.see(0.5)
+    assert held.acks[-1].result is Result.APPLIED
+    assert held.engine.memory.examples["gnome"]
+
+
+def test_after_three_deaths_in_ten_minutes_the_hold_needs_a_go_and_an_alert_says_so(rig: Rig) -> None:
+    for _ in range(3):
+        rig.child.death = "SIGSEGV"
+        rig.wait(6.0)
+        rig.see(6.0)
+    alerts = [m.text for m in rig.stage.sent("STATUSTEXT") if m.severity == 1]
+    assert notices.vision_unreliable(hold=True) in alerts
+    assert rig.vision.restarted == 3
+    assert rig.stage.mode == HOLD
+    rig.see(8.0)
+    assert rig.stage.mode == HOLD
+    rig.answer(rig.calls.current_id, Motion.GO)
+    rig.see(2.0)
+    assert rig.stage.mode == AUTO
 
 
 def test_a_go_for_a_hold_without_a_call_counts_while_the_eyes_hang(rig: Rig) -> None:

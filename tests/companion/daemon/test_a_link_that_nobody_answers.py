@@ -10,9 +10,14 @@ import pytest
 
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
+from companion.cameras.newest import CameraStatus
 from companion.link.heard import Vehicle
 from companion.tasks import Liveness, tasks
 from companion.watch import ALONE_AFTER, Watch
+
+_VISION = SimpleNamespace(
+    trouble="", alive_at=0.0, delivered_at=None, camera=CameraStatus(), unreliable=False
+)
 
 
 def _watch(link: Any) -> Watch:
@@ -20,8 +25,7 @@ def _watch(link: Any) -> Watch:
     return Watch(
         Liveness(tasks(numbers), 0.0),
         link,
-        cast(Any, SimpleNamespace(delivered_at=None, state=None, status=SimpleNamespace(reason=""))),
-        cast(Any, SimpleNamespace(alive_at=0.0)),
+        cast(Any, _VISION),
         OperatorCalls(numbers, 0.0),
         cast(Any, SimpleNamespace(failing=False)),
     )

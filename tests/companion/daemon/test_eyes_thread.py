@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from companion.eyes import MAX_JOBS, MAX_RESULTS, Applied, Eyes, Judged, Result
 
 from anytraverse.answers import Changes
 from anytraverse.assessment import Reason
@@ -17,7 +18,6 @@ from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion import eyes as module
-from companion.eyes import MAX_JOBS, MAX_RESULTS, Applied, Eyes, Judged, Result
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
 

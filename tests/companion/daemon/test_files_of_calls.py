@@ -14,12 +14,11 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.assessment import Reason
-from anytraverse.regions import Box
 from companion.calls.decisions import Call
 from companion.files.calls import ANSWERS, KEPT, CallFiles
 from companion.files.offer import Offer
-from companion.vision.thumbnail import LIMIT
 from companion.logbook import logbook
+from companion.vision.thumbnail import LIMIT
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
@@ -236,17 +235,17 @@ def test_a_computer_without_a_clock_stamps_with_the_autopilots_time(
 
 def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) -> None:
     folder = tmp_path / "calls"
-    files = CallFiles(folder, lambda: Box(0, 0, 1, 1))
+    files = CallFiles(folder)
     for number in [*range(65530, 65536), *range(1, 60)]:
-        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
+        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None))
     kept = sorted(int(path.stem) for path in folder.iterdir())
     assert kept == list(range(60 - KEPT, 60))
 
 
 def test_of_a_call_that_was_answered_for_ever_the_newest_answers_are_told(tmp_path: Path) -> None:
-    files = CallFiles(tmp_path, lambda: Box(0, 0, 1, 1))
+    files = CallFiles(tmp_path)
     for earlier in (), [{"number": -1}] * ANSWERS:
-        files.opened(Call(7, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None, earlier)
+        files.opened(Call(7, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), earlier)
         for number in range(ANSWERS + 3):
             files.answered(7, {"number": number})
         kept = [one["number"] for one in json.loads((tmp_path / "7.json").read_text())["answers"]]
@@ -254,11 +253,11 @@ def test_of_a_call_that_was_answered_for_ever_the_newest_answers_are_told(tmp_pa
 
 
 def test_what_a_kill_left_of_a_file_goes_with_its_call(tmp_path: Path) -> None:
-    files = CallFiles(tmp_path, lambda: Box(0, 0, 1, 1))
+    files = CallFiles(tmp_path)
     torn, newer = tmp_path / ".1-large.jpg.part", tmp_path / ".9.json.part"
     for path in (torn, newer):
         path.write_bytes(b"half of")
     for number in range(10, 9 + KEPT):
-        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None), None)
+        files.opened(Call(number, 1, {Reason.UNKNOWN_OBJECT}, 0.0, None))
     assert not torn.exists()
     assert newer.exists(), "its call is one of the newest"

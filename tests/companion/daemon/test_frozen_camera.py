@@ -15,17 +15,20 @@ from numpy.typing import NDArray
 from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
+from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion.calls.holding import Vehicle
-from companion.eyes import Eyes, Judged
 from companion.field.render import Camera
 from companion.field.things import World
-from companion.frozen import CHANGED_REGIONS, MOVES, FrozenPicture, changed_regions, is_moving, luma
+from companion.frozen import CHANGED_REGIONS, FrozenPicture, changed_regions, luma
 from companion.link.heard import Vehicle as Told
+from companion.vision.messages import Looked, Situation
+from companion.vision.worker import Worker
+from companion.whereabouts import MOVES, is_moving
 from tests.anytraverse.conftest import Painted
-from tests.companion.daemon.rig import AUTO, MANUAL, MakeRig, picture
+from tests.companion.daemon.rig import AUTO, MANUAL, PERIOD, MakeRig, Rig, picture
 
 Picture = NDArray[np.uint8]
 
@@ -168,42 +171,49 @@ class Clock:
         return self.now
 
 
-def test_the_eyes_say_so_after_t_and_until_the_picture_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_worker_says_so_after_t_and_until_the_picture_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock()
-    monkeypatch.setattr("companion.eyes.time.monotonic", clock)
+    monkeypatch.setattr("companion.vision.worker.time.monotonic", clock)
     perceiver = Painted()
     memory = first_memory(perceiver.model_id, Preferences.parse("grass: 1; rock: -1"))
     engine = AnyTraverse(perceiver, Settings(freshness=1.0), memory)
-    eyes = Eyes(engine, SimpleNamespace(take=None), 0.1)
-    moving = True
-    eyes.moving = lambda: moving
+    worker = Worker(engine, 1)
+    worker.handle(Situation(Place(), moving=True))
 
-    def look(seconds: float, scene: int = 0) -> Judged:
+    def look(seconds: float, scene: int = 0) -> Looked:
         clock.now += seconds
-        return eyes._judge(Frame(1, clock.now, picture(scene=scene)))
+        return worker.look(Frame(1, clock.now, picture(scene=scene)))
 
-    def frozen(judged: Judged) -> bool:
-        finding = judged.assessment.finding(Reason.FAULT)
+    def frozen(looked: Looked) -> bool:
+        finding = looked.assessment.finding(Reason.FAULT)
         return finding is not None and finding.figure == "camera frozen"
 
     assert not any(frozen(look(0.25)) for _ in range(5))
     assert frozen(look(0.25))
-    moving = False
+    worker.handle(Situation(Place(), moving=False))
     assert frozen(look(10.0)), "stopped for it, it is no better"
-    moving = True
+    worker.handle(Situation(Place(), moving=True))
     assert not frozen(look(0.25, scene=90))
+
+
+def freeze(rig: Rig, image: NDArray[np.uint8], seconds: float) -> None:
+    """A camera that delivers `image` ten times a second, each as if just taken."""
+    for _ in range(round(seconds / PERIOD)):
+        rig.frame_id += 1
+        rig.step(Frame(rig.frame_id, rig.clock.now + PERIOD - 0.02, image))
 
 
 def test_a_vehicle_that_may_be_held_is_held_for_a_frozen_camera(make_rig: MakeRig) -> None:
     rig = make_rig()
-    rig.eyes.moving = lambda: is_moving(rig.stage.link, rig.calls)
-    rig.see(1.0)
     assert rig.state == ("OK", 0)
-    rig.see(1.0)
+    same = picture()
+    freeze(rig, same, 1.0)
+    assert rig.state == ("OK", 0)
+    freeze(rig, same, 1.0)
     assert rig.stage.mode == 4
     assert rig.state == ("FAULT", 1)
     assert any("camera frozen" in text for text in rig.texts)
-    rig.see(3.0)
+    freeze(rig, same, 3.0)
     assert rig.state == ("FAULT", 1)
     rig.see(1.0, scene=90)
     assert rig.state[0] != "FAULT"

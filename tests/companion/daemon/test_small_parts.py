@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from pathlib import Path
 from typing import Any
 
@@ -11,32 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anytraverse.assessment import Assessment
-from anytraverse.engine import AnyTraverse
-from anytraverse.frame import Frame
-from anytraverse.judging import Settings
-from anytraverse.memory import first_memory
-from anytraverse.preferences import Preferences
-from anytraverse.regions import Box
 from companion.album import Album
 from companion.calls.numbers import Numbers
 from companion.kept import Kept, saved_replies
 from companion.mishaps import Mishaps
 from companion.odometer import Odometer
 from companion.tasks import Liveness, tasks
-from companion.wire.ids import Result, State
-from tests.anytraverse.conftest import Painted
-from tests.companion.daemon.rig import picture
+from companion.wire.ids import Result
 
-REGION = Box(0.3, 0.6, 0.7, 0.95)
-
-
-@pytest.fixture(scope="module")
-def seen() -> Assessment:
-    """A judged frame."""
-    memory = first_memory("painted-1", Preferences.parse("grass: 1"))
-    engine = AnyTraverse(Painted(), Settings(), memory)
-    return engine.step(Frame(1, time.monotonic(), picture("drum")), time.monotonic())
+JPEG = b"a picture"
 
 
 def names(folder: Path) -> list[str]:
@@ -44,35 +26,42 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path, seen: Assessment) -> None:
+def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path) -> None:
     for number in range(3):
-        Album(tmp_path, 2, lambda: REGION).keep(seen, State.CALLING, f"C{number} Unknown thing!")
+        Album(tmp_path, 2).store(f"C{number} Unknown thing!", JPEG)
     assert names(tmp_path) == ["00002-c1-unknown-thing.jpg", "00003-c2-unknown-thing.jpg"]
 
 
-def test_an_album_of_many_years_stays_bounded(tmp_path: Path, seen: Assessment) -> None:
+def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
     (tmp_path / "99999-old.jpg").touch()
     for _ in range(2):
-        album = Album(tmp_path, 2, lambda: REGION)
-        album.keep(seen, State.OK, "new")
-        album.keep(seen, State.OK, "new")
+        album = Album(tmp_path, 2)
+        album.store("new", JPEG)
+        album.store("new", JPEG)
     assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
 
 
-def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path, seen: Assessment) -> None:
+def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path) -> None:
     (tmp_path / "notes-of-mine.jpg").touch()
     (tmp_path / ".00007-torn.jpg.part").touch()
-    Album(tmp_path, 1, lambda: REGION).keep(seen, State.OK, "new")
+    Album(tmp_path, 1).store("new", JPEG)
     assert names(tmp_path) == ["00001-new.jpg", "notes-of-mine.jpg"]
 
 
-def test_a_picture_that_cannot_be_written_is_no_fault(tmp_path: Path, seen: Assessment) -> None:
+def test_a_picture_that_cannot_be_written_is_no_fault(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert Album(tmp_path / "file", 5, lambda: REGION).keep(seen, State.OK, "new") == ""
+    assert Album(tmp_path / "file", 5).store("new", JPEG) is None
 
 
-def test_an_album_of_none_draws_nothing(tmp_path: Path, seen: Assessment) -> None:
-    assert Album(tmp_path / "none", 0, lambda: REGION).keep(seen, State.OK, "new") == ""
+def test_a_picture_that_could_not_be_drawn_leaves_no_file(tmp_path: Path) -> None:
+    assert Album(tmp_path, 5).store("new", b"") is None
+    assert names(tmp_path) == []
+
+
+def test_an_album_of_none_keeps_nothing(tmp_path: Path) -> None:
+    album = Album(tmp_path / "none", 0)
+    assert not album.wanted
+    assert album.store("new", JPEG) is None
     assert not (tmp_path / "none").exists()
 
 
@@ -98,10 +87,10 @@ def test_an_odometer_counts_east_by_the_latitude() -> None:
 def test_the_most_basic_silent_task_is_named_first() -> None:
     liveness = Liveness(tasks(Numbers()), 0.0)
     assert liveness.silent(1.0) == []
-    assert liveness.silent(1.1) == ["camera", "eyes"]
+    assert liveness.silent(1.1) == ["camera", "vision"]
     liveness.beat("camera", 5.0)
     liveness.beat("camera", 4.0)
-    assert liveness.silent(5.9) == ["eyes"]
+    assert liveness.silent(5.9) == ["vision"]
 
 
 def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogCaptureFixture) -> None:

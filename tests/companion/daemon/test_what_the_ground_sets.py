@@ -9,7 +9,6 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.mavftp import MAVFTP
 
-from anytraverse.engine import AnyTraverse
 from anytraverse.memory import first_memory
 from anytraverse.regions import Box
 from companion import run
@@ -17,7 +16,9 @@ from companion.config import Config
 from companion.config.schema import Mount, Stopping
 from companion.configured import judging_settings
 from companion.link.ftp.rehearsal import FileClient
+from companion.model import Model
 from companion.trial import REQUEST
+from companion.vision.messages import Ready, update_from
 from companion.wire.ids import Motion, Policy
 from companion.wire.parameters import NOT_IN_USE, ROI
 from tests.anytraverse.conftest import Painted
@@ -219,11 +220,13 @@ def test_a_start_takes_up_what_was_set_and_tells_what_it_left_out(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     config, perceiver, news = Config(), Painted(), list[str]()
-    engine = AnyTraverse(perceiver, judging_settings(config, perceiver), first_memory("painted-1", WORDS))
+    memory = first_memory("painted-1", WORDS)
+    settings = judging_settings(config, perceiver)
+    ready = Ready(Model.of(perceiver), settings, update_from(None, memory, 1, 0, ()), (), 0.02)
     values = {TOP: [0.5, 0.6], LEFT: [0.2, 0.3], "AT_SUM_HZ": [2.0, 1.0]}
     saved = {"model": perceiver.model_id, "values": values}
-    overrides = run._restore_settings(config, engine, saved, news)
-    assert engine.settings.region.bounds == Box(0.333, 0.5, 0.667, 0.95)
+    overrides, judging = run._restore_settings(config, ready, saved, news)
+    assert judging.region.bounds == Box(0.333, 0.5, 0.667, 0.95)
     assert overrides.values == {TOP: 0.5, "AT_SUM_HZ": 2.0}
     assert news == [f"{LEFT}: edited in the file, which wins"]
     assert "set by the ground, not as in the file" in caplog.text

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from anytraverse.assessment import Reason
@@ -43,27 +42,17 @@ def test_the_callers_later_changes_of_the_state_are_not_kept(journal: Journal) -
     assert journal.load_supervision() == {"call": {"id": 1}}
 
 
-def test_the_frame_of_the_open_call_comes_back_pixel_by_pixel(journal: Journal, tmp_path: Path) -> None:
-    image = np.random.default_rng(1).integers(0, 256, (24, 32, 3), np.uint8)
-    journal.save_frame(np.zeros((4, 4, 3), np.uint8))
-    journal.save_frame(image)
-    loaded = journal.load_frame()
-    assert loaded is not None
-    assert (loaded == image).all()
+def test_the_frame_of_the_open_call_comes_back_byte_by_byte(journal: Journal, tmp_path: Path) -> None:
+    journal.save_frame(b"the one before")
+    journal.save_frame(b"a picture")
+    assert journal.load_frame() == b"a picture"
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".db", ".db-wal", ".png"]
 
 
-@pytest.mark.parametrize("content", [b"", b"torn", b"\x89PNG\r\n\x1a\n"])
-def test_a_torn_frame_is_no_frame(journal: Journal, tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "call.png").write_bytes(content)
+def test_where_none_was_kept_there_is_no_frame(journal: Journal, tmp_path: Path) -> None:
     assert journal.load_frame() is None
-
-
-def test_what_is_no_picture_is_not_kept(journal: Journal) -> None:
-    journal.save_frame(np.ones((4, 4, 3), np.uint8))
-    with pytest.raises(JournalError):
-        journal.save_frame(np.ones((4, 4), np.uint8))
-    assert journal.load_frame() is not None
+    (tmp_path / "call.png").mkdir()
+    assert journal.load_frame() is None
 
 
 def test_a_full_disk_under_the_frame_is_a_journal_error(
@@ -74,7 +63,7 @@ def test_a_full_disk_under_the_frame_is_a_journal_error(
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(JournalError, match="make room"):
-        journal.save_frame(np.ones((4, 4, 3), np.uint8))
+        journal.save_frame(b"a picture")
 
 
 def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journal) -> None:

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from pymavlink import mavftp, mavutil
 
-from companion import readiness, run
+from companion import run
 from companion.config import load_config
 from companion.vision.thumbnail import LIMIT
 from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL
 from companion.wire.payloads import CallData
-from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
+from tests.companion.vision import painted
 
 
 @pytest.fixture
-def ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def ground(tmp_path: Path) -> Iterator[Any]:
     """A ground station's connection to a companion before whose wheels lies a drum without a word."""
     frames = tmp_path / "frames"
     frames.mkdir()
@@ -38,6 +38,8 @@ def ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         [camera]
         source = "folder:{frames}"
         loop = true
+        [perceiver]
+        name = "painted"
         [vehicle]
         file = ""
         [link]
@@ -50,9 +52,10 @@ def ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         grass = 1.0
         """
     )
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+    painted.register()
     over = threading.Event()
-    thread = threading.Thread(target=run.main, args=(load_config(str(config)), over.is_set))
+    given = (load_config(str(config)), over.is_set, painted.COMMAND)
+    thread = threading.Thread(target=run.main, args=given)
     thread.start()
     yield master
     over.set()
@@ -61,12 +64,15 @@ def ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def call_told(master: Any) -> CallData:
+    """The first that names its picture, which is drawn a little later."""
     for _ in range(500):
         message = master.recv_match(type="TUNNEL", blocking=True, timeout=10)
         assert message is not None
         if message.payload_type == TUNNEL_CALL:
-            return CallData.unpack(bytes(message.payload[: message.payload_length]))
-    raise AssertionError("no call")
+            told = CallData.unpack(bytes(message.payload[: message.payload_length]))
+            if told.picture:
+                return told
+    raise AssertionError("no call with a picture")
 
 
 def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path: Path) -> None:

@@ -30,16 +30,20 @@ from anytraverse.preferences import Preferences
 from companion import readiness, run
 from companion.config import Config, load_config
 from companion.config.schema import Mount, Stopping
-from companion.journal import Journal
 from companion.link.heard import WordsRequest
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkSettings
 from companion.loading import load
 from companion.model import Model
 from companion.readiness import too_slow, warm_up
+from companion.vision import process
+from companion.vision.codec import Splitter, decode, encode
+from companion.vision.messages import Failed, Start
 from companion.wire.ids import Policy
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import MakeRig
+from tests.companion.vision import painted
+from tests.companion.vision.played import loading
 
 PATIENCE = 10.0
 
@@ -111,15 +115,26 @@ def test_a_perceiver_that_fails_on_frames_is_started_with_its_log_saying_so(
     [
         (MemoryError(), "does not fit into memory: stop other programs"),
         (PerceiverError("ONNX Runtime cannot load image.onnx: bad"), "cannot load image.onnx"),
-        (RuntimeError("no driver"), "failed to load: RuntimeError"),
     ],
 )
-def test_what_cannot_be_loaded_is_told_with_what_to_do(error: Exception, told: str) -> None:
-    def make() -> Perceiver:
+def test_what_cannot_be_loaded_is_told_with_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, config: Config, error: Exception, told: str
+) -> None:
+    def broken(*_: object) -> None:
         raise error
 
-    with pytest.raises(AnyTraverseError, match=told):
-        load(make, Rehearsal().link, lambda: False)
+    monkeypatch.setattr(process, "get_ready", broken)
+    monkeypatch.setattr(process, "CameraThread", lambda *_, **__: None)
+    ours, theirs = socket.socketpair()
+    with ours, theirs, loading() as (vision, child):
+        vision.poll(time.monotonic())
+        ours.sendall(encode(Start(config, None, 0, 1)))
+        process._serve(process.Port(theirs))
+        failed = [decode(packed) for packed in Splitter().feed(ours.recv(1 << 20))][-1]
+        assert isinstance(failed, Failed)
+        child.report(failed)
+        with pytest.raises(AnyTraverseError, match=told):
+            load(vision, Rehearsal().link, lambda: False)
 
 
 def test_whoever_wants_something_while_it_loads_is_told_to_ask_again() -> None:
@@ -131,7 +146,9 @@ def test_whoever_wants_something_while_it_loads_is_told_to_ask_again() -> None:
         mavlink.MAVLink_param_ext_set_message(1, 191, b"AT_WORDS", b"grass: 0.5", 11),
     ):
         stage.send(wish)
-    load(lambda: time.sleep(0.2), stage.link, lambda: False)
+    with loading() as (vision, _):
+        turns = iter(range(10))
+        assert load(vision, stage.link, lambda: next(turns) == 9) is None
     stage.collect(0.0)
     assert [(m.command, m.result) for m in stage.sent("COMMAND_ACK")] == [(31010, 1), (245, 1)]
     assert [(m.param_id, m.param_value) for m in stage.sent("PARAM_VALUE")] == [("AT_W_GRASS", 1.0)]
@@ -160,6 +177,8 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
         [camera]
         source = "folder:{tmp_path / "none"}"
         rate = 50
+        [perceiver]
+        name = "painted"
         [vehicle]
         file = ""
         [link]
@@ -174,6 +193,7 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
         rock = -1.0
         """
     )
+    painted.register()
     return load_config(str(path))
 
 
@@ -187,7 +207,7 @@ def run_until_status(
     def stop() -> bool:
         return (path.is_file() and fits(json.loads(path.read_text()))) or time.monotonic() > deadline
 
-    assert run.main(config, stop) == 0
+    assert run.main(config, stop, vision=painted.COMMAND) == 0
     status = json.loads(path.read_text())
     assert isinstance(status, dict)
     return status
@@ -204,20 +224,17 @@ def heard(radio: socket.socket) -> bytes:
 
 
 def test_a_perceiver_that_cannot_keep_t_only_reports_and_says_so(
-    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    config: Config, radio: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Slow(0.1))
-    status = run_until_status(config, lambda status: status["link"]["sent"]["unsolicited"] > 100)
+    slow = replace(config, perceiver=replace(config.perceiver, name="painted:0.1"))
+    status = run_until_status(slow, lambda status: status["link"]["sent"]["unsolicited"] > 100)
     assert status["policy"] == "report"
     assert status["hold_refused"] == "HOLD refused: 0.1 s a frame is too slow"
     assert b"Only reports: 0.1 s a frame, slow for HOLD" in heard(radio)
     assert "policy hold is refused: a frame takes 0.1" in caplog.text
 
 
-def test_a_perceiver_that_keeps_t_may_hold(
-    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+def test_a_perceiver_that_keeps_t_may_hold(config: Config, radio: socket.socket) -> None:
     status = run_until_status(config)
     assert (status["policy"], status["hold_refused"]) == ("hold", "")
     assert b"Only reports" not in heard(radio)
@@ -229,9 +246,8 @@ def mounted(config: Config, speed: float) -> Config:
 
 
 def test_a_vehicle_that_outruns_its_eyes_only_reports_and_says_which_speed_would_fit(
-    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    config: Config, radio: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
     slow = mounted(config, 4.0)
     status = run_until_status(slow, lambda status: status["link"]["sent"]["unsolicited"] > 100)
     assert status["policy"] == "report"
@@ -240,19 +256,15 @@ def test_a_vehicle_that_outruns_its_eyes_only_reports_and_says_which_speed_would
     assert "policy hold is refused: at 4 m/s it takes" in caplog.text
 
 
-def test_a_vehicle_that_stops_before_what_it_sees_may_hold(
-    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+def test_a_vehicle_that_stops_before_what_it_sees_may_hold(config: Config, radio: socket.socket) -> None:
     status = run_until_status(mounted(config, 1.0))
     assert (status["policy"], status["hold_refused"]) == ("hold", "")
     assert b"not checked" not in heard(radio)
 
 
 def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
-    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    config: Config, radio: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
     run_until_status(config, lambda status: status["link"]["sent"]["unsolicited"] > 300)
     assert heard(radio).count(b"Stopping not checked") == 1
     assert "was not checked: set [mount] height and tilt" in caplog.text
@@ -265,11 +277,8 @@ def test_remembered_and_offered_words_are_prepared_before_the_first_frame(
     words = Preferences.parse("grass: 1; trail: 1")
     memory = first_memory(perceiver.model_id, config.preferences)
     entry = Entry(np.array([1, 0], dtype=np.float32), words, 1, 1)
-    journal = Journal(config.journal.path)
-    journal.save_memory(replace(memory, history=History([entry])))
-    journal.close()
     monkeypatch.setattr(readiness, "make_perceiver", lambda *_: perceiver)
-    run_until_status(config)
+    readiness.get_ready(config, replace(memory, history=History([entry])))
     assert perceiver.asked[0] == ("drum", "trail")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,9 +16,8 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import first_memory
-from anytraverse.perception import Perceiver
 from anytraverse.preferences import Preferences
-from companion import readiness, run
+from companion import run
 from companion.config import Config, load_config
 from companion.journal import Journal
 from companion.link.rehearsal import Rehearsal
@@ -29,14 +27,15 @@ from companion.restored import first_policy
 from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
 from companion.wire.signing import SigningKey, Timestamps, refusal
-from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
+from tests.companion.vision import painted
+from tests.companion.vision.played import loading
 
 PATIENCE = 10.0
 
 
 @pytest.fixture
-def config(tmp_path: Path, radio: socket.socket, monkeypatch: pytest.MonkeyPatch) -> Config:
+def config(tmp_path: Path, radio: socket.socket) -> Config:
     """Ten frames a second of painted grass."""
     pictures = tmp_path / "frames"
     pictures.mkdir()
@@ -48,6 +47,8 @@ def config(tmp_path: Path, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
         [camera]
         source = "folder:{pictures}"
         loop = true
+        [perceiver]
+        name = "painted"
         [vehicle]
         file = ""
         [link]
@@ -59,13 +60,22 @@ def config(tmp_path: Path, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
         rock = -1.0
         """
     )
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: Painted())
+    painted.register()
     return load_config(str(path))
 
 
-def threads() -> set[str]:
-    """Of a daemon, running."""
-    return {thread.name for thread in threading.enumerate()} & {"camera", "eyes", "loading"}
+def children() -> list[str]:
+    """The process ids of this process's children, running or not yet reaped."""
+    return [
+        child
+        for thread in Path("/proc/self/task").iterdir()
+        for child in (thread / "children").read_text().split()
+    ]
+
+
+def start(config: Config, stop: Callable[[], bool]) -> int:
+    """The daemon, with a vision process that sees what is painted."""
+    return run.main(config, stop, vision=painted.COMMAND)
 
 
 def until(fits: Callable[[], bool]) -> Callable[[], bool]:
@@ -90,7 +100,7 @@ def test_with_a_key_all_that_it_says_is_signed_and_the_key_stays_where_it_is(
             heard.append(radio.recv(4096))
         return len(heard) >= 5 and path.is_file()
 
-    assert run.main(config, until(told)) == 0
+    assert start(config, until(told)) == 0
     assert {refusal(frame, SigningKey(secret), Timestamps(), None) for frame in heard} == {""}
     state = (tmp_path / "state" / "signing.state").read_bytes()
     for form in (secret, secret.hex().encode()):
@@ -168,31 +178,57 @@ def test_it_judges_tells_and_leaves_nothing_running(
     def judged() -> bool:
         return path.is_file() and json.loads(path.read_text())["frames"] >= 5
 
-    assert run.main(config, until(judged)) == 0
+    assert start(config, until(judged)) == 0
     status = json.loads(path.read_text())
     assert (status["state"], status["words"]) == ("ok", "grass: 1; rock: -1")
     assert len(status["recent"]) == status["frames"]
     assert radio.recv(300)[0] == 0xFD
-    assert threads() == set()
+    assert children() == []
     Journal(tmp_path / "state").close()
 
 
 def test_a_perceiver_that_cannot_load_is_told_and_the_journal_given_back(
-    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    config: Config, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: 1 / 0)
-    with pytest.raises(AnyTraverseError, match="ZeroDivisionError"):
-        run.main(config, until(lambda: False))
+    config = replace(config, perceiver=replace(config.perceiver, name="painted:broken"))
+    with pytest.raises(AnyTraverseError, match="paint them again"):
+        start(config, until(lambda: False))
+    assert children() == []
     Journal(tmp_path / "state").close()
 
 
-def test_an_error_after_the_camera_was_opened_leaves_nothing_running(
+@pytest.mark.parametrize(("order", "how"), [("die", "SIGSEGV"), ("exit", "exit code 3")])
+def test_a_vision_process_that_dies_is_started_again_and_judges_on(
+    config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture, order: str, how: str
+) -> None:
+    orders, path = tmp_path / "orders", tmp_path / "state" / "status.json"
+    config = replace(config, perceiver=replace(config.perceiver, name=f"painted:{orders}"))
+    given, frames = False, 0
+
+    def judges_again() -> bool:
+        nonlocal given, frames
+        told = json.loads(path.read_text()) if path.is_file() else {"frames": 0}
+        if not given and told["frames"] >= 3:
+            orders.write_text(order)
+            given = True
+        elif given and how in caplog.text and orders.exists():
+            orders.unlink()
+            frames = told["frames"]
+        return given and not orders.exists() and told["frames"] >= frames + 3 and told["state"] == "ok"
+
+    assert start(config, until(judges_again)) == 0
+    assert f"the vision process ended: {how}" in caplog.text
+    assert json.loads(path.read_text())["frames"] >= frames + 3
+    assert children() == []
+
+
+def test_an_error_after_the_vision_process_was_started_leaves_nothing_running(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run, "SettingsDesk", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        run.main(config, until(lambda: False))
-    assert threads() == set()
+        start(config, until(lambda: False))
+    assert children() == []
     Journal(tmp_path / "state").close()
 
 
@@ -201,8 +237,8 @@ def test_an_error_of_the_supervision_ends_it_with_a_farewell(
 ) -> None:
     monkeypatch.setattr("companion.calls.machine.OperatorCalls.tick", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        run.main(config, until(lambda: False))
-    assert threads() == set()
+        start(config, until(lambda: False))
+    assert children() == []
     heard = b""
     try:
         while True:
@@ -212,18 +248,12 @@ def test_an_error_of_the_supervision_ends_it_with_a_farewell(
     assert b"Companion STOPS" in heard
 
 
-def test_a_signal_while_loading_ends_it(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
-    released = threading.Event()
-
-    def slow(*_: object) -> Perceiver:
-        released.wait(PATIENCE)
-        return Painted()
-
-    monkeypatch.setattr(readiness, "make_perceiver", slow)
+def test_a_signal_while_loading_ends_it_and_the_vision_process(config: Config) -> None:
+    config = replace(config, perceiver=replace(config.perceiver, name="painted:slow"))
     started = time.monotonic()
-    assert run.main(config, lambda: time.monotonic() - started > 0.2) == 0
-    assert time.monotonic() - started < 2.0
-    released.set()
+    assert start(config, lambda: time.monotonic() - started > 0.5) == 0
+    assert time.monotonic() - started < 3.0
+    assert children() == []
 
 
 def test_a_supervision_that_makes_no_sense_is_left_aside(config: Config, tmp_path: Path) -> None:
@@ -231,7 +261,7 @@ def test_a_supervision_that_makes_no_sense_is_left_aside(config: Config, tmp_pat
     journal.save_supervision({"call": "?", "hold": 7, "last_id": "x", "frame_id": -3, "replies": [1, "two"]})
     journal.close()
     path = tmp_path / "state" / "status.json"
-    assert run.main(config, until(path.is_file)) == 0
+    assert start(config, until(path.is_file)) == 0
     assert json.loads(path.read_text())["current_id"] == 0
 
 
@@ -243,12 +273,18 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
     payload = AnswerMessage(5, 3, Motion.GO).pack()
     padded = list(payload.ljust(128, b"\0"))
 
-    def slow() -> Perceiver:
-        stage.send(mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded))
-        time.sleep(0.3)
-        return Painted()
+    stage.send(mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded))
+    with loading() as (vision, child):
+        turns = iter(range(10))
 
-    assert isinstance(load(slow, stage.link, lambda: False), Painted)
+        def stop() -> bool:
+            if next(turns) > 2:
+                child.work()
+            return False
+
+        ready = load(vision, stage.link, stop)
+    assert ready is not None
+    assert ready.model.id == "painted-1"
     stage.collect(stage.now)
     (told,) = [Acknowledgement.unpack(payload) for payload in stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
     assert (told.transaction, told.result, told.text) == (5, Result.BUSY, "starting, send it again")

@@ -1,8 +1,8 @@
-"""A vision process that sees what the test paints: `python -m tests.companion.vision.painted DESCRIPTOR PARENT`.
+"""A vision process that sees what the test paints; `COMMAND` starts it.
 
-`painted` is `Painted`; `painted:0.1` takes so many seconds a frame; `painted:broken` cannot be loaded;
-`painted:FILE` does what the file says, as soon as it says so: "die" (SIGSEGV), "hang", "lock" (hang in native code
-that keeps the interpreter's lock), "exit" (ends with code 3).
+`painted` is `Painted`; `painted:0.1` takes so many seconds a frame; `painted:broken` cannot be loaded,
+`painted:slow` takes a minute to load. `painted:FILE` does what the file says, as soon as it says so: "die"
+(SIGSEGV), "hang", "lock" (hang in native code that keeps the interpreter's lock), "exit" (ends with code 3).
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ class Obedient(Painted):
         super().__init__()
         if argument == "broken":
             raise PerceiverError("painted eyes cannot be loaded: paint them again")
+        if argument == "slow":
+            time.sleep(60.0)
         self._seconds = float(argument) if argument.replace(".", "").isdecimal() else 0.0
         self._file = Path(argument) if "/" in argument else None
 
@@ -54,7 +56,7 @@ class Obedient(Painted):
 
 def register() -> None:
     """Make "painted" a kind of perceiver in this process."""
-    KINDS["painted"] = (__name__ if __name__ != "__main__" else "tests.companion.vision.painted", "Obedient")
+    KINDS["painted"] = ("tests.companion.vision.painted", "Obedient")
 
 
 if __name__ == "__main__":

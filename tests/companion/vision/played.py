@@ -1,0 +1,37 @@
+"""A supervisor's `Vision` over a played child, without a daemon."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.judging import Settings
+from anytraverse.memory import Memory, first_memory
+from anytraverse.preferences import Preferences
+from companion.config import Config
+from companion.tasks import VISION
+from companion.vision.client import Vision
+from companion.vision.loopback import Loopback
+from tests.anytraverse.conftest import Painted
+
+WORDS = Preferences.parse("grass: 1; rock: -1")
+
+
+def engine(memory: Memory | None, perceiver: Painted | None = None) -> AnyTraverse:
+    """Painted eyes on a memory, None: none was ever kept."""
+    perceiver = perceiver or Painted()
+    return AnyTraverse(perceiver, Settings(), memory or first_memory(perceiver.model_id, WORDS))
+
+
+@contextlib.contextmanager
+def loading(
+    make: Callable[[Memory | None], AnyTraverse] = engine,
+) -> Iterator[tuple[Vision, Loopback]]:
+    """A vision process that is asked to start with the first poll, and its child."""
+    child = Loopback(make)
+    vision = Vision(lambda: child, Config(), None, VISION)
+    try:
+        yield vision, child
+    finally:
+        vision.close()

@@ -103,8 +103,8 @@ def _count(
 
 
 def _taught_twice(rover: Rover) -> int:
-    """How many answers with words reached the eyes more than once."""
-    requests = [getattr(token, "request", None) for token in rover.eyes.asked]
+    """How many answers with words reached the vision process more than once."""
+    requests = [getattr(token, "request", None) for token in rover.vision.asked]
     asked = [one.transaction for one in requests if isinstance(one, AnswerRequest)]
     return len(asked) - len(set(asked))
 

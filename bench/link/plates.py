@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.regions import Box
-from companion.eyes import Eyes, FrameSource
 
 GRASS = "grass"
 _HEIGHT, _WIDTH = 20, 30
@@ -60,26 +57,3 @@ class Plates:
     def example(self, features: Image, box: Box) -> Example:  # noqa: ARG002
         """The thing's number."""
         return Example(self.model_id, np.array([features[0, 0, 0], features[0, 0, 1]], dtype=np.float32))
-
-
-class SteppedEyes(Eyes):
-    """The daemon's own, without a thread: they look when they are told to. `asked` keeps what was taught."""
-
-    def __init__(self, engine: AnyTraverse, camera: FrameSource, period: float) -> None:
-        super().__init__(engine, camera, period)
-        self.engine = engine
-        self.asked: list[object] = []
-
-    def look(self, frame: Any, now: float) -> None:
-        """Apply what waits, then judge `frame` unless it is None."""
-        self.alive_at = now
-        self._do_jobs()
-        if frame is not None:
-            self._publish(self._judge(frame))
-
-    def answer(self, token: object, changes: Any, **given: Any) -> bool:
-        """As ever, and counted."""
-        taken = super().answer(token, changes, **given)
-        if taken:
-            self.asked.append(token)
-        return taken

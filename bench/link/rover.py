@@ -1,43 +1,46 @@
-"""The rover's side: the daemon as it ships, with its journal; only camera and perceiver are played."""
+"""The rover's side: the daemon as it ships, with its journal; only camera and perceiver are played.
+
+The vision process is played, too, where time is (`Rover`); `Companion` takes any.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
-from anytraverse.memory import first_memory
+from anytraverse.memory import Memory, first_memory
 from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from bench.link.plates import GRASS, Plates, SteppedEyes, picture
+from bench.link.plates import GRASS, Plates, picture
 from companion.album import Album
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
-from companion.cameras.newest import CameraState, CameraStatus, CameraThread
+from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.configured import kept_values
 from companion.conversation import Conversation
 from companion.daemon import Daemon
-from companion.eyes import Eyes
 from companion.files.calls import CallFiles
 from companion.journal import Journal
 from companion.keeper import Keeper
 from companion.link.link import Link
 from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Transport
-from companion.model import Model
 from companion.overrides import Overrides
 from companion.refusal import HoldJudge
 from companion.settings_desk import SettingsDesk
 from companion.shadow_book import ShadowBook
-from companion.tasks import Liveness, tasks
+from companion.tasks import VISION, Liveness, tasks
+from companion.vision.client import Vision
+from companion.vision.loopback import Loopback
 from companion.wire.ids import Motion, Policy, Result
 from companion.wire.parameters import build
 
@@ -71,47 +74,43 @@ class CountedCalls(OperatorCalls):
         return result, decisions
 
 
-class PlayedCamera:
-    """As far as the daemon looks at a `CameraThread`."""
+class CountedVision(Vision):
+    """The daemon's own; `asked` keeps what was taught."""
 
-    state = CameraState.DELIVERING
-    status = CameraStatus(CameraState.DELIVERING)
+    asked: list[object]
 
-    def __init__(self) -> None:
-        self.delivered_at: float | None = None
-
-    def take(self, timeout: float) -> Frame | None:  # noqa: ARG002
-        """Stepped eyes are handed their frames."""
-        return None
+    def answer(self, token: object, changes: Any, **given: Any) -> bool:
+        """As ever, and counted."""
+        taken = super().answer(token, changes, **given)
+        if taken:
+            self.asked.append(token)
+        return taken
 
 
 class Companion:
     """The daemon, put together as `companion run` does; policy report. Call `turn` some 50 times a second."""
 
     def __init__(
-        self,
-        folder: Path,
-        opener: Callable[[], Transport],
-        engine: AnyTraverse,
-        eyes: Eyes,
-        camera: PlayedCamera,
+        self, folder: Path, opener: Callable[[], Transport], vision: Vision, settings: Settings | None = None
     ) -> None:
-        now = time.monotonic()
-        words, judging, model = engine.memory.preferences, engine.settings, Model.of(engine.perceiver)
+        """vision: ready. settings: to judge by, by default as it is configured."""
+        now, ready = time.monotonic(), vision.ready
+        assert ready is not None
+        words, judging, model = vision.memory.preferences, settings or ready.settings, ready.model
         listed = build(list(words), words, {})
         self.journal = Journal(folder)
         self.link = Link(LinkSettings(_NOWHERE), listed, now, openers={MAIN: opener})
         self.calls = CountedCalls(Numbers(policy=Policy.REPORT, judging=judging), now)
-        self._seeing = eyes
-        conversation = Conversation(self.calls, eyes, words)
-        album, files = Album(folder / "pictures", 0, lambda: _ROI), CallFiles(folder / "calls", lambda: _ROI)
-        keeper = Keeper(self.journal, album, files, folder / "status.json")
+        self._vision = vision
+        conversation = Conversation(self.calls, vision, words)
+        album, files = Album(folder / "pictures", 0), CallFiles(folder / "calls")
+        keeper = Keeper(self.journal, album, files, vision, folder / "status.json")
         book, _ = ShadowBook.restored(None, self.calls.shadow, model.id, now, time.time())
         judge = HoldJudge(Config(), Pace(0.02, FRAME_PERIOD, judging.freshness))
         desk = SettingsDesk(
             listed,
             self.link,
-            eyes,
+            vision,
             self.calls,
             conversation,
             judge.refuses,
@@ -119,17 +118,9 @@ class Companion:
             book=book,
         )
         desk.start(now)
-        self._daemon = Daemon(
-            self.link,
-            cast(CameraThread, camera),
-            eyes,
-            self.calls,
-            keeper,
-            conversation,
-            desk,
-            Liveness(tasks(self.calls.numbers), now),
-            model,
-        )
+        liveness = Liveness(tasks(self.calls.numbers), now)
+        self._daemon = Daemon(self.link, vision, self.calls, keeper, conversation, desk, liveness, model)
+        vision.tune(judging)
 
     def turn(self) -> None:
         """One round of the daemon's loop."""
@@ -137,36 +128,37 @@ class Companion:
 
     def close(self) -> None:
         """Give everything back."""
-        self._seeing.stop()
+        self._vision.close()
         self.link.close()
         self.journal.close()
 
 
 class Rover(Companion):
-    """With eyes that are stepped; `shows` is the number of what is ahead."""
+    """With a vision process that is stepped; `shows` is the number of what is ahead."""
 
     def __init__(self, folder: Path, opener: Callable[[], Transport]) -> None:
-        perceiver = Plates()
-        memory = first_memory(perceiver.model_id, Preferences.parse(f"{GRASS}: 1"))
-        self._camera = PlayedCamera()
-        self.eyes = SteppedEyes(
-            AnyTraverse(perceiver, Settings(region=_ROI), memory), self._camera, FRAME_PERIOD
-        )
-        super().__init__(folder, opener, self.eyes.engine, self.eyes, self._camera)
+        self._child = Loopback(_make_engine)
+        self.vision = CountedVision(lambda: self._child, Config(), None, VISION)
+        self.vision.asked = []
+        while self.vision.ready is None:
+            self.vision.poll(time.monotonic())
+            self._child.work()
+        super().__init__(folder, opener, self.vision)
         self.shows = 0
         self._frame_id = 0
         self._frame_at = time.monotonic()
+        self._delivered_at: float | None = None
 
     def turn(self) -> None:
         """After a look at what is ahead."""
         now = time.monotonic()
-        frame = None
+        self._child.work()
         if now >= self._frame_at:
             self._frame_at = max(self._frame_at + FRAME_PERIOD, now)
             self._frame_id += 1
-            frame = Frame(self._frame_id, now, picture(self.shows))
-            self._camera.delivered_at = now
-        self.eyes.look(frame, now)
+            self._delivered_at = now
+            self._child.look(Frame(self._frame_id, now, picture(self.shows)))
+        self._child.live(CameraStatus(CameraState.DELIVERING), self._delivered_at)
         super().turn()
 
     @property
@@ -174,3 +166,9 @@ class Rover(Companion):
         """Whether nothing is asked, nothing accepted and all is well: the next thing makes a call."""
         sight = self.calls.sight
         return self.calls.current_id == 0 and sight.acceptance is None and sight.ok_run > 0
+
+
+def _make_engine(memory: Memory | None) -> AnyTraverse:
+    perceiver = Plates()
+    known = memory or first_memory(perceiver.model_id, Preferences.parse(f"{GRASS}: 1"))
+    return AnyTraverse(perceiver, Settings(region=_ROI), known)

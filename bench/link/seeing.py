@@ -1,4 +1,4 @@
-"""The whole daemon with the builtin perceiver at work: how soon a judged frame's summary is on the wire."""
+"""The whole daemon with its vision process and the builtin perceiver: how soon a summary is on the wire."""
 
 from __future__ import annotations
 
@@ -8,21 +8,20 @@ import time
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
-from anytraverse.engine import AnyTraverse
-from anytraverse.frame import Frame
 from anytraverse.judging import Settings, Thresholds
-from anytraverse.memory import first_memory
-from anytraverse.perception import make_perceiver
-from anytraverse.perception.runtime import Runtime
-from anytraverse.preferences import Preferences
 from bench.link.drive import at
 from bench.link.lossy import Autopilot
-from bench.link.rover import Companion, PlayedCamera
-from companion.eyes import Eyes, Judged, Result
+from bench.link.rover import Companion
+from companion.config import Config
+from companion.config.schema import Camera, Perceiver
 from companion.link.settings import Address
 from companion.link.transport import Transport, Udp
+from companion.tasks import VISION
+from companion.vision.child import VisionChild
+from companion.vision.client import Judged, Result, Vision
 from companion.wire.ids import TUNNEL_SUMMARY
 from companion.wire.payloads import Summary
 
@@ -30,8 +29,9 @@ HOST = "127.0.0.1"
 FRAME_RATE = 10.0
 START = 3.0
 """s that do not count: the journal is made, and an autopilot is met."""
+LOADED_WITHIN = 60.0
 _TUNNEL = 385
-_WORDS = Preferences.parse("grass: 1; dirt: 1")
+_WORDS = {"grass": 1.0, "dirt": 1.0}
 _CALM = Thresholds(roi=1.0, scene=-1.0, tile=None, trav=0.0)
 
 
@@ -91,39 +91,14 @@ class Ground:
         self._socket.close()
 
 
-class Lens(PlayedCamera):
-    """Ten frames a second of a field of noise, as a `FrameSource`."""
+class TimedVision(Vision):
+    """The daemon's own, with its process; `judged` keeps when each frame was, by the one monotonic clock."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        random = np.random.default_rng(1)
-        self._pictures = [random.integers(1, 255, (480, 640, 3), dtype=np.uint8) for _ in range(8)]
-        self._number = 0
-        self._due = time.monotonic()
+    judged: dict[int, float]
 
-    def take(self, timeout: float) -> Frame | None:
-        """The next one when it is due."""
-        now = time.monotonic()
-        if self._due > now + timeout:
-            time.sleep(timeout)
-            return None
-        time.sleep(max(0.0, self._due - now))
-        self._due = max(self._due + 1 / FRAME_RATE, time.monotonic())
-        self._number += 1
-        self.delivered_at = captured = time.monotonic()
-        return Frame(self._number, captured, self._pictures[self._number % 8])
-
-
-class TimedEyes(Eyes):
-    """The daemon's own, in their thread; `judged` keeps when each frame was."""
-
-    def __init__(self, engine: AnyTraverse, camera: Lens) -> None:
-        super().__init__(engine, camera, 1 / FRAME_RATE)
-        self.judged: dict[int, float] = {}
-
-    def results(self) -> list[Result]:
+    def poll(self, now: float) -> list[Result]:
         """As ever, and timed."""
-        results = super().results()
+        results = super().poll(now)
         for one in results:
             if isinstance(one, Judged):
                 self.judged[one.assessment.frame.id] = one.at
@@ -132,30 +107,57 @@ class TimedEyes(Eyes):
 
 def seeing(rate: float, seconds: float, folder: Path) -> dict[str, Any]:
     """At so many summaries a second, ten frames a second and one core for the network."""
-    perceiver = make_perceiver("builtin", Runtime(threads=1))
-    engine = AnyTraverse(perceiver, Settings(thresholds=_CALM), first_memory(perceiver.model_id, _WORDS))
-    lens, ground = Lens(), Ground()
-    eyes, wire = TimedEyes(engine, lens), Stamped(Udp(ground.address))
-    companion = Companion(folder, lambda: wire, engine, eyes, lens)
-    companion.link.set_rate("summary", rate)
-    eyes.start()
+    config = Config(
+        camera=Camera(f"folder:{_noise(folder / 'noise')}", FRAME_RATE, FRAME_RATE, loop=True),
+        perceiver=Perceiver("builtin", threads=1),
+        words=_WORDS,
+    )
+    ground = Ground()
+    vision, wire = TimedVision(VisionChild, config, None, VISION), Stamped(Udp(ground.address))
+    vision.judged = {}
     try:
-        _run_for(START, companion, ground)
-        eyes.judged.clear()
-        wire.told.clear()
-        loop = time.thread_time()
-        _run_for(seconds, companion, ground)
-        loop = time.thread_time() - loop
+        _load(vision)
+        companion = Companion(folder, lambda: wire, vision, Settings(thresholds=_CALM))
+        companion.link.set_rate("summary", rate)
+        try:
+            _run_for(START, companion, ground)
+            vision.judged.clear()
+            wire.told.clear()
+            loop = time.thread_time()
+            _run_for(seconds, companion, ground)
+            loop = time.thread_time() - loop
+        finally:
+            companion.close()
     finally:
-        companion.close()
+        vision.close()
         ground.close()
-    late = [1e3 * (left - eyes.judged[number]) for number, left in wire.told.items() if number in eyes.judged]
+    judged = vision.judged
+    late = [1e3 * (left - judged[number]) for number, left in wire.told.items() if number in judged]
     return {
-        "frames_per_s": round(len(eyes.judged) / seconds, 1),
+        "frames_per_s": round(len(judged) / seconds, 1),
         "summaries": len(late),
         "judged_to_wire_ms": {"p50": at(late, 0.5), "p99": at(late, 0.99), "max": at(late, 1.0)},
         "loop_share": round(100 * loop / seconds, 2),
     }
+
+
+def _noise(folder: Path) -> Path:
+    """Eight pictures of it, for a camera."""
+    folder.mkdir(parents=True)
+    random = np.random.default_rng(1)
+    for number in range(8):
+        picture = random.integers(1, 255, (480, 640, 3), dtype=np.uint8)
+        cv2.imwrite(str(folder / f"{number}.jpg"), picture)
+    return folder
+
+
+def _load(vision: Vision) -> None:
+    until = time.monotonic() + LOADED_WITHIN
+    while vision.ready is None:
+        vision.poll(time.monotonic())
+        if vision.failed or time.monotonic() > until:
+            raise RuntimeError(f"the vision process is not ready: {vision.failed or vision.trouble}")
+        time.sleep(0.02)
 
 
 def _run_for(seconds: float, companion: Companion, ground: Ground) -> None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from anytraverse.errors import BundleError
+from anytraverse.errors import AnyTraverseError
 from anytraverse.export.making import make_bundle
 from anytraverse.export.random_weights import TINY, random_clipseg
 from companion import run
@@ -142,7 +142,7 @@ def test_nothing_is_told_of_int8_to_who_asked_for_fp32(site: Site) -> None:
 def test_an_int8_that_was_never_checked_cannot_be_demanded(site: Site) -> None:
     site.bundle(("fp32", "int8"))
     site.configure('precision = "int8"')
-    with pytest.raises(BundleError, match=r"int8 must not run here: .*not checked on this machine"):
+    with pytest.raises(AnyTraverseError, match=r"int8 must not run here: .*not checked on this machine"):
         site.run(judged)
 
 

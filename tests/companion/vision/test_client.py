@@ -1,0 +1,472 @@
+"""The supervisor's side of the vision process: what it believes, when it restarts it, and who is told."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import pytest
+
+from anytraverse.answers import Changes
+from anytraverse.errors import AnyTraverseError
+from anytraverse.frame import Frame
+from anytraverse.history import Place
+from anytraverse.judging import Settings
+from companion.cameras.newest import CameraState, CameraStatus
+from companion.config import Config
+from companion.model import Model
+from companion.tasks import VISION
+from companion.vision.client import (
+    KEPT,
+    MAX_DRAWINGS,
+    MAX_JOBS,
+    SILENT_AFTER,
+    Applied,
+    Judged,
+    Result,
+    Vision,
+    VisionLostError,
+)
+from companion.vision.loopback import Loopback
+from companion.vision.messages import (
+    Alive,
+    Done,
+    Drawn,
+    Failed,
+    Restore,
+    Situation,
+    Start,
+    Tune,
+)
+from companion.wire.ids import State
+from tests.companion.daemon.rig import Clock, picture
+from tests.companion.vision.played import engine
+
+STEP = 0.02
+
+
+class Channel(Loopback):
+    """One that can be full, and say anything at all."""
+
+    full = False
+
+    def send(self, message: bytes) -> bool:
+        return not self.full and super().send(message)
+
+    def say(self, packed: bytes) -> None:
+        """These bytes as a report."""
+        self._reports.append(packed)
+
+
+class Stage:
+    """A supervisor's side in virtual time."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.children: list[Channel] = []
+        self.refuses: OSError | None = None
+        self.frames = 0
+        self.vision = Vision(self._launch, Config(), None, VISION)
+        self.until_ready()
+
+    def _launch(self) -> Channel:
+        if self.refuses is not None:
+            raise self.refuses
+        self.children.append(Channel(engine, STEP))
+        return self.children[-1]
+
+    @property
+    def child(self) -> Channel:
+        """The process that runs."""
+        return self.children[-1]
+
+    def until_ready(self) -> None:
+        """Started, loaded and tuned."""
+        for _ in range(2):
+            self.turn()
+        self.vision.tune(Settings())
+        self.turn()
+
+    def turn(self, seconds: float = 0.0) -> list[Result]:
+        """The process does what waits, and the supervisor hears of it after `seconds`."""
+        if self.children:
+            self.child.work()
+        for _ in range(round(seconds / 0.5)):
+            self.clock.now += 0.5
+            self.child.live(CameraStatus(CameraState.DELIVERING), None)
+            self.vision.poll(self.clock.now)
+        return self.vision.poll(self.clock.now)
+
+    def silence(self, seconds: float) -> list[Result]:
+        """No sign of life for so long."""
+        found: list[Result] = []
+        for _ in range(round(seconds / 0.1)):
+            self.clock.now += 0.1
+            found += self.vision.poll(self.clock.now)
+        return found
+
+    def show(self, thing: str = "", scene: int = 0) -> None:
+        """A frame is judged."""
+        self.frames += 1
+        self.clock.now += 0.1
+        self.child.look(Frame(self.frames, self.clock.now, picture(thing, scene=scene)))
+
+    def ask(self, token: object, **weights: float) -> bool:
+        """Words without a call."""
+        return self.vision.answer(token, Changes(weights))
+
+    def lost(self, found: list[Result], *tokens: object) -> None:
+        """Whoever waited is told so."""
+        assert [one.token for one in found if isinstance(one, Applied)] == list(tokens)
+        for one in found:
+            if isinstance(one, Applied):
+                assert isinstance(one.error, VisionLostError)
+                assert str(one.error) == "vision restarted: send it again"
+                assert one.outcome is None
+
+
+@pytest.fixture
+def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
+    clock = Clock()
+    monkeypatch.setattr(time, "monotonic", clock)
+    return Stage(clock)
+
+
+def test_it_starts_with_what_was_kept_and_judges_once_it_is_tuned(stage: Stage) -> None:
+    assert stage.child.requests == [Start(Config(), None, 0, 1), Tune(Settings())]
+    assert stage.vision.trouble == ""
+    assert stage.vision.ready is not None
+    assert stage.vision.ready.model == Model("painted-1")
+
+
+def test_of_several_judgements_the_newest_counts_and_one_that_changed_the_memory(stage: Stage) -> None:
+    for _ in range(4):
+        stage.show()
+    found = [one for one in stage.turn() if isinstance(one, Judged)]
+    assert [(one.assessment.frame.id, one.changed) for one in found] == [(1, True), (4, False)]
+    for _ in range(100):
+        stage.show()
+    (newest,) = stage.turn()
+    assert isinstance(newest, Judged)
+    assert newest.assessment.frame.id == 104
+    assert newest.memory is stage.vision.memory
+
+
+def test_an_answer_comes_back_with_its_token_and_the_memory(stage: Stage) -> None:
+    token = object()
+    assert stage.ask(token, drum=-1.0)
+    (applied,) = stage.turn()
+    assert isinstance(applied, Applied)
+    assert applied.token is token
+    assert applied.error is None
+    assert applied.memory is stage.vision.memory
+    assert applied.memory.preferences["drum"] == -1.0
+
+
+def test_a_refused_answer_comes_back_with_the_reason(stage: Stage) -> None:
+    stage.ask("token", unicorn=1.0)
+    (applied,) = stage.turn()
+    assert isinstance(applied, Applied)
+    assert isinstance(applied.error, AnyTraverseError)
+    assert "unicorn" in str(applied.error)
+
+
+def test_waiting_answers_are_bounded_and_none_is_lost_or_overtaken(stage: Stage) -> None:
+    taken = [stage.ask(number, drum=1.0) for number in range(MAX_JOBS + 2)]
+    assert taken == [True] * MAX_JOBS + [False] * 2
+    stage.show()
+    assert [one.token for one in stage.turn() if isinstance(one, Applied)] == list(range(MAX_JOBS))
+    assert stage.ask("again", drum=1.0)
+
+
+def test_pictures_that_were_asked_for_are_bounded(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
+    stage.show()
+    stage.turn()
+    for number in range(MAX_DRAWINGS + 1):
+        stage.vision.draw(1, f"title {number}", State.OK)
+    assert "no picture of title 16" in caplog.text
+    assert len([one for one in stage.turn() if isinstance(one, Drawn)]) == MAX_DRAWINGS
+
+
+def test_while_it_is_silent_it_gets_no_job_and_then_it_is_killed(stage: Stage) -> None:
+    old = stage.child
+    assert stage.ask("waits", drum=1.0)
+    assert stage.silence(SILENT_AFTER + 0.1) == []
+    assert not stage.ask("token", drum=1.0)
+    assert not stage.vision.tune(Settings())
+    assert not stage.vision.restore("token", 1, b"")
+    assert old.death == ""
+    stage.lost(stage.silence(VISION.silent_for + 4 * STEP - SILENT_AFTER), "waits")
+    assert old.death == "closed"
+    assert stage.vision.trouble == "vision hangs"
+    stage.turn()
+    assert stage.child is not old
+
+
+def test_slow_eyes_may_be_silent_for_four_of_their_steps_longer(stage: Stage) -> None:
+    assert stage.vision.ready is not None
+    stage.vision.ready = replace(stage.vision.ready, step=1.0)
+    slow = stage.child
+    stage.silence(6.8)
+    assert slow.death == ""
+    stage.silence(0.4)
+    assert slow.death == "closed"
+
+
+def test_while_the_supervisor_stood_still_no_silence_counts(stage: Stage) -> None:
+    stage.clock.now += 30.0
+    stage.vision.poll(stage.clock.now)
+    assert stage.child.death == ""
+    assert stage.ask("token", drum=1.0)
+
+
+def test_one_that_never_gets_ready_is_killed_after_its_time_for_loading(stage: Stage) -> None:
+    stage.child.death = "SIGSEGV"
+    stage.turn()
+    stage.vision.poll(stage.clock.now)
+    loading = stage.child
+    stage.silence(VISION.loading - 1.0)
+    assert loading.death == ""
+    stage.silence(2.0)
+    assert loading.death == "closed"
+
+
+def test_what_waits_when_it_dies_is_told_and_a_new_process_starts_from_the_last_copy(stage: Stage) -> None:
+    stage.ask("applied", trail=1.0)
+    stage.turn()
+    memory = stage.vision.memory
+    assert stage.ask(1, drum=1.0)
+    assert stage.ask(2, drum=-1.0)
+    stage.child.death = "SIGSEGV"
+    stage.lost(stage.vision.poll(stage.clock.now), 1, 2)
+    assert stage.vision.trouble == "vision died (SIGSEGV)"
+    assert stage.vision.memory is memory
+    stage.until_ready()
+    start = stage.child.requests[0]
+    assert isinstance(start, Start)
+    assert start.memory is not None
+    assert start.memory.preferences.format() == memory.preferences.format()
+    assert stage.vision.trouble == ""
+    assert stage.ask(3, drum=1.0)
+    (applied,) = stage.turn()
+    assert isinstance(applied, Applied)
+    assert applied.token == 3
+    assert applied.memory.preferences["drum"] == 1.0
+
+
+def test_what_was_told_before_it_died_counts(stage: Stage) -> None:
+    stage.ask("told", drum=1.0)
+    stage.child.work()
+    stage.ask("never done", drum=-1.0)
+    stage.child.death = "SIGKILL"
+    told, lost = stage.vision.poll(stage.clock.now)
+    assert isinstance(told, Applied)
+    assert (told.token, told.error) == ("told", None)
+    stage.lost([lost], "never done")
+    assert stage.vision.memory.preferences["drum"] == 1.0
+
+
+def test_a_new_process_is_tuned_gets_the_frames_back_and_goes_on_counting_frames(stage: Stage) -> None:
+    other = replace(Settings(), freshness=1.5)
+    stage.vision.tune(other)
+    for number in range(1, KEPT + 2):
+        stage.show("drum")
+        stage.turn()
+        stage.vision.draw(number, "C", State.CALLING, keep=True)
+        stage.turn()
+    assert not stage.vision.holds_frame(1)
+    assert stage.vision.holds_frame(2)
+    stage.child.death = "SIGSEGV"
+    for _ in range(4):
+        stage.turn()
+    start, tune, *frames = stage.child.requests
+    assert isinstance(start, Start)
+    assert start.first_frame == KEPT + 2
+    assert tune == Tune(other)
+    assert [one.frame_id for one in frames if isinstance(one, Restore)] == [2, 3]
+    assert stage.vision.answer("token", Changes({"drum": 1.0}), frame_id=3, call_id=1)
+    (applied,) = stage.turn()
+    assert isinstance(applied, Applied)
+    assert applied.error is None
+    assert applied.outcome is not None
+    assert applied.outcome.call is not None
+    assert applied.outcome.call.frame.id == 3
+
+
+def nonsense(stage: Stage, case: str) -> None:
+    """What a process that is not to be relied on sends."""
+    child, worker = stage.child, stage.child._worker
+    assert worker is not None
+    captured = stage.clock.now
+    looked = worker.look(Frame(50, captured, picture()))
+    match case:
+        case "unreadable":
+            child.say(b"no pickle")
+        case "empty":
+            child.say(b"")
+        case "no report":
+            child.report(Tune(Settings()))  # type: ignore[arg-type]
+        case "wrong base":
+            assert looked.update is not None
+            child.report(replace(looked, update=replace(looked.update, base=looked.update.base + 1)))
+        case "wrong revision":
+            child.report(looked)
+            child.report(replace(worker.look(Frame(51, captured, picture())), revision=99))
+        case "twice the same change":
+            child.report(looked)
+            child.report(replace(looked, assessment=worker.look(Frame(51, captured, picture())).assessment))
+        case "an old frame":
+            child.report(looked)
+            child.report(worker.look(Frame(49, captured, picture())))
+        case "from the future":
+            child.report(worker.look(Frame(52, captured + 5.0, picture())))
+        case "an outcome nobody asked for":
+            child.report(Done(77, None, "why not", None))
+        case "a picture nobody asked for":
+            child.report(Drawn(77, 1, "title"))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "unreadable",
+        "empty",
+        "no report",
+        "wrong base",
+        "wrong revision",
+        "twice the same change",
+        "an old frame",
+        "from the future",
+        "an outcome nobody asked for",
+        "a picture nobody asked for",
+    ],
+)
+def test_one_that_sends_nonsense_is_killed_and_who_waits_is_told(stage: Stage, case: str) -> None:
+    assert stage.ask("waits", drum=1.0)
+    old = stage.child
+    nonsense(stage, case)
+    found = stage.vision.poll(stage.clock.now)
+    stage.lost([one for one in found if isinstance(one, Applied)], "waits")
+    assert stage.vision.trouble == "vision sent nonsense"
+    assert old.death == "closed"
+    stage.until_ready()
+    assert stage.vision.trouble == ""
+    assert "drum" not in stage.vision.memory.preferences
+
+
+def test_another_model_after_a_restart_is_nonsense(stage: Stage) -> None:
+    first = stage.vision.ready
+    assert first is not None
+    stage.child.death = "SIGSEGV"
+    stage.turn()
+    stage.vision.poll(stage.clock.now)
+    stage.child.report(replace(first, model=first.model._replace(id="another")))
+    stage.vision.poll(stage.clock.now)
+    assert stage.vision.trouble == "vision sent nonsense"
+
+
+def test_a_full_channel_is_a_lost_process(stage: Stage) -> None:
+    stage.ask("waits", drum=1.0)
+    stage.child.full = True
+    assert not stage.ask("does not fit", drum=1.0)
+    stage.lost(stage.vision.poll(stage.clock.now), "waits")
+    assert stage.vision.trouble == "vision hangs"
+
+
+def test_the_waits_before_a_new_start_double_to_a_minute_and_it_never_gives_up(stage: Stage) -> None:
+    starts: list[float] = []
+    while len(starts) < 9:
+        before = len(stage.children)
+        stage.child.death = "SIGSEGV"
+        stage.vision.poll(stage.clock.now)
+        died = stage.clock.now
+        while len(stage.children) == before:
+            stage.vision.poll(stage.clock.now)
+            stage.clock.now += 0.5
+        starts.append(stage.clock.now - 0.5 - died)
+        stage.turn()
+    assert starts == [0.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
+
+
+def test_one_that_ran_for_a_minute_begins_anew(stage: Stage) -> None:
+    for _ in range(3):
+        stage.child.death = "SIGSEGV"
+        stage.silence(5.0)
+        stage.until_ready()
+        stage.turn(VISION.longest + 1.0)
+        before = len(stage.children)
+        stage.child.death = "SIGSEGV"
+        stage.vision.poll(stage.clock.now)
+        stage.vision.poll(stage.clock.now)
+        assert len(stage.children) == before + 1, "at once"
+        stage.until_ready()
+        stage.turn(VISION.longest + 1.0)
+
+
+def test_three_deaths_in_ten_minutes_and_it_is_not_to_be_relied_on_until_they_are_over(stage: Stage) -> None:
+    for number in range(1, 4):
+        stage.child.death = "SIGSEGV"
+        stage.vision.poll(stage.clock.now)
+        assert stage.vision.unreliable is (number == 3)
+        stage.silence(5.0)
+        stage.until_ready()
+        stage.turn(60.0)
+    assert stage.vision.unreliable
+    stage.turn(600.0)
+    assert not stage.vision.unreliable
+
+
+def test_one_that_cannot_be_started_is_tried_again(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
+    stage.refuses = OSError(12, "Cannot allocate memory")
+    stage.child.death = "SIGKILL"
+    stage.silence(1.0)
+    assert stage.vision.trouble == "vision cannot be started"
+    assert "Cannot allocate memory" in caplog.text
+    assert not stage.ask("token", drum=1.0)
+    stage.refuses = None
+    stage.silence(10.0)
+    stage.until_ready()
+    assert stage.vision.trouble == ""
+
+
+def test_a_perceiver_that_fails_to_load_at_a_restart_is_tried_again(stage: Stage) -> None:
+    stage.child.death = "SIGSEGV"
+    stage.turn()
+    stage.vision.poll(stage.clock.now)
+    broken = stage.child
+    broken.report(Failed("no memory just now"))
+    broken.death = "exit code 0"
+    stage.silence(3.0)
+    assert stage.child is not broken
+    stage.until_ready()
+    assert stage.vision.trouble == ""
+
+
+def test_what_it_says_of_the_camera_is_kept_and_forgotten_when_it_dies(stage: Stage) -> None:
+    status = CameraStatus(CameraState.DELIVERING, read=7)
+    stage.child.report(Alive(status, stage.clock.now))
+    stage.vision.poll(stage.clock.now)
+    assert (stage.vision.camera, stage.vision.delivered_at) == (status, stage.clock.now)
+    stage.child.death = "SIGSEGV"
+    stage.vision.poll(stage.clock.now)
+    assert stage.vision.delivered_at is None
+    assert stage.vision.camera.reason == "ended: SIGSEGV"
+
+
+def test_where_it_is_is_told_some_five_times_a_second(stage: Stage) -> None:
+    for _ in range(100):
+        stage.clock.now += 0.02
+        stage.vision.situation(Place(1.0, 2.0), stage.clock.now, moving=True)
+    stage.child.live(CameraStatus(), None)
+    stage.turn()
+    told = [one for one in stage.child.requests if isinstance(one, Situation)]
+    assert told[0] == Situation(Place(1.0, 2.0), moving=True)
+    assert 9 <= len(told) <= 11
+
+
+def test_a_closed_one_has_no_process_and_takes_nothing(stage: Stage) -> None:
+    stage.vision.close()
+    stage.vision.close()
+    assert stage.child.death == "closed"
+    assert stage.vision.fileno() is None
+    assert not stage.ask("token", drum=1.0)

@@ -1,0 +1,276 @@
+"""What the vision process does with frames and requests, in direct calls: no process, no thread."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from anytraverse.answers import Changes, Tap
+from anytraverse.assessment import Reason
+from anytraverse.engine import AnyTraverse
+from anytraverse.errors import PerceiverError
+from anytraverse.frame import Frame, Image
+from anytraverse.history import Place
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import first_memory
+from companion.vision import pictures
+from companion.vision.checks import Expected, checked
+from companion.vision.messages import Answer, Done, Draw, Drawn, Looked, Restore, Situation, Tune, updated
+from companion.vision.worker import KEPT, RECENT, Worker
+from companion.wire.ids import State
+from tests.anytraverse.conftest import AHEAD, Painted
+from tests.companion.daemon.rig import picture
+from tests.companion.vision.played import WORDS
+
+
+class Stage:
+    """A worker, its engine and its perceiver; it began with revision 7."""
+
+    def __init__(self) -> None:
+        self.perceiver = Painted()
+        self.first = first_memory(self.perceiver.model_id, WORDS)
+        self.engine = AnyTraverse(self.perceiver, Settings(), self.first)
+        self.worker = Worker(self.engine, 7)
+        self.frames = self.numbers = 0
+
+    def look(self, thing: str = "", scene: int = 0, *, age: float = 0.0) -> Looked:
+        """One frame, taken `age` seconds ago."""
+        self.frames += 1
+        image = picture(thing, scene=scene)
+        return self.worker.look(Frame(self.frames, time.monotonic() - age, image))
+
+    def ask(self, changes: Changes, frame_id: int = 0, **given: Any) -> Done:
+        """What becomes of an answer."""
+        self.numbers += 1
+        given = {"call_id": 0, "go": False, "place": None, **given}
+        (done,) = self.worker.handle(Answer(self.numbers, changes, frame_id, **given))
+        assert isinstance(done, Done)
+        assert done.number == self.numbers
+        return done
+
+    def draw(self, frame_id: int, *, keep: bool) -> Drawn:
+        """The pictures of a frame."""
+        (drawn,) = self.worker.handle(Draw(9, frame_id, "a title", State.CALLING, keep))
+        assert isinstance(drawn, Drawn)
+        return drawn
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def fail(_: object) -> Image:
+    raise RuntimeError("out of memory")
+
+
+def test_a_frame_is_judged_and_the_first_one_becomes_the_reference(stage: Stage) -> None:
+    looked = stage.look()
+    assert looked.assessment.ok
+    assert looked.revision == 8
+    assert looked.update is not None
+    assert (looked.update.base, looked.update.revision) == (7, 8)
+    assert updated(stage.first, looked.update).reference is not None
+    assert len(looked.sectors) == 16
+    assert looked.assessment.frame.captured_at <= looked.at <= time.monotonic()
+
+
+def test_a_frame_that_changes_nothing_is_told_under_the_revision_that_stands(stage: Stage) -> None:
+    stage.look()
+    again = stage.look()
+    assert (again.revision, again.update) == (8, None)
+
+
+def test_an_answer_in_words_tells_the_change_of_the_memory(stage: Stage) -> None:
+    done = stage.ask(Changes({"drum": -1.0}))
+    assert done.error == ""
+    assert done.update is not None
+    assert updated(stage.first, done.update).preferences["drum"] == -1.0
+    assert (done.update.base, done.update.revision) == (7, 8)
+    done = stage.ask(Changes({"drum": -0.5}))
+    assert done.update is not None
+    assert (done.update.base, done.update.revision) == (8, 9)
+
+
+def test_an_answer_that_the_engine_refuses_tells_the_reason_and_changes_nothing(stage: Stage) -> None:
+    done = stage.ask(Changes({"unicorn": 1.0}))
+    assert "unicorn" in done.error
+    assert (done.outcome, done.update, stage.worker.revision) == (None, None, 7)
+
+
+def test_an_answer_on_which_the_perceiver_breaks_is_told_too(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stage.perceiver, "meaning", lambda _: 1 / 0)
+    done = stage.ask(Changes({"drum": 1.0}))
+    assert done.error == "the perceiver failed on it: see the companion's log"
+    assert done.update is None
+
+
+def test_a_perceiver_that_raises_makes_a_fault_and_the_next_frame_is_judged(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(stage.perceiver, "encode", fail)
+        assert stage.look().assessment.reasons == {Reason.FAULT}
+    assert stage.look().assessment.ok
+
+
+def test_the_log_of_a_broken_perceiver_is_not_flooded(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(stage.perceiver, "encode", fail)
+    for _ in range(5):
+        stage.look()
+    assert sum("could not be judged" in record.message for record in caplog.records) == 1
+
+
+def test_a_frame_that_took_too_long_to_judge_is_a_fault_with_its_age(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, encode = time.monotonic(), stage.perceiver.encode
+
+    def slow(image: Image) -> Image:
+        nonlocal now
+        now += 1.2
+        return encode(image)
+
+    monkeypatch.setattr("companion.vision.worker.time.monotonic", lambda: now)
+    monkeypatch.setattr(stage.perceiver, "encode", slow)
+    looked = stage.look()
+    assert looked.assessment.reasons == {Reason.FAULT}
+    assert looked.assessment.age == pytest.approx(1.2)
+    assert looked.took == pytest.approx(1.2)
+
+
+def test_a_frame_that_is_old_already_is_a_fault(stage: Stage) -> None:
+    assert stage.look(age=1.5).assessment.reasons == {Reason.FAULT}
+
+
+def test_it_judges_by_the_settings_that_it_was_told_last(stage: Stage) -> None:
+    stage.look()
+    assert not stage.look("drum").assessment.ok
+    calm = Thresholds(roi=1.0, tile=None)
+    stage.worker.handle(Tune(Settings(thresholds=calm)))
+    assert stage.look("drum").assessment.ok
+
+
+def test_a_call_is_answered_with_its_frame_from_when_it_was_kept(stage: Stage) -> None:
+    stage.look()
+    asked = stage.look("drum").assessment.frame.id
+    stage.draw(asked, keep=True)
+    for _ in range(3 * RECENT):
+        stage.look()
+    done = stage.ask(Changes({"drum": 1.0}), asked, call_id=3, go=True, place=Place(47.0, 8.0))
+    assert done.outcome is not None
+    assert done.outcome.call is not None
+    assert done.outcome.call.frame.id == asked
+    assert done.outcome.remembered
+    (entry,) = [entry for entry in stage.engine.memory.history if entry.call_id == 3]
+    assert entry.place == Place(47.0, 8.0)
+    assert done.update is not None
+    assert [one.call_id for one in done.update.entries] == [3]
+
+
+def test_without_a_place_of_the_call_it_is_the_vehicles(stage: Stage) -> None:
+    asked = stage.look("drum").assessment.frame.id
+    stage.draw(asked, keep=True)
+    stage.worker.handle(Situation(Place(1.0, 2.0), moving=False))
+    stage.ask(Changes({"drum": 1.0}), asked, call_id=3, go=True)
+    entry = next(entry for entry in stage.engine.memory.history if entry.call_id == 3)
+    assert entry.place == Place(1.0, 2.0)
+
+
+@pytest.mark.parametrize("frame_id", [2, 77])
+def test_an_answer_about_a_frame_that_is_gone_is_refused_and_teaches_nothing(
+    stage: Stage, frame_id: int
+) -> None:
+    stage.look()
+    stage.look("drum")
+    memory = stage.engine.memory
+    done = stage.ask(Changes({"drum": 1.0}), frame_id, call_id=3)
+    assert "its frame is lost: send it again" in done.error
+    assert stage.engine.memory is memory
+
+
+def test_only_the_newest_frames_can_be_drawn_and_kept(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(RECENT + 1):
+        stage.look()
+    assert stage.draw(1, keep=True) == Drawn(9, 1, "a title")
+    assert "frame 1 is gone" in caplog.text
+    assert stage.draw(2, keep=True).png
+
+
+def test_of_kept_frames_the_oldest_goes(stage: Stage) -> None:
+    for _ in range(KEPT + 1):
+        stage.draw(stage.look("drum").assessment.frame.id, keep=True)
+    for _ in range(RECENT):
+        stage.look()
+    assert "lost" in stage.ask(Changes({"drum": 1.0}), 1, call_id=1).error
+    for frame_id in range(2, KEPT + 2):
+        assert stage.ask(Changes({"drum": 1.0}), frame_id, call_id=frame_id).error == ""
+
+
+def test_a_frame_that_is_kept_comes_without_loss_and_one_for_the_album_does_not(stage: Stage) -> None:
+    looked = stage.look("drum")
+    album = stage.draw(1, keep=False)
+    assert album.panel
+    assert (album.thumbnail, album.png) == (b"", b"")
+    kept = stage.draw(1, keep=True)
+    assert kept.thumbnail
+    assert (pictures.from_png(kept.png) == looked.assessment.frame.image).all()
+
+
+def test_a_picture_that_cannot_be_drawn_is_left_out_and_no_fault(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.look("drum")
+    monkeypatch.setattr(pictures, "panel", lambda *_: 1 / 0)
+    drawn = stage.draw(1, keep=True)
+    assert drawn.panel == b""
+    assert drawn.png
+    assert stage.look().assessment.observation is not None
+
+
+def test_a_frame_that_comes_back_can_be_answered_and_tapped_in(stage: Stage) -> None:
+    png = pictures.to_png(picture("gnome"))
+    (done,) = stage.worker.handle(Restore(1, 55, png))
+    assert isinstance(done, Done)
+    assert done.outcome is not None
+    assert done.outcome.call is not None
+    assert Reason.UNKNOWN_OBJECT in done.outcome.call.reasons
+    told = stage.ask(Changes(taps=(Tap(55, AHEAD, "gnome", -1.0),)), 55, call_id=4)
+    assert told.error == ""
+    assert stage.engine.memory.examples["gnome"]
+
+
+@pytest.mark.parametrize("png", [b"", b"torn", b"\x89PNG\r\n\x1a\n", pictures.to_png(picture())[:-40]])
+def test_a_torn_frame_that_comes_back_is_an_error_that_is_told(stage: Stage, png: bytes) -> None:
+    (done,) = stage.worker.handle(Restore(1, 55, png))
+    assert isinstance(done, Done)
+    assert done.error or done.outcome is not None
+    assert stage.look().assessment.ok
+
+
+@pytest.mark.parametrize("text", ["", "a tensor of " + 5000 * "x"])
+def test_an_error_without_words_or_of_many_is_told_so_that_it_is_believed(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    def broken(_: Image) -> Image:
+        raise PerceiverError(text)
+
+    monkeypatch.setattr(stage.perceiver, "encode", broken)
+    (done,) = stage.worker.handle(Restore(1, 55, pictures.to_png(picture())))
+    checked(done, Expected(0), time.monotonic())
+    assert isinstance(done, Done)
+    assert done.outcome is None
+    monkeypatch.setattr(stage.perceiver, "meaning", broken)
+    checked(stage.ask(Changes({"drum": 1.0})), Expected(0), time.monotonic())
+
+
+def test_what_is_no_picture_is_not_encoded() -> None:
+    with pytest.raises(ValueError, match="not an RGB picture"):
+        pictures.to_png(np.ones((4, 4), np.uint8))

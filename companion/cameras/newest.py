@@ -15,6 +15,9 @@ from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrame
 
 _log = logging.getLogger(__name__)
 
+_LONGEST_REASON = 500
+"""Characters of what a driver says."""
+
 
 class CameraState(Enum):
     """What the reader is doing."""
@@ -151,7 +154,7 @@ class CameraThread:
                 self._set(state=CameraState.ENDED, reason=str(end))
                 return
             except Exception as failure:  # A driver may raise anything, and the rover still needs its eyes.
-                reason = str(failure) or type(failure).__name__
+                reason = (str(failure) or type(failure).__name__)[:_LONGEST_REASON]
             if self._status.read > read_before:
                 pause = self._patience.first
             if reason != self._status.reason:

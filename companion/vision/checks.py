@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
-from anytraverse.history import Entry, History, is_embedding
+from anytraverse.errors import AnyTraverseError
+from anytraverse.history import Entry, History, Place, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.perception import Example
-from anytraverse.preferences import Preferences
+from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
-from anytraverse.roi import RoiFigures, Tile
-from companion.cameras.newest import CameraStatus
+from anytraverse.roi import NamedTile, RoiFigures, Tile
+from companion.cameras.newest import CameraState, CameraStatus
 from companion.model import Model
 from companion.vision.messages import (
+    LONGEST_TEXT,
     Alive,
     Done,
     Drawn,
@@ -33,11 +35,11 @@ from companion.vision.messages import (
 
 LARGEST_MAP = 4 << 20
 """Pixels of one map."""
-LONGEST_TEXT = 4096
 _AHEAD = 0.001
 """Seconds that a time of the other process may lie ahead, by rounding."""
 _ROUNDING = 1e-6
 _U32 = 0xFFFFFFFF
+_WRONG = (AttributeError, TypeError, ValueError, LookupError, AnyTraverseError)
 
 
 class BadReportError(Exception):
@@ -55,7 +57,7 @@ def checked(message: Any, expected: Expected, now: float) -> Report:
     """The report, where it can be believed. Raises BadReportError. now: monotonic seconds."""
     try:
         _check(message, expected, now)
-    except (AttributeError, TypeError, ValueError, LookupError) as error:  # not even the fields are right
+    except _WRONG as error:  # not even the fields are right
         raise BadReportError(f"wrong: {error!r}") from error
     report: Report = message
     return report
@@ -77,12 +79,14 @@ def _check(message: Any, expected: Expected, now: float) -> None:
                 isinstance(model, Model) and all(map(_text, (model.id, model.precision, model.why))),
                 "a model",
             )
-            _need(isinstance(settings, Settings), "settings")
+            _need(isinstance(settings, Settings) and bool(replace(settings)), "settings")
             _need(isinstance(notices, tuple) and all(map(_text, notices)), "notices")
             _need(_number(step) and 0.0 <= step < math.inf, "seconds of a step")
             _check_update(update)
         case Alive(camera, delivered_at):
-            _need(isinstance(camera, CameraStatus) and _text(camera.reason), "the state of a camera")
+            right = isinstance(camera, CameraStatus) and isinstance(camera.state, CameraState)
+            counts = camera.read, camera.dropped, camera.refused, camera.connected
+            _need(right and _text(camera.reason) and all(map(_whole, counts)), "the state of a camera")
             _need(delivered_at is None or _past(delivered_at, now), "when a frame came")
         case Drawn():
             texts_fit = _text(message.title) and _whole(message.number) and _whole(message.frame_id)
@@ -122,7 +126,8 @@ def _check_assessment(seen: Any, now: float) -> None:
     _need(isinstance(seen, Assessment), "an assessment")
     _need(_whole(seen.frame.id) and seen.frame.id <= _U32, "a frame's id")
     _need(_past(seen.frame.captured_at, now), "when a frame was taken")
-    _need(isinstance(seen.words, Preferences) and all(map(_text, seen.dropped)), "words")
+    _check_words(seen.words)
+    _need(all(map(_text, seen.dropped)), "words")
     _need(_number(seen.age) and math.isfinite(seen.age), "a frame's age")
     _need(
         seen.similarity is None or (_number(seen.similarity) and -1.0 <= seen.similarity <= 1.0),
@@ -165,9 +170,18 @@ def _check_maps(maps: Any, words: int) -> None:
 
 
 def _check_roi(roi: Any) -> None:
-    _need(isinstance(roi, RoiFigures) and isinstance(roi.worst_tile, Tile), "figures of the ROI")
-    _need(isinstance(roi.worst_tile.box, Box), "a tile's box")
-    shares = (roi.uncertainty, roi.traversability, roi.known_share, roi.worst_tile.uncertainty)
+    _need(
+        isinstance(roi, RoiFigures) and (roi.corridor is None or isinstance(roi.corridor, bool)), "a corridor"
+    )
+    shares = [roi.uncertainty, roi.traversability, roi.known_share]
+    tiles, named = [roi.worst_tile], roi.named_tile
+    if named is not None:
+        _need(isinstance(named, NamedTile) and _whole(named.word), "a named tile")
+        tiles.append(named.tile)
+        shares.append(named.explained)
+    for tile in tiles:
+        _need(isinstance(tile, Tile) and isinstance(tile.box, Box), "a tile's box")
+        shares += [tile.uncertainty, *astuple(tile.box)]
     _need(all(_fraction(share) for share in shares), "figures of the ROI")
     _need(roi.drivable_share is None or _fraction(roi.drivable_share), "a drivable share")
 
@@ -177,7 +191,8 @@ def _check_update(update: Any) -> None:
     _need(all(map(_whole, (update.revision, update.base, update.limit, update.memory.clock))), "a revision")
     memory = update.memory
     _need(_text(memory.model_id) and isinstance(memory.history, History), "a memory")
-    _need(isinstance(memory.preferences, Preferences) and isinstance(memory.configured, Preferences), "words")
+    _check_words(memory.preferences)
+    _check_words(memory.configured)
     _need(memory.reference is None or _is_vector(memory.reference), "a reference")
     _need(all(_text(word) and _whole(at) for word, at in memory.settled.items()), "stamps of words")
     _check_examples(memory.examples)
@@ -189,8 +204,19 @@ def _check_update(update: Any) -> None:
 def _check_entry(entry: Any) -> None:
     _need(isinstance(entry, Entry) and _is_vector(entry.embedding), "a remembered scene")
     _need(all(map(_whole, (entry.order, entry.matched, entry.call_id))), "a remembered scene's stamps")
-    _need(isinstance(entry.preferences, Preferences), "a remembered scene's words")
+    _check_words(entry.preferences)
     _check_examples(entry.examples)
+    where = entry.place
+    _need(isinstance(where, Place) and len(where.attitude or (0, 0, 0)) == 3, "a remembered scene's place")
+    known = (where.latitude, where.longitude, where.heading, where.time, *(where.attitude or ()))
+    _need(all(one is None or (_number(one) and math.isfinite(one)) for one in known), "a scene's place")
+
+
+def _check_words(words: Any) -> None:
+    _need(isinstance(words, Preferences) and len(words) <= MAX_WORDS, "words")
+    for word, weight in words.items():
+        _need(_text(word) and _number(weight) and -1.0 <= weight <= 1.0, "a word's weight")
+        _need(_whole(words.order(word)), "a word's stamp")
 
 
 def _check_examples(examples: Any) -> None:

@@ -1,12 +1,11 @@
 """Messages as bytes. Native code reads whatever a camera sends: what the vision process says is only data.
 
 A message is a length (u32, little endian) and a pickle. The supervisor's side reads dataclasses and enums of
-the modules listed here, and numpy arrays, nothing else. Pixels, attention and features stay where they are.
+the modules listed here, and arrays of numbers, nothing else. Pixels, attention and features stay behind.
 """
 
 from __future__ import annotations
 
-import copyreg
 import importlib
 import io
 import pickle
@@ -35,7 +34,7 @@ _DATA_MODULES = frozenset(
         "companion.vision.messages",
     }
 )
-_ARRAYS = frozenset({"ndarray", "dtype", "scalar", "_frombuffer", "_reconstruct"})
+_KINDS = {"<f4": np.float32, "|b1": np.bool_, "<i8": np.int64}
 _DATA_CLASSES = (Enum, History, Model, Preferences)
 
 
@@ -100,30 +99,65 @@ def frame_of_size(number: int, captured_at: float, height: int, width: int) -> F
     return Frame(number, captured_at, np.broadcast_to(np.zeros((1, 1, 3), np.uint8), (height, width, 3)))
 
 
+def made(module: str, name: str, content: Any) -> Any:
+    """A value of a data class: an enum's member, or one with these fields."""
+    if module not in _DATA_MODULES:
+        raise CodecError(f"{module}.{name} is no data")
+    kind = getattr(importlib.import_module(module), name, None)
+    if not (isinstance(kind, type) and (is_dataclass(kind) or issubclass(kind, _DATA_CLASSES))):
+        raise CodecError(f"{module}.{name} is no data")
+    if issubclass(kind, Enum):
+        return kind(content)
+    if issubclass(kind, tuple):
+        return kind(*content)
+    value = object.__new__(kind)
+    vars(value).update({str(field): one for field, one in content.items()})
+    return value
+
+
+def array_of(kind: str, shape: tuple[int, ...], content: bytes) -> Any:
+    """An array of numbers or truth values."""
+    return np.frombuffer(content, _KINDS[kind]).reshape(shape)
+
+
 class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
-        """What stays behind: pixels, attention and features."""
+        """Arrays and data only, and what stays behind: pixels, attention and features."""
         if isinstance(value, Frame):
             height, width = (*value.image.shape, 1, 1)[:2]
             return frame_of_size, (value.id, value.captured_at, height, width)
-        if isinstance(value, Maps):
-            pooled = {name: one for name, one in vars(value).items() if name != "known"}
-            pooled["attention"] = np.empty((0, *value.signed.shape), np.float32)
-            return copyreg.__newobj__, (Maps,), pooled  # type: ignore[attr-defined]
-        if isinstance(value, Observation):
-            seen = {**vars(value), "features": None, "attended": None}
-            return copyreg.__newobj__, (Observation,), seen  # type: ignore[attr-defined]
-        return NotImplemented
+        if isinstance(value, np.ndarray) and value.dtype.str in _KINDS:
+            return array_of, (value.dtype.str, value.shape, value.tobytes())
+        kind = type(value)
+        if kind.__module__ not in _DATA_MODULES:
+            return NotImplemented
+        if isinstance(value, Enum):
+            content: Any = value.value
+        elif isinstance(value, tuple):
+            content = tuple(value)
+        elif isinstance(value, Maps):
+            content = {name: one for name, one in vars(value).items() if name != "known"}
+            content["attention"] = np.empty((0, *value.signed.shape), np.float32)
+        elif isinstance(value, Observation):
+            content = {**vars(value), "features": None, "attended": None}
+        elif isinstance(value, type):
+            return NotImplemented
+        else:
+            content = dict(vars(value))
+        return made, (kind.__module__, kind.__qualname__, content)
 
 
 class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
-        if module.partition(".")[0] == "numpy" and name in _ARRAYS:
-            return super().find_class(module, name)
-        if (module, name) == (__name__, frame_of_size.__name__):
-            return frame_of_size
-        if module in _DATA_MODULES:
-            found = getattr(importlib.import_module(module), name, None)
-            if isinstance(found, type) and (is_dataclass(found) or issubclass(found, _DATA_CLASSES)):
-                return found
-        raise CodecError(f"{module}.{name} is no data")
+        """Never a class: a pickle may set attributes of whatever it names."""
+        make = _MAKERS.get(name) if module == __name__ else None
+        if make is None:
+            raise CodecError(f"{module}.{name} is no data")
+
+        def anew(*given: Any) -> Any:
+            return make(*given)
+
+        return anew
+
+
+_MAKERS = {one.__name__: one for one in (made, array_of, frame_of_size)}

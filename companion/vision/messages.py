@@ -15,6 +15,8 @@ from companion.config import Config
 from companion.model import Model
 from companion.wire.ids import State
 
+LONGEST_TEXT = 4096
+
 # To the vision process.
 
 
@@ -190,6 +192,11 @@ class Logged:
 
 
 Report = Ready | Failed | Alive | Looked | Done | Drawn | Logged
+
+
+def told(error: BaseException) -> str:
+    """What an error says, never nothing, and no more than is believed."""
+    return (str(error) or type(error).__name__)[:LONGEST_TEXT]
 
 
 def update_from(

@@ -33,6 +33,7 @@ from companion.vision.messages import (
     Request,
     Start,
     Tune,
+    told,
     update_from,
 )
 from companion.vision.worker import Worker, weak_in_use
@@ -132,7 +133,7 @@ def _serve(port: Port) -> None:
     try:
         ready = get_ready(start.config, start.memory)
     except AnyTraverseError as error:
-        port.send(Failed(str(error)))
+        port.send(Failed(told(error)))
         return
     except MemoryError:
         port.send(

@@ -31,6 +31,7 @@ from companion.vision.messages import (
     Restore,
     Situation,
     Tune,
+    told,
     update_from,
 )
 
@@ -116,7 +117,7 @@ class Worker:
                 place=request.place or self._situation.place,
             )
         except AnyTraverseError as error:
-            return Done(request.number, None, str(error), None)
+            return Done(request.number, None, told(error), None)
         except Exception:
             log.exception("an answer could not be applied")
             return Done(request.number, None, "the perceiver failed on it: see the companion's log", None)
@@ -128,7 +129,7 @@ class Worker:
             outcome = self._engine.answer(Changes(), time.monotonic(), call=self._engine.observe(frame))
         except Exception as error:
             log.exception("a stored frame could not be judged")
-            return Done(request.number, None, str(error), None)
+            return Done(request.number, None, told(error), None)
         if outcome.call is not None:
             self._keep(request.frame_id, outcome.call)
         return self._done(request.number, outcome)

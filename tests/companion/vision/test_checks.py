@@ -1,0 +1,338 @@
+"""What the vision process says is believed only where it can be true."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import MISSING, fields, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anytraverse.answers import AnswerOutcome
+from anytraverse.assessment import Finding, Maps, Reason
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from anytraverse.history import Entry, Place
+from anytraverse.judging import Settings
+from anytraverse.memory import first_memory
+from anytraverse.pooling import POOLINGS, UNCERTAINTIES
+from anytraverse.preferences import Preferences, Setting
+from companion.cameras.newest import CameraStatus
+from companion.model import Model
+from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, checked
+from companion.vision.codec import Splitter, decode, encode
+from companion.vision.messages import (
+    LONGEST_TEXT,
+    Alive,
+    Done,
+    Drawn,
+    Failed,
+    Logged,
+    Looked,
+    Ready,
+    update_from,
+)
+from companion.vision.worker import Worker
+from tests.anytraverse.conftest import Painted
+from tests.companion.daemon.rig import picture
+from tests.companion.vision.played import WORDS, engine
+
+MEMORY = engine(None).memory
+UPDATE = update_from(None, MEMORY, 1, 0, ())
+READY = Ready(Model("painted-1"), Settings(), UPDATE, ("a notice",), 0.1)
+VECTOR = np.ones(2, np.float32)
+ENTRY = Entry(VECTOR, WORDS, 1, 1)
+LONG = "x" * (LONGEST_TEXT + 1)
+NAN, INF = math.nan, math.inf
+
+
+def sound(thing: str = "drum") -> Looked:
+    """A judged frame."""
+    worker = Worker(engine(None), 1)
+    return worker.look(Frame(5, time.monotonic(), picture(thing)))
+
+
+LOOKED = sound()
+SEEN = LOOKED.assessment
+MAPS, ROI = SEEN.maps, SEEN.roi
+assert MAPS is not None
+assert ROI is not None
+
+
+def seen(**changes: Any) -> Looked:
+    """With another assessment."""
+    return replace(LOOKED, assessment=replace(SEEN, **changes))
+
+
+def looked(**changes: Any) -> Looked:
+    """With other fields."""
+    return replace(LOOKED, **changes)
+
+
+def ready(**changes: Any) -> Ready:
+    """With other fields."""
+    return replace(READY, **changes)
+
+
+def updating(**changes: Any) -> Ready:
+    """With another update of the memory."""
+    return replace(READY, update=replace(UPDATE, **changes))
+
+
+def map_of(value: float, *, name: str = "signed", dtype: Any = np.float32) -> Looked:
+    """With one pixel of a map changed."""
+    assert MAPS is not None
+    changed = np.array(getattr(MAPS, name), dtype=dtype)
+    changed[3, 4] = value
+    return seen(maps=other_maps(**{name: changed}))
+
+
+def other_maps(**changes: Any) -> Maps:
+    """With these in place of the frame's own."""
+    assert MAPS is not None
+    return replace(MAPS, **changes)
+
+
+def roi_of(**changes: Any) -> Looked:
+    """With other figures of the ROI."""
+    assert ROI is not None
+    return seen(roi=replace(ROI, **changes))
+
+
+def unmade(kind: type, **given: Any) -> Any:
+    """An object that its own class would have refused."""
+    value: Any = object.__new__(kind)
+    vars(value).update(given)
+    return value
+
+
+def memory_of(**changes: Any) -> Ready:
+    """With another memory."""
+    return replace(READY, update=replace(UPDATE, memory=replace(MEMORY, **changes)))
+
+
+def entry_of(**changes: Any) -> Ready:
+    """With a remembered scene."""
+    return replace(READY, update=replace(UPDATE, entries=(replace(ENTRY, **changes),)))
+
+
+def finding_of(**changes: Any) -> Looked:
+    """With one finding."""
+    given = {**vars(Finding.fault("broken")), **changes}
+    return seen(findings=(unmade(Finding, **given),))
+
+
+AHEAD = time.monotonic() + 1e6
+WRONG: dict[str, Any] = {
+    "nothing": None,
+    "a number": 7,
+    "a class": Looked,
+    "a frame that is not newer": replace(LOOKED, assessment=replace(SEEN, frame=Frame(4, 1.0, picture()))),
+    "a frame's id below 0": seen(frame=Frame(-5, 1.0, picture())),
+    "a frame's id that no wire carries": seen(frame=Frame(1 << 32, 1.0, picture())),
+    "a frame's id that is no number": seen(frame=Frame("5", 1.0, picture())),  # type: ignore[arg-type]
+    "taken in the future": seen(frame=Frame(5, AHEAD, picture())),
+    "taken at no time": seen(frame=Frame(5, NAN, picture())),
+    "judged in the future": replace(LOOKED, at=AHEAD),
+    "judged before it was taken": replace(LOOKED, at=SEEN.frame.captured_at - 1.0),
+    "judged at no time": replace(LOOKED, at=NAN),
+    "judged in less than no time": replace(LOOKED, took=-0.1),
+    "judged in NaN": replace(LOOKED, took=NAN),
+    "a revision below 0": replace(LOOKED, revision=-1),
+    "too many sectors": replace(LOOKED, sectors=(0.5,) * 17),
+    "a sector of NaN": replace(LOOKED, sectors=(NAN,)),
+    "a sector above 1": replace(LOOKED, sectors=(1.1,)),
+    "an age of NaN": seen(age=NAN),
+    "an endless age": seen(age=INF),
+    "a similarity above 1": seen(similarity=1.1),
+    "a scene's age of NaN": seen(scene_age=NAN),
+    "words that are none": seen(words={"grass": 1.0}),
+    "a weight above 1": seen(
+        words=unmade(Preferences, _settings={"grass": Setting(1.0), "rock": Setting(2.0)})
+    ),
+    "words without a weight": seen(words=unmade(Preferences)),
+    "a finding that is none": seen(findings=("fault",)),
+    "findings that are no tuple": seen(findings=[Finding.fault("x")]),
+    "no reason": finding_of(reason="fault"),
+    "bad and clear": finding_of(bad=True, clear=True),
+    "bad, perhaps": finding_of(bad=1),
+    "a figure that is no text": finding_of(figure=7),
+    "a value that is no number": finding_of(value="0.5"),
+    "a map of NaN": map_of(NAN),
+    "an endless map": map_of(INF),
+    "signed above 1": map_of(1.5),
+    "signed below -1": map_of(-1.5),
+    "uncertainty of NaN": map_of(NAN, name="uncertainty"),
+    "uncertainty below 0": map_of(-0.5, name="uncertainty"),
+    "strangeness above 1": map_of(1.5, name="strangeness"),
+    "a map of doubles": map_of(0.5, dtype=np.float64),
+    "a map that is a list": seen(maps=other_maps(uncertainty=[0.5])),
+    "maps of two shapes": seen(maps=other_maps(signed=np.zeros((2, 2), np.float32))),
+    "a flat map": seen(maps=other_maps(signed=np.zeros(4, np.float32))),
+    "an empty map": seen(maps=other_maps(signed=np.zeros((0, 4), np.float32))),
+    "a huge map": seen(
+        maps=other_maps(
+            signed=(huge := np.broadcast_to(np.float32(0), (LARGEST_MAP, 2))),
+            uncertainty=huge,
+            strangeness=huge,
+        )
+    ),
+    "names of other words": seen(maps=other_maps(named=np.zeros(9, np.bool_))),
+    "traversability of NaN": roi_of(traversability=NAN),
+    "uncertainty of an ROI above 1": roi_of(uncertainty=1.5),
+    "a drivable share above 1": roi_of(drivable_share=1.5),
+    "no tile": roi_of(worst_tile=None),
+    "a corridor of text": roi_of(corridor="open"),
+    "a named tile that is none": roi_of(named_tile=(1, 2)),
+    "a match that is none": seen(match="entry"),
+    "an observation that is none": seen(observation=SEEN.frame),
+    "an update that is none": looked(update={}),
+    "a revision that is no number": updating(revision="1"),
+    "a base below 0": updating(base=-1),
+    "a limit that is no number": updating(limit=None),
+    "a removed row that is no stamp": updating(removed=("1",)),
+    "a weak word that is none": updating(weak=(1,)),
+    "a reference of NaN": memory_of(reference=np.array([NAN, 1], np.float32)),
+    "a reference of doubles": memory_of(reference=np.array([0.0, 1.0])),
+    "a reference of rows": memory_of(reference=np.ones((2, 2), np.float32)),
+    "no model": memory_of(model_id=None),
+    "words of a memory that are none": memory_of(preferences={"grass": 1.0}),
+    "stamps that are none": memory_of(settled={"grass": "now"}),
+    "a clock below 0": memory_of(clock=-1),
+    "an example that is none": memory_of(examples={"gnome": (VECTOR,)}),
+    "a scene of NaN": entry_of(embedding=np.array([NAN, 1], np.float32)),
+    "a scene of text": entry_of(embedding="scene"),
+    "a scene's stamp below 0": entry_of(order=-1),
+    "a scene at no place": entry_of(place=None),
+    "a scene at a latitude of text": entry_of(place=Place("47", 8.0)),  # type: ignore[arg-type]
+    "a scene at a latitude of NaN": entry_of(place=Place(NAN, 8.0)),
+    "a scene with two angles": entry_of(place=Place(attitude=(1.0, 2.0))),  # type: ignore[arg-type]
+    "ready without a model": ready(model=("painted-1",)),
+    "ready without settings": ready(settings=None),
+    "settings out of range": replace(
+        READY, settings=unmade(Settings, **{**vars(Settings()), "freshness": NAN})
+    ),
+    "settings without a field": replace(READY, settings=unmade(Settings)),
+    "a step of NaN": replace(READY, step=NAN),
+    "an endless step": replace(READY, step=INF),
+    "a step below 0": replace(READY, step=-1.0),
+    "a notice too long": replace(READY, notices=(LONG,)),
+    "a camera that is none": Alive(None, 1.0),  # type: ignore[arg-type]
+    "a camera in no state": Alive(CameraStatus(state="ok"), 1.0),  # type: ignore[arg-type]
+    "a count of text": Alive(CameraStatus(read="many"), 1.0),  # type: ignore[arg-type]
+    "a reason too long": Alive(CameraStatus(reason=LONG), 1.0),
+    "a frame that came in the future": Alive(CameraStatus(), AHEAD),
+    "a frame that came at no time": Alive(CameraStatus(), NAN),
+    "an outcome and an error": Done(1, AnswerOutcome(None, None), "no", None),
+    "neither outcome nor error": Done(1, None, "", None),
+    "an outcome that is none": Done(1, "fine", "", None),  # type: ignore[arg-type]
+    "a number below 0": Done(-1, None, "no", None),
+    "a call's frame of the future": Done(
+        1, AnswerOutcome(replace(SEEN, frame=Frame(1, AHEAD, picture())), None), "", None
+    ),
+    "dropped words that are none": Done(1, AnswerOutcome(None, None, dropped=(1,)), "", None),  # type: ignore[arg-type]
+    "a picture of text": Drawn(1, 2, "t", panel="jpeg"),  # type: ignore[arg-type]
+    "a title too long": Drawn(1, 2, LONG),
+    "a line of no level": Logged("error", "name", "text"),  # type: ignore[arg-type]
+    "a line too long": Logged(40, "name", LONG),
+    "a failure of bytes": Failed(b"text"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
+def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
+    with pytest.raises(BadReportError):
+        checked(wrong, Expected(4), time.monotonic())
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        LOOKED,
+        READY,
+        entry_of(),
+        memory_of(reference=VECTOR),
+        Alive(CameraStatus(), None),
+        Done(1, None, "no", None),
+        Done(1, AnswerOutcome(SEEN, None), "", UPDATE),
+        Drawn(1, 2, "t"),
+        Logged(40, "name", "text"),
+        Failed("text"),
+    ],
+)
+def test_what_can_be_true_is_believed(said: Any) -> None:
+    assert checked(said, Expected(4), time.monotonic()) is said
+
+
+def test_frames_rise_and_one_that_is_refused_counts_for_nothing() -> None:
+    expected = Expected(4)
+    with pytest.raises(BadReportError):
+        checked(seen(frame=Frame(9, AHEAD, picture())), expected, time.monotonic())
+    checked(LOOKED, expected, time.monotonic())
+    assert expected.last_frame == 5
+    with pytest.raises(BadReportError, match="frame 5 after 5"):
+        checked(LOOKED, expected, time.monotonic())
+
+
+@pytest.mark.parametrize(
+    "message", [LOOKED, READY, Alive(CameraStatus(), 1.0), Drawn(1, 2, "t"), Logged(1, "a", "b")]
+)
+def test_a_field_that_is_missing_or_something_else_is_refused(message: Any) -> None:
+    for field in fields(message):
+        given = dict(vars(message))
+        if field.default is MISSING:
+            del given[field.name]
+            with pytest.raises(BadReportError):
+                checked(unmade(type(message), **given), Expected(4), time.monotonic())
+        for broken in ({**given, field.name: object()}, {**given, field.name: SimpleNamespace()}):
+            with pytest.raises(BadReportError):
+                checked(unmade(type(message), **broken), Expected(4), time.monotonic())
+
+
+def broken_eyes(spoil: str, value: float) -> Painted:
+    """Painted eyes that answer `value`."""
+    perceiver = Painted()
+    made: Callable[[Any], Any] = lambda right: np.full_like(right, value)  # noqa: E731
+    setattr(perceiver, spoil, made)
+    return perceiver
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF, 0.0, -1e-3, 1.0005, 3.0])
+@pytest.mark.parametrize("spoil", ["spoil_attention", "spoil_embedding"])
+def test_whatever_a_broken_perceiver_answers_the_fault_is_believed(spoil: str, value: float) -> None:
+    perceiver = broken_eyes(spoil, value)
+    start = replace(first_memory(perceiver.model_id, WORDS), reference=VECTOR)
+    worker = Worker(AnyTraverse(perceiver, Settings(), start), 1)
+    (packed,) = Splitter().feed(encode(worker.look(Frame(1, time.monotonic(), picture()))))
+    checked(decode(packed), Expected(0), time.monotonic())
+
+
+def test_a_scene_that_cannot_be_compared_is_a_fault_that_is_believed() -> None:
+    perceiver = Painted()
+    start = replace(first_memory(perceiver.model_id, WORDS), reference=np.ones(7, np.float32))
+    looked = Worker(AnyTraverse(perceiver, Settings(), start), 1).look(Frame(1, time.monotonic(), picture()))
+    assert looked.assessment.reasons == {Reason.FAULT}
+    checked(looked, Expected(0), time.monotonic())
+
+
+@settings(max_examples=80)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(list(POOLINGS)), st.sampled_from(list(UNCERTAINTIES)))
+def test_every_map_that_the_engine_makes_is_believed(seed: int, pooling: str, uncertainty: str) -> None:
+    grain = np.random.default_rng(seed)
+    perceiver = Painted()
+    perceiver.spoil_attention = lambda maps: grain.choice(
+        [0.0, 1.0, 1 / 3, grain.random()], maps.shape
+    ).astype(np.float32)
+    names = grain.permutation(["grass", "trail", "drum", "rock", "kind 1", "kind 2"])[: grain.integers(1, 7)]
+    words = Preferences.of({str(name): float(grain.choice([-1.0, 1.0, 0.0, 0.7])) for name in names})
+    given_settings = Settings(pooling=pooling, uncertainty=uncertainty)
+    worker = Worker(AnyTraverse(perceiver, given_settings, first_memory(perceiver.model_id, words)), 1)
+    looked = worker.look(Frame(1, time.monotonic(), picture("drum")))
+    assert looked.assessment.maps is not None
+    checked(looked, Expected(0), time.monotonic())

@@ -1,0 +1,361 @@
+"""What goes through the channel comes out equal; what is no message is refused, and does nothing."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anytraverse.answers import Changes
+from anytraverse.assessment import Assessment, Observation
+from anytraverse.errors import AnyTraverseError
+from anytraverse.frame import Frame
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import first_memory
+from companion.cameras.newest import CameraState, CameraStatus
+from companion.config import Config
+from companion.durable import write_whole
+from companion.model import Model
+from companion.vision.checks import BadReportError, Expected, checked
+from companion.vision.codec import (
+    LARGEST,
+    CodecError,
+    Splitter,
+    array_of,
+    decode,
+    decode_trusted,
+    encode,
+    frame_of_size,
+    made,
+)
+from companion.vision.messages import (
+    Alive,
+    Answer,
+    Draw,
+    Drawn,
+    Failed,
+    Logged,
+    Looked,
+    MemoryUpdate,
+    Ready,
+    Restore,
+    Start,
+    update_from,
+    updated,
+)
+from companion.vision.worker import Worker
+from companion.wire.ids import State
+from tests.anytraverse.conftest import Painted
+from tests.companion.daemon.rig import picture
+from tests.companion.vision.played import WORDS, engine
+
+SETTINGS = Settings(thresholds=Thresholds(scene=0.9))
+
+
+def unframed(message: object) -> bytes:
+    """Encoded, without the length."""
+    (packed,) = Splitter().feed(encode(message))
+    return packed
+
+
+def through(message: Any) -> Any:
+    """As the supervisor reads it, where it believes it."""
+    return checked(decode(unframed(message)), Expected(0), time.monotonic())
+
+
+def plain(value: Any) -> Any:
+    """What can be compared: fields by name, arrays as lists."""
+    if isinstance(value, np.ndarray):
+        return str(value.dtype), value.shape, value.tolist()
+    if isinstance(value, (tuple, list)):
+        return [plain(one) for one in value]
+    if isinstance(value, dict):
+        return {key: plain(one) for key, one in value.items()}
+    if hasattr(value, "__dict__") and not isinstance(value, type):
+        return type(value).__name__, plain(vars(value))
+    return repr(value)
+
+
+def looked(thing: str = "", number: int = 1) -> Looked:
+    """A judged frame."""
+    worker = Worker(engine(None), 1)
+    return worker.look(Frame(number, time.monotonic(), picture(thing)))
+
+
+STEPS = st.one_of(
+    st.tuples(st.just("see"), st.sampled_from(["", "drum", "rock", "gnome"]), st.sampled_from([0, 40, 80])),
+    st.tuples(st.just("word"), st.sampled_from(["drum", "trail", "lawn"]), st.sampled_from([-1.0, 0.5])),
+    st.tuples(st.just("call"), st.sampled_from(["drum", "rock"]), st.integers(1, 5)),
+    st.tuples(st.just("forget word"), st.sampled_from(["drum", "grass", "trail"]), st.just(0)),
+    st.tuples(st.just("forget call"), st.just(""), st.integers(1, 5)),
+    st.tuples(st.just("new episode"), st.just(""), st.just(0)),
+)
+
+
+@settings(max_examples=60)
+@given(st.lists(STEPS, max_size=12), st.integers(1, 4))
+def test_the_supervisors_copy_equals_the_engines_memory_after_whatever_happened(
+    steps: list[tuple[str, Any, Any]], limit: int
+) -> None:
+    perceiver = Painted()
+    own = engine(first_memory(perceiver.model_id, WORDS, limit), perceiver)
+    own.settings = SETTINGS
+    copy, told, number = own.memory, own.memory, 0
+    newest: Observation | None = None
+    for what, word, value in steps:
+        now = time.monotonic()
+        changes = None
+        match what:
+            case "see":
+                number += 1
+                newest = own.step(Frame(number, now, picture(word, scene=value)), now).observation
+            case "word":
+                changes = Changes({word: value})
+            case "call":
+                changes = Changes({word: 1.0})
+            case "forget word":
+                changes = Changes(forget_words=(word,))
+            case "forget call":
+                changes = Changes(forget_calls=(value,))
+            case _:
+                changes = Changes(new_episode=True)
+        if changes is not None:
+            call, call_id = (newest, value) if what == "call" and newest is not None else (None, 0)
+            try:
+                own.answer(changes, now, call=call, call_id=call_id, go=call is not None)
+            except AnyTraverseError:
+                assert own.memory is told
+        update = update_from(told, own.memory, 2, 1, ())
+        assert len(update.entries) <= limit
+        told = own.memory
+        copy = updated(copy, decode(unframed(update)))
+        assert plain(copy) == plain(own.memory)
+    anew = updated(None, decode(unframed(update_from(None, own.memory, 1, 0, ()))))
+    assert plain(anew) == plain(own.memory)
+
+
+def test_what_did_not_change_does_not_travel() -> None:
+    own = engine(None)
+    now = time.monotonic()
+    for number, scene in enumerate((0, 40, 80), 1):
+        seen = own.step(Frame(number, now, picture(scene=scene)), now).observation
+        own.answer(Changes({"trail": 1.0}), now, call=seen, call_id=number, go=True)
+    before = own.memory
+    own.answer(Changes({"drum": 1.0}), now)
+    update = update_from(before, own.memory, 2, 1, ())
+    assert update.entries == ()
+    after = updated(before, update)
+    assert all(one is other for one, other in zip(before.history, after.history, strict=True))
+
+
+@pytest.mark.parametrize("thing", ["", "drum", "rock", "gnome"])
+def test_an_assessment_comes_out_with_its_figures_and_maps_and_without_its_pixels(thing: str) -> None:
+    said = looked(thing)
+    heard = through(said)
+    before, after = said.assessment, heard.assessment
+    assert after.reasons == before.reasons
+    assert plain(after.findings) == plain(before.findings)
+    assert plain(after.roi) == plain(before.roi)
+    assert (after.frame.id, after.frame.captured_at) == (before.frame.id, before.frame.captured_at)
+    assert after.frame.image.shape == before.frame.image.shape
+    assert after.words.format() == before.words.format()
+    assert after.maps is not None
+    assert before.maps is not None
+    assert (after.maps.signed == before.maps.signed).all()
+    assert (after.maps.uncertainty == before.maps.uncertainty).all()
+    assert after.maps.attention.size == 0
+    assert after.observation is not None
+    assert after.observation.features is None
+    assert heard.sectors == said.sectors
+
+
+def test_a_message_of_a_large_picture_is_as_small_as_the_maps() -> None:
+    big = np.zeros((2000, 3000, 3), np.uint8)
+    seen = Assessment(Frame(1, 1.0, big), WORDS, (), 0.0)
+    assert len(encode(Looked(seen, 1, 1.0, 0.1, ()))) < 2000
+
+
+MESSAGES = [
+    Ready(
+        Model("painted-1", "fp32", "why", int8_idle=True),
+        SETTINGS,
+        update_from(None, engine(None).memory, 1, 0, ("drum",)),
+        ("a notice",),
+        0.2,
+    ),
+    Failed("mend it"),
+    Alive(CameraStatus(CameraState.FAILED, "why", 1, 2, 3, 4), 1.0),
+    Alive(CameraStatus(), None),
+    Drawn(1, 2, "title", b"panel", b"small", b"png"),
+    Logged(30, "a.name", "a text"),
+    Start(Config(), None, 0, 1),
+    Start(Config(), engine(None).memory, 3, 9),
+    Answer(1, Changes({"drum": 1.0}), 2, 3, True, None),  # noqa: FBT003
+    Restore(1, 2, b"png"),
+    Draw(1, 2, "title", State.CALLING, keep=True),
+]
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda message: type(message).__name__)
+def test_a_message_comes_out_as_it_went_in(message: Any) -> None:
+    packed = unframed(message)
+    read = decode_trusted if isinstance(message, (Start, Answer, Restore, Draw)) else decode
+    assert plain(read(packed)) == plain(message)
+    assert type(read(packed)) is type(message)
+
+
+class Calls:
+    """A pickle that has a function called."""
+
+    def __init__(self, function: Callable[..., Any], *given: object) -> None:
+        self.made = function, given
+
+    def __reduce__(self) -> Any:
+        return self.made
+
+
+def named(module: str, name: str, then: bytes = b"") -> bytes:
+    """A pickle that names anything, and goes on with `then`."""
+    return f"c{module}\n{name}\n".encode() + then + b"."
+
+
+def test_no_function_is_called_and_no_file_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "made"
+    for called in (
+        Calls(os.system, f"touch {path}"),
+        Calls(write_whole, path, b"x"),
+        Calls(eval, f"open({str(path)!r}, 'w')"),
+        Calls(exec, f"open({str(path)!r}, 'w')"),
+        Calls(open, str(path), "w"),
+        Calls(np.save, str(path), 1),
+        Calls(getattr, 1, "real"),
+        Calls(random.seed, 1),
+        [Logged(1, "a", "b"), Calls(os.mkdir, str(path))],
+    ):
+        for protocol in range(2, 6):
+            with pytest.raises(CodecError):
+                decode(pickle.dumps(called, protocol))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        ("os", "system"),
+        ("builtins", "eval"),
+        ("companion.durable", "write_whole"),
+        ("companion.vision.codec", "importlib"),
+        ("companion.vision.codec", "decode_trusted"),
+        ("companion.vision.codec", "pickle.loads"),
+        ("companion.vision.messages", "Mapping"),
+        ("companion.vision.messages", "updated"),
+        ("numpy", "ndarray"),
+        ("numpy.lib.npyio", "load"),
+        ("functools", "partial"),
+        ("anytraverse.assessment", "Assessment"),
+    ],
+)
+def test_nothing_is_found_by_its_name_but_what_makes_data(name: tuple[str, str]) -> None:
+    with pytest.raises(CodecError):
+        decode(named(*name))
+
+
+def test_no_message_changes_a_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Assessment, "ok", Assessment.ok)
+    own = Assessment.ok
+    poison = b"N}X\x02\x00\x00\x00okX\x03\x00\x00\x00yess\x86b"  # the state that sets attributes
+    for name in (("anytraverse.assessment", "Assessment"), ("companion.vision.codec", "made")):
+        with suppress(CodecError):
+            decode(named(*name, poison))
+    assert Assessment.ok is own
+    assert not hasattr(made, "ok")
+
+
+def test_what_makes_data_makes_only_data() -> None:
+    for module, name, content in (
+        ("os", "system", "true"),
+        ("companion.vision.messages", "updated", {}),
+        ("companion.vision.messages", "Any", {}),
+        ("anytraverse.judging", "math", {}),
+        ("companion.vision.client", "Vision", {}),
+        ("companion.cameras.newest", "CameraThread", {}),
+    ):
+        with pytest.raises(CodecError, match="no data"):
+            decode(pickle.dumps(Calls(made, module, name, content)))
+    for array in (("|O", (1,), b"12345678"), ("<f4", (1 << 40,), b""), ("<f4", (2,), b"123")):
+        with pytest.raises(CodecError):
+            decode(pickle.dumps(Calls(array_of, *array)))
+    for size in ((0, 5), (5, 1 << 20), (-1, 4), ("a", 4)):
+        with pytest.raises(CodecError):
+            decode(pickle.dumps(Calls(frame_of_size, 1, 0.0, *size)))
+
+
+def refused(packed: bytes) -> None:
+    """Read and believed, or one of the two errors: nothing else."""
+    with suppress(CodecError, BadReportError):
+        checked(decode(packed), Expected(0), time.monotonic())
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_message_or_refused(packed: bytes) -> None:
+    refused(packed)
+
+
+SAMPLES = [unframed(one) for one in (*MESSAGES[:6], looked("drum"))]
+
+
+@settings(max_examples=400)
+@given(st.data())
+def test_any_mutated_message_is_believed_or_refused(data: st.DataObject) -> None:
+    packed = bytearray(data.draw(st.sampled_from(SAMPLES)))
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, min(len(packed), 1500) - 1))
+        match data.draw(st.sampled_from(["set", "cut", "drop", "double"])):
+            case "set":
+                packed[at] = data.draw(st.integers(0, 255))
+            case "cut" if at:
+                del packed[at:]
+            case "drop" if len(packed) > 1:
+                del packed[at]
+            case _:
+                packed[at:at] = packed[at : at + 20]
+    refused(bytes(packed))
+
+
+@given(st.lists(st.binary(min_size=0, max_size=50), max_size=5), st.integers(1, 20))
+def test_a_stream_is_cut_into_the_messages_however_it_arrives(messages: list[bytes], size: int) -> None:
+    stream = b"".join(len(one).to_bytes(4, "little") + one for one in messages)
+    splitter, found = Splitter(), []
+    for start in range(0, len(stream), size):
+        found += splitter.feed(stream[start : start + size])
+    assert found == messages
+
+
+def test_a_message_that_would_be_too_long_is_refused_by_its_length_alone() -> None:
+    with pytest.raises(CodecError, match="at most"):
+        Splitter().feed((LARGEST + 1).to_bytes(4, "little"))
+    with pytest.raises(CodecError, match="at most"):
+        encode(Drawn(1, 1, "t", b"x" * (LARGEST + 1)))
+
+
+def test_an_update_says_what_it_removed() -> None:
+    own = engine(None)
+    now = time.monotonic()
+    seen = own.step(Frame(1, now, picture()), now).observation
+    own.answer(Changes({"trail": 1.0}), now, call=seen, call_id=4, go=True)
+    before = own.memory
+    (kept,) = [entry.order for entry in before.history if entry.call_id == 4]
+    own.answer(Changes(forget_calls=(4,)), now)
+    update = update_from(before, own.memory, 2, 1, ())
+    assert isinstance(update, MemoryUpdate)
+    assert update.removed == (kept,)

@@ -1,0 +1,79 @@
+"""The supervisor runs without OpenCV and ONNX Runtime: what they may do to a process is done elsewhere."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+
+from tests.companion.daemon.rig import picture
+
+ROOT = Path(__file__).resolve().parents[3]
+SCRIPT = """
+import json, sys, time
+from pathlib import Path
+from anytraverse.perception import KINDS
+KINDS["painted"] = ("tests.companion.vision.painted", "Obedient")
+from companion.config import load_config
+from companion.run import main
+config, status = load_config(sys.argv[1]), Path(sys.argv[2])
+until = time.monotonic() + 30.0
+
+def called():
+    told = json.loads(status.read_text()) if status.is_file() else {}
+    pictures = list((status.parent / "calls").glob("*-large.jpg"))
+    return bool(told.get("current_id") and pictures) or time.monotonic() > until
+
+code = main(config, called, (sys.executable, "-m", "tests.companion.vision.painted"))
+print(json.dumps({"code": code, "modules": sorted(sys.modules)}))
+"""
+
+
+def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    cv2.imwrite(str(frames / "0.png"), picture()[..., ::-1])
+    for number in range(1, 30):
+        cv2.imwrite(str(frames / f"{number}.png"), picture("drum")[..., ::-1])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        path = tmp_path / "companion.toml"
+        path.write_text(
+            f"""
+            [camera]
+            source = "folder:{frames}"
+            loop = true
+            [perceiver]
+            name = "painted"
+            [vehicle]
+            file = ""
+            [link]
+            url = "udpout:127.0.0.1:{ground.getsockname()[1]}"
+            [journal]
+            folder = "{tmp_path / "state"}"
+            [words]
+            grass = 1.0
+            """
+        )
+        ran = subprocess.run(
+            [sys.executable, "-c", SCRIPT, str(path), str(tmp_path / "state" / "status.json")],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        )
+    told = json.loads(ran.stdout.splitlines()[-1])
+    assert told["code"] == 0
+    assert {"companion.daemon", "companion.vision.client"} <= set(told["modules"])
+    heavy = {name for name in told["modules"] if name.partition(".")[0] in ("cv2", "onnxruntime", "torch")}
+    assert heavy == set()
+    own = {"companion.vision.worker", "companion.vision.pictures", "companion.vision.process"}
+    assert not own & set(told["modules"])
+    assert list((tmp_path / "state" / "calls").glob("*-large.jpg")), "it saw, called and had it drawn"

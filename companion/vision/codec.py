@@ -12,7 +12,7 @@ import pickle
 import struct
 from dataclasses import is_dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -107,6 +107,8 @@ def made(module: str, name: str, content: Any) -> Any:
     if not (isinstance(kind, type) and (is_dataclass(kind) or issubclass(kind, _DATA_CLASSES))):
         raise CodecError(f"{module}.{name} is no data")
     if issubclass(kind, Enum):
+        if not isinstance(content, (str, int)):
+            raise CodecError(f"no value of {name}")
         return kind(content)
     if issubclass(kind, tuple):
         return kind(*content)
@@ -147,17 +149,47 @@ class _Pickler(pickle.Pickler):
         return made, (kind.__module__, kind.__qualname__, content)
 
 
-class _Unpickler(pickle.Unpickler):
+# fmt: off
+_OPCODES = (
+    pickle.PROTO, pickle.FRAME, pickle.STOP, pickle.MARK, pickle.NONE, pickle.NEWTRUE, pickle.NEWFALSE,
+    pickle.BININT, pickle.BININT1, pickle.BININT2, pickle.LONG1, pickle.BINFLOAT, pickle.SHORT_BINUNICODE,
+    pickle.BINUNICODE, pickle.SHORT_BINBYTES, pickle.BINBYTES, pickle.EMPTY_TUPLE, pickle.TUPLE1,
+    pickle.TUPLE2, pickle.TUPLE3, pickle.TUPLE, pickle.EMPTY_LIST, pickle.APPEND, pickle.APPENDS,
+    pickle.EMPTY_DICT, pickle.STACK_GLOBAL, pickle.REDUCE, pickle.MEMOIZE, pickle.BINGET, pickle.LONG_BINGET,
+)
+# fmt: on
+"""All that a message needs. Others set attributes of what they name, or take gigabytes in nine bytes."""
+_Plain: Any = vars(pickle)["_Unpickler"]
+
+
+class _Unpickler(_Plain):  # type: ignore[misc]
+    """The one in Python: the one in C cannot be kept from an opcode."""
+
+    dispatch: ClassVar[dict[int, Any]] = {code[0]: _Plain.dispatch[code[0]] for code in _OPCODES}
+
+    def _set_items(self) -> None:
+        """Only texts are keys: to hash what is nested in itself may take for ever."""
+        items = self.pop_mark()
+        if len(items) % 2 or not all(isinstance(key, str) for key in items[::2]):
+            raise CodecError("a key that is no text")
+        self.stack[-1].update(zip(items[::2], items[1::2], strict=True))
+
+    def _set_item(self) -> None:
+        key, value = self.stack[-2:]
+        del self.stack[-2:]
+        if not isinstance(key, str):
+            raise CodecError("a key that is no text")
+        self.stack[-1].update({key: value})
+
+    dispatch[pickle.SETITEMS[0]] = _set_items
+    dispatch[pickle.SETITEM[0]] = _set_item
+
     def find_class(self, module: str, name: str) -> Any:
-        """Never a class: a pickle may set attributes of whatever it names."""
+        """Never a class: a pickle may do more with one than make it."""
         make = _MAKERS.get(name) if module == __name__ else None
         if make is None:
             raise CodecError(f"{module}.{name} is no data")
-
-        def anew(*given: Any) -> Any:
-            return make(*given)
-
-        return anew
+        return make
 
 
 _MAKERS = {one.__name__: one for one in (made, array_of, frame_of_size)}

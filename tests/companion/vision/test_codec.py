@@ -359,3 +359,20 @@ def test_an_update_says_what_it_removed() -> None:
     update = update_from(before, own.memory, 2, 1, ())
     assert isinstance(update, MemoryUpdate)
     assert update.removed == (kept,)
+
+
+def test_a_few_bytes_take_neither_seconds_nor_memory() -> None:
+    itself = b")" + b"2\x86" * 64
+    shared = b")\x94" + b"".join(b"h" + bytes([at]) + b"\x86\x94" for at in range(64))
+    began = time.perf_counter()
+    for hostile in (
+        b"\x80\x05Nr\xff\xff\xff\x0f.",
+        b"\x80\x05}" + itself + b"Ns.",
+        b"\x80\x05}" + shared + b"Ns.",
+        b"\x80\x05}(" + shared + b"Nu.",
+        b"\x80\x05\x8f(" + shared + b"\x90.",
+        named("companion.vision.codec", "made", b"X\x14\x00\x00\x00anytraverse.assessment"),
+    ):
+        with pytest.raises(CodecError):
+            decode(hostile)
+    assert time.perf_counter() - began < 1.0

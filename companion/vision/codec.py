@@ -122,6 +122,11 @@ def array_of(kind: str, shape: tuple[int, ...], content: bytes) -> Any:
     return np.frombuffer(content, _KINDS[kind]).reshape(shape)
 
 
+def number_of(value: float) -> float:
+    """What was one of numpy's."""
+    return value
+
+
 class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
         """Arrays and data only, and what stays behind: pixels, attention and features."""
@@ -130,6 +135,8 @@ class _Pickler(pickle.Pickler):
             return frame_of_size, (value.id, value.captured_at, height, width)
         if isinstance(value, np.ndarray) and value.dtype.str in _KINDS:
             return array_of, (value.dtype.str, value.shape, value.tobytes())
+        if isinstance(value, (np.number, np.bool_)):
+            return number_of, (value.item(),)
         kind = type(value)
         if kind.__module__ not in _DATA_MODULES:
             return NotImplemented
@@ -192,4 +199,4 @@ class _Unpickler(_Plain):  # type: ignore[misc]
         return make
 
 
-_MAKERS = {one.__name__: one for one in (made, array_of, frame_of_size)}
+_MAKERS = {one.__name__: one for one in (made, array_of, number_of, frame_of_size)}

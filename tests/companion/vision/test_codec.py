@@ -376,3 +376,10 @@ def test_a_few_bytes_take_neither_seconds_nor_memory() -> None:
         with pytest.raises(CodecError):
             decode(hostile)
     assert time.perf_counter() - began < 1.0
+
+
+@pytest.mark.parametrize("number", [np.float64(0.5), np.float32(0.5), np.int64(7), np.bool_(True)])  # noqa: FBT003
+def test_a_number_of_numpys_comes_out_as_pythons(number: Any) -> None:
+    read = decode(unframed([number]))
+    assert read == [number.item()]
+    assert type(read[0]) is type(number.item())

@@ -130,13 +130,13 @@ def test_the_log_says_when_it_is_ready_when_the_camera_delivers_and_that_it_stop
             hidden.rename(pictures)
         return "camera delivers" in caplog.text
 
-    assert run.main(config, until(back_after_a_fault)) == 0
+    assert start(config, until(back_after_a_fault)) == 0
     assert "camera delivers" in caplog.text
     assert caplog.messages[-1] == "told to stop, and stopped"
 
 
 def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
-    config: Config, tmp_path: Path, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
+    config: Config, tmp_path: Path, radio: socket.socket
 ) -> None:
     journal = Journal(tmp_path / "state")
     words = config.preferences.merged(Preferences.of({"rock": -0.25}, 3))
@@ -144,8 +144,7 @@ def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
     settings = {"model": "painted-1", "values": {"AT_THR_ROI": [0.55, 0.3], "AT_SUM_HZ": [2.0, 1.0]}}
     journal.save_supervision({"settings": settings})
     journal.close()
-    loads = threading.Event()
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: loads.wait(PATIENCE) and Painted())
+    config = replace(config, perceiver=replace(config.perceiver, name="painted:slow"))
     parser, ground = mavlink.MAVLink(None), mavlink.MAVLink(None, 255, 190)
     radio.settimeout(0)
     heard: dict[str, float] = {}
@@ -163,10 +162,7 @@ def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
                     radio.sendto(mavlink.MAVLink_param_request_list_message(1, 191).pack(ground), companion)
         return {"AT_W_ROCK", "AT_THR_ROI", "AT_SUM_HZ"} <= set(heard)
 
-    try:
-        assert run.main(config, until(listed)) == 0
-    finally:
-        loads.set()
+    assert start(config, until(listed)) == 0
     assert (heard["AT_W_ROCK"], heard["AT_THR_ROI"], heard["AT_SUM_HZ"]) == (-0.25, 0.55, 2.0)
 
 

@@ -136,7 +136,7 @@ def test_the_log_says_when_it_is_ready_when_the_camera_delivers_and_that_it_stop
             hidden.rename(pictures)
         return "camera delivers" in caplog.text
 
-    assert run.main(config, until(back_after_a_fault), painted.COMMAND) == 0
+    assert start(config, until(back_after_a_fault)) == 0
     assert "camera delivers" in caplog.text
     assert caplog.messages[-1] == "told to stop, and stopped"
 
@@ -144,13 +144,13 @@ def test_the_log_says_when_it_is_ready_when_the_camera_delivers_and_that_it_stop
 def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
     config: Config, tmp_path: Path, radio: socket.socket
 ) -> None:
-    config = replace(config, perceiver=replace(config.perceiver, name="painted:2"))  # seconds a frame
     journal = Journal(tmp_path / "state")
     words = config.preferences.merged(Preferences.of({"rock": -0.25}, 3))
     journal.save_memory(replace(first_memory("painted-1", config.preferences), preferences=words))
     settings = {"model": "painted-1", "values": {"AT_THR_ROI": [0.55, 0.3], "AT_SUM_HZ": [2.0, 1.0]}}
     journal.save_supervision({"settings": settings})
     journal.close()
+    config = replace(config, perceiver=replace(config.perceiver, name="painted:slow"))
     parser, ground = mavlink.MAVLink(None), mavlink.MAVLink(None, 255, 190)
     radio.settimeout(0)
     heard: dict[str, float] = {}
@@ -168,8 +168,7 @@ def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
                     radio.sendto(mavlink.MAVLink_param_request_list_message(1, 191).pack(ground), companion)
         return {"AT_W_ROCK", "AT_THR_ROI", "AT_SUM_HZ"} <= set(heard)
 
-    assert run.main(config, until(listed), painted.COMMAND) == 0
-    assert not (tmp_path / "state" / "status.json").exists(), "it still loads"
+    assert start(config, until(listed)) == 0
     assert (heard["AT_W_ROCK"], heard["AT_THR_ROI"], heard["AT_SUM_HZ"]) == (-0.25, 0.55, 2.0)
 
 
@@ -186,7 +185,7 @@ def test_it_judges_tells_and_leaves_nothing_running(
     assert (status["state"], status["words"]) == ("ok", "grass: 1; rock: -1")
     assert len(status["recent"]) == status["frames"]
     assert radio.recv(300)[0] == 0xFD
-    assert children() == []
+    assert (children(), threads()) == ([], set())
     Journal(tmp_path / "state").close()
 
 
@@ -196,7 +195,7 @@ def test_a_perceiver_that_cannot_load_is_told_and_the_journal_given_back(
     config = replace(config, perceiver=replace(config.perceiver, name="painted:broken"))
     with pytest.raises(AnyTraverseError, match="paint them again"):
         start(config, until(lambda: False))
-    assert children() == []
+    assert (children(), threads()) == ([], set())
     Journal(tmp_path / "state").close()
 
 
@@ -222,7 +221,7 @@ def test_a_vision_process_that_dies_is_started_again_and_judges_on(
     assert start(config, until(judges_again)) == 0
     assert f"the vision process ended: {how}" in caplog.text
     assert json.loads(path.read_text())["frames"] >= frames + 3
-    assert children() == []
+    assert (children(), threads()) == ([], set())
 
 
 def test_an_error_after_the_vision_process_was_started_leaves_nothing_running(
@@ -231,7 +230,7 @@ def test_an_error_after_the_vision_process_was_started_leaves_nothing_running(
     monkeypatch.setattr(run, "SettingsDesk", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         start(config, until(lambda: False))
-    assert children() == []
+    assert (children(), threads()) == ([], set())
     Journal(tmp_path / "state").close()
 
 
@@ -241,7 +240,7 @@ def test_an_error_of_the_supervision_ends_it_with_a_farewell(
     monkeypatch.setattr("companion.calls.machine.OperatorCalls.tick", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         start(config, until(lambda: False))
-    assert children() == []
+    assert (children(), threads()) == ([], set())
     heard = b""
     try:
         while True:
@@ -256,7 +255,7 @@ def test_a_signal_while_loading_ends_it_and_the_vision_process(config: Config) -
     started = time.monotonic()
     assert start(config, lambda: time.monotonic() - started > 0.5) == 0
     assert time.monotonic() - started < 3.0
-    assert children() == []
+    assert (children(), threads()) == ([], set())
 
 
 def test_a_supervision_that_makes_no_sense_is_left_aside(config: Config, tmp_path: Path) -> None:

@@ -293,6 +293,21 @@ def test_stay_needs_no_disk_to_count_and_takes_back_a_go_that_waits_for_it(held:
     assert (second.transaction, second.text) == (8, "C1 noted: still open")
 
 
+def test_a_go_that_teaches_nothing_moves_nothing_before_it_is_kept_either(rig: Rig) -> None:
+    rig.see(3.0, "rock")
+    assert rig.state == ("BLOCKED", 1)
+    rig.disk_hangs = True
+    rig.answer(1, GO)
+    rig.see(1.5)
+    assert (rig.acks, rig.stage.mode) == ([], HOLD)
+    rig.disk_hangs = False
+    rig.see(0.3)
+    assert [ack.result for ack in rig.acks] == [Result.APPLIED]
+    assert rig.stage.mode == HOLD, "five OK frames after it counts"
+    rig.see(0.7)
+    assert rig.stage.mode == AUTO
+
+
 def test_a_second_go_that_waits_for_the_disk_does_not_stop_what_the_first_one_moves(rig: Rig) -> None:
     rig.see(3.0, "rock")
     assert rig.state == ("BLOCKED", 1)

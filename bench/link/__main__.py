@@ -3,6 +3,8 @@
 lossy: calls over a bad radio in virtual time; each must be answered exactly once.
 udp: a tenth as many over real sockets, in real time, through a bad relay.
 fuzz: mutated frames with right checksums; nothing may escape, strangers change nothing, memory stays flat.
+flood: noise, answers and heartbeats under one name and many, over real sockets, with signing and without;
+heartbeats go on, the autopilot is heard, the operator is acknowledged, memory stays flat.
 speed: frames handled, CPU share at rest, and how soon a summary is on the wire; figures, no promise.
 Exit code 1: a promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
 """
@@ -75,6 +77,20 @@ def _fuzz(given: argparse.Namespace) -> _Report:
     return {**fuzzed.figures(), "growth": traced.growth}, True
 
 
+def _flood(given: argparse.Namespace) -> _Report:
+    from bench.link.flood import figures, floods, good, run
+
+    told, kept = {}, True
+    for name in floods():
+        for signed in (False, True):
+            flooded = run(name, given.seconds, signed=signed)
+            kind = f"{name} signed" if signed else name
+            told[kind] = figures(flooded)
+            kept &= good(flooded)
+            print(f"flood {kind:18} {told[kind]}", flush=True)
+    return told, kept
+
+
 def _speed(given: argparse.Namespace) -> _Report:
     from bench.link.speed import run
 
@@ -88,6 +104,7 @@ RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {
     "lossy": _lossy,
     "udp": _udp,
     "fuzz": _fuzz,
+    "flood": _flood,
     "speed": _speed,
 }
 
@@ -99,7 +116,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--calls", type=int, default=200, help="in each weather (default 200)")
     parser.add_argument("--frames", type=int, default=1_000_000, help="of the fuzz (default 1000000)")
-    parser.add_argument("--seconds", type=float, default=20.0, help="for each figure of speed (default 20)")
+    parser.add_argument("--seconds", type=float, default=20.0, help="for each flood or figure (default 20)")
     parser.add_argument("--seed", type=int, default=1, help="of radio and frames (default 1)")
     return parser.parse_args()
 

@@ -34,8 +34,8 @@ _SILENCE = "nothing"
 COUNTED: dict[Rejected, tuple[str, str]] = {
     "sender": ("a system id that is not in `allowed_senders` wants to change something", "DENIED and a text"),
     "rate": (
-        "more than 20 requests a second from one sender, after 60 at once; 5 after 20 of all together who "
-        "may not change anything",
+        "more than 20 requests a second, after 60 at once, from one of the first four senders or all others "
+        "together; 5 after 20 of all who may not change anything",
         _SILENCE,
     ),
     "repeated": ("the same request on another connection within a second", "the first one's reply"),

@@ -7,16 +7,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from bench.stopping.stage import Stage
+from companion.calls.numbers import Numbers
 
 Act = Callable[[Stage], None]
+AUTOPILOT_SILENT = Numbers().heartbeat_lost
 
 
 @dataclass(frozen=True)
 class Fault:
-    """end: None where nothing can be mended: it is the last on its stage."""
+    """How it begins and ends. end: None where nothing can be mended: it is the last on its stage."""
 
     begin: Act
     end: Act | None
+    noticed: float = 0.0
+    """Seconds until the companion may call it a fault, where that is longer than T."""
+    returns: bool = False
+    """Whether the companion gets over it by itself."""
 
 
 def _signal(number: signal.Signals) -> Act:
@@ -25,6 +31,10 @@ def _signal(number: signal.Signals) -> Act:
 
 def _cut(*, on: bool) -> Act:
     return lambda stage: setattr(stage.wire, "cut", on)
+
+
+def _mute(*, on: bool) -> Act:
+    return lambda stage: setattr(stage.wire, "mute", on)
 
 
 def _freeze(*, on: bool, clock: bool = False) -> Act:
@@ -50,11 +60,15 @@ CAMERA: Mapping[str, Fault] = {
 SILENCE: Mapping[str, Fault] = {
     "sigstop": Fault(_signal(signal.SIGSTOP), _signal(signal.SIGCONT)),
     "dead_link": Fault(_cut(on=True), _cut(on=False)),
+    "one_way_wire": Fault(_mute(on=True), _mute(on=False), noticed=AUTOPILOT_SILENT),
     "kill_9": Fault(_signal(signal.SIGKILL), None),
 }
 BREAKABLE: Mapping[str, Fault] = {
     "nan_maps": Fault(_break("nan"), _break("")),
-    "hung_perceiver": Fault(_break("hang"), None),
+    "hung_perceiver": Fault(_break("hang"), _break(""), returns=True),
+    "vision_segfault": Fault(_break("segfault"), _break(""), returns=True),
+    "vision_lock_hang": Fault(_break("lock"), _break(""), returns=True),
+    "vision_out_of_memory": Fault(_break("memory"), _break(""), returns=True),
 }
 """On a companion whose perceiver was made to break."""
 FAINT = {"nan_maps": Fault(_break("one nan"), _break(""))}

@@ -9,6 +9,8 @@ from typing import Any
 from bench.stopping.runs import Run
 
 NEVER_STOPS = ("report",)
+SILENCED = ("sigstop", "kill_9")
+"""Kinds in which the companion itself is stopped, so that its heartbeat says nothing."""
 
 
 def line(run: Run) -> str:
@@ -34,6 +36,8 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
         **_worst(due),
         "limit_seconds": _most(run.stop.limit.seconds for run in due if run.stop is not None),
         "limit_metres": _most(run.stop.limit.metres for run in due if run.stop is not None),
+        "worst_heartbeat_gap_s": _most(run.stop.gap for run in due if run.stop and run.kind not in SILENCED),
+        "vision_return_s": _most(run.stop.returned for run in due if run.stop and run.stop.returned),
         "commanded_in_report_policy": sum(run.commanded for run in runs),
         "kinds": {kind: _of_kind(runs, kind) for kind in dict.fromkeys(run.kind for run in runs)},
     }
@@ -50,6 +54,11 @@ def _of_kind(runs: Sequence[Run], kind: str) -> dict[str, Any]:
     disturbed = sum(run.disturbed for run in own)
     told = {**counted, "begun_anew": disturbed} if disturbed else counted
     stops = [run.stop for run in own if run.stop is not None]
+    gap = _most(stop.gap for stop in stops)
+    returns = [stop.returned for stop in stops if stop.returned is not None]
+    told |= {"worst_gap": gap} | (
+        {"worst_return": _most(returns), "returns": len(returns)} if returns else {}
+    )
     return {**told, **_worst(own), "by": dict(Counter(stop.by for stop in stops))} if stops else told
 
 

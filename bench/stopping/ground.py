@@ -31,6 +31,11 @@ class Ground:
         """m/s along the trail."""
         self._send(mavlink.MAVLink_param_set_message(ROVER, AUTOPILOT, b"CRUISE_SPEED", speed, REAL32))
 
+    def set_weight(self, word: str, weight: float) -> None:
+        """A word of the companion's."""
+        name = f"AT_W_{word}".encode()
+        self._send(mavlink.MAVLink_param_set_message(ROVER, COMPONENT_ID, name, weight, REAL32))
+
     def go(self, number: int) -> None:
         """Answer go to the call or hold of this id."""
         params = (float(number), float(Motion.GO), 0.0, 0.0, 0.0, 0.0, 0.0)

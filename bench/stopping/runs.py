@@ -6,12 +6,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from random import Random
 
 from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, Fault
 from bench.stopping.humans import STATES, take_over
 from bench.stopping.limits import Limit, script_timeout
+from bench.stopping.pressure import PRESSURES, Pressure
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage, Stop, stopped
 from companion.demo.main import SPEED
 from companion.field.rover import STANDSTILL
@@ -22,6 +24,8 @@ SLOW, FAST = 0.6, SPEED
 RUSH = 5.0
 """m/s of a rover that is only looked after."""
 LAP_WITHIN = 60.0
+HEALTHY = 4.0
+"""Seconds under pressure in which nobody may hold the rover."""
 TRIES = 3
 LATE = "too late"
 """It stands, but took longer, or went farther, than its limit."""
@@ -107,10 +111,36 @@ def _one_fault(stage: Stage, fault: Fault, random: Random) -> Stop:
     stage.set_speed(random.uniform(SLOW, FAST))
     stage.wait_until_well()
     stage.drive(random.uniform(0.0, 1.5))
-    stop = stage.measure(lambda: fault.begin(stage))
+    begun = time.monotonic()
+    stop = stage.measure(lambda: fault.begin(stage), fault.noticed)
+    if fault.returns:
+        stop = replace(stop, returned=stage.returned(begun))
     if fault.end is not None:
         fault.end(stage)
     return stop
+
+
+def pressed(job: Job) -> Iterator[Run]:
+    """Of a healthy companion under pressure, which drives on until its camera fails."""
+    for kind, pressure in PRESSURES.items():
+        yield _retried(job, kind, partial(_pressed, job, kind, pressure))
+
+
+def _pressed(job: Job, kind: str, pressure: Pressure, random: Random) -> Run:
+    plan = replace(job.plan(random), listens=kind == "spoofed_peers", slow_disk=kind == "slow_disk")
+    with job.stage(plan) as stage:
+        stage.set_speed(random.uniform(SLOW, FAST))
+        stage.wait_until_well()
+        stage.drive(random.uniform(0.0, 1.0))
+        with pressure(stage):
+            begun, until = time.monotonic(), time.monotonic() + HEALTHY
+            stage.wait("driving on", lambda: time.monotonic() >= until, HEALTHY + 1.0)
+            status = stage.status()
+            if status["mode"] != "AUTO":
+                return Run(kind, job.seed, f"held though all was well: {status['mode_log'][-1]}")
+            stop = stage.measure(lambda: stage.cover(on=True))
+            stop = replace(stop, gap=stage.wire.longest_gap(begun, time.monotonic()))
+        return Run(kind, job.seed, _verdict(stop), stop)
 
 
 def human(job: Job) -> Iterator[Run]:
@@ -225,6 +255,7 @@ GROUPS: Mapping[str, Callable[[Job], Iterator[Run]]] = {
     "blind": blind,
     "dead": dead,
     "broken": broken,
+    "pressed": pressed,
     "human": human,
     "alien": alien,
     "report": report,

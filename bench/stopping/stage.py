@@ -7,9 +7,9 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from bench.stopping import eyes
 from bench.stopping.ground import Ground
 from bench.stopping.lens import Lens
 from bench.stopping.limits import Limit, script_timeout
+from bench.stopping.slow_disk import SlowDisk
 from bench.stopping.wire import Wire
 from companion.config import load_config
 from companion.demo.child import Child
@@ -28,6 +29,7 @@ from companion.field.rover import STANDSTILL
 
 READY_WITHIN = 60.0
 DRIVING_WITHIN = 40.0
+RETURN_WITHIN = 15.0
 BEYOND = 6.0
 """Seconds beyond the limit after which a rover counts as not stopped."""
 STAYS = 0.5
@@ -58,7 +60,8 @@ class Plan:
     """How a stage is set. at: m along the trail. speed: m/s at most.
 
     quiet: no word is missing and no place is new, so that nothing but a fault can stop the rover.
-    breakable: with the perceiver that `Stage.break_eyes` breaks.
+    breakable: with the perceiver that `Stage.break_eyes` breaks. listens: the companion's link is one that
+    others may send to. slow_disk: `Stage.disk` can delay what the companion writes.
     """
 
     seed: int
@@ -69,6 +72,8 @@ class Plan:
     quiet: bool = True
     surprises: bool = False
     script: bool = True
+    listens: bool = False
+    slow_disk: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,8 @@ class Stop:
     """From a fault to standstill: by the simulation's clock and way. by: who changed the mode, "" nobody.
 
     stands: in HOLD that no hand set, late or not, and half a second later still. seconds: s. metres: m.
-    speed: m/s at the fault.
+    speed: m/s at the fault. gap: s between two heartbeats of the companion, the longest meanwhile.
+    returned: s from the fault until the companion told that it was well again, None where nobody waited.
     """
 
     stands: bool
@@ -86,6 +92,8 @@ class Stop:
     speed: float
     zone: str
     by: str
+    gap: float = 0.0
+    returned: float | None = None
 
     @property
     def stopped(self) -> bool:
@@ -118,7 +126,9 @@ class Stage:
             raise RuntimeError(f"the script on the autopilot is {ports['script']}")
         host, _, port = ports["control"].rpartition(":")
         self.control = self._closing.enter_context(FieldControl(host, int(port)))
-        self.wire = self._closing.enter_context(closing(Wire(int(ports["companion"].rpartition(":")[2]))))
+        port = ports["companion"].rpartition(":")[2]
+        self.wire = self._closing.enter_context(closing(Wire(int(port), calls=plan.listens)))
+        self.disk = SlowDisk(self.out) if plan.slow_disk else None
         self.lens = self._closing.enter_context(closing(Lens(ports["frames"])))
         self.ground = self._closing.enter_context(closing(Ground(ports["gcs"])))
         self.config = self._write_config(self.lens.source, self.wire.url)
@@ -140,7 +150,8 @@ class Stage:
         """A companion on the configuration; an earlier one must be dead."""
         (self.out / "state" / "status.json").unlink(missing_ok=True)
         module = "bench.stopping.eyes" if self.plan.breakable else "companion"
-        self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)])
+        environment = self.disk.environment if self.disk is not None else {}
+        self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)], environment)
 
     def break_eyes(self, how: str) -> None:
         """How the perceiver is broken from now on: see bench.stopping.eyes; "" not at all."""
@@ -210,13 +221,14 @@ class Stage:
             raise Disturbed(f"it was held: {status['mode_log'][-1]}")
         return bool(status["speed"] > 0.95 * self.speed)
 
-    def measure(self, fault: Callable[[], None]) -> Stop:
-        """What comes of a fault that begins now."""
+    def measure(self, fault: Callable[[], None], noticed: float = 0.0) -> Stop:
+        """What comes of a fault that begins now. noticed: as of `Fault`."""
         before = self.status()
         if before["mode"] != "AUTO":
             raise Disturbed(f"it stood already: {before['mode_log'][-1]}")
+        begun = time.monotonic()
         fault()
-        limit = Limit(self.freshness, script_timeout(), before["speed"])
+        limit = Limit(max(self.freshness, noticed), script_timeout(), before["speed"])
         until = before["t"] + limit.seconds + BEYOND
         after = self.status()
         while after["speed"] > STANDSTILL and after["t"] < until:
@@ -225,10 +237,18 @@ class Stage:
             time.sleep(LOOK)
             after = self.status()
         time.sleep(STAYS)
-        return stopped(before, after, limit, self.status())
+        gap = self.wire.longest_gap(begun, time.monotonic())
+        return replace(stopped(before, after, limit, self.status()), gap=gap)
 
-    def _child(self, name: str, arguments: list[str]) -> Child:
-        child = Child(name, arguments, self.out / f"{name}.log", orphaned=signal.SIGKILL)
+    def returned(self, since: float) -> float | None:
+        """Seconds from `since` until the companion told that it was well again; None: not within 15 s."""
+        with contextlib.suppress(Disturbed):
+            self.wait("a return", lambda: self.wire.well_again(since) is not None, RETURN_WITHIN)
+        return self.wire.well_again(since)
+
+    def _child(self, name: str, arguments: list[str], environment: Mapping[str, str] | None = None) -> Child:
+        log = self.out / f"{name}.log"
+        child = Child(name, arguments, log, orphaned=signal.SIGKILL, environment=environment)
         self._closing.callback(_end, child)
         return child
 

@@ -6,6 +6,9 @@ import contextlib
 import select
 import socket
 import threading
+import time
+from collections import deque
+from itertools import pairwise
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -26,6 +29,8 @@ _MAY_BE_ASKED = {
     int(mavlink.MAV_CMD_REQUEST_MESSAGE),
 }
 _PATIENCE = 0.2
+_BEATS = 1000
+_UNWELL = (State.STARTING, State.FAULT)
 
 
 class Wire:
@@ -34,11 +39,14 @@ class Wire:
     cut: nothing passes. deaf: what would command the vehicle gets lost on the way to it. commands: all that
     the companion said to command the vehicle, lost or not. well: heartbeats that reached the autopilot and
     told neither a start nor a fault. told: state and policy of every heartbeat of the companion, lost or not.
+    mute: nothing passes from the autopilot to the companion. beats: when the newest heartbeats of the
+    companion came, monotonic seconds, and their state.
     """
 
-    def __init__(self, autopilot: int) -> None:
-        """autopilot: its UDP port of 127.0.0.1."""
-        self.cut = self.deaf = False
+    def __init__(self, autopilot: int, *, calls: bool = False) -> None:
+        """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire speaks first."""
+        self.cut = self.deaf = self.mute = False
+        self.beats: deque[tuple[float, State]] = deque(maxlen=_BEATS)
         self.commands: list[str] = []
         self.well = 0
         self.told: set[tuple[State, Policy]] = set()
@@ -46,7 +54,8 @@ class Wire:
         self._near.bind(("127.0.0.1", 0))
         self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._far.connect(("127.0.0.1", autopilot))
-        self._companion: tuple[str, int] | None = None
+        self._calls = calls
+        self._companion = ("127.0.0.1", _free_port()) if calls else None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="wire", daemon=True)
         self._thread.start()
@@ -54,7 +63,33 @@ class Wire:
     @property
     def url(self) -> str:
         """For the companion's [link]."""
+        if self._calls and self._companion is not None:
+            return f"udpin:127.0.0.1:{self._companion[1]}"
         return f"udpout:127.0.0.1:{self._near.getsockname()[1]}"
+
+    @property
+    def companion(self) -> tuple[str, int] | None:
+        """Where the companion is reached."""
+        return self._companion
+
+    def to_companion(self, datagram: bytes) -> None:
+        """Slip a datagram in, as if it came from the ground by the autopilot."""
+        if self._companion is not None:
+            with contextlib.suppress(OSError):
+                self._near.sendto(datagram, self._companion)
+
+    def longest_gap(self, since: float, until: float) -> float:
+        """Seconds between two heartbeats of the companion, the longest within these monotonic seconds."""
+        at = [since, *(when for when, _ in list(self.beats) if since <= when <= until), until]
+        return max(after - before for before, after in pairwise(at))
+
+    def well_again(self, since: float) -> float | None:
+        """Seconds after `since` of the first well heartbeat behind a fault's; None: not yet, or no fault."""
+        later = [(when, state) for when, state in list(self.beats) if when >= since]
+        faulty = [when for when, state in later if state is State.FAULT]
+        good = (when for when, state in later if faulty and when > faulty[0] and state not in _UNWELL)
+        found = next(good, None)
+        return None if found is None else found - since
 
     def close(self) -> None:
         self._closing.set()
@@ -73,14 +108,16 @@ class Wire:
         frames = Parser().frames(datagram)
         orders = [order for frame in frames if (order := _ordered(frame))]
         self.commands += orders
-        self.told |= {_told(frame) for frame in frames if frame.get_type() == "HEARTBEAT"}
+        beats = [_told(frame) for frame in frames if frame.get_type() == "HEARTBEAT"]
+        self.told |= set(beats)
+        self.beats += [(time.monotonic(), state) for state, _ in beats]
         if not self.cut and not (self.deaf and orders):
             self._far.send(datagram)
             self.well += sum(_is_well(frame) for frame in frames)
 
     def _from_autopilot(self) -> None:
         datagram = self._far.recv(65536)
-        if not self.cut and self._companion is not None:
+        if not self.cut and not self.mute and self._companion is not None:
             self._near.sendto(datagram, self._companion)
 
 
@@ -92,7 +129,13 @@ def _told(frame: Any) -> tuple[State, Policy]:
 def _is_well(frame: Any) -> bool:
     if frame.get_type() != "HEARTBEAT":
         return False
-    return read_heartbeat_mode(frame.custom_mode)[0] not in (State.STARTING, State.FAULT)
+    return read_heartbeat_mode(frame.custom_mode)[0] not in _UNWELL
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def _ordered(frame: Any) -> str:

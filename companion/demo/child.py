@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
 import queue
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import IO
@@ -41,7 +42,9 @@ class Child:
         interactive: bool = False,
         events: Path | None = None,
         orphaned: signal.Signals = signal.SIGTERM,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
+        """environment: beside what it inherits."""
         self.name = name
         self.log = log
         self._lines: queue.Queue[tuple[float, str]] = queue.Queue(MAX_LINES)
@@ -57,6 +60,7 @@ class Child:
                 stdin=pipe,
                 stdout=pipe,
                 stderr=errors,
+                env={**os.environ, **(environment or {})},
                 text=True,
                 bufsize=1,
                 preexec_fn=partial(_end_with_parent, orphaned),  # noqa: PLW1509 - it takes no lock

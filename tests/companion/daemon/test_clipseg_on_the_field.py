@@ -49,6 +49,8 @@ file = ""
 url = "{companion}"
 [journal]
 folder = "{folder}/state"
+[stopping]
+unchecked = true
 [call]
 policy = "report"
 freshness = {freshness}

@@ -47,7 +47,7 @@ CALM = 350
 _TICKS, _TICK = 6, 0.02
 WARM_UP = 0.3
 """Share of the frames after which memory must not grow."""
-GROWTH = 64 * 1024
+GROWTH = 128 * 1024
 MORE_BLOCKS = 4000
 """Bytes and blocks that it may, for tables of bounded size that are not full at first."""
 SILENCE = 1.5

@@ -54,12 +54,14 @@ def _of_kind(runs: Sequence[Run], kind: str) -> dict[str, Any]:
     disturbed = sum(run.disturbed for run in own)
     told = {**counted, "begun_anew": disturbed} if disturbed else counted
     stops = [run.stop for run in own if run.stop is not None]
-    gap = _most(stop.gap for stop in stops)
     returns = [stop.returned for stop in stops if stop.returned is not None]
-    told |= {"worst_gap": gap} | (
-        {"worst_return": _most(returns), "returns": len(returns)} if returns else {}
+    back = {"returns": len(returns), "worst_return": _most(returns)} if returns else {}
+    gap = _most(stop.gap for stop in stops)
+    return (
+        {**told, "worst_gap": gap, **back, **_worst(own), "by": dict(Counter(stop.by for stop in stops))}
+        if stops
+        else told
     )
-    return {**told, **_worst(own), "by": dict(Counter(stop.by for stop in stops))} if stops else told
 
 
 def _worst(runs: Sequence[Run]) -> dict[str, float]:

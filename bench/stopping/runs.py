@@ -98,8 +98,11 @@ def _faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: 
             with job.stage(plan) as stage:
                 while kinds:
                     stop = _one_fault(stage, named[kinds[0]], random)
-                    yield Run(kinds.pop(0), job.seed, _verdict(stop), stop, 0, disturbed)
+                    kind = kinds.pop(0)
+                    yield Run(kind, job.seed, _verdict(stop), stop, 0, disturbed)
                     disturbed = 0
+                    if named[kind].returns:  # the next one of a companion whose vision never died
+                        break
         except Disturbed as why:
             disturbed += 1
             if disturbed == TRIES:

@@ -30,6 +30,12 @@ _MAY_BE_ASKED = {
 }
 _PATIENCE = 0.2
 _BEATS = 1000
+_GREETING = bytes(
+    mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_GENERIC, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+    ).pack(mavlink.MAVLink(None, 1, mavlink.MAV_COMP_ID_TELEMETRY_RADIO))
+)
+"""A radio's heartbeat, by which the autopilot finds this end."""
 _UNWELL = (State.STARTING, State.FAULT)
 
 
@@ -98,6 +104,9 @@ class Wire:
         self._far.close()
 
     def _run(self) -> None:
+        if self._calls:  # else neither end speaks first
+            with contextlib.suppress(OSError):
+                self._far.send(_GREETING)
         while not self._closing.is_set():
             for readable in select.select([self._near, self._far], [], [], _PATIENCE)[0]:
                 with contextlib.suppress(OSError):  # one of the two is not there just now

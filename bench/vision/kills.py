@@ -2,8 +2,8 @@
 
 `python -m bench.vision.kills --kills 200`. Real processes: the daemon in this one, the vision process that it
 starts, an operator on UDP who sends each answer again under the same transaction until it is acknowledged for
-good. Its last line is JSON. `lost`: words that were acknowledged and are not in the journal afterwards. `twice`:
-answers that were applied more than once, by the memory's clock, which counts every change.
+good. Its last line is JSON. `lost`: words that were acknowledged and are not in the journal afterwards.
+`twice`: answers that were applied more than once, by the memory's clock, which counts every change.
 """
 
 from __future__ import annotations

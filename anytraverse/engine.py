@@ -12,7 +12,6 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from anytraverse.adoption import adopted_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
@@ -66,18 +65,18 @@ class AnyTraverse:
         Without a reference, the first frame without a fault becomes it. Where there is no doubt about the
         scene, an earlier frame's embedding may stand for it: see `SceneWatch`.
         """
-        assessment = self._step(frame, now, place)
+        assessment = self._step(frame, now, place or Place())
         self._scenes.judged(assessment)
         return assessment
 
-    def _step(self, frame: Frame, now: float, place: Place | None) -> Assessment:
+    def _step(self, frame: Frame, now: float, place: Place) -> Assessment:
         assessment = self._judge_new(frame, now)
         observation = assessment.observation
         if observation is None or Reason.FAULT in assessment.reasons:
             self._matched.append(False)
             return assessment
         if self.memory.reference is None:
-            self.memory = self.memory.remembering(observation.embedding, 0, place or Place(), move=True)
+            self.memory = self.memory.remembering(observation.embedding, 0, place, move=True)
             assessment = self.judge(observation, now)
         match = self._match(assessment, observation)
         self._matched.append(match is not None)
@@ -112,7 +111,8 @@ class AnyTraverse:
             observation=observation,
         )
         try:
-            maps = make_maps(self._attend(observation), list(words.values()), self.settings, self._named())
+            attention, alone = self._attend(observation)
+            maps = make_maps(attention, list(words.values()), self.settings, alone)
         except PerceiverError as error:
             maps = Finding.fault(str(error))
         if isinstance(maps, Finding):
@@ -150,7 +150,8 @@ class AnyTraverse:
             remembered = False
             if call is not None and (changes or go) and is_embedding(call.embedding):
                 move = self._is_at(call.embedding)
-                self.memory = self.memory.remembering(call.embedding, call_id, place or Place(), move=move)
+                place = place or Place()
+                self.memory = self.memory.remembering(call.embedding, call_id, place, move=move)
                 remembered = True
             return AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
@@ -195,18 +196,19 @@ class AnyTraverse:
         """The call's frame judged as if it were fresh: its age is no fault of the words."""
         return self.judge(call, call.frame.captured_at)
 
-    def _attend(self, observation: Observation) -> Map:
-        """Attention maps of the words in force; a change of weights alone runs no network."""
-        memory = self.memory
-        prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
-        if observation.attended is None or observation.attended[0] != prompts:
-            observation.attended = prompts, self.perceiver.attend(observation.features, prompts)
-        return observation.attended[1]
+    def _attend(self, observation: Observation) -> tuple[Map, Map]:
+        """Attention maps of the words in force, and those of the drivable ones when only they are asked for.
 
-    def _named(self) -> NDArray[np.bool_]:
-        """(n,), the words that were tapped and are not drivable."""
-        memory = self.memory
-        return np.array([w < 0 and word in memory.examples for word, w in memory.preferences.items()], bool)
+        A change of weights that turns no sign asks for nothing.
+        """
+        memory, kept = self.memory, observation.attended
+        prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
+        drivable = tuple(prompt for prompt in prompts if memory.preferences[prompt.word] > 0)
+        observation.attended = {asked: kept[asked] for asked in (prompts, drivable) if asked in kept}
+        for asked in (prompts, drivable):
+            if asked not in observation.attended:
+                observation.attended[asked] = self.perceiver.attend(observation.features, asked)
+        return observation.attended[prompts], observation.attended[drivable]
 
     def _similarity(self, embedding: Embedding) -> float | None:
         """Cosine to the reference, None without one; NaN where nothing can be compared."""

@@ -22,7 +22,7 @@ from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings, check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.memory import Memory
 from anytraverse.perception import Features, Perceiver, Prompt
-from anytraverse.scene_watch import SceneWatch
+from anytraverse.scene_watch import CarriedPlace, SceneWatch
 from anytraverse.synonyms import refuse_contradictions
 
 
@@ -50,6 +50,7 @@ class AnyTraverse:
         self.newest: Observation | None = None
         self._matched: deque[bool] = deque(maxlen=settings.window)
         self._scenes = SceneWatch()
+        self._carried: CarriedPlace | None = None
 
     def observe(self, frame: Frame) -> Observation:
         """The one expensive pass over a frame, whatever came before it, with an embedding of its own.
@@ -63,10 +64,18 @@ class AnyTraverse:
         """Judge a new frame; adopt a remembered scene when the last frames matched one.
 
         Without a reference, the first frame without a fault becomes it. Where there is no doubt about the
-        scene, an earlier frame's embedding may stand for it: see `SceneWatch`.
+        scene, an earlier frame's embedding may stand for it: see `SceneWatch`. An answered place is carried
+        along: see `CarriedPlace`.
         """
-        assessment = self._step(frame, now, place or Place())
+        place = place or Place()
+        if self._carried is not None and not self._carried.holds(self.memory.reference, now, place):
+            self._carried = None
+        assessment = self._step(frame, now, place)
         self._scenes.judged(assessment)
+        if self._carried is not None and assessment.observation is not None:
+            embedding = assessment.observation.embedding
+            if self._carried.similarity(embedding) >= self.settings.thresholds.scene:
+                self._carried = self._carried.moved(embedding)
         return assessment
 
     def _step(self, frame: Frame, now: float, place: Place) -> Assessment:
@@ -99,7 +108,8 @@ class AnyTraverse:
         findings = check_age(age, self.settings.freshness)
         if self.memory.reference is None and is_black(frame.image):
             findings.append(Finding.fault("the picture is black"))
-        scene = find_scene(similarity, self.settings)
+        judged = self._carried_similarity(observation.embedding, similarity)
+        scene = find_scene(judged, self.settings)
         figure = similarity if similarity is not None and math.isfinite(similarity) else None
         seen = Assessment(
             frame,
@@ -121,7 +131,7 @@ class AnyTraverse:
         roi = roi_figures(maps, width / height, self.settings)
         if isinstance(roi, Finding):
             return replace(seen, findings=(*findings, roi, *scene), maps=maps)
-        findings.extend(find(maps, roi, similarity, self.settings))
+        findings.extend(find(maps, roi, judged, self.settings))
         return replace(seen, findings=tuple(findings), maps=maps, roi=roi)
 
     def answer(
@@ -153,6 +163,8 @@ class AnyTraverse:
                 place = place or Place()
                 self.memory = self.memory.remembering(call.embedding, call_id, place, move=move)
                 remembered = True
+                if move:
+                    self._carried = CarriedPlace(call.embedding, call.embedding, now, place)
             return AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
                 newest=self.judge(self.newest, now) if self.newest is not None else None,
@@ -215,6 +227,13 @@ class AnyTraverse:
         if self.memory.reference is not None:
             return cosine(self.memory.reference, embedding)
         return None if is_embedding(embedding) else math.nan
+
+    def _carried_similarity(self, embedding: Embedding, similarity: float | None) -> float | None:
+        """The similarity that the scene is judged by: of two, the one that says it is known."""
+        carried = self._carried
+        if carried is None or similarity is None or self.memory.reference is not carried.answered:
+            return similarity
+        return max(similarity, carried.similarity(embedding))
 
     def _is_at(self, embedding: Embedding) -> bool:
         """Whether the newest frame still shows that scene."""

@@ -59,7 +59,7 @@ def scenes(draw: st.DrawFn) -> tuple[Map, list[float], Settings]:
     stray = rng.random(attention.shape) < 0.03
     attention[stray] = rng.choice(levels, int(stray.sum()))
     weights: list[float] = draw(st.lists(st.sampled_from(WEIGHTS), min_size=count, max_size=count))
-    if weights and draw(st.booleans()):
+    if draw(st.booleans()) and weights:
         weights[0] = 1.0
     limits = Thresholds(
         roi=draw(st.sampled_from([0.05, 0.3, 0.55, 1.0])),

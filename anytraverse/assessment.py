@@ -95,8 +95,8 @@ class Maps:
     signed: (h, w) in [-1, 1], the pooled weights. uncertainty: (h, w) in [0, 1].
     strangeness: (h, w) in [0, 1], the uncertainty where only the words of positive weight are asked for;
     nowhere below `uncertainty`.
-    drivable: (h, w) bool, pixels that a word of positive weight explains by itself, that none of negative
-    weight explains, and where the signed map is above 0. named: (n,) bool, the words of no positive weight.
+    drivable: (h, w) bool, pixels that a word of positive weight explains by itself, that no other word
+    explains, and where the signed map is above 0. named: (n,) bool, the words of no positive weight.
     """
 
     attention: Map

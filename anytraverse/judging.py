@@ -128,7 +128,7 @@ def make_maps(
     strangeness = np.maximum(uncertainty, uncertain(alone))
     if not (np.isfinite(signed).all() and np.isfinite(strangeness).all()):
         return Finding.fault("pooled maps are not finite")
-    against = whole[signs < 0].max(axis=0, initial=0.0)
+    against = whole[signs <= 0].max(axis=0, initial=0.0)
     explained_alone = np.minimum(alone.max(axis=0, initial=0.0), whole.max(axis=0, initial=0.0)) >= KNOWN
     drivable = explained_alone & (against < KNOWN) & (signed > 0)
     return Maps(whole, signed, uncertainty, strangeness, drivable, signs <= 0)

@@ -166,7 +166,7 @@ class Acceptance:
     def _beside(self, seen: Assessment, numbers: Numbers, *, by_name: bool) -> float:
         """Uncertainty of the worst tile of the ROI beside the thing; 0 when there is no room for one.
 
-        by_name: what was tapped counts as if it had no name.
+        by_name: what was named as not drivable counts as if it had no name.
         """
         if seen.maps is None:
             return 1.0
@@ -187,8 +187,10 @@ class Acceptance:
             return False
         if not seen.roi.uncertainty <= self.uncertainty + numbers.accepted_rise:
             return False
-        if by_name and not seen.roi.strangeness <= self.strangeness + numbers.accepted_rise:
-            return False
+        if by_name and any(one.figure == NAMED_MEAN for one in seen.bad):
+            accepted = self.strangeness if Reason.BLOCKED in self.reasons else self.uncertainty
+            if not seen.roi.strangeness <= accepted + numbers.accepted_rise:
+                return False
         limit = numbers.judging.thresholds.tile
         return limit is None or self._beside(seen, numbers, by_name=by_name) <= limit
 

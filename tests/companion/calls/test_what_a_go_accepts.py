@@ -303,6 +303,17 @@ def test_a_go_to_a_thing_does_not_open_a_way_that_known_things_close(hold: Scene
     assert hold.calls.sight.reasons(hold.now) == {Reason.BLOCKED}
 
 
+def test_without_tiles_a_go_to_a_thing_does_not_accept_the_known_ground_around_it() -> None:
+    scene = Scene(Policy.HOLD, tile=None)
+    view = View((Thing(Box(0.333, 0.60, 0.38, 0.95), "log"), Thing(Box(0.5, 0.7, 0.6, 0.8))), haze=0.25)
+    scene.run(1.0, view)
+    assert scene.calls.sight.reasons(scene.now) == {Reason.BLOCKED, Reason.UNKNOWN_OBJECT}
+    scene.go()
+    scene.run(3.0)
+    assert scene.autopilot.mode == HOLD
+    assert scene.calls.sight.reasons(scene.now) == {Reason.BLOCKED}
+
+
 @pytest.mark.parametrize("scale", [1, 8, 30])
 def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_maps(
     report: Scene, monkeypatch: pytest.MonkeyPatch, scale: int

@@ -271,7 +271,7 @@ FAINT = View((Thing(ACROSS, unsure=0.6),))
 def test_a_go_passes_a_thing_that_is_called_for_only_since_no_known_way_leads_on() -> None:
     scene = Scene(Policy.HOLD, tile=0.65)
     scene.run(1.0, FAINT)
-    assert (scene.held(), scene.autopilot.mode) == ([{Reason.UNKNOWN_OBJECT}], HOLD)
+    assert (scene.held(), scene.autopilot.mode) == ([frozenset({Reason.UNKNOWN_OBJECT})], HOLD)
     assert scene.call.seen is not None
     assert scene.call.seen.tile is not None
     assert ACROSS.contains(*scene.call.seen.tile.box.centre)

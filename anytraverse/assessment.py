@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,11 @@ Map = NDArray[np.float32]
 WORST_TILE = "worst_tile"
 """The figure that calls for what has no word."""
 NAMED_TILE = "named_tile"
-"""The figure that holds the vehicle before a thing that was tapped as not drivable."""
+"""The figure that holds the vehicle before a thing that was named as not drivable."""
+NAMED_MEAN = "roi_strangeness"
+"""The same of all things of the ROI together."""
+CORRIDOR = "corridor"
+"""The figure that says whether the vehicle fits through."""
 
 
 class Reason(str, Enum):
@@ -68,14 +71,14 @@ class Finding:
 class Observation:
     """A frame after its one expensive pass, so that it can be judged again without another.
 
-    `attended` keeps the last attention maps with the prompts that they answer. scene_at: when the earlier
+    `attended` keeps the last attention maps by the prompts that they answer. scene_at: when the earlier
     frame was taken that the embedding was made from; None: it is the frame's own.
     """
 
     frame: Frame
     features: Features
     embedding: Embedding
-    attended: tuple[tuple[Prompt, ...], Map] | None = None
+    attended: dict[tuple[Prompt, ...], Map] = field(default_factory=dict)
     scene_at: float | None = None
 
     @property
@@ -86,19 +89,22 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """Maps at the model's own resolution, float32.
+    """Maps at the model's own resolution, float32 where nothing else is said.
 
     attention: (n, h, w) in [0, 1], one for each word in `Assessment.words`, in order.
     signed: (h, w) in [-1, 1], the pooled weights. uncertainty: (h, w) in [0, 1].
-    named: (n,), the words that were tapped and are not drivable. strangeness: (h, w) in [0, 1], the
-    uncertainty without them.
+    strangeness: (h, w) in [0, 1], the uncertainty where only the words of positive weight are asked for;
+    nowhere below `uncertainty`.
+    drivable: (h, w) bool, pixels that a word of positive weight explains by itself, that no other word
+    explains, and where the signed map is above 0. named: (n,) bool, the words of no positive weight.
     """
 
     attention: Map
     signed: Map
     uncertainty: Map
-    named: NDArray[np.bool_]
     strangeness: Map
+    drivable: NDArray[np.bool_]
+    named: NDArray[np.bool_]
 
     @property
     def traversability(self) -> Map:
@@ -106,23 +112,15 @@ class Maps:
         clipped: Map = np.clip(self.signed, 0.0, 1.0)
         return clipped
 
-    @cached_property
+    @property
     def known(self) -> NDArray[np.bool_]:
         """Pixels that some word explains, (h, w)."""
-        if len(self.attention) == 0:
-            return np.zeros(self.signed.shape, dtype=np.bool_)
-        explained: NDArray[np.bool_] = self.attention.max(axis=0) >= KNOWN
-        return explained
-
-    @property
-    def drivable(self) -> NDArray[np.bool_]:
-        """Known pixels whose strongest word has a weight above 0, (h, w)."""
-        return self.known & (self.signed > 0)
+        return self.uncertainty <= 1.0 - KNOWN
 
     @property
     def not_drivable(self) -> NDArray[np.bool_]:
         """Known pixels that are not drivable, (h, w)."""
-        return self.known & ~(self.signed > 0)
+        return self.known & ~self.drivable
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,12 +164,19 @@ class Assessment:
 
     @property
     def tile(self) -> Tile | None:
-        """Where to look: the worst tile, or one whose name alone holds the vehicle; None without an ROI."""
+        """Where to look: the first that is bad of the worst tile, a thing with a name and the corridor's gap.
+
+        The worst tile where none is; None without an ROI.
+        """
         if self.roi is None:
             return None
         bad = {finding.figure for finding in self.bad}
-        named = self.roi.named_tile if NAMED_TILE in bad and WORST_TILE not in bad else None
-        return named.tile if named is not None else self.roi.worst_tile
+        named = self.roi.named_tile
+        if WORST_TILE not in bad and NAMED_TILE in bad and named is not None:
+            return named.tile
+        if not bad & {WORST_TILE, NAMED_TILE} and CORRIDOR in bad and self.roi.corridor.gap is not None:
+            return self.roi.corridor.gap
+        return self.roi.worst_tile
 
     def is_clear(self, reason: Reason) -> bool:
         """Whether the frame was judged and every figure of `reason` is on the good side by its margin."""

@@ -12,7 +12,6 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from anytraverse.adoption import adopted_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
@@ -23,7 +22,7 @@ from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings, check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.memory import Memory
 from anytraverse.perception import Features, Perceiver, Prompt
-from anytraverse.scene_watch import SceneWatch
+from anytraverse.scene_watch import CarriedPlace, SceneWatch
 from anytraverse.synonyms import refuse_contradictions
 
 
@@ -51,6 +50,7 @@ class AnyTraverse:
         self.newest: Observation | None = None
         self._matched: deque[bool] = deque(maxlen=settings.window)
         self._scenes = SceneWatch()
+        self._carried: CarriedPlace | None = None
 
     def observe(self, frame: Frame) -> Observation:
         """The one expensive pass over a frame, whatever came before it, with an embedding of its own.
@@ -64,20 +64,28 @@ class AnyTraverse:
         """Judge a new frame; adopt a remembered scene when the last frames matched one.
 
         Without a reference, the first frame without a fault becomes it. Where there is no doubt about the
-        scene, an earlier frame's embedding may stand for it: see `SceneWatch`.
+        scene, an earlier frame's embedding may stand for it: see `SceneWatch`. An answered place is carried
+        along: see `CarriedPlace`.
         """
+        place = place or Place()
+        if self._carried is not None and not self._carried.holds(self.memory.reference, now, place):
+            self._carried = None
         assessment = self._step(frame, now, place)
         self._scenes.judged(assessment)
+        if self._carried is not None and assessment.observation is not None:
+            embedding = assessment.observation.embedding
+            if self._carried.similarity(embedding) >= self.settings.thresholds.scene:
+                self._carried = self._carried.moved(embedding)
         return assessment
 
-    def _step(self, frame: Frame, now: float, place: Place | None) -> Assessment:
+    def _step(self, frame: Frame, now: float, place: Place) -> Assessment:
         assessment = self._judge_new(frame, now)
         observation = assessment.observation
         if observation is None or Reason.FAULT in assessment.reasons:
             self._matched.append(False)
             return assessment
         if self.memory.reference is None:
-            self.memory = self.memory.remembering(observation.embedding, 0, place or Place(), move=True)
+            self.memory = self.memory.remembering(observation.embedding, 0, place, move=True)
             assessment = self.judge(observation, now)
         match = self._match(assessment, observation)
         self._matched.append(match is not None)
@@ -100,7 +108,8 @@ class AnyTraverse:
         findings = check_age(age, self.settings.freshness)
         if self.memory.reference is None and is_black(frame.image):
             findings.append(Finding.fault("the picture is black"))
-        scene = find_scene(similarity, self.settings)
+        judged = self._carried_similarity(observation.embedding, similarity)
+        scene = find_scene(judged, self.settings)
         figure = similarity if similarity is not None and math.isfinite(similarity) else None
         seen = Assessment(
             frame,
@@ -112,7 +121,8 @@ class AnyTraverse:
             observation=observation,
         )
         try:
-            maps = make_maps(self._attend(observation), list(words.values()), self.settings, self._named())
+            attention, alone = self._attend(observation)
+            maps = make_maps(attention, list(words.values()), self.settings, alone)
         except PerceiverError as error:
             maps = Finding.fault(str(error))
         if isinstance(maps, Finding):
@@ -121,7 +131,7 @@ class AnyTraverse:
         roi = roi_figures(maps, width / height, self.settings)
         if isinstance(roi, Finding):
             return replace(seen, findings=(*findings, roi, *scene), maps=maps)
-        findings.extend(find(maps, roi, similarity, self.settings))
+        findings.extend(find(maps, roi, judged, self.settings))
         return replace(seen, findings=tuple(findings), maps=maps, roi=roi)
 
     def answer(
@@ -150,8 +160,11 @@ class AnyTraverse:
             remembered = False
             if call is not None and (changes or go) and is_embedding(call.embedding):
                 move = self._is_at(call.embedding)
-                self.memory = self.memory.remembering(call.embedding, call_id, place or Place(), move=move)
+                place = place or Place()
+                self.memory = self.memory.remembering(call.embedding, call_id, place, move=move)
                 remembered = True
+                if move:
+                    self._carried = CarriedPlace(call.embedding, call.embedding, now, place)
             return AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
                 newest=self.judge(self.newest, now) if self.newest is not None else None,
@@ -195,24 +208,32 @@ class AnyTraverse:
         """The call's frame judged as if it were fresh: its age is no fault of the words."""
         return self.judge(call, call.frame.captured_at)
 
-    def _attend(self, observation: Observation) -> Map:
-        """Attention maps of the words in force; a change of weights alone runs no network."""
-        memory = self.memory
-        prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
-        if observation.attended is None or observation.attended[0] != prompts:
-            observation.attended = prompts, self.perceiver.attend(observation.features, prompts)
-        return observation.attended[1]
+    def _attend(self, observation: Observation) -> tuple[Map, Map]:
+        """Attention maps of the words in force, and those of the drivable ones when only they are asked for.
 
-    def _named(self) -> NDArray[np.bool_]:
-        """(n,), the words that were tapped and are not drivable."""
-        memory = self.memory
-        return np.array([w < 0 and word in memory.examples for word, w in memory.preferences.items()], bool)
+        A change of weights that turns no sign asks for nothing.
+        """
+        memory, kept = self.memory, observation.attended
+        prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
+        drivable = tuple(prompt for prompt in prompts if memory.preferences[prompt.word] > 0)
+        observation.attended = {asked: kept[asked] for asked in (prompts, drivable) if asked in kept}
+        for asked in (prompts, drivable):
+            if asked not in observation.attended:
+                observation.attended[asked] = self.perceiver.attend(observation.features, asked)
+        return observation.attended[prompts], observation.attended[drivable]
 
     def _similarity(self, embedding: Embedding) -> float | None:
         """Cosine to the reference, None without one; NaN where nothing can be compared."""
         if self.memory.reference is not None:
             return cosine(self.memory.reference, embedding)
         return None if is_embedding(embedding) else math.nan
+
+    def _carried_similarity(self, embedding: Embedding, similarity: float | None) -> float | None:
+        """The similarity that the scene is judged by: of two, the one that says it is known."""
+        carried = self._carried
+        if carried is None or similarity is None or self.memory.reference is not carried.answered:
+            return similarity
+        return max(similarity, carried.similarity(embedding))
 
     def _is_at(self, embedding: Embedding) -> bool:
         """Whether the newest frame still shows that scene."""

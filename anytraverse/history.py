@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences
 
+_METRES_PER_DEGREE = 111_320.0
+
 Embedding = NDArray[np.float32]
 """A unit-norm scene embedding, (d,) float32."""
 
@@ -28,6 +30,18 @@ class Place:
     heading: float | None = None
     time: float | None = None
     attitude: tuple[float, float, float] | None = None
+
+    def metres_to(self, other: Place) -> float | None:
+        """The way to a near place as the crow flies; None where either position is not known."""
+        if None in (self.latitude, self.longitude, other.latitude, other.longitude):
+            return None
+        assert self.latitude is not None
+        assert self.longitude is not None
+        assert other.latitude is not None
+        assert other.longitude is not None
+        north = other.latitude - self.latitude
+        east = (other.longitude - self.longitude + 180.0) % 360.0 - 180.0
+        return _METRES_PER_DEGREE * math.hypot(north, east * math.cos(math.radians(self.latitude)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,23 +6,31 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from anytraverse.assessment import NAMED_TILE, WORST_TILE, Finding, Map, Maps, Reason
+from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, WORST_TILE, Finding, Map, Maps, Reason
 from anytraverse.errors import SettingsError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region
-from anytraverse.roi import Corridor, NamedTile, RoiFigures, Tile, corridor_open, worst_tile
-
-CORRIDOR = "corridor"
-"""The figure that says whether the vehicle fits through."""
+from anytraverse.roi import (
+    KNOWN,
+    Corridor,
+    Mask,
+    NamedTile,
+    Passage,
+    RoiFigures,
+    Tile,
+    corridor_open,
+    explained,
+    tile_size,
+    worst_tile,
+)
 
 _TOLERANCE = 1e-3
 _WIDER = 1.1
-"""A corridor counts as clear when one this much wider is open."""
+"""A corridor counts as clear when one this much wider is open, with the margin on its share."""
 _EXPLAINED = 0.2
-"""Share of a strange tile that the word of a tapped thing must account for to name it."""
+"""Share of what is strange that words which are not drivable must account for to name it."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,7 @@ class Settings:
 
     region: Region = field(default_factory=lambda: Box(1 / 3, 0.6, 2 / 3, 0.95))
     thresholds: Thresholds = field(default_factory=Thresholds)
-    corridor: Corridor | None = field(default_factory=lambda: Corridor(bottom=0.3, top=0.2))
+    corridor: Corridor = field(default_factory=lambda: Corridor(bottom=0.3, top=0.2))
     tile_share: float = 0.25
     freshness: float = 1.0
     votes: int = 2
@@ -98,82 +106,143 @@ def check_age(age: float, freshness: float) -> list[Finding]:
 
 
 def make_maps(
-    attention: Map, weights: list[float], settings: Settings, named: NDArray[np.bool_] | None = None
+    attention: Map, weights: list[float], settings: Settings, evidence: Map | None = None
 ) -> Maps | Finding:
     """Pooled maps, or the fault that makes them worthless. Any floating dtype is taken.
 
-    named: (n,), the words that were tapped and are not drivable; none of them when None.
+    evidence: the attention of the words of positive weight where only these are asked for, (p, h, w). None:
+    it is the same, as where words do not share out what they explain.
     """
-    attention = np.asarray(attention, dtype=np.float32)
-    if attention.ndim != 3 or len(attention) != len(weights) or attention.shape[1] * attention.shape[2] == 0:
+    signs = np.sign(np.asarray(weights, dtype=np.float32))
+    whole = _checked(attention, len(weights))
+    if isinstance(whole, Finding):
+        return whole
+    alone = whole[signs > 0] if evidence is None else _checked(evidence, int((signs > 0).sum()))
+    if isinstance(alone, Finding):
+        return alone
+    if alone.shape[1:] != whole.shape[1:]:
         return Finding.fault("attention maps have a wrong shape")
-    if len(attention):
-        lowest, highest = float(attention.min()), float(attention.max())
-        if not math.isfinite(lowest + highest):
-            return Finding.fault("attention maps are not finite")
-        if lowest < -_TOLERANCE or highest > 1 + _TOLERANCE:
-            return Finding.fault("attention maps leave 0 to 1")
-        if lowest < 0.0 or highest > 1.0:
-            attention = np.clip(attention, 0.0, 1.0)
-    signed = POOLINGS[settings.pooling](attention, np.asarray(weights, dtype=np.float32))
+    signed = POOLINGS[settings.pooling](whole, np.asarray(weights, dtype=np.float32))
     uncertain = UNCERTAINTIES[settings.uncertainty]
-    uncertainty = strangeness = uncertain(attention)
-    if named is None:
-        named = np.zeros(len(attention), dtype=np.bool_)
-    if named.any():
-        strangeness = uncertain(attention[~named])
-    if not (np.isfinite(signed).all() and np.isfinite(uncertainty).all()):
+    uncertainty = uncertain(whole)
+    strangeness = np.maximum(uncertainty, uncertain(alone))
+    if not (np.isfinite(signed).all() and np.isfinite(strangeness).all()):
         return Finding.fault("pooled maps are not finite")
-    return Maps(attention, signed, uncertainty, named, strangeness)
+    against = whole[signs <= 0].max(axis=0, initial=0.0)
+    explained_alone = np.minimum(alone.max(axis=0, initial=0.0), whole.max(axis=0, initial=0.0)) >= KNOWN
+    drivable = explained_alone & (against < KNOWN) & (signed > 0)
+    return Maps(whole, signed, uncertainty, strangeness, drivable, signs <= 0)
+
+
+def _checked(attention: Map, count: int) -> Map | Finding:
+    """The attention maps of so many words in [0, 1], or what is wrong with them."""
+    attention = np.asarray(attention, dtype=np.float32)
+    if attention.ndim != 3 or len(attention) != count or attention.shape[1] * attention.shape[2] == 0:
+        return Finding.fault("attention maps have a wrong shape")
+    if count == 0:
+        return attention
+    lowest, highest = float(attention.min()), float(attention.max())
+    if not math.isfinite(lowest + highest):
+        return Finding.fault("attention maps are not finite")
+    if lowest < -_TOLERANCE or highest > 1 + _TOLERANCE:
+        return Finding.fault("attention maps leave 0 to 1")
+    return np.clip(attention, 0.0, 1.0) if lowest < 0.0 or highest > 1.0 else attention
 
 
 def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | Finding:
     """Figures of the ROI, or the fault when it holds no pixel. aspect: width / height of the frame."""
     height, width = maps.signed.shape
     inside = settings.region.mask(height, width)
-    tile = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_share)
-    if tile is None:
+    worst = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_share)
+    if worst is None:
         return Finding.fault("the ROI holds no pixel: make it larger")
     known = int(maps.known[inside].sum())
     return RoiFigures(
         uncertainty=float(maps.uncertainty[inside].mean()),
+        strangeness=float(maps.strangeness[inside].mean()),
         traversability=float(maps.traversability[inside].mean()),
         known_share=known / int(inside.sum()),
         drivable_share=int(maps.drivable[inside].sum()) / known if known else None,
-        corridor=_corridor(maps, settings, 1.0),
-        worst_tile=tile,
-        named_tile=_named_tile(maps, aspect, settings, tile),
+        corridor=_passage(maps, aspect, settings),
+        worst_tile=worst,
+        named_tile=_named_tile(maps, aspect, settings, worst),
     )
 
 
+def is_open(drivable: Mask, aspect: float, settings: Settings, corridor: Corridor | None = None) -> bool:
+    """Whether the vehicle fits through over `drivable`, (h, w). corridor: by default the settings'."""
+    height, width = drivable.shape
+    tile = tile_size(height, width, settings.region.bounds, aspect, settings.tile_share)
+    return corridor_open(drivable, settings.region, corridor or settings.corridor, tile)
+
+
 def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settings) -> list[Finding]:
-    """Every figure against its threshold."""
+    """Every figure against its threshold. What only words of no positive weight explain is never fine."""
     limits = settings.thresholds
-    findings = [
-        Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", roi.uncertainty, limits.roi, limits.margin)
-    ]
+    mean = Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", roi.uncertainty, limits.roi, limits.margin)
+    findings = [mean]
     if len(maps.attention) == 0:
         findings.append(Finding(Reason.UNKNOWN_OBJECT, "no words", bad=True, clear=False))
     if limits.tile is not None:
         worst = roi.worst_tile.uncertainty
         unknown = Finding.above(Reason.UNKNOWN_OBJECT, WORST_TILE, worst, limits.tile, limits.margin)
         findings.append(unknown)
-        if roi.named_tile is not None:
-            reason = Reason.BLOCKED if roi.named_tile.explained >= _EXPLAINED else Reason.UNKNOWN_OBJECT
-            strange = roi.named_tile.tile.uncertainty
-            held = Finding.above(reason, NAMED_TILE, strange, limits.tile, limits.margin)
-            if unknown.bad and reason is Reason.UNKNOWN_OBJECT:
-                held = replace(held, bad=False, clear=True)  # said already: nor in the way of a reason's end
-            findings.append(held)
+        if (named := roi.named_tile) is not None:
+            strange = named.tile.uncertainty
+            findings.append(_named(NAMED_TILE, strange, named.explained, limits.tile, limits.margin, unknown))
+    if roi.named_tile is not None:
+        share = explained(roi.strangeness, roi.uncertainty)
+        findings.append(_named(NAMED_MEAN, roi.strangeness, share, limits.roi, limits.margin, mean))
     findings.extend(find_scene(similarity, settings))
     if roi.drivable_share is not None:
         findings.append(
             Finding.below(Reason.BLOCKED, "drivable_share", roi.drivable_share, limits.trav, limits.margin)
         )
-    if roi.corridor is not None:
-        clear = roi.corridor and _corridor(maps, settings, _WIDER) is True
-        findings.append(Finding(Reason.BLOCKED, CORRIDOR, not roi.corridor, clear))
-    return findings
+    return findings + _find_corridor(roi.corridor)
+
+
+def _named(
+    figure: str, strange: float, share: float, limit: float, margin: float, unknown: Finding
+) -> Finding:
+    """What is no longer `unknown` since words that are not drivable explain `share` of it: bad as before."""
+    reason = Reason.BLOCKED if share >= _EXPLAINED else Reason.UNKNOWN_OBJECT
+    found = Finding.above(reason, figure, strange, limit, margin)
+    if unknown.bad and reason is Reason.UNKNOWN_OBJECT:
+        return replace(found, bad=False, clear=True)  # said already: nor in the way of a reason's end
+    return found
+
+
+def _find_corridor(way: Passage) -> list[Finding]:
+    """Blocked where the corridor stays closed though all that is uncertain were drivable; else unknown."""
+    unknown = way.passable and not way.open
+    return [
+        Finding(Reason.BLOCKED, CORRIDOR, bad=not way.passable, clear=way.passable_roomy),
+        Finding(Reason.UNKNOWN_OBJECT, CORRIDOR, bad=unknown, clear=way.roomy or not way.passable),
+    ]
+
+
+def _passage(maps: Maps, aspect: float, settings: Settings) -> Passage:
+    roomier = settings.corridor.roomier(_WIDER, settings.thresholds.margin)
+    not_against = ~maps.not_drivable
+    opened = is_open(maps.drivable, aspect, settings)
+    passable = opened or is_open(not_against, aspect, settings)
+    roomy = opened and is_open(maps.drivable, aspect, settings, roomier)
+    return Passage(
+        open=opened,
+        passable=passable,
+        roomy=roomy,
+        passable_roomy=roomy or (passable and is_open(not_against, aspect, settings, roomier)),
+        gap=None if opened else _gap(maps, ~maps.known if passable else maps.not_drivable, aspect, settings),
+    )
+
+
+def _gap(maps: Maps, missing: Mask, aspect: float, settings: Settings) -> Tile | None:
+    """The tile of the ROI of which most is `missing`."""
+    found = worst_tile(missing.astype(np.float32), settings.region, aspect, settings.tile_share)
+    if found is None:
+        return None
+    rows, columns = found.box.slices(*missing.shape)
+    return Tile(found.box, float(maps.uncertainty[rows, columns].mean()))
 
 
 def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> NamedTile | None:
@@ -189,25 +258,19 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share, outside=calling)
     if tile is None:
         return None
-    found = _named(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
+    found = _of(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
     if calling is None or found.explained >= _EXPLAINED:
         return found
     accounted = maps.strangeness - maps.uncertainty  # what calls may be larger than its tile
     beside = worst_tile(accounted, settings.region, aspect, settings.tile_share, outside=calling)
-    return found if beside is None else _named(maps, beside, 0.0)
+    return found if beside is None else _of(maps, beside, 0.0)
 
 
-def _named(maps: Maps, tile: Tile, left: float) -> NamedTile:
-    """With the word that explains most of the tile."""
+def _of(maps: Maps, tile: Tile, left: float) -> NamedTile:
+    """With the word that explains most of the tile, of those that are not drivable."""
     rows, columns = tile.box.slices(*maps.strangeness.shape)
     within = np.where(maps.named, maps.attention[:, rows, columns].mean(axis=(1, 2)), -1.0)
     return NamedTile(tile, min(left, tile.uncertainty), int(np.argmax(within)))
-
-
-def _corridor(maps: Maps, settings: Settings, factor: float) -> bool | None:
-    if settings.corridor is None:
-        return None
-    return corridor_open(maps.not_drivable, settings.region, settings.corridor.wider(factor))
 
 
 def find_scene(similarity: float | None, settings: Settings) -> list[Finding]:

@@ -39,6 +39,16 @@ class Box:
         if self.right <= self.left or self.bottom <= self.top:
             raise RegionError(f"box {sides} is empty: left < right and top < bottom are needed")
 
+    @classmethod
+    def around(cls, mask: NDArray[np.bool_]) -> Box | None:
+        """The smallest box around the pixels of a (height, width) mask; None where there are none."""
+        height, width = mask.shape
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if len(rows) == 0:
+            return None
+        left, right = int(columns[0]) / width, int(columns[-1] + 1) / width
+        return cls(left, int(rows[0]) / height, right, int(rows[-1] + 1) / height)
+
     @property
     def bounds(self) -> Box:
         """The box itself."""
@@ -70,6 +80,17 @@ class Box:
             max(0.0, self.top - upright),
             min(1.0, self.right + aside),
             min(1.0, self.bottom + upright),
+        )
+
+    def joined(self, other: Box | None) -> Box:
+        """The smallest box around both."""
+        if other is None:
+            return self
+        return Box(
+            min(self.left, other.left),
+            min(self.top, other.top),
+            max(self.right, other.right),
+            max(self.bottom, other.bottom),
         )
 
     def contains(self, x: float, y: float) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,27 +18,36 @@ Mask = NDArray[np.bool_]
 KNOWN = 0.5
 """A pixel is explained by a word when its attention reaches this."""
 
-_STRAY = 0.1
-"""Share of a corridor's width that may be not drivable: stray pixels, not things."""
+_GAP = 0.9
+"""Share of a tile's cells that are not drivable from which the tile is a gap in the corridor."""
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class Corridor:
     """The vehicle's width as fractions of the image's width, at the bottom and the top of the ROI.
 
-    Raises SettingsError for fractions that are not above 0.
+    share: of its cells that must be drivable in each of `bands` bands from near to far, (0, 1].
+    Raises SettingsError for fractions that are not above 0, and for a share or bands out of range.
     """
 
     bottom: float
     top: float
+    share: float = 0.8
+    bands: int = 5
 
     def __post_init__(self) -> None:
         if not (0.0 < self.bottom < math.inf and 0.0 < self.top < math.inf):
             raise SettingsError(f"{self} has no width: give fractions of the image's width above 0")
+        if not (0.0 < self.share <= 1.0 and self.bands >= 1):
+            raise SettingsError(
+                f"{self} asks for nothing: give a share above 0, at most 1, and a band or more"
+            )
 
-    def wider(self, factor: float) -> Corridor:
-        """This corridor for a vehicle `factor` times as wide."""
-        return Corridor(self.bottom * factor, self.top * factor)
+    def roomier(self, factor: float, margin: float) -> Corridor:
+        """This corridor for a vehicle `factor` times as wide, with a share that is greater by `margin`."""
+        share = min(1.0, self.share + margin)
+        return replace(self, bottom=self.bottom * factor, top=self.top * factor, share=share)
 
 
 @dataclass(frozen=True)
@@ -51,10 +60,10 @@ class Tile:
 
 @dataclass(frozen=True)
 class NamedTile:
-    """The tile that would be the worst if nothing had been tapped as not drivable, as it would be then.
+    """The tile that would be the worst if only words of positive weight were asked for, as it would be then.
 
     Where the worst tile calls already, it is one beside that.
-    left: its mean uncertainty with all words, in [0, 1]. word: index of the tapped one that explains most.
+    left: its mean uncertainty with all words, in [0, 1]. word: index of the other word that explains most.
     """
 
     tile: Tile
@@ -63,28 +72,47 @@ class NamedTile:
 
     @property
     def explained(self) -> float:
-        """Share of what is strange in it that the tapped words account for, in [0, 1]."""
-        strange = self.tile.uncertainty
-        return 1.0 - self.left / strange if strange > 0.0 else 0.0
+        """Share of what is strange in it that words which are not drivable account for, in [0, 1]."""
+        return explained(self.tile.uncertainty, self.left)
+
+
+@dataclass(frozen=True)
+class Passage:
+    """Whether the vehicle fits through, over ground that is drivable.
+
+    passable: whether it would if all that is uncertain were drivable. roomy, passable_roomy: whether with
+    room to spare. gap: where most is missing of what would open it; None where it is open.
+    """
+
+    open: bool
+    passable: bool
+    roomy: bool
+    passable_roomy: bool
+    gap: Tile | None = None
 
 
 @dataclass(frozen=True)
 class RoiFigures:
     """Figures of one frame's ROI.
 
-    uncertainty, traversability: means over the ROI, in [0, 1].
+    uncertainty, strangeness, traversability: means over the ROI, in [0, 1].
     known_share: pixels that some word explains. drivable_share: the drivable ones of these, or None.
-    corridor: whether the vehicle fits through; None when not judged. named_tile: None when nothing was tapped
-    as not drivable.
+    named_tile: None where every word is drivable.
     """
 
     uncertainty: float
+    strangeness: float
     traversability: float
     known_share: float
     drivable_share: float | None
-    corridor: bool | None
+    corridor: Passage
     worst_tile: Tile
     named_tile: NamedTile | None = None
+
+
+def explained(strange: float, left: float) -> float:
+    """Share of an uncertainty of `strange` that is gone where it is `left`, in [0, 1]."""
+    return 1.0 - left / strange if strange > 0.0 else 0.0
 
 
 def worst_tile(
@@ -106,9 +134,7 @@ def worst_tile(
     values = np.where(counted, uncertainty[rows, columns], 0.0)
     if not counted.any():
         return None
-    side = share * (bounds.right - bounds.left)
-    tile_width = min(max(1, round(side * width)), counted.shape[1])
-    tile_height = min(max(1, round(side * aspect * height)), counted.shape[0])
+    tile_height, tile_width = tile_size(height, width, bounds, aspect, share)
     sums = _window_sums(values, tile_height, tile_width)
     counts = _window_sums(counted.astype(np.float64), tile_height, tile_width)
     enough = counts >= 0.5 * tile_height * tile_width
@@ -121,6 +147,16 @@ def worst_tile(
     return Tile(box, float(np.clip(means[row, column], 0.0, 1.0)))
 
 
+def tile_size(height: int, width: int, bounds: Box, aspect: float, share: float) -> tuple[int, int]:
+    """Rows and columns of a tile in a map of (height, width); no larger than the ROI, which holds a pixel."""
+    rows, columns = bounds.slices(height, width)
+    side = share * (bounds.right - bounds.left)
+    return (
+        min(max(1, round(side * aspect * height)), rows.stop - rows.start),
+        min(max(1, round(side * width)), columns.stop - columns.start),
+    )
+
+
 def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
     table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     table[1:, 1:] = values.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
@@ -130,45 +166,63 @@ def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArr
     return sums
 
 
-def corridor_open(not_drivable: Mask, region: Region, corridor: Corridor) -> bool:
-    """Whether a strip of the vehicle's width leads through the ROI from bottom to top.
+def corridor_open(drivable: Mask, region: Region, corridor: Corridor, tile: tuple[int, int]) -> bool:
+    """Whether a strip of the vehicle's width leads over drivable ground through the ROI from bottom to top.
 
-    not_drivable: (h, w). The strip may shift by one pixel of the map a row, and bear stray pixels.
+    drivable: (h, w). tile: rows and columns of one. The strip may shift by one pixel of the map a row. In
+    each of its bands `corridor.share` of its cells are drivable, and nowhere is a tile of it a gap.
     False when the ROI holds no pixel.
     """
-    height, width = not_drivable.shape
+    height, width = drivable.shape
     rows, columns = region.bounds.slices(height, width)
-    blocked = not_drivable[rows, columns]
-    if blocked.size == 0:
+    missing = ~drivable[rows, columns]
+    if missing.size == 0:
         return False
-    count, across = blocked.shape
+    count, across = missing.shape
     rise = np.arange(count - 1, -1, -1) / max(1, count - 1)
     wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * width
     strip = np.clip(np.rint(wanted), 1, across).astype(np.intp)[:, np.newaxis]
-    free = _window_counts(blocked, strip) <= _STRAY * strip
-    reachable = free[-1]
-    for row in free[-2::-1]:
-        spread = reachable.copy()
-        spread[1:] |= reachable[:-1]
-        spread[:-1] |= reachable[1:]
-        reachable = row & spread
+    left = np.arange(across) - strip // 2
+    inside = (left >= 0) & (left + strip <= across)
+    gaps = _count_between(_gaps(missing, tile), left, left + strip - tile[1] + 1)
+    lost = np.where(inside & (gaps == 0), _count_between(missing, left, left + strip), np.inf)
+    reachable = np.ones(across, dtype=np.bool_)
+    for band in np.array_split(np.arange(count)[::-1], min(corridor.bands, count)):
+        # the fewest cells that are missing of the band's strip so far, by where it is
+        least = np.where(reachable, 0.0, np.inf)
+        for row in band:
+            least = _least_nearby(least) + lost[row]
+        reachable = least <= (1.0 - corridor.share) * strip[band].sum() + _ROUNDING
     return bool(reachable.any())
 
 
-def _window_counts(mask: Mask, widths: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Pixels of `mask` under a window about each pixel of each row; infinity where it leaves the row.
+def _least_nearby(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    least = values.copy()
+    np.minimum(least[1:], values[:-1], out=least[1:])
+    np.minimum(least[:-1], values[1:], out=least[:-1])
+    return least
 
-    mask: (h, w). widths: (h, 1), the window's width in each row, 1 to w.
+
+def _gaps(missing: Mask, tile: tuple[int, int]) -> Mask:
+    """In which rows a window of a tile's size that begins in a column is part of a gap, (h, w)."""
+    gaps = np.zeros(missing.shape, dtype=np.bool_)
+    found = _window_sums(missing.astype(np.float64), *tile) >= _GAP * tile[0] * tile[1]
+    for down in range(tile[0]):
+        gaps[down : down + found.shape[0], : found.shape[1]] |= found
+    return gaps
+
+
+def _count_between(mask: Mask, begin: NDArray[np.intp], end: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Pixels of each row of `mask` from a column up to and without another, (h, n).
+
+    mask: (h, w). begin, end: (h, n), cut at the row's ends.
     """
-    across = mask.shape[1]
-    table = np.zeros((len(mask), across + 1))
+    table = np.zeros((len(mask), mask.shape[1] + 1))
     table[:, 1:] = mask.cumsum(axis=1)
-    left = np.arange(across) - widths // 2
-    right = left + widths
-    inside = (left >= 0) & (right <= across)
-    upto_right = np.take_along_axis(table, np.minimum(right, across), axis=1)
-    upto_left = np.take_along_axis(table, np.maximum(left, 0), axis=1)
-    return np.where(inside, upto_right - upto_left, np.inf)
+    begin, end = np.clip(begin, 0, mask.shape[1]), np.clip(end, 0, mask.shape[1])
+    upto_end = np.take_along_axis(table, np.maximum(begin, end), axis=1)
+    counts: NDArray[np.float64] = upto_end - np.take_along_axis(table, begin, axis=1)
+    return counts
 
 
 def sectors(known: Mask, drivable: Mask, region: Region, count: int = 16) -> tuple[float | None, ...]:

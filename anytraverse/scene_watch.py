@@ -1,11 +1,12 @@
-"""When the scene is looked at anew, and when its last embedding may stand for it."""
+"""When the scene is looked at anew, when its last embedding may stand for it, and where a place ends."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from anytraverse.assessment import Assessment, Reason
-from anytraverse.history import Embedding, cosine
+from anytraverse.history import Embedding, Place, cosine
 from anytraverse.judging import Settings, find_scene
 
 
@@ -14,6 +15,40 @@ class Scene(NamedTuple):
 
     embedding: Embedding
     at: float
+
+
+BELOW = 0.05
+"""By how much less than the threshold asks a frame may resemble an answered place that is carried along."""
+CARRIED_FOR = 60.0
+CARRIED_METRES = 50.0
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedPlace:
+    """An answered place on the way on from it, for at most a minute and, where positions are known, 50 m.
+
+    While a frame resembles the newest one that did (`embedding`) as the threshold asks, and the answered one
+    (`answered`, the reference) nearly so, it shows the same place. since: the caller's monotonic seconds.
+    """
+
+    answered: Embedding
+    embedding: Embedding
+    since: float
+    place: Place
+
+    def similarity(self, embedding: Embedding) -> float:
+        """To be judged as one to the reference is; NaN where nothing can be compared."""
+        return min(cosine(self.embedding, embedding), cosine(self.answered, embedding) + BELOW)
+
+    def moved(self, embedding: Embedding) -> CarriedPlace:
+        """With the newest frame that resembles it."""
+        return replace(self, embedding=embedding)
+
+    def holds(self, reference: Embedding | None, now: float, place: Place) -> bool:
+        """Whether it is the reference's place still, within its limits."""
+        metres = self.place.metres_to(place)
+        far = metres is not None and metres > CARRIED_METRES
+        return reference is self.answered and not far and 0.0 <= now - self.since <= CARRIED_FOR
 
 
 class SceneWatch:

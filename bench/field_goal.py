@@ -95,7 +95,8 @@ class Drive:
 
     def _call(self, judged: Assessment, s: float, now: float, ahead: Thing | None, *, familiar: bool) -> None:
         left = self._left(ahead, s) if ahead is not None else math.inf
-        if ahead is not None and left < NEAR and judged.tile:
+        asked = Reason.UNKNOWN_OBJECT in judged.reasons  # else the tile shows nothing that a tap could name
+        if ahead is not None and left < NEAR and judged.tile and asked:
             changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, ahead.kind, -1.0),))
             self.tally.called.append((ahead.kind, round(left, 1)))
             self.world.remove(ahead.id)

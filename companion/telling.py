@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from anytraverse.assessment import NAMED_TILE, WORST_TILE, Assessment, Reason
+from anytraverse.assessment import CORRIDOR, NAMED_TILE, WORST_TILE, Assessment, Reason
 from anytraverse.history import Place
-from anytraverse.judging import CORRIDOR
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
 from companion.calls.machine import OperatorCalls

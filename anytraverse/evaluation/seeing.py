@@ -40,13 +40,17 @@ class Seeing:
         self.perceiver = perceiver
         self.words = words
         self._prompts = [Prompt(word) for word in words]
+        self._drivable = [Prompt(word) for word, weight in words.items() if weight > 0]
         self._settings = Settings()
 
     def look(self, frame: LabelledFrame) -> Seen:
         """Encode, attend and pool. Raises PerceiverError, also for maps that are worthless."""
         begin = time.perf_counter()
-        attention = self.perceiver.attend(self.perceiver.encode(frame.image), self._prompts)
-        maps = make_maps(attention, list(self.words.values()), self._settings)
+        features = self.perceiver.encode(frame.image)
+        attention, alone = (
+            self.perceiver.attend(features, asked) for asked in (self._prompts, self._drivable)
+        )
+        maps = make_maps(attention, list(self.words.values()), self._settings, alone)
         milliseconds = (time.perf_counter() - begin) * 1e3
         if isinstance(maps, Finding):
             raise PerceiverError(f"{frame.name}: {maps.figure}: the perceiver is broken, or its files are")

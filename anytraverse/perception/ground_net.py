@@ -101,23 +101,30 @@ def attention(
     gamma: float,
     fits: Floats | None = None,
     reach: Floats | None = None,
+    unknown: int | None = None,
 ) -> Floats:
     """Attention of N words, (N, h, w) in [0, 1], from the posteriors (C, h, w).
 
     covers (N, C): 1 where a word explains a class, else 0. own (N, C): how much a class speaks for a word
     when words compete. fits (N, h, w) or None: how well a point's colours suit each word, to the same end.
     reach (N, h, w) or None: how much of what it covers each word explains at each point; None is all of it.
-    K = (sum of the posteriors of all covered classes)^gamma is how well the words explain a point together.
+    unknown: the class of what has no name; None where there is none, or a word for every other class.
+    K = (1 - posterior of `unknown`)^gamma x (share of the covered classes in all with a name) is how well the
+    words explain a point together: gamma makes sure of things without a name, while ground between two names
+    of which one is asked for is as known as that is likely. Without `unknown`, all that is not covered is.
     A word gets K times its own evidence over that of the best word. So 1 - max is 1 - K, a synonym explains
     nothing twice, and what no asked word means stays low in all of them.
     """
     if not len(own):
         return np.zeros((0, *probabilities.shape[1:]), dtype=np.float32)
     if reach is None:
-        share = np.tensordot(covers.max(axis=0), probabilities, 1)
+        covered = covers.max(axis=0)[:, None, None] * probabilities
     else:
-        share = ((covers[:, :, None, None] * reach[:, None]).max(axis=0) * probabilities).sum(axis=0)
-    explained = np.clip(share, 0.0, 1.0) ** gamma
+        covered = (covers[:, :, None, None] * reach[:, None]).max(axis=0) * probabilities
+    share = covered.sum(axis=0)
+    named = share if unknown is None else 1.0 - (probabilities[unknown] - covered[unknown])
+    named = np.clip(named, 1e-9, 1.0)
+    explained = named**gamma * np.clip(share / named, 0.0, 1.0)
     evidence = np.tensordot(own, probabilities, 1)
     if fits is not None:
         evidence *= fits

@@ -1,9 +1,9 @@
 """The companion with a perceiver that breaks when told to: `python -m bench.stopping.eyes run --config F`.
 
 `broken:FILE` is the built-in perceiver until FILE says otherwise.
-"nan" or "one nan": maps that are no numbers, as a whole or in one pixel. The rest happens once. "hang": a call
-that never returns. "lock": the same in native code that keeps the interpreter's lock. "segfault": native code
-that reads where nothing is. "memory": killed as the kernel kills when memory runs out.
+"nan" or "one nan": maps that are no numbers, as a whole or in one pixel. The rest happens once.
+"hang": a call that never returns. "lock": the same in native code that keeps the interpreter's lock.
+"segfault": native code that reads where nothing is. "memory": killed as when memory runs out.
 `python -m bench.stopping.eyes vision` is its vision process.
 """
 

@@ -18,14 +18,19 @@ def answer_call(
     outcome: AnswerOutcome | None,
     now: float,
     travelled: float | None,
+    *,
+    clear: bool = False,
 ) -> Result:
     """A go without words accepts what the call is for; anything else takes such a go back.
 
-    Otherwise the call's frame, judged again, decides whether it is answered.
+    Otherwise the call's frame, judged again, decides whether it is answered. clear: "clear now, go?" is
+    asked, so that a go is one with words, too: whether they cover a thing that is gone is not in its way.
     """
     call.quiet = call.quiet or motion is Motion.STAY
     call.learnt = call.learnt or (outcome is not None and outcome.remembered)
-    if motion is Motion.GO and not changed:
+    if motion is Motion.GO and (not changed or clear):
+        if outcome is not None and outcome.call is not None:
+            call.seen = outcome.call
         if not call.answered:
             call.answered = call.accepted = True
             sight.accept(call.reasons, _scope(call, sight, now, travelled), now, travelled)

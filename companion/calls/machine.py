@@ -138,10 +138,10 @@ class OperatorCalls:
         """
         if target == 0 or target != self.current_id:
             return Result.STALE, []
-        result = Result.APPLIED
+        result, clear = Result.APPLIED, self.stage() is Stage.CLEAR
         if self.call is not None:
             result = answer_call(
-                self.call, self.sight, motion, changed, outcome, now, self.autopilot.travelled
+                self.call, self.sight, motion, changed, outcome, now, self.autopilot.travelled, clear=clear
             )
         if motion is Motion.LOOK_AGAIN:
             self.sight.look_again()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from anytraverse.assessment import Reason
-from companion.calls.acceptance import blocked_by_name, scene_of
+from companion.calls.acceptance import Acceptance, blocked_by_name, scene_of
 from companion.calls.decisions import Call
 from companion.calls.sight import Sight
 
@@ -22,5 +22,8 @@ def accept_taken_over(call: Call | None, sight: Sight, now: float, travelled: fl
         scope = None
     if scope is not None and newest is not None:
         scope = replace(scope, scene=scene_of(newest))
+        if Reason.BLOCKED in reasons:  # a thing of its own, which no call was for
+            blocked = Acceptance.of(newest, frozenset({Reason.BLOCKED}), sight.numbers, now, travelled)
+            scope = scope.joined(blocked)
     sight.accept(reasons, scope, now, travelled)
     sight.look_afresh(now)

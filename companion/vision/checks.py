@@ -17,7 +17,7 @@ from anytraverse.memory import Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
-from anytraverse.roi import NamedTile, RoiFigures, Tile
+from anytraverse.roi import NamedTile, Passage, RoiFigures, Tile
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.model import Model
 from companion.vision.messages import (
@@ -166,15 +166,20 @@ def _check_maps(maps: Any, words: int) -> None:
         right = isinstance(one, np.ndarray) and one.dtype == np.float32 and one.shape == shape
         _need(right and bool(np.isfinite(one).all()), f"the map {name}")
         _need(float(one.min()) >= lowest and float(one.max()) <= 1.0, f"values of the map {name}")
-    _need(isinstance(maps.named, np.ndarray) and maps.named.shape == (words,), "words of the maps")
+    for name, right_shape in (("drivable", shape), ("named", (words,))):
+        one = getattr(maps, name)
+        right = isinstance(one, np.ndarray) and one.dtype == np.bool_ and one.shape == right_shape
+        _need(right, f"the map {name}")
 
 
 def _check_roi(roi: Any) -> None:
-    _need(
-        isinstance(roi, RoiFigures) and (roi.corridor is None or isinstance(roi.corridor, bool)), "a corridor"
-    )
-    shares = [roi.uncertainty, roi.traversability, roi.known_share]
-    tiles, named = [roi.worst_tile], roi.named_tile
+    _need(isinstance(roi, RoiFigures) and isinstance(roi.corridor, Passage), "a corridor")
+    way = roi.corridor
+    open_or_not = (way.open, way.passable, way.roomy, way.passable_roomy)
+    _need(all(isinstance(one, bool) for one in open_or_not), "a corridor")
+    _need(way.open <= way.passable and way.roomy <= way.open, "a corridor that is open and not passable")
+    shares = [roi.uncertainty, roi.strangeness, roi.traversability, roi.known_share]
+    tiles, named = [roi.worst_tile, *([] if way.gap is None else [way.gap])], roi.named_tile
     if named is not None:
         _need(isinstance(named, NamedTile) and _whole(named.word), "a named tile")
         tiles.append(named.tile)

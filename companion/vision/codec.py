@@ -145,10 +145,9 @@ class _Pickler(pickle.Pickler):
         elif isinstance(value, tuple):
             content = tuple(value)
         elif isinstance(value, Maps):
-            content = {name: one for name, one in vars(value).items() if name != "known"}
-            content["attention"] = np.empty((0, *value.signed.shape), np.float32)
+            content = {**vars(value), "attention": np.empty((0, *value.signed.shape), np.float32)}
         elif isinstance(value, Observation):
-            content = {**vars(value), "features": None, "attended": None}
+            content = {**vars(value), "features": None, "attended": {}}
         elif isinstance(value, type):
             return NotImplemented
         else:

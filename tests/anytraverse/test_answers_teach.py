@@ -150,12 +150,14 @@ def test_words_without_a_call_change_the_words_at_once_and_teach_no_scene(rover:
     assert rover.memory.history is history
 
 
-def test_a_change_of_weights_alone_runs_no_network(rover: Rover) -> None:
+def test_a_change_of_weights_that_turns_no_sign_asks_for_nothing(rover: Rover) -> None:
     call = rover.call(thing="drum")
     rover.answer({"drum": -1}, call, 7)
     attended = rover.eyes.attended
-    outcome = rover.answer({"grass": 0.4, "drum": 0.8}, call, 7)
+    rover.answer({"grass": 0.4, "drum": -0.8}, call, 7)
     assert rover.eyes.attended == attended
+    outcome = rover.answer({"drum": 0.8}, call, 7)
+    assert rover.eyes.attended == attended + 1, "the drivable words alone, of the one frame there is"
     assert outcome.call is not None
     assert outcome.call.words == Preferences.parse("grass: 0.4; rock: -1; drum: 0.8")
     assert outcome.call.ok

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,98 +20,145 @@ WHOLE = Box(0, 0, 1, 1)
 THIRD = Corridor(0.3, 0.3)
 
 
+TILE = (6, 6)
+"""Rows and columns of a tile."""
+
+
 def ground(height: int = 30, width: int = 40) -> Mask:
-    """Nothing in the way."""
-    return np.zeros((height, width), dtype=np.bool_)
+    """All of it drivable."""
+    return np.ones((height, width), dtype=np.bool_)
 
 
-def test_free_ground_is_open() -> None:
-    assert corridor_open(ground(), WHOLE, THIRD)
+def opened(drivable: Mask, region: Box = WHOLE, corridor: Corridor = THIRD) -> bool:
+    return corridor_open(drivable, region, corridor, TILE)
 
 
-def test_a_wall_across_blocks() -> None:
+def test_drivable_ground_is_open() -> None:
+    assert opened(ground())
+
+
+def test_without_any_evidence_it_is_closed() -> None:
+    assert not opened(~ground())
+
+
+def test_a_wall_across_closes_it() -> None:
     wall = ground()
-    wall[14:16] = True
-    assert not corridor_open(wall, WHOLE, THIRD)
+    wall[14:16] = False
+    assert not opened(wall)
 
 
 def test_a_wall_outside_the_roi_does_not_count() -> None:
     wall = ground()
-    wall[3] = True
-    assert corridor_open(wall, Box(0, 0.2, 1, 1), THIRD)
+    wall[3] = False
+    assert opened(wall, Box(0, 0.2, 1, 1))
 
 
-@pytest.mark.parametrize(("gap", "passes"), [(12, True), (10, False)])
-def test_a_gap_of_the_vehicles_width_passes_and_a_narrower_one_does_not(gap: int, passes: bool) -> None:
+@pytest.mark.parametrize(("gap", "passes"), [(12, True), (8, False)])
+def test_a_way_of_the_vehicles_width_passes_and_a_narrower_one_does_not(gap: int, passes: bool) -> None:
     wall = ground()
-    wall[14:16] = True
-    wall[14:16, 5 : 5 + gap] = False
-    assert corridor_open(wall, WHOLE, THIRD) is passes
+    wall[12:18] = False
+    wall[12:18, 5 : 5 + gap] = True
+    assert opened(wall) is passes
 
 
-def test_gaps_too_far_apart_to_turn_between_do_not_make_a_corridor() -> None:
+def test_ways_too_far_apart_to_turn_between_do_not_make_a_corridor() -> None:
     walls = ground()
-    walls[20, 12:] = True
-    walls[14, :28] = True
-    assert not corridor_open(walls, WHOLE, THIRD)
+    walls[18:24, 12:] = False
+    walls[12:18, :28] = False
+    assert not opened(walls)
     walls = ground(50)
-    walls[45, 12:] = True
-    walls[5, :28] = True
-    assert corridor_open(walls, WHOLE, THIRD)
+    walls[40:50, 12:] = False
+    walls[:10, :28] = False
+    assert opened(walls)
 
 
-def test_stray_pixels_do_not_block() -> None:
+@pytest.mark.parametrize("far", [0, 29])
+def test_a_few_stray_cells_at_either_edge_of_the_roi_do_not_close_it(far: int) -> None:
     specks = ground()
-    specks[::3, 5::14] = True
-    assert corridor_open(specks, WHOLE, THIRD)
+    specks[far, ::2] = False
+    assert opened(specks)
+
+
+def test_every_band_must_have_its_share_from_near_to_far() -> None:
+    for band in range(5):
+        thin = ground()
+        thin[6 * band : 6 * band + 6, ::4] = False
+        assert not opened(thin)
+    assert opened(thin, corridor=Corridor(0.3, 0.3, share=0.7))
+    assert opened(thin, corridor=Corridor(0.3, 0.3, bands=1))
+
+
+def test_a_gap_as_large_as_a_tile_closes_a_corridor_that_has_its_share() -> None:
+    wide = Corridor(0.95, 0.95)
+    holed = ground()
+    holed[9:15, 17:23] = False
+    assert not opened(holed, corridor=wide)
+    holed[9:15, 20] = True
+    assert opened(holed, corridor=wide)
 
 
 def test_the_corridor_narrows_with_distance() -> None:
-    funnel = ground()
+    funnel = ~ground()
     for row in range(30):
         free = 6 + round(6 * row / 29)
-        funnel[row] = True
-        funnel[row, 20 - free // 2 : 20 - free // 2 + free] = False
-    assert corridor_open(funnel, WHOLE, Corridor(bottom=0.3, top=0.15))
-    assert not corridor_open(funnel, WHOLE, THIRD)
+        funnel[row, 20 - free // 2 : 20 - free // 2 + free] = True
+    assert opened(funnel, corridor=Corridor(bottom=0.3, top=0.15))
+    assert not opened(funnel)
 
 
 def test_a_vehicle_wider_than_the_roi_needs_all_of_it() -> None:
     narrow, wide = Box(0.4, 0, 0.6, 1), Corridor(0.9, 0.9)
-    assert corridor_open(ground(), narrow, wide)
+    assert opened(ground(), narrow, wide)
     post = ground()
-    post[10:20, 19:21] = True
-    assert not corridor_open(post, narrow, wide)
+    post[10:20, 19:21] = False
+    assert not opened(post, narrow, wide)
 
 
 def test_a_region_without_a_pixel_is_not_open() -> None:
-    assert not corridor_open(ground(), Box(0.51, 0.51, 0.515, 0.515), THIRD)
+    assert not opened(ground(), Box(0.51, 0.51, 0.515, 0.515))
 
 
 def test_one_row_is_judged_by_the_width_at_the_bottom() -> None:
     row = ground(1)
-    row[0, 8:] = True
-    assert not corridor_open(row, WHOLE, Corridor(0.3, 0.1))
-    assert corridor_open(row, WHOLE, Corridor(0.2, 0.9))
+    row[0, 8:] = False
+    assert not corridor_open(row, WHOLE, Corridor(0.3, 0.1), (1, 1))
+    assert corridor_open(row, WHOLE, Corridor(0.2, 0.9), (1, 1))
 
 
-def slow_open(blocked: Mask, corridor: Corridor) -> bool:
-    """Every path of strip positions, row by row."""
-    count, across = blocked.shape
-    reachable: set[int] | None = None
-    for row in reversed(range(count)):
-        rise = (count - 1 - row) / max(1, count - 1)
-        wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * across
-        strip = min(max(1, round(wanted)), across)
-        free = {
-            left + strip // 2
-            for left in range(across - strip + 1)
-            if blocked[row, left : left + strip].sum() <= 0.1 * strip
-        }
-        if reachable is not None:
-            free = {at for at in free if reachable & {at - 1, at, at + 1}}
-        reachable = free
-    return bool(reachable)
+def slow_open(drivable: Mask, corridor: Corridor, tile: tuple[int, int]) -> bool:
+    """Every path of strip positions, band by band."""
+    count, across = drivable.shape
+    gaps = {
+        (top, left)
+        for top in range(count - tile[0] + 1)
+        for left in range(across - tile[1] + 1)
+        if (~drivable[top : top + tile[0], left : left + tile[1]]).sum() >= 0.9 * tile[0] * tile[1]
+    }
+    at: set[int] | None = None
+    for band in np.array_split(np.arange(count)[::-1], min(corridor.bands, count)):
+        fewest: dict[int, int] = {} if at is None else dict.fromkeys(at, 0)
+        cells = 0
+        for row in band:
+            rise = (count - 1 - row) / max(1, count - 1)
+            wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * across
+            strip = min(max(1, round(wanted)), across)
+            cells += strip
+            here = {}
+            for left in range(across - strip + 1):
+                inside = [
+                    gap
+                    for gap in gaps
+                    if gap[0] <= row < gap[0] + tile[0] and left <= gap[1] <= left + strip - tile[1]
+                ]
+                centre = left + strip // 2
+                before = [fewest[near] for near in (centre - 1, centre, centre + 1) if near in fewest]
+                if inside or not (before or (at is None and row == band[0])):
+                    continue
+                missing = int((~drivable[row, left : left + strip]).sum())
+                here[centre] = min(before, default=0) + missing
+            fewest = here
+        at = {centre for centre, missing in fewest.items() if missing <= (1 - corridor.share) * cells + 1e-9}
+    return bool(at)
 
 
 @given(
@@ -118,14 +166,16 @@ def slow_open(blocked: Mask, corridor: Corridor) -> bool:
     st.integers(1, 16),
     st.integers(0, 2**16),
     st.sampled_from([0.05, 0.15, 0.3]),
-    st.sampled_from([Corridor(0.3, 0.2), Corridor(0.1, 0.1), Corridor(0.7, 0.3), Corridor(0.2, 1.5)]),
+    st.sampled_from([Corridor(0.3, 0.2), Corridor(0.1, 0.1), Corridor(0.7, 0.3, 0.9, 3), Corridor(0.2, 1.5)]),
+    st.sampled_from([(1, 1), (2, 2), (3, 2)]),
 )
 @settings(max_examples=150)
-def test_it_is_open_when_some_path_of_strips_is_free(
-    height: int, width: int, seed: int, density: float, corridor: Corridor
+def test_it_is_open_when_some_path_of_strips_has_its_share_in_every_band(
+    height: int, width: int, seed: int, density: float, corridor: Corridor, tile: tuple[int, int]
 ) -> None:
-    blocked = np.random.default_rng(seed).random((height, width)) < density
-    assert corridor_open(blocked, WHOLE, corridor) is slow_open(blocked, corridor)
+    drivable = np.random.default_rng(seed).random((height, width)) >= density
+    tile = min(tile[0], height), min(tile[1], width)
+    assert corridor_open(drivable, WHOLE, corridor, tile) is slow_open(drivable, corridor, tile)
 
 
 @pytest.mark.parametrize("width", [0.0, -0.1, math.nan, math.inf])
@@ -134,8 +184,14 @@ def test_a_corridor_without_a_width_is_refused(width: float) -> None:
         Corridor(width, 0.2)
 
 
+@pytest.mark.parametrize("wrong", [{"share": 0.0}, {"share": 1.1}, {"share": math.nan}, {"bands": 0}])
+def test_a_corridor_that_asks_for_nothing_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match="asks for nothing"):
+        Corridor(0.3, 0.2, **wrong)
+
+
 def test_sectors_tell_the_drivable_share_of_what_is_known() -> None:
-    known, drivable = ground(10, 16), ground(10, 16)
+    known, drivable = ~ground(10, 16), ~ground(10, 16)
     known[5:, :8] = True
     drivable[5:, :4] = True
     drivable[5, 4:8] = True

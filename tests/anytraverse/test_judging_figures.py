@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from anytraverse.assessment import Assessment, Finding, Maps, Reason
+from anytraverse.assessment import CORRIDOR, Assessment, Finding, Maps, Reason
 from anytraverse.errors import SettingsError
 from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
 from anytraverse.perception import DefaultThresholds
@@ -19,7 +19,7 @@ from anytraverse.roi import Corridor
 if TYPE_CHECKING:
     from tests.anytraverse.conftest import Rover
 
-WHOLE = Settings(region=Box(0, 0, 1, 1), corridor=None)
+WHOLE = Settings(region=Box(0, 0, 1, 1), corridor=Corridor(0.5, 0.5))
 
 
 def painted(rows: list[str], **words: float) -> Maps:
@@ -37,14 +37,14 @@ def painted(rows: list[str], **words: float) -> Maps:
 
 
 def findings(maps: Maps, settings: Settings, similarity: float | None = None) -> dict[str, Finding]:
-    """Findings by their figure."""
+    """Findings by their figure; the corridor's for want of evidence is "evidence"."""
     roi = roi_figures(maps, 1.0, settings)
     assert not isinstance(roi, Finding)
-    return {finding.figure: finding for finding in find(maps, roi, similarity, settings)}
-
-
-NAMED = np.array([False, True])
-"""Of the words G and D the second was tapped, and is not drivable."""
+    found = find(maps, roi, similarity, settings)
+    for one in found:
+        if (one.figure, one.reason) == (CORRIDOR, Reason.UNKNOWN_OBJECT):
+            found[found.index(one)] = replace(one, figure="evidence")
+    return {finding.figure: finding for finding in found}
 
 
 @pytest.mark.parametrize(
@@ -94,18 +94,16 @@ def test_a_name_that_explains_hardly_anything_of_a_strange_tile_names_nothing(
 
 def findings_of_a_thing(thing: list[str], tile: float = 0.5, drum: float = 0.0) -> dict[str, Finding]:
     """Findings where a strange thing of one tile stands on the ground G; drum: how far "?" looks like D."""
-    settings = replace(
-        WHOLE, thresholds=Thresholds(roi=1.0, tile=tile, trav=0.0), corridor=Corridor(bottom=0.5, top=0.5)
-    )
+    settings = replace(WHOLE, thresholds=Thresholds(roi=1.0, tile=tile, trav=0.0))
     rows = [("GG" + row).ljust(8, "G") for row in ["GG", "GG", *thing, "GG", "GG", "GG", "GG"]]
     attention = painted(rows, G=1.0, D=-1.0).attention.copy()
     attention[1][[[pixel == "?" for pixel in row] for row in rows]] = drum
-    assert "named_tile" not in findings(_maps(attention, settings, None), settings), "nothing was tapped"
-    return findings(_maps(attention, settings, NAMED), settings)
+    assert "named_tile" not in findings(_maps(attention, settings, 1.0), settings), "all is drivable"
+    return findings(_maps(attention, settings, -1.0), settings)
 
 
-def _maps(attention: Any, settings: Settings, named: Any) -> Maps:
-    maps = make_maps(attention, [1.0, -1.0], settings, named)
+def _maps(attention: Any, settings: Settings, weight: float) -> Maps:
+    maps = make_maps(attention, [1.0, weight], settings)
     assert isinstance(maps, Maps)
     return maps
 
@@ -158,27 +156,27 @@ def test_blocked_is_judged_only_over_pixels_that_a_word_explains() -> None:
 
 
 def test_where_nothing_is_known_nothing_is_blocked_but_unknown() -> None:
-    found = findings(painted(["gg", "??"], G=1), replace(WHOLE, corridor=Corridor(0.5, 0.5)))
+    found = findings(painted(["gg", "??"], G=1), WHOLE)
     assert "drivable_share" not in found
-    assert not found["corridor"].bad
+    assert (found["corridor"].bad, found["evidence"].bad) == (False, True)
     assert found["roi_uncertainty"].bad
 
 
 def test_a_wall_is_blocked_though_most_ground_is_drivable() -> None:
     maps = painted(["GGGG"] * 5 + ["RRRR"] + ["GGGG"] * 5, G=1, R=-1)
-    found = findings(maps, replace(WHOLE, corridor=Corridor(0.5, 0.5)))
+    found = findings(maps, WHOLE)
     assert found["corridor"].bad
     assert found["corridor"].reason is Reason.BLOCKED
     assert not found["drivable_share"].bad
 
 
 def test_a_corridor_is_clear_only_with_room_to_spare() -> None:
-    settings = replace(WHOLE, corridor=Corridor(0.5, 0.5))
+    settings = replace(WHOLE, thresholds=Thresholds(roi=0.9))
     just = findings(painted(["GGGGGGGGGGRRRRRRRRRR"] * 3, G=1, R=-1), settings)["corridor"]
     roomy = findings(painted(["GGGGGGGGGGGGRRRRRRRR"] * 3, G=1, R=-1), settings)["corridor"]
     assert (just.bad, roomy.bad) == (False, False)
     assert roomy.clear
-    narrow = findings(painted(["GGGGGGGGRRRRRRRRRRRR"] * 3, G=1, R=-1), settings)["corridor"]
+    narrow = findings(painted(["GGGGGGGRRRRRRRRRRRRR"] * 3, G=1, R=-1), settings)["corridor"]
     assert (narrow.bad, narrow.clear) == (True, False)
 
 
@@ -204,7 +202,8 @@ def test_the_figures_of_the_roi() -> None:
     assert roi.traversability == pytest.approx((0.5 * 2 + 0.245 * 2) / 8)
     assert roi.known_share == 5 / 8
     assert roi.drivable_share == 2 / 5
-    assert roi.corridor is None
+    assert not roi.corridor.open
+    assert roi.strangeness == pytest.approx((1 + 0.51 * 2 + 3) / 8)
 
 
 def test_without_a_reference_the_scene_is_not_judged() -> None:

@@ -46,14 +46,16 @@ def test_the_weight_of_a_tapped_word_can_be_set_alone(taught: Rover) -> None:
     assert taught.see(thing="gnome").ok
 
 
-def test_only_what_was_tapped_as_not_drivable_counts_as_if_it_had_no_name(taught: Rover) -> None:
+def test_what_was_tapped_or_named_as_not_drivable_counts_as_if_it_had_no_name(taught: Rover) -> None:
+    taught.answer({"drum": -1})
+    for thing, strange in (("gnome", 1.0), ("drum", 1.0), ("", 0.0)):
+        roi = taught.see(thing=thing).roi
+        assert roi is not None
+        assert roi.named_tile is not None
+        assert roi.named_tile.tile.uncertainty == pytest.approx(strange)
+        assert roi.named_tile.explained > 0.9 or not thing
+    taught.answer({"gnome": 1, "drum": 1}, forget=("rock",))
     roi = taught.see(thing="gnome").roi
-    assert roi is not None
-    assert roi.named_tile is not None
-    assert roi.named_tile.tile.uncertainty == pytest.approx(1.0)
-    assert roi.named_tile.explained > 0.9
-    taught.answer({"gnome": 1, "drum": -1})
-    roi = taught.see(thing="drum").roi
     assert roi is not None
     assert roi.named_tile is None
 

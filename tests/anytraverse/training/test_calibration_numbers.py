@@ -71,6 +71,18 @@ def test_what_no_asked_word_means_stays_uncertain() -> None:
     assert attention(probabilities, words[:0], words[:0], 5.0).shape == (0, 1, 2)
 
 
+def test_ground_between_two_names_is_as_known_as_the_one_asked_for_is_likely() -> None:
+    grass, tree, strange = np.array([0.6, 0.4, 0.0]), np.array([0.4, 0.6, 0.0]), np.array([0.6, 0.1, 0.3])
+    probabilities = np.zeros((len(CLASSES), 1, 3), np.float32)
+    probabilities[[GRASS, TREE, -1], 0] = np.stack([grass, tree, strange], axis=1)
+    eye = np.eye(len(CLASSES), dtype=np.float32)
+    alone = attention(probabilities, eye[[GRASS]], eye[[GRASS]], 10.0, unknown=len(CLASSES) - 1)[0, 0]
+    assert alone == pytest.approx([0.6, 0.4, 0.7**10 * 0.6 / 0.7], abs=1e-6)
+    for words in (eye[:-1], eye):
+        by_all = attention(probabilities, words, words, 10.0, unknown=len(CLASSES) - 1)
+        assert by_all == pytest.approx(attention(probabilities, words, words, 10.0), abs=1e-6)
+
+
 def test_ranks_count_ties_as_half() -> None:
     assert auroc(np.array([0.1, 0.9, 0.5, 0.5], np.float32), np.array([False, True, True, False])) == 0.875
     assert np.isnan(auroc(np.ones(3, np.float32), np.ones(3, bool)))

@@ -106,8 +106,7 @@ class View:
         seen = Assessment(
             frame, Preferences.of(words), (), age, observation=Observation(frame, None, embedding)
         )
-        tapped = np.array([word == GNOME and weight < 0 for word, weight in words.items()])
-        maps = make_maps(attention, list(words.values()), judging, tapped)
+        maps = make_maps(attention, list(words.values()), judging)
         if isinstance(maps, Finding):
             return replace(seen, findings=(maps,))
         roi = roi_figures(maps, WIDTH / HEIGHT, judging)

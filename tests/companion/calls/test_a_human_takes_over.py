@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Reason
+from anytraverse.regions import Box
 from companion.autopilots import ardupilot
 from companion.calls.hold import HoldEvent, HoldStage
-from companion.wire.ids import Outcome
+from companion.wire.ids import Outcome, Policy
 from tests.companion.calls.scenes import (
     AHEAD,
     AUTO,
@@ -75,6 +76,55 @@ def test_nor_is_he_for_a_blocked_way(blocked: Scene) -> None:
     blocked.run(15.0, LOG)
     assert blocked.autopilot.mode == AUTO
     assert len(blocked.held()) == 1
+
+
+ROCK = Thing(Box(0.36, 0.84, 0.56, 0.95), "log")
+NEXT = Thing(Box(0.44, 0.66, 0.66, 0.76), "log")
+"""Two things by name, one behind the other, each with too little room beside it."""
+
+
+def test_who_drives_past_one_known_thing_has_not_accepted_the_next(hold: Scene) -> None:
+    hold.run(1.0, View((ROCK,)))
+    assert hold.held() == [{Reason.BLOCKED}]
+    hold.human(AUTO)
+    hold.run(2.0, View((ROCK,)))
+    assert hold.autopilot.mode == AUTO
+    hold.run(1.0, View((ROCK, NEXT)))
+    assert hold.autopilot.mode == HOLD
+    assert [set(reasons) for reasons in hold.held()] == [{Reason.BLOCKED}] * 2
+
+
+@pytest.mark.parametrize("tile", [None, 0.25, 0.65])
+def test_nor_the_next_when_the_first_is_behind_him(tile: float | None) -> None:
+    hold = Scene(Policy.HOLD, tile=tile)
+    hold.run(1.0, View((ROCK,)))
+    hold.human(AUTO)
+    for down in (0.0, 0.02, 0.05, 0.08):
+        box = Box(0.36, ROCK.box.top + down, 0.56, min(1.0, ROCK.box.bottom + down))
+        hold.run(0.5, View((Thing(box, "log"),)))
+    assert hold.autopilot.mode == AUTO
+    hold.run(1.0, View((NEXT,)))
+    assert hold.autopilot.mode == HOLD
+
+
+@pytest.mark.parametrize("tile", [None, 0.25])
+def test_nor_a_way_that_closes_altogether(tile: float | None) -> None:
+    hold = Scene(Policy.HOLD, tile=tile)
+    hold.run(1.0, View((ROCK,)))
+    hold.human(AUTO)
+    hold.run(1.0, View((Thing(Box(0.0, 0.60, 1.0, 0.75), "log"), ROCK)))
+    assert hold.autopilot.mode == HOLD
+
+
+def test_who_drives_past_an_unknown_and_a_known_thing_has_accepted_both(hold: Scene) -> None:
+    both = View((ROCK, Thing(Box(0.36, 0.62, 0.44, 0.70))))
+    hold.run(1.0, both)
+    assert hold.opened() == [1]
+    hold.human(AUTO)
+    hold.run(5.0, both)
+    assert hold.autopilot.mode == AUTO
+    hold.run(1.0, View((*both.things, Thing(BESIDE))))
+    assert hold.autopilot.mode == HOLD
 
 
 def test_nor_for_a_new_place(hold: Scene) -> None:

@@ -213,3 +213,25 @@ def test_an_answer_of_any_kind_is_judged_with_the_words_that_were_set_meanwhile(
     report.words.update(DRIVABLE)
     report.answer(Motion.LOOK_AGAIN)
     assert report.closed() == [(1, Outcome.ANSWERED)]
+
+
+def test_words_and_go_at_clear_now_are_a_go_though_the_words_do_not_cover_what_is_gone(held: Scene) -> None:
+    held.run(2.0, CLEAR)
+    assert held.calls.stage() is Stage.CLEAR
+    assert held.go({"puddle": -1.0}) is Result.APPLIED
+    held.run(2.0, CLEAR)
+    assert held.autopilot.mode == AUTO
+    assert held.closed() == [(1, Outcome.ACCEPTED)]
+
+
+def test_words_and_go_before_that_wait_for_words_that_cover_the_thing(held: Scene) -> None:
+    assert held.go({"puddle": -1.0}) is Result.NOT_COVERED
+    held.run(2.0, CLEAR)
+    assert held.autopilot.mode == HOLD
+
+
+def test_words_at_clear_now_that_make_the_view_bad_hold_on(held: Scene) -> None:
+    held.run(2.0, CLEAR)
+    held.go({"trail": -1.0, "log": 1.0})
+    held.run(3.0, CLEAR)
+    assert held.autopilot.mode == HOLD

@@ -140,7 +140,7 @@ def test_a_go_on_a_blocked_way_does_not_drive_over_it(blocked: Scene) -> None:
 
 
 def test_a_way_that_is_open_by_less_than_the_margin_is_not_driven_yet(blocked: Scene) -> None:
-    narrow = View((Thing(Box(0.33, 0.85, 0.385, 0.95), "log"),))
+    narrow = View((Thing(Box(20 / 60, 34 / 40, 22 / 60, 37 / 40), "log"),))
     blocked.run(2.0, narrow)
     assert blocked.calls.stage() is Stage.OPEN
     blocked.go()

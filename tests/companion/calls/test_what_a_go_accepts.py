@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from anytraverse.assessment import Reason
+from anytraverse.assessment import Assessment, Maps, Reason
+from anytraverse.judging import Settings, find, make_maps, roi_figures
 from anytraverse.regions import Box
-from companion.wire.ids import Outcome
+from anytraverse.roi import Mask, RoiFigures
+from companion.calls import acceptance
+from companion.calls.acceptance import Acceptance
+from companion.wire.ids import Outcome, Policy
 from tests.companion.calls.scenes import (
+    ACROSS,
     AHEAD,
     AUTO,
     BESIDE,
@@ -254,3 +262,88 @@ def test_with_a_go_the_rover_drives_over_the_accepted_thing_in_hold_policy(held:
     assert held.opened() == [1]
     held.run(1.0, LOG)
     assert held.autopilot.mode == HOLD
+
+
+FAINT = View((Thing(ACROSS, unsure=0.6),))
+"""A thing across the way that is too little known to drive over, and too little unknown for its tile."""
+
+
+def test_a_go_passes_a_thing_that_is_called_for_only_since_no_known_way_leads_on() -> None:
+    scene = Scene(Policy.HOLD, tile=0.65)
+    scene.run(1.0, FAINT)
+    assert (scene.held(), scene.autopilot.mode) == ([frozenset({Reason.UNKNOWN_OBJECT})], HOLD)
+    assert scene.call.seen is not None
+    assert scene.call.seen.tile is not None
+    assert ACROSS.contains(*scene.call.seen.tile.box.centre)
+    scene.go()
+    for down in (0.0, 0.02, 0.04, 0.06):
+        scene.run(0.5, View((Thing(Box(0.30, 0.70 + down, 0.70, 0.85 + down), unsure=0.6),)))
+    assert scene.autopilot.mode == AUTO
+    assert scene.opened() == [1]
+    scene.run(1.0, View((Thing(Box(0.30, 0.62, 0.70, 0.68), unsure=0.6),)))
+    assert scene.opened() == [1, 2], "the next one has not been accepted"
+
+
+def test_a_go_passes_what_is_unsure_in_many_places() -> None:
+    places = [(x, y) for x in range(20, 40, 2) for y in (26, 27, 30, 31, 34, 35)]
+    specks = tuple(Thing(Box(x / 60, y / 40, (x + 1) / 60, (y + 1) / 40)) for x, y in places)
+    scene = Scene(Policy.HOLD, tile=0.9)
+    scene.run(1.0, View(specks))
+    assert scene.autopilot.mode == HOLD
+    scene.go()
+    scene.run(3.0)
+    assert (scene.autopilot.mode, scene.opened()) == (AUTO, [1])
+
+
+def test_a_go_to_a_thing_does_not_open_a_way_that_known_things_close(hold: Scene) -> None:
+    hold.run(1.0, FAINT)
+    hold.go()
+    hold.run(5.0, LOG)
+    assert hold.autopilot.mode == HOLD
+    assert hold.calls.sight.reasons(hold.now) == {Reason.BLOCKED}
+
+
+def test_without_tiles_a_go_to_a_thing_does_not_accept_the_known_ground_around_it() -> None:
+    scene = Scene(Policy.HOLD, tile=None)
+    view = View((Thing(Box(0.333, 0.60, 0.38, 0.95), "log"), Thing(Box(0.5, 0.7, 0.6, 0.8))), haze=0.25)
+    scene.run(1.0, view)
+    assert scene.calls.sight.reasons(scene.now) == {Reason.BLOCKED, Reason.UNKNOWN_OBJECT}
+    scene.go()
+    scene.run(3.0)
+    assert scene.autopilot.mode == HOLD
+    assert scene.calls.sight.reasons(scene.now) == {Reason.BLOCKED}
+
+
+@pytest.mark.parametrize("scale", [1, 8, 30])
+def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_maps(
+    report: Scene, monkeypatch: pytest.MonkeyPatch, scale: int
+) -> None:
+    report.run(0.5, DRUM)
+    seen = enlarged(report.judged(report.frame), scale, report.numbers.judging)
+    searched: list[tuple[tuple[int, ...], int]] = []
+    plain = acceptance._connected
+
+    def recorded(seed: Mask, within: Mask, steps: int) -> Mask:
+        searched.append((seed.shape, steps))
+        return plain(seed, within, steps)
+
+    monkeypatch.setattr(acceptance, "_connected", recorded)
+    accepted = Acceptance.of(seen, seen.reasons, report.numbers, 0.0, None)
+    assert accepted.box is not None
+    assert accepted.covers(seen, report.numbers) == {Reason.UNKNOWN_OBJECT}
+    assert searched
+    assert all(max(*shape, steps) <= 96 for shape, steps in searched)
+    assert accepted.box.contains(AHEAD.left, AHEAD.top)
+    assert accepted.box.contains(AHEAD.right, AHEAD.bottom)
+    assert accepted.box.right - accepted.box.left < 0.2
+
+
+def enlarged(seen: Assessment, scale: int, judging: Settings) -> Assessment:
+    """The same frame, its maps so many times as large."""
+    assert seen.maps is not None
+    attention = np.kron(seen.maps.attention, np.ones((1, scale, scale), dtype=np.float32))
+    maps = make_maps(attention, list(seen.words.values()), judging)
+    assert isinstance(maps, Maps)
+    roi = roi_figures(maps, 1.5, judging)
+    assert isinstance(roi, RoiFigures)
+    return replace(seen, maps=maps, roi=roi, findings=tuple(find(maps, roi, 1.0, judging)))

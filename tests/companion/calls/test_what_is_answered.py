@@ -132,7 +132,7 @@ def test_a_forbidden_thing_across_the_way_is_told_as_blocked(hold: Scene) -> Non
     talk = Talk(hold)
     talk.say(1, GO, drum=-1.0)
     talk.seen()
-    assert talk.last == (Result.APPLIED, "C1 blocked, no way through: waiting")
+    assert talk.last == (Result.APPLIED, "C1 blocked by drum: waiting")
 
 
 def test_what_the_journal_could_not_keep_is_said(held: Scene) -> None:
@@ -231,7 +231,7 @@ def test_a_go_does_not_overtake_the_words_before_it(blocked: Scene) -> None:
 def test_a_go_to_a_blocked_hold_is_told_to_wait(blocked: Scene) -> None:
     talk = Talk(blocked)
     talk.say(1, GO)
-    assert talk.last == (Result.APPLIED, "H1 blocked, no way through: waiting")
+    assert talk.last == (Result.APPLIED, "H1 blocked by log: waiting")
     blocked.run(1.5, CLEAR)
     assert blocked.autopilot.mode == AUTO
 

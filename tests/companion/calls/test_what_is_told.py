@@ -15,7 +15,6 @@ from companion.wire.payloads import CallData, Summary
 from tests.companion.calls.scenes import (
     ACROSS,
     AHEAD,
-    AUTO,
     BROKEN,
     CLEAR,
     DRUM,
@@ -85,7 +84,7 @@ def test_the_largest_id_and_the_longest_fault_fit(report: Scene) -> None:
 
 
 def test_a_blocked_hold_says_blocked(blocked: Scene) -> None:
-    assert text(blocked) == "H1 blocked, no way through: waiting"
+    assert text(blocked) == "H1 blocked by log: waiting"
 
 
 def test_a_hold_before_a_named_thing_that_leaves_a_way_says_the_name(hold: Scene) -> None:
@@ -102,9 +101,13 @@ def test_a_hold_whose_view_has_just_cleared_still_says_what_blocked_it(hold: Sce
     assert text(hold) == "H1 blocked by gnome: waiting"
 
 
-def test_a_hold_for_want_of_drivable_ground_says_how_much_there_is(hold: Scene) -> None:
-    hold.run(1.0, View((Thing(Box(0.0, 0.0, 1.0, 0.9), "log"),)))
-    assert text(hold) == "H1 blocked 14% drivable: waiting"
+def test_a_hold_without_a_bad_tile_says_how_much_is_drivable_or_that_there_is_no_way() -> None:
+    for top, said in ((0.0, "14% drivable"), (0.84, "no way through")):
+        hold = Scene(Policy.HOLD, tile=None)
+        hold.run(1.0, View((Thing(Box(0.0, top, 1.0, 0.9), "log"),)))
+        assert text(hold).startswith("H1 blocked")
+        assert said in text(hold)
+        assert data(hold).worst_tile_box is None
 
 
 def test_a_fault_outranks_what_the_call_asks(held: Scene) -> None:
@@ -135,7 +138,7 @@ def test_a_go_that_waits_says_what_for(hold: Scene) -> None:
     hold.run(1.0, BARREL)
     hold.go({"drum": -1.0})
     hold.run(1.0)
-    assert text(hold) == "C1 blocked, no way through: waiting"
+    assert text(hold) == "C1 blocked by drum: waiting"
     hold.show(CLEAR, CLEAR)
     assert text(hold) == "C1 go given: waiting for a clear view"
 
@@ -183,14 +186,10 @@ def test_a_hold_points_at_the_thing_that_a_name_holds_it_for_and_at_nothing_else
     hold.words[GNOME] = -1.0
     hold.run(1.0, View((Thing(SLIVER, mistaken=0.5),)))
     assert data(hold).worst_tile_box is not None
-    hold.human(MANUAL)
-    hold.human(AUTO)
-    hold.run(2.0, CLEAR)
-    hold.run(1.0, View((Thing(ACROSS, "log"),), haze=0.1))
-    told = data(hold)
-    assert (told.kind, text(hold)) == (Kind.HOLD, "H2 blocked, no way through: waiting")
-    assert told.worst_tile == pytest.approx(0.09)
-    assert told.worst_tile_box is None
+    scene = Scene(Policy.HOLD, tile=None)
+    scene.run(1.0, View((Thing(ACROSS, "log"),), haze=0.1))
+    told = data(scene)
+    assert (told.kind, told.worst_tile_box) == (Kind.HOLD, None)
 
 
 def test_the_data_of_a_hold_for_a_fault_show_the_newest_frame(hold: Scene) -> None:

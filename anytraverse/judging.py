@@ -31,6 +31,8 @@ _WIDER = 1.1
 """A corridor counts as clear when one this much wider is open, with the margin on its share."""
 _EXPLAINED = 0.2
 """Share of what is strange that words which are not drivable must account for to name it."""
+_AROUND = 2.0
+"""How much larger than its worst tile the neighbourhood is in which a thing that closes the way is judged."""
 
 
 @dataclass(frozen=True)
@@ -213,11 +215,12 @@ def _named(
 
 
 def _find_corridor(way: Passage) -> list[Finding]:
-    """Blocked where the corridor stays closed though all that is uncertain were drivable; else unknown."""
-    unknown = way.passable and not way.open
+    """Blocked where words that are not drivable close it, or account for what does; else unknown."""
+    blocked = not way.open and (not way.passable or way.explained >= _EXPLAINED)
+    unknown = not way.open and not blocked
     return [
-        Finding(Reason.BLOCKED, CORRIDOR, bad=not way.passable, clear=way.passable_roomy),
-        Finding(Reason.UNKNOWN_OBJECT, CORRIDOR, bad=unknown, clear=way.roomy or not way.passable),
+        Finding(Reason.BLOCKED, CORRIDOR, bad=blocked, clear=way.passable_roomy and not blocked),
+        Finding(Reason.UNKNOWN_OBJECT, CORRIDOR, bad=unknown, clear=way.roomy or blocked),
     ]
 
 
@@ -227,13 +230,15 @@ def _passage(maps: Maps, aspect: float, settings: Settings) -> Passage:
     opened = is_open(maps.drivable, aspect, settings)
     passable = opened or is_open(not_against, aspect, settings)
     roomy = opened and is_open(maps.drivable, aspect, settings, roomier)
-    return Passage(
-        open=opened,
-        passable=passable,
-        roomy=roomy,
-        passable_roomy=roomy or (passable and is_open(not_against, aspect, settings, roomier)),
-        gap=None if opened else _gap(maps, ~maps.known if passable else maps.not_drivable, aspect, settings),
-    )
+    free = roomy or (passable and is_open(not_against, aspect, settings, roomier))
+    if opened:
+        return Passage(open=True, passable=True, roomy=roomy, passable_roomy=free)
+    gap = _gap(maps, ~maps.known if passable else maps.not_drivable, aspect, settings)
+    share = 0.0
+    if gap is not None:
+        around = gap.box.grown(_AROUND).slices(*maps.signed.shape)
+        share = explained(float(maps.strangeness[around].mean()), float(maps.uncertainty[around].mean()))
+    return Passage(open=False, passable=passable, roomy=False, passable_roomy=free, gap=gap, explained=share)
 
 
 def _gap(maps: Maps, missing: Mask, aspect: float, settings: Settings) -> Tile | None:

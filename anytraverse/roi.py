@@ -81,7 +81,8 @@ class Passage:
     """Whether the vehicle fits through, over ground that is drivable.
 
     passable: whether it would if all that is uncertain were drivable. roomy, passable_roomy: whether with
-    room to spare. gap: where most is missing of what would open it; None where it is open.
+    room to spare. gap: where most is missing of what would open it; None where it is open. explained: how
+    much of what is strange there words that are not drivable account for, in [0, 1].
     """
 
     open: bool
@@ -89,6 +90,7 @@ class Passage:
     roomy: bool
     passable_roomy: bool
     gap: Tile | None = None
+    explained: float = 0.0
 
 
 @dataclass(frozen=True)

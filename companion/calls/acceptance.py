@@ -102,7 +102,7 @@ class Acceptance:
         if Reason.UNKNOWN_SCENE in covered and not self._covers_scene(seen, numbers):
             covered -= {Reason.UNKNOWN_SCENE}
         if self._names_thing(seen) and self._covers_object(seen, numbers, by_name=True):
-            covered |= {Reason.BLOCKED}
+            covered |= {Reason.BLOCKED} if self._covers_way(seen, numbers) else set()
         return covered
 
     def follow(self, seen: Assessment, numbers: Numbers) -> None:
@@ -245,7 +245,8 @@ def _named_reasons(seen: Assessment) -> frozenset[Reason]:
 def blocked_by_name(seen: Assessment) -> bool:
     """Whether the frame is blocked by what has a name, and by nothing else."""
     figures = {one.figure for one in seen.bad if one.reason is Reason.BLOCKED}
-    return bool(figures) and figures <= _NAMED
+    passable = seen.roi is not None and seen.roi.corridor.passable
+    return bool(figures) and figures <= _NAMED | ({CORRIDOR} if passable else set())
 
 
 def _shown(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:

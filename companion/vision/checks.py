@@ -178,7 +178,7 @@ def _check_roi(roi: Any) -> None:
     open_or_not = (way.open, way.passable, way.roomy, way.passable_roomy)
     _need(all(isinstance(one, bool) for one in open_or_not), "a corridor")
     _need(way.open <= way.passable and way.roomy <= way.open, "a corridor that is open and not passable")
-    shares = [roi.uncertainty, roi.strangeness, roi.traversability, roi.known_share]
+    shares = [way.explained, roi.uncertainty, roi.strangeness, roi.traversability, roi.known_share]
     tiles, named = [roi.worst_tile, *([] if way.gap is None else [way.gap])], roi.named_tile
     if named is not None:
         _need(isinstance(named, NamedTile) and _whole(named.word), "a named tile")

@@ -211,11 +211,17 @@ class AnyTraverse:
     def _attend(self, observation: Observation) -> tuple[Map, Map]:
         """Attention maps of the words in force, and those of the drivable ones when only they are asked for.
 
-        A change of weights that turns no sign asks for nothing.
+        A change of weights that turns no sign asks for nothing. Nor is a perceiver asked twice that says of
+        itself that it is `independent`: there a word's map does not depend on the other words asked for.
         """
         memory, kept = self.memory, observation.attended
         prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
         drivable = tuple(prompt for prompt in prompts if memory.preferences[prompt.word] > 0)
+        if getattr(self.perceiver, "independent", False):
+            whole = kept[prompts] if prompts in kept else self.perceiver.attend(observation.features, prompts)
+            observation.attended = {prompts: whole}
+            positive = [memory.preferences[prompt.word] > 0 for prompt in prompts]
+            return whole, whole[np.array(positive, dtype=np.bool_)] if len(whole) == len(positive) else whole
         observation.attended = {asked: kept[asked] for asked in (prompts, drivable) if asked in kept}
         for asked in (prompts, drivable):
             if asked not in observation.attended:

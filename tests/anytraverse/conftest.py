@@ -42,6 +42,7 @@ class Painted:
     """
 
     model_id = "painted-1"
+    independent = True
     vocabulary: tuple[str, ...] | None = tuple(MEANINGS)
     defaults = DefaultThresholds(roi=0.3, scene=0.85)
 

@@ -53,6 +53,7 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
         "companion",
         "companion.durable",
         "anytraverse",
+        "anytraverse.release",
         "anytraverse.preferences",
         "anytraverse.errors",
     }

@@ -60,6 +60,8 @@ class ClipSeg:
     """
 
     vocabulary = None
+    independent = True
+    """A word's map does not depend on the other words asked for."""
 
     def __init__(self, argument: str, runtime: Runtime) -> None:
         """Argument: the bundle's folder. Raises BundleError, PerceiverError with what to do."""

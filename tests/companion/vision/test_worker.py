@@ -152,10 +152,13 @@ def test_a_frame_that_is_old_already_is_a_fault(stage: Stage) -> None:
 
 def test_it_judges_by_the_settings_that_it_was_told_last(stage: Stage) -> None:
     stage.look()
-    assert not stage.look("drum").assessment.ok
+    before = stage.look("drum").assessment.finding(Reason.UNKNOWN_OBJECT)
+    assert before is not None
+    assert before.threshold == Settings().thresholds.roi
     calm = Thresholds(roi=1.0, tile=None)
     stage.worker.handle(Tune(Settings(thresholds=calm)))
-    assert stage.look("drum").assessment.ok
+    figures = [finding.figure for finding in stage.look("drum").assessment.bad]
+    assert before.figure not in figures
 
 
 def test_a_call_is_answered_with_its_frame_from_when_it_was_kept(stage: Stage) -> None:

@@ -23,6 +23,7 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "by": st.sampled_from(["", "RC18", "255/191"]),
     "switch": st.sampled_from(["RC7", "RC18"]),
     "off": st.booleans(),
+    "hold": st.booleans(),
     "count": NUMBER,
     "hours": st.floats(0, 1e4),
     "reasons": st.permutations([reason.value for reason in Reason]).flatmap(

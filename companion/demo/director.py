@@ -20,7 +20,7 @@ LIMIT = 170.0
 READY_WITHIN = 20.0
 STEP = 0.1
 BEYOND_RETURN = 12.0
-"""Metres into the known meadow that the rover must come without a call."""
+"""Metres into the known meadow that the rover must come without a call for the place."""
 NEAR = 9.0
 """Metres ahead at which a person would point at a thing."""
 TAKE_OVER_AFTER = 4.0
@@ -194,12 +194,14 @@ class Director:
         if not self._left_meadow:
             return
         if self._calls_at_return is None:
-            self._calls_at_return, self._returned_at = len(self._tally.calls), status["distance"]
-        if len(self._tally.calls) > self._calls_at_return:
+            self._calls_at_return, self._returned_at = self._tally.calls_for_places, status["distance"]
+        if self._tally.calls_for_places > self._calls_at_return:
             return
         if status["distance"] - self._returned_at >= BEYOND_RETURN and self._tally.history_matches:
             if not self._tally.returned_without_call:
-                self._story.tell(self._clock(time.monotonic()), "back in the meadow, and nobody was called")
+                self._story.tell(
+                    self._clock(time.monotonic()), "back in the meadow, and nobody was asked about it"
+                )
             self._tally.returned_without_call = True
 
     def _clock(self, now: float) -> float:

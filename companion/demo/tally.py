@@ -32,6 +32,11 @@ class Tally:
     state: str = ""
     """The daemon's, as the operator heard it last."""
 
+    @property
+    def calls_for_places(self) -> int:
+        """Calls for which the place was a reason."""
+        return sum("unknown_scene" in reasons for reasons in self.calls.values())
+
     def event(self, event: dict[str, Any], at: float) -> None:
         """One event of the operator's. at: monotonic seconds when it was read."""
         name = event.get("event")
@@ -76,7 +81,7 @@ class Tally:
             "fps": round((len(judged) - 1) / max(1e-3, judged[-1] - judged[0]), 2),
             "calls": len(self.calls),
             "calls_unknown_object": sum(r == ["unknown_object"] for r in self.calls.values()),
-            "calls_unknown_scene": sum("unknown_scene" in r for r in self.calls.values()),
+            "calls_unknown_scene": self.calls_for_places,
             "answers": self.acknowledged,
             "answers_by_tap": self.taps,
             "answers_by_words": self.words,
@@ -111,7 +116,7 @@ def missing(figures: dict[str, Any]) -> list[str]:
         "at least two holds": figures["holds"] >= 2,
         "as many resumes as holds": figures["resumes"] == figures["holds"],
         "a blocked state that kept off the named thing": figures["kept_off_named_things"] >= 1,
-        "a return to a known place without a call": figures["returned_without_call"],
+        "a return to a known place that nobody was asked about": figures["returned_without_call"],
         "a match in the history": figures["history_matches"] >= 1,
         "no contact with anything": figures["collisions"] == 0,
         f"at least {LEAST_FPS:g} frames per second": figures["fps"] >= LEAST_FPS,

@@ -30,7 +30,7 @@ from companion.wire.answers import (
 )
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 
-_EYES_BUSY = "the eyes are busy: send it again"
+_VISION_BUSY = "vision is busy: send it again"
 _NO_PICTURE = "no picture to tap in: say the word alone"
 _UNREMEMBERED = "not remembered (disk?): "
 _FRAME_PATIENCE = 10.0
@@ -102,9 +102,9 @@ def changes_of(operations: Iterable[Operation]) -> Changes:
 
 
 class Conversation:
-    """Answers go to the eyes, which apply them in order; what came of it goes back to who asked.
+    """Answers go to the vision process, which applies them in order; what came of it goes back to who asked.
 
-    Only "stay" overtakes: it counts at once, and takes the motion from what still waits for the eyes. A go
+    Only "stay" overtakes: it counts at once, and takes the motion from what still waits for it. A go
     counts from when its answer is kept.
     """
 
@@ -115,7 +115,7 @@ class Conversation:
         self._calls = calls
         self._vision = vision
         self.words = words
-        """The words in force, as far as the eyes have told."""
+        """The words in force, as far as the vision process has told."""
         self._asked = self._applied = self._overruled = 0
         self._replies = {(kept.sender, kept.transaction): kept for kept in replies}
 
@@ -154,17 +154,17 @@ class Conversation:
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
         if not self._vision.answer(asked, changes, frame_id=frame_id, call_id=number, go=go, place=place):
-            return self._reply(request, target or 0, Result.BUSY, _EYES_BUSY)
+            return self._reply(request, target or 0, Result.BUSY, _VISION_BUSY)
         self._asked = asked.number
         return Heard()
 
     def set_words(self, request: SetRequest, operations: Iterable[Operation]) -> bool:
-        """Words and weights without a call. False when too many wait, or the eyes hang."""
+        """Words and weights without a call. False when too many wait, or vision hangs."""
         changes = replace(changes_of(operations), missing_ok=True)
         return self._vision.answer(request, changes)
 
     def applied(self, applied: Applied, now: float) -> Heard:
-        """The eyes have applied an answer, or refused it."""
+        """The vision process has applied an answer, or refused it."""
         self.words = applied.memory.preferences
         if isinstance(applied.token, SetRequest):
             return Heard(refused=str(applied.error or ""))
@@ -178,7 +178,7 @@ class Conversation:
             return self._reply(asked.request, asked.target, Result.REFUSED, str(applied.error))
         outcome = applied.outcome
         result, decisions = Result.APPLIED, list[Decision]()
-        # The eyes may have hung in between, and a go is for now.
+        # Vision may have hung in between, and a go is for now.
         late = asked.request.motion is Motion.GO and now - asked.at > self._calls.numbers.go_lasts
         if asked.target:
             motion = Motion.NONE if late or asked.number <= self._overruled else asked.request.motion

@@ -37,7 +37,7 @@ from companion.wire.parameters import (
 
 log = logging.getLogger(__name__)
 _RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
-_BUSY = "the eyes are busy, set it again"
+_BUSY = "vision is busy, set it again"
 _OF_THE_LINK = (*_RATES, BUDGET)
 _WARNING = 4
 _ACCEPTED, _LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -115,7 +115,7 @@ class SettingsDesk:
             self._echo(name, self._conversation.words.get(word, NOT_IN_USE), now)
 
     def set(self, request: SetRequest, now: float) -> Heard:
-        """A value, already in range. Words are echoed once the eyes have applied them."""
+        """A value, already in range. Words are echoed once the vision process has applied them."""
         if isinstance(request, ResetRequest):
             self._reset(request, now)
         elif isinstance(request, WordsRequest):
@@ -134,7 +134,7 @@ class SettingsDesk:
         return Heard()
 
     def answered(self, applied: Applied, now: float) -> None:
-        """The eyes have applied words that were set, or refused them: the echo says which."""
+        """The vision process has applied words that were set, or refused them: the echo says which."""
         request, done = applied.token, applied.error is None
         if isinstance(request, ParameterRequest):
             words = applied.memory.preferences

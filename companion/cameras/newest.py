@@ -153,7 +153,7 @@ class CameraThread:
                 _log.info("%s", end)
                 self._set(state=CameraState.ENDED, reason=str(end))
                 return
-            except Exception as failure:  # A driver may raise anything, and the rover still needs its eyes.
+            except Exception as failure:  # A driver may raise anything, and the rover still needs its camera.
                 reason = (str(failure) or type(failure).__name__)[:_LONGEST_REASON]
             if self._status.read > read_before:
                 pause = self._patience.first

@@ -125,7 +125,7 @@ def test_a_rover_that_is_busy_too_late_is_not_said_to_be_asked_again(sky: Sky) -
     assert pending.status is Status.EXPIRED
     late = Acknowledgement(
         pending.transaction, 7, ids.Result.BUSY, ids.Stage.OPEN, ids.Outcome.NONE,
-        None, None, ids.Reasons.NONE, 99, "the eyes are busy",
+        None, None, ids.Reasons.NONE, 99, "vision is busy",
     )  # fmt: skip
     sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, late.pack()))
     sky.run(1.0)

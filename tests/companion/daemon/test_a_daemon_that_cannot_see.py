@@ -208,7 +208,7 @@ def test_a_parameter_while_the_eyes_hang_keeps_its_value_and_is_told(rig: Rig) -
     rig.see(0.5)
     assert rig.echoes("AT_W_GRASS")[-1] == 1.0
     assert rig.echoes("AT_THR_ROI")[-1] == 0.3
-    assert "Refused: the eyes are busy, set it again" in rig.texts
+    assert "Refused: vision is busy, set it again" in rig.texts
 
 
 def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:

@@ -185,9 +185,7 @@ def test_a_threshold_reaches_eyes_and_state_machine(held: Rig) -> None:
     assert held.echoes("AT_THR_ROI") == [1.0]
     assert held.engine.settings.thresholds.roi == held.calls.numbers.judging.thresholds.roi == 1.0
     held.see(3.0, "drum")
-    assert held.state == ("CALLING", 1), (
-        "no threshold makes a way of what has no word"
-    )
+    assert held.state == ("CALLING", 1), "no threshold makes a way of what has no word"
     held.see(3.0)
     assert held.texts[-1] == "C1 clear now, go?"
 

@@ -107,11 +107,7 @@ class Daemon:
                 self._hear(heard, now)
         self._acting.hurry(now)
         self._vision.situation(self.whereabouts.place(), now, moving=is_moving(self._link, self._calls))
-        deaths = self._vision.restarted
-        results = self._vision.poll(now)
-        if self._vision.restarted != deaths:
-            self._keeper.lost_vision(self._calls)
-        for result in results:
+        for result in self._vision.poll(now):
             with self._mishaps.survived(type(result).__name__, now):
                 self._take_result(result, now)
         for say, kept in self._keeper.due(now):
@@ -202,6 +198,7 @@ class Daemon:
         self._status.latencies.append(seen.age)
         self._conversation.words = judged.memory.preferences
         self._keeper.save_memory(judged.memory)
+        self._keeper.miss_frames(self._calls)
         settled = self._keeper.settled(now, judged.memory)
         self._acting.carry_out(self._calls.assessed(seen, now, settled=settled), now, at_once=True)
         if seen.adopted is not None:

@@ -230,8 +230,8 @@ class Keeper:
 
     def drawn(self, drawn: Drawn, calls: OperatorCalls) -> None:
         """Pictures came: have them written, and what must survive of an open call."""
-        number = self._drawing.pop(drawn.frame_id, 0) if drawn.png else 0
-        if number and calls.call is not None and calls.call.frame_id == drawn.frame_id:
+        number = self._drawing.pop(drawn.frame_id, 0) if drawn.kept else 0
+        if number and drawn.png and calls.call is not None and calls.call.frame_id == drawn.frame_id:
             self._keep_frame(drawn.frame_id, drawn.png)
         if not self._album.wanted or not drawn.panel:
             return
@@ -254,11 +254,17 @@ class Keeper:
         png = self._restored(calls.call)
         self._frame_lost = png is None or not self._vision.restore(_CALL_FRAME, calls.call.frame_id, png)
 
-    def lost_vision(self, calls: OperatorCalls) -> None:
-        """The vision process died: a call whose frame had not come from it yet gets another one."""
-        self._drawing.clear()
-        if calls.call is not None and not self._vision.holds_frame(calls.call.frame_id):
-            calls.call.seen, self._frame_lost = None, True
+    def miss_frames(self, calls: OperatorCalls) -> None:
+        """What vision does not hold cannot be answered: the open call and the hold get another frame."""
+        if self._vision.trouble:
+            return
+        holds = self._vision.holds_frame
+        self._drawing = {frame: number for frame, number in self._drawing.items() if holds(frame)}
+        call, hold = calls.call, calls.hold
+        if call is not None and call.seen is not None and not holds(call.frame_id):
+            call.seen, self._frame_lost = None, True
+        if hold is not None and hold.seen is not None and not holds(hold.seen.frame.id):
+            hold.seen = None
 
     @staticmethod
     def is_call_frame(token: object) -> bool:
@@ -275,7 +281,7 @@ class Keeper:
     def replace_lost_frame(self, calls: OperatorCalls, seen: Assessment, now: float) -> bool:
         """Whether `seen` took the place of the restored call's frame, because that one is lost."""
         lost = self._frame_lost and calls.call is not None and calls.call.seen is None
-        if not lost or calls.call is None or seen.observation is None:
+        if not lost or self._vision.trouble or calls.call is None or seen.observation is None:
             return False
         self._frame_lost = False
         calls.call.frame_id = seen.frame.id

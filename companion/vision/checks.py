@@ -91,7 +91,8 @@ def _check(message: Any, expected: Expected, now: float) -> None:
         case Drawn():
             texts_fit = _text(message.title) and _whole(message.number) and _whole(message.frame_id)
             pictures = (message.panel, message.thumbnail, message.png)
-            _need(texts_fit and all(isinstance(one, bytes) for one in pictures), "pictures")
+            right = all(isinstance(one, bytes) for one in pictures) and isinstance(message.kept, bool)
+            _need(texts_fit and right, "pictures")
         case Logged(level, name, text):
             _need(_whole(level) and _text(name) and _text(text), "a line of the log")
         case Failed(text):

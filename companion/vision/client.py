@@ -49,7 +49,7 @@ MAX_JOBS = 8
 """Answers that may wait for their outcome."""
 MAX_DRAWINGS = 16
 KEPT = 2
-"""Frames, as PNG, of the open call and the hold: a restarted process gets them back."""
+"""Frames of the open call and the hold: a restarted process gets back those of which there is a PNG."""
 SILENT_AFTER = 2.0
 """Seconds without a sign of life after which no job is taken: whoever asks must not wait in vain."""
 _STALLED = 1.0
@@ -124,7 +124,10 @@ class Vision:
         self._settings: Settings | None = None
         self._numbers = 0
         self._asked: OrderedDict[int, object] = OrderedDict()
-        self._drawing: set[int] = set()
+        self._drawing: dict[int, int] = {}
+        """Picture -> the frame that is kept for it, 0: none."""
+        self._restoring: dict[int, int] = {}
+        """Request -> the frame that it gives back."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
         self._running = self._full = False
@@ -207,7 +210,7 @@ class Vision:
         False as for `answer`.
         """
         self._remember_frame(frame_id, png)
-        return self._ask(token, lambda number: Restore(number, frame_id, png))
+        return self._ask(token, lambda number: self._restore(number, frame_id, png))
 
     def tune(self, settings: Settings) -> bool:
         """Judge by these settings from the next frame on; the first time, begin to. False as for `answer`."""
@@ -221,12 +224,13 @@ class Vision:
 
         keep: it is a call's or hold's, which can be answered and tapped in from now on.
         """
-        if not self._running or len(self._drawing) >= MAX_DRAWINGS:
+        most = MAX_DRAWINGS + (KEPT if keep else 0)
+        if not self._running or len(self._drawing) >= most:
             log.warning("no picture of %s: the vision process does not draw now", title)
             return
         self._numbers += 1
         if self._send(Draw(self._numbers, frame_id, title, state, keep)):
-            self._drawing.add(self._numbers)
+            self._drawing[self._numbers] = frame_id if keep else 0
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
         """Tell where the vehicle is and whether it moves, some five times a second."""
@@ -236,8 +240,8 @@ class Vision:
             self._send(Situation(place, moving))
 
     def holds_frame(self, frame_id: int) -> bool:
-        """Whether a restarted process would get this frame back."""
-        return frame_id in self._frames
+        """Whether this frame can be answered, or was asked to be kept for that."""
+        return frame_id in self._frames or frame_id in self._drawing.values()
 
     def close(self) -> None:
         """End the process; the camera is free when this returns, unless a driver keeps it."""
@@ -294,13 +298,16 @@ class Vision:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
                 if report.update is not None:
                     self._take(report.update)
+                frame_id = self._restoring.pop(report.number, None)
+                if report.error and frame_id is not None:
+                    self._frames.pop(frame_id, None)
                 error = AnyTraverseError(report.error) if report.error else None
                 return [Applied(self._asked.pop(report.number), report.outcome, error, self.memory)]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")
-                self._drawing.discard(report.number)
-                if report.png:
+                del self._drawing[report.number]
+                if report.kept:
                     self._remember_frame(report.frame_id, report.png)
                 return [report]
         return []
@@ -329,7 +336,7 @@ class Vision:
         for frame_id, png in self._frames.items():
             self._numbers += 1
             self._asked[self._numbers] = None
-            self._send(Restore(self._numbers, frame_id, png))
+            self._send(self._restore(self._numbers, frame_id, png))
 
     def _lose(self, what: str, short: str, now: float) -> list[Result]:
         """The process is lost: killed, and started again after a while. Whoever waits for it is told."""
@@ -351,6 +358,8 @@ class Vision:
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=what)
         self.delivered_at = None
         self._drawing.clear()
+        self._restoring.clear()
+        self._frames = OrderedDict((number, png) for number, png in self._frames.items() if png)
         error = VisionLostError("vision restarted: send it again")
         asked = [token for token in self._asked.values() if token is not None]
         self._asked.clear()
@@ -377,6 +386,10 @@ class Vision:
             return True
         self._full = True  # with the next poll it is lost
         return False
+
+    def _restore(self, number: int, frame_id: int, png: bytes) -> Restore:
+        self._restoring[number] = frame_id
+        return Restore(number, frame_id, png)
 
     def _remember_frame(self, frame_id: int, png: bytes) -> None:
         self._frames[frame_id] = png

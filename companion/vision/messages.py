@@ -172,6 +172,7 @@ class Drawn:
     """Pictures of a frame, b"" for what could not be made or was not asked for.
 
     panel: JPEG with maps and title. thumbnail: JPEG for a radio. png: the frame itself, without loss.
+    kept: it was to be kept, and can be answered and tapped in from now on.
     """
 
     number: int
@@ -180,6 +181,7 @@ class Drawn:
     panel: bytes = b""
     thumbnail: bytes = b""
     png: bytes = b""
+    kept: bool = False
 
 
 @dataclass(frozen=True)

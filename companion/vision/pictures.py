@@ -46,6 +46,7 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
         panel=made("picture", lambda: panel(seen, request.state, request.title, region)),
         thumbnail=made("thumbnail", lambda: thumbnail(seen, region)) if request.keep else b"",
         png=made("copy", lambda: to_png(seen.frame.image)) if request.keep else b"",
+        kept=request.keep,
     )
 
 

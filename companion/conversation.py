@@ -104,8 +104,8 @@ def changes_of(operations: Iterable[Operation]) -> Changes:
 class Conversation:
     """Answers go to the vision process, which applies them in order; what came of it goes back to who asked.
 
-    Only "stay" overtakes: it counts at once, and takes the motion from what still waits for it. A go
-    counts from when its answer is kept.
+    Only "stay" overtakes: it counts at once, whatever becomes of words that come with it, and takes the
+    motion from what still waits for it. A go counts from when its answer is kept.
     """
 
     def __init__(
@@ -127,6 +127,14 @@ class Conversation:
         target = self._calls.resolve(request.target, now)
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
+        decisions: list[Decision] = []
+        if request.motion is Motion.STAY and request.operations and target:
+            _, decisions = self._calls.answered(target, Motion.STAY, False, None, now)  # noqa: FBT003
+        heard = self._hear(request, target, now)
+        heard.decisions[:0] = decisions
+        return heard
+
+    def _hear(self, request: AnswerRequest, target: int | None, now: float) -> Heard:
         try:
             changes = changes_of(request.operations)
         except AnyTraverseError as error:

@@ -1,4 +1,4 @@
-"""What vision must keep for an answer, the frame of the call or hold, is there or is replaced; never neither."""
+"""Vision holds the frame of the open call and of the hold for an answer, or another takes its place."""
 
 from __future__ import annotations
 

@@ -1,0 +1,47 @@
+"""A stay counts at once, also one that comes with words that vision has still to apply, or cannot take."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.answers import Changes
+from companion.wire.answers import SetWord
+from companion.wire.ids import Motion, Result
+from tests.companion.daemon.rig import HOLD, Rig
+
+
+@pytest.fixture
+def going(held: Rig) -> Rig:
+    """A go is kept, and waits for a few more clear frames."""
+    held.word(1, "drum", 0.5, Motion.GO)
+    held.see(0.3, "drum")
+    assert [ack.result for ack in held.acks] == [Result.APPLIED]
+    assert held.calls.go_at is not None
+    assert held.stage.mode == HOLD
+    return held
+
+
+def test_stay_with_words_takes_a_go_back_before_vision_has_applied_them(going: Rig) -> None:
+    going.answer(1, Motion.STAY, SetWord("trail", 1.0), transaction=8)
+    going._turn()
+    assert going.calls.go_at is None
+    going.see(3.0, "drum")
+    assert going.acks[-1].result is Result.APPLIED
+    assert going.engine.memory.preferences["trail"] == 1.0
+    assert going.stage.mode == HOLD
+
+
+def test_stay_with_words_counts_though_vision_takes_no_more_of_them(going: Rig) -> None:
+    while going.vision.answer(None, Changes()):
+        pass
+    going.answer(1, Motion.STAY, SetWord("trail", 1.0), transaction=8)
+    going.see(3.0, "drum")
+    assert going.acks[-1].result is Result.BUSY
+    assert going.stage.mode == HOLD
+
+
+def test_stay_with_a_word_that_is_refused_counts_all_the_same(going: Rig) -> None:
+    going.answer(1, Motion.STAY, SetWord("unicorn", 1.0), transaction=8)
+    going.see(3.0, "drum")
+    assert going.acks[-1].result is Result.REFUSED
+    assert going.stage.mode == HOLD

@@ -10,7 +10,6 @@ import numpy as np
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
-from anytraverse.errors import AnyTraverseError
 from anytraverse.history import Entry, History, Place, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
@@ -39,7 +38,6 @@ _AHEAD = 0.001
 """Seconds that a time of the other process may lie ahead, by rounding."""
 _ROUNDING = 1e-6
 _U32 = 0xFFFFFFFF
-_WRONG = (AttributeError, TypeError, ValueError, LookupError, AnyTraverseError)
 
 
 class BadReportError(Exception):
@@ -57,7 +55,9 @@ def checked(message: Any, expected: Expected, now: float) -> Report:
     """The report, where it can be believed. Raises BadReportError. now: monotonic seconds."""
     try:
         _check(message, expected, now)
-    except _WRONG as error:  # not even the fields are right
+    except BadReportError:
+        raise
+    except Exception as error:  # not even the fields are right, and they may hold anything
         raise BadReportError(f"wrong: {error!r}") from error
     report: Report = message
     return report

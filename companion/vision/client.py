@@ -51,7 +51,8 @@ MAX_DRAWINGS = 16
 KEPT = 2
 """Frames of the open call and the hold: a restarted process gets back those of which there is a PNG."""
 SILENT_AFTER = 2.0
-"""Seconds without a sign of life after which no job is taken: whoever asks must not wait in vain."""
+"""Seconds without a sign of life, beside those of a step, after which no job is taken: whoever asks must not
+wait in vain."""
 _STALLED = 1.0
 """Seconds between two polls after which the supervisor itself stood still: no silence counts then."""
 _SITUATION_EVERY = 0.2
@@ -178,6 +179,9 @@ class Vision:
             return _newest(results) + self._lose(f"sent nonsense ({error})", "vision sent nonsense", now)
         if self._full:
             return _newest(results) + self._lose("does not take what it is sent", "vision hangs", now)
+        if self.failed and self.ready is not None:
+            what = f"cannot be loaded ({self.failed})"
+            return _newest(results) + self._lose(what, "vision cannot be loaded", now)
         if ended:
             return _newest(results) + self._lose(f"ended: {ended}", f"vision died ({ended})", now)
         silent, limit = now - max(self._heard_at, self._started_at), self._limit()
@@ -216,8 +220,10 @@ class Vision:
         """Judge by these settings from the next frame on; the first time, begin to. False as for `answer`."""
         if not self._takes_jobs():
             return False
+        if not self._send(Tune(settings)):
+            return False
         self._settings = settings
-        return self._send(Tune(settings))
+        return True
 
     def draw(self, frame_id: int, title: str, state: State, *, keep: bool = False) -> None:
         """Have a frame that was judged lately drawn; a `Drawn` follows where that can be done.
@@ -269,6 +275,8 @@ class Vision:
 
     def _hear(self, report: object, now: float) -> list[Result]:
         self._heard_at = now
+        if isinstance(report, (Looked, Done, Drawn)) and not self._running:
+            raise BadReportError(f"{type(report).__name__} before it was ready")
         match report:
             case Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s", text)
@@ -368,7 +376,9 @@ class Vision:
         )
 
     def _takes_jobs(self) -> bool:
-        return self._running and self._polled_at - self._heard_at <= SILENT_AFTER
+        if not self._running or self.ready is None:
+            return False
+        return self._polled_at - self._heard_at <= SILENT_AFTER + self.ready.step
 
     def _ask(self, token: object, request: Callable[[int], Request]) -> bool:
         if not self._takes_jobs() or len(self._asked) >= MAX_JOBS:

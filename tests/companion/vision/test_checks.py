@@ -23,6 +23,8 @@ from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.preferences import Preferences, Setting
+from anytraverse.regions import Box
+from anytraverse.roi import Tile
 from companion.cameras.newest import CameraStatus
 from companion.model import Model
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, checked
@@ -129,6 +131,9 @@ def finding_of(**changes: Any) -> Looked:
 
 
 AHEAD = time.monotonic() + 1e6
+NESTED: Any = []
+for _ in range(100_000):
+    NESTED = [NESTED]
 WRONG: dict[str, Any] = {
     "nothing": None,
     "a number": 7,
@@ -229,6 +234,8 @@ WRONG: dict[str, Any] = {
     "a reason too long": Alive(CameraStatus(reason=LONG), 1.0),
     "a frame that came in the future": Alive(CameraStatus(), AHEAD),
     "a frame that came at no time": Alive(CameraStatus(), NAN),
+    "a frame that came at a time too large for a float": Alive(CameraStatus(), 10**400),
+    "a box of what is nested too deep": roi_of(worst_tile=Tile(unmade(Box, left=NESTED), 0.5)),
     "an outcome and an error": Done(1, AnswerOutcome(None, None), "no", None),
     "neither outcome nor error": Done(1, None, "", None),
     "an outcome that is none": Done(1, "fine", "", None),  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from anytraverse.answers import Changes
@@ -38,6 +39,7 @@ from companion.vision.messages import (
     Start,
     Tune,
 )
+from companion.vision.worker import Worker
 from companion.wire.ids import State
 from tests.companion.daemon.rig import Clock, picture
 from tests.companion.vision.played import engine
@@ -126,9 +128,14 @@ class Stage:
 
 
 @pytest.fixture
-def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
     monkeypatch.setattr(time, "monotonic", clock)
+    return clock
+
+
+@pytest.fixture
+def stage(clock: Clock) -> Stage:
     return Stage(clock)
 
 
@@ -218,6 +225,23 @@ def test_while_the_supervisor_stood_still_no_silence_counts(stage: Stage) -> Non
     stage.vision.poll(stage.clock.now)
     assert stage.child.death == ""
     assert stage.ask("token", drum=1.0)
+
+
+def test_slow_eyes_are_silent_for_a_step_and_take_answers_all_the_same(stage: Stage) -> None:
+    assert stage.vision.ready is not None
+    stage.vision.ready = replace(stage.vision.ready, step=4.0)
+    stage.silence(5.5)
+    assert stage.ask("token", drum=1.0)
+    stage.silence(1.0)
+    assert not stage.ask("token", drum=1.0)
+
+
+def test_settings_that_did_not_reach_it_are_not_those_of_the_next_one(stage: Stage) -> None:
+    stage.child.full = True
+    assert not stage.vision.tune(replace(Settings(), freshness=1.5))
+    for _ in range(4):
+        stage.turn()
+    assert [one for one in stage.child.requests if isinstance(one, Tune)] == [Tune(Settings())]
 
 
 def test_one_that_never_gets_ready_is_killed_after_its_time_for_loading(stage: Stage) -> None:
@@ -354,6 +378,15 @@ def test_one_that_sends_nonsense_is_killed_and_who_waits_is_told(stage: Stage, c
     assert "drum" not in stage.vision.memory.preferences
 
 
+def test_a_frame_judged_before_it_was_ready_is_nonsense(clock: Clock) -> None:
+    child = Channel(engine, STEP)
+    vision = Vision(lambda: child, Config(), None, VISION)
+    vision.poll(clock.now)
+    child.report(Worker(engine(None), 0).look(Frame(1, clock.now, np.zeros((8, 8, 3), np.uint8))))
+    vision.poll(clock.now)
+    assert vision.trouble == "vision sent nonsense"
+
+
 def test_another_model_after_a_restart_is_nonsense(stage: Stage) -> None:
     first = stage.vision.ready
     assert first is not None
@@ -429,13 +462,18 @@ def test_one_that_cannot_be_started_is_tried_again(stage: Stage, caplog: pytest.
     assert stage.vision.trouble == ""
 
 
-def test_a_perceiver_that_fails_to_load_at_a_restart_is_tried_again(stage: Stage) -> None:
+def test_a_perceiver_that_fails_to_load_at_a_restart_is_told_and_tried_again(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
     stage.child.death = "SIGSEGV"
     stage.turn()
     stage.vision.poll(stage.clock.now)
     broken = stage.child
-    broken.report(Failed("no memory just now"))
-    broken.death = "exit code 0"
+    broken.report(Failed("the bundle /opt/eyes is gone: put it back"))
+    stage.vision.poll(stage.clock.now)
+    assert broken.death == "closed"
+    assert stage.vision.trouble == "vision cannot be loaded"
+    assert "the bundle /opt/eyes is gone: put it back" in caplog.text
     stage.silence(3.0)
     assert stage.child is not broken
     stage.until_ready()

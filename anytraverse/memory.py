@@ -111,7 +111,7 @@ def resumed_memory(
 def _of_model(saved: Memory, model_id: str) -> tuple[Memory, list[str]]:
     """`saved` less scenes and examples of other models, and what to say of it."""
     if saved.model_id == model_id:
-        entries = [replace(entry, examples=_own(entry.examples, model_id)) for entry in saved.history]
+        entries = [_fitted(entry, model_id) for entry in saved.history]
         history = History(entries, saved.history.limit)
         return replace(saved, history=history, examples=_own(saved.examples, model_id)), []
     notice = (
@@ -133,6 +133,12 @@ def _contradicted(preferences: Preferences, configured: Preferences, meaning: Me
         for other in opposed(word, weight, preferences, meaning)
         if preferences.order(word) < preferences.order(other) + (word not in configured)
     }
+
+
+def _fitted(entry: Entry, model_id: str) -> Entry:
+    """Less other models' examples; the same object where it has none, so that it counts as unchanged."""
+    own = _own(entry.examples, model_id)
+    return entry if own == entry.examples else replace(entry, examples=own)
 
 
 def _own(examples: Examples, model_id: str) -> Examples:

@@ -11,8 +11,10 @@ import pytest
 from anytraverse.answers import Changes
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
-from anytraverse.history import Place
+from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
+from anytraverse.memory import resumed_memory
+from anytraverse.perception import Example
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.model import Model
@@ -38,11 +40,13 @@ from companion.vision.messages import (
     Situation,
     Start,
     Tune,
+    update_from,
 )
 from companion.vision.worker import Worker
 from companion.wire.ids import State
+from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import Clock, picture
-from tests.companion.vision.played import engine
+from tests.companion.vision.played import WORDS, engine
 
 STEP = 0.02
 
@@ -315,6 +319,15 @@ def test_a_new_process_is_tuned_gets_the_frames_back_and_goes_on_counting_frames
     assert applied.outcome is not None
     assert applied.outcome.call is not None
     assert applied.outcome.call.frame.id == 3
+
+
+def test_a_new_process_does_not_send_back_what_it_was_given() -> None:
+    given = engine(None).memory
+    examples = {"gnome": (Example(given.model_id, np.ones(2, np.float32)),)}
+    scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, 0, examples) for order in range(1, 4)]
+    start = replace(given, history=History(scenes), examples=examples, clock=3)
+    resumed, _ = resumed_memory(start, start.model_id, start.configured, Painted().meaning, history_limit=256)
+    assert update_from(start, resumed, 1, 0, ()).entries == ()
 
 
 def nonsense(stage: Stage, case: str) -> None:

@@ -268,15 +268,18 @@ class Keeper:
 
     @staticmethod
     def is_call_frame(token: object) -> bool:
-        """Whether an `Applied` belongs to `restore_call_frame`."""
-        return token is _CALL_FRAME
+        """Whether an `Applied` belongs to `restore_call_frame`, or to a frame given back to a new vision."""
+        return token is _CALL_FRAME or token is None
 
     def reseen(self, calls: OperatorCalls, applied: Applied, now: float) -> None:
-        """The frame of the restored call has been judged, or could not be."""
-        if applied.outcome is None or applied.outcome.call is None:
-            self._frame_lost = True
-        else:
-            self._take_up(calls, applied.outcome.call, now)
+        """The frame of the restored call has been judged, or could not be; a new vision may try again."""
+        call, seen = calls.call, applied.outcome.call if applied.outcome is not None else None
+        if call is None:
+            return
+        if seen is None:
+            self._frame_lost = not self._vision.holds_frame(call.frame_id)
+        elif seen.frame.id == call.frame_id:
+            self._take_up(calls, seen, now)
 
     def replace_lost_frame(self, calls: OperatorCalls, seen: Assessment, now: float) -> bool:
         """Whether `seen` took the place of the restored call's frame, because that one is lost."""

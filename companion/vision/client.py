@@ -129,6 +129,8 @@ class Vision:
         """Picture -> the frame that is kept for it, 0: none."""
         self._restoring: dict[int, int] = {}
         """Request -> the frame that it gives back."""
+        self._suspects = set[int]()
+        """Frames that the last process died over; one that two in a row died over is not given back."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
         self._running = self._full = False
@@ -331,7 +333,8 @@ class Vision:
     def _is_ready(self, ready: Ready, now: float) -> None:
         first = self.ready
         if first is not None and ready.model.id != first.model.id:
-            raise BadReportError(f"it is {ready.model.id} now, not {first.model.id}")
+            self.failed = f"it is {ready.model.id} now, not {first.model.id}: restart the companion"
+            return
         self._take(ready.update)
         self._running, self._started_at, self.trouble = True, now, ""
         if first is None:
@@ -366,8 +369,12 @@ class Vision:
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=what)
         self.delivered_at = None
         self._drawing.clear()
+        given = set(self._restoring.values())
         self._restoring.clear()
-        self._frames = OrderedDict((number, png) for number, png in self._frames.items() if png)
+        spoilt, self._suspects = given & self._suspects, given
+        self._frames = OrderedDict(
+            (number, png) for number, png in self._frames.items() if png and number not in spoilt
+        )
         error = VisionLostError("vision restarted: send it again")
         asked = [token for token in self._asked.values() if token is not None]
         self._asked.clear()

@@ -75,6 +75,19 @@ def test_a_call_whose_frame_a_new_vision_cannot_judge_can_be_answered(
     answered(held)
 
 
+def test_the_frame_of_a_restored_call_outlives_a_vision_that_dies_over_it(held: Rig) -> None:
+    asked = held.calls.call
+    assert asked is not None
+    held.restart()
+    held.child.death = "SIGSEGV"
+    held.see(1.0, "drum")
+    call = held.calls.call
+    assert call is not None
+    assert call.seen is not None
+    assert call.seen.frame.id == call.frame_id == asked.frame_id
+    answered(held)
+
+
 def test_a_call_opened_while_more_is_drawn_than_can_be_can_be_answered(rig: Rig) -> None:
     for number in range(20):
         rig.vision.draw(1, f"picture {number}", rig.calls.state(rig.clock.now))

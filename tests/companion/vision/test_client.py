@@ -330,6 +330,26 @@ def test_a_new_process_does_not_send_back_what_it_was_given() -> None:
     assert update_from(start, resumed, 1, 0, ()).entries == ()
 
 
+def test_a_frame_that_a_new_process_dies_over_twice_is_given_back_no_more(stage: Stage) -> None:
+    stage.show("drum")
+    stage.turn()
+    stage.vision.draw(1, "C", State.CALLING, keep=True)
+    stage.turn()
+    stage.child.death = "SIGSEGV"
+    for expected in (True, True, False):
+        stage.silence(5.0)
+        stage.child.work()
+        assert stage.vision.holds_frame(1) is expected
+        stage.child._reports = stage.child._reports[:1]  # ready, and no more
+        stage.vision.poll(stage.clock.now)
+        assert stage.vision.trouble == ""
+        stage.child.work()
+        assert any(isinstance(one, Restore) for one in stage.child.requests) is expected
+        stage.child._reports.clear()
+        stage.child.death = "SIGSEGV"
+        stage.vision.poll(stage.clock.now)
+
+
 def nonsense(stage: Stage, case: str) -> None:
     """What a process that is not to be relied on sends."""
     child, worker = stage.child, stage.child._worker
@@ -400,7 +420,9 @@ def test_a_frame_judged_before_it_was_ready_is_nonsense(clock: Clock) -> None:
     assert vision.trouble == "vision sent nonsense"
 
 
-def test_another_model_after_a_restart_is_nonsense(stage: Stage) -> None:
+def test_another_model_after_a_restart_is_told_and_not_taken(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
     first = stage.vision.ready
     assert first is not None
     stage.child.death = "SIGSEGV"
@@ -408,7 +430,8 @@ def test_another_model_after_a_restart_is_nonsense(stage: Stage) -> None:
     stage.vision.poll(stage.clock.now)
     stage.child.report(replace(first, model=first.model._replace(id="another")))
     stage.vision.poll(stage.clock.now)
-    assert stage.vision.trouble == "vision sent nonsense"
+    assert stage.vision.trouble == "vision cannot be loaded"
+    assert "it is another now, not painted-1: restart the companion" in caplog.text
 
 
 def test_a_full_channel_is_a_lost_process(stage: Stage) -> None:

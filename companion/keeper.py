@@ -27,7 +27,7 @@ from companion.journal.batch import as_json
 from companion.journal.records import record_of
 from companion.kept import Kept, kept_reply
 from companion.vision.client import Applied, Vision
-from companion.vision.messages import Drawn
+from companion.vision.messages import LARGEST_PNG, Drawn
 from companion.wire.ids import State
 from companion.wire.words_text import operation_text
 from companion.writer import SLOW, Writer
@@ -39,8 +39,6 @@ _RECENT = 1200
 _REPLIES = 16
 _RESERVED = 4
 _MOST_IDS = 0xFFFF
-_LARGEST_FRAME = 32 << 20
-"""Bytes of a call's frame beyond which it is not kept: it would not leave the journal enough room."""
 
 Say = Callable[[bool, float], None]
 """Says something once it is on disk, or could not be put there: whether it is, and monotonic seconds."""
@@ -327,8 +325,8 @@ class Keeper:
             log.error("not kept: %s", error)
 
     def _keep_frame(self, frame_id: int, png: bytes) -> None:
-        if len(png) > _LARGEST_FRAME:
-            log.error("the frame of the call is not kept: %d bytes, at most %d", len(png), _LARGEST_FRAME)
+        if len(png) > LARGEST_PNG:
+            log.error("the frame of the call is not kept: %d bytes, at most %d", len(png), LARGEST_PNG)
             return
         self._news = self._news.then(Batch(frame=(frame_id, png)))
 

@@ -16,6 +16,8 @@ from companion.model import Model
 from companion.wire.ids import State
 
 LONGEST_TEXT = 4096
+LARGEST_PNG = 32 << 20
+"""Bytes of a frame without loss: a larger one would leave neither channel nor journal enough room."""
 
 # To the vision process.
 

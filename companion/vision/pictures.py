@@ -11,7 +11,7 @@ from anytraverse.assessment import Assessment
 from anytraverse.decoding import decode
 from anytraverse.frame import Image, is_image
 from anytraverse.regions import Region
-from companion.vision.messages import Draw, Drawn
+from companion.vision.messages import LARGEST_PNG, Draw, Drawn
 from companion.vision.thumbnail import thumbnail
 from companion.wire.ids import State
 
@@ -64,7 +64,10 @@ def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
 
 
 def to_png(image: Image) -> bytes:
-    """A frame without loss. Raises ValueError for what is no RGB picture, ImportError without OpenCV."""
+    """A frame without loss.
+
+    Raises ValueError for what is no RGB picture or too large to be kept, ImportError without OpenCV.
+    """
     import cv2
 
     if not is_image(image):
@@ -72,6 +75,8 @@ def to_png(image: Image) -> bytes:
     done, encoded = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not done:
         raise ValueError("the picture cannot be encoded")
+    if encoded.nbytes > LARGEST_PNG:
+        raise ValueError(f"{encoded.nbytes} bytes, at most {LARGEST_PNG} are kept: set a smaller picture")
     return encoded.tobytes()
 
 

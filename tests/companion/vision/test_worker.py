@@ -227,6 +227,17 @@ def test_a_frame_that_is_kept_comes_without_loss_and_one_for_the_album_does_not(
     assert (pictures.from_png(kept.png) == looked.assessment.frame.image).all()
 
 
+def test_a_frame_too_large_to_be_sent_is_kept_all_the_same(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(pictures, "LARGEST_PNG", 100)
+    stage.look("drum")
+    drawn = stage.draw(1, keep=True)
+    assert (drawn.png, drawn.kept) == (b"", True)
+    assert "no copy of a title" in caplog.text
+    assert stage.ask(Changes({"drum": 1.0}), 1, call_id=1).error == ""
+
+
 def test_a_picture_that_cannot_be_drawn_is_left_out_and_no_fault(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:

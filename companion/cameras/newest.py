@@ -49,12 +49,14 @@ class CameraStatus:
 @dataclass(frozen=True)
 class Patience:
     """Seconds. wait: the longest read. silence: without a frame, after which the camera is opened anew.
-    first, longest: the wait before connecting again; it doubles from failure to failure."""
+    first, longest: the wait before connecting again; it doubles from failure to failure. hung: in one call of
+    the camera's driver, after which the reader will not come back."""
 
     wait: float = 0.5
     silence: float = 5.0
     first: float = 0.25
     longest: float = 5.0
+    hung: float = 60.0
 
 
 class NewestFrame:
@@ -103,6 +105,7 @@ class CameraThread:
         self._newest = NewestFrame()
         self._status = CameraStatus()
         self._delivered_at: float | None = None
+        self._turned_at = time.monotonic()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
@@ -124,8 +127,9 @@ class CameraThread:
 
     @property
     def running(self) -> bool:
-        """Whether frames may come, or a file has ended in good order."""
-        return self._thread.is_alive() or self._status.state is CameraState.ENDED
+        """Whether frames may come, or a file has ended in good order; not while the driver hangs."""
+        hangs = time.monotonic() - self._turned_at > self._patience.hung
+        return (self._thread.is_alive() and not hangs) or self._status.state is CameraState.ENDED
 
     def take(self, timeout: float) -> Frame | None:
         """The newest frame not yet taken; blocks up to `timeout` seconds for one, whatever the state.
@@ -144,6 +148,7 @@ class CameraThread:
     def _run(self) -> None:
         pause = self._patience.first
         while not self._closing.is_set():
+            self._turned_at = time.monotonic()
             read_before = self._status.read
             self._set(state=CameraState.CONNECTING)
             try:
@@ -171,6 +176,7 @@ class CameraThread:
             last = time.monotonic()
             warned = False
             while not self._closing.is_set():
+                self._turned_at = time.monotonic()
                 try:
                     capture = camera.read(self._patience.wait)
                     _check(capture)

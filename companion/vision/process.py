@@ -168,7 +168,7 @@ def _look(port: Port, worker: Worker, reader: CameraThread, period: float) -> No
                 port.send(report)
         frame = reader.take(timeout=_PATIENCE)
         if not reader.running:
-            raise RuntimeError("the camera's thread has ended")
+            raise RuntimeError("the camera's thread has ended, or hangs in its driver")
         now = time.monotonic()
         if now - alive_at >= _ALIVE_EVERY:
             alive_at = now

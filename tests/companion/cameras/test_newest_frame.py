@@ -243,6 +243,20 @@ def test_closing_is_quick_while_waiting_to_try_again() -> None:
     assert thread.close(_SOON)
 
 
+def test_a_reader_that_a_driver_keeps_for_too_long_does_not_count_as_running() -> None:
+    freed = threading.Event()
+
+    def hang() -> Capture:
+        freed.wait(_SOON)
+        raise NoFrameYet("freed")
+
+    with _reading(lambda: _ScriptedCamera(hang), Patience(0.005, 5.0, 0.001, 0.004, hung=0.1)) as thread:
+        assert thread.running
+        _wait_until(lambda: not thread.running)
+        freed.set()
+        _wait_until(lambda: thread.running)
+
+
 def test_closing_a_reader_that_hangs_keeps_its_deadline() -> None:
     freed = threading.Event()
 

@@ -91,7 +91,7 @@ def test_a_companion_that_is_well_says_what_it_does(
         ({"state": "fault", "camera": {"state": "failed", "reason": "no cable"}}, "failed: no cable"),
         (
             {"state": "fault", "vision": {"trouble": "vision hangs", "restarts": 2}},
-            "vision hangs, 2 restarts",
+            "vision hangs, started again 2 x",
         ),
         ({"state": "fault", "disk": {"failing": True}}, "not written now; "),
     ],

@@ -20,8 +20,9 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -72,6 +73,11 @@ class Operator:
         self._encoder.seq = (self._encoder.seq + 1) % 256
         if self._rover is not None:
             self.socket.sendto(packed, self._rover)
+
+    def heard(self) -> bool:
+        """Whether the companion has said anything yet."""
+        self.acknowledgements()
+        return self._rover is not None
 
     def acknowledgements(self) -> list[Acknowledgement]:
         """What came within 2 ms."""
@@ -130,13 +136,14 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
         target=run.main, args=(load_config(str(path)), over.is_set, COMMAND), name="daemon"
     )
     killed = answers = 0
-    returns = Returns()
+    returns, status = Returns(), folder / "state" / "status.json"
     with mock.patch("companion.run.VISION", VISION._replace(first=0.0)):
         daemon.start()
         try:
             while killed < count:
                 answers += 1
                 word, weight = f"thing {answers % 12 + 1}", round(2.0 * chance.random() - 1.0, 3)
+                _until_ready(operator, partial(_is_ready, status, returns, killed))
                 killed += _answered(operator, answers, word, weight, chance, results)
                 told[word] = weight
         finally:
@@ -171,9 +178,6 @@ def _answered(
 ) -> int:
     """Send until it is acknowledged for good, with one kill on the way; how many there were."""
     until = time.monotonic() + PATIENCE
-    while vision_pid() is None or not _reachable(operator):
-        if time.monotonic() > until:
-            raise TimeoutError("no vision process")
     kill_at: float | None = None
     sent_at, killed = float("-inf"), 0
     while time.monotonic() < until:
@@ -197,9 +201,16 @@ def _answered(
     raise TimeoutError(f"answer {transaction} was never acknowledged: {dict(results)}")
 
 
-def _reachable(operator: Operator) -> bool:
-    operator.acknowledgements()
-    return operator._rover is not None
+def _is_ready(status: Path, returns: Returns, killed: int) -> bool:
+    return status.is_file() and returns.count >= killed
+
+
+def _until_ready(operator: Operator, ready: Callable[[], bool]) -> None:
+    """Wait for the process that follows the last one that was killed."""
+    until = time.monotonic() + PATIENCE
+    while not operator.heard() or not ready():
+        if time.monotonic() > until:
+            raise TimeoutError("no vision process")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -101,7 +101,7 @@ def _faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: 
                     kind = kinds.pop(0)
                     yield Run(kind, job.seed, _verdict(stop), stop, 0, disturbed)
                     disturbed = 0
-                    if named[kind].returns:  # the next one of a companion whose vision never died
+                    if named[kind].alone or (kinds and named[kinds[0]].alone):
                         break
         except Disturbed as why:
             disturbed += 1

@@ -24,6 +24,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any
 from unittest import mock
 
@@ -93,18 +94,25 @@ class Operator:
 
 
 class Returns(logging.Handler):
-    """Counts how often the vision process was back."""
+    """Counts how often the vision process was back. took: s from each kill until then."""
 
     def __init__(self) -> None:
         super().__init__()
         self.count = 0
+        self.killed_at: float | None = None
+        self.took: list[float] = []
         self.setFormatter(logging.Formatter("%(message)s"))
         log = logging.getLogger("companion.vision.client")
         log.setLevel(logging.INFO)
         log.addHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.count += record.getMessage() == "the vision process is back"
+        if record.getMessage() != "the vision process is back":
+            return
+        self.count += 1
+        if self.killed_at is not None:
+            self.took.append(time.monotonic() - self.killed_at)
+            self.killed_at = None
 
 
 def vision_pid() -> int | None:
@@ -144,7 +152,7 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
                 answers += 1
                 word, weight = f"thing {answers % 12 + 1}", round(2.0 * chance.random() - 1.0, 3)
                 _until_ready(operator, partial(_is_ready, status, returns, killed))
-                killed += _answered(operator, answers, word, weight, chance, results)
+                killed += _answered(operator, answers, word, weight, chance, results, returns)
                 told[word] = weight
         finally:
             over.set()
@@ -162,6 +170,7 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
         "kills": killed,
         "answers": answers,
         "returns": returns.count,
+        "return_s": {"p50": round(median(returns.took), 2), "max": round(max(returns.took), 2)},
         "lost": len(lost),
         "twice": twice,
         "acknowledged": dict(results),
@@ -175,6 +184,7 @@ def _answered(
     weight: float,
     chance: random.Random,
     results: Counter[str],
+    returns: Returns,
 ) -> int:
     """Send until it is acknowledged for good, with one kill on the way; how many there were."""
     until = time.monotonic() + PATIENCE
@@ -192,7 +202,7 @@ def _answered(
             pid = vision_pid()
             if pid is not None:
                 os.kill(pid, signal.SIGKILL)
-                killed = 1
+                killed, returns.killed_at = 1, time.monotonic()
         for ack in operator.acknowledgements():
             if ack.transaction == transaction:
                 results[ack.result.name.lower()] += 1

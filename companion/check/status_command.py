@@ -85,7 +85,10 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     )
     yield "perceiver", f"{perceiver.get('model', 'unknown')}, {perceiver.get('step_ms', 0)} ms a frame"
     restarts = vision.get("restarts", 0)
-    yield "vision", f"{vision.get('trouble') or 'running'}{f', started again {restarts} x' if restarts else ''}"
+    yield (
+        "vision",
+        f"{vision.get('trouble') or 'running'}{f', started again {restarts} x' if restarts else ''}",
+    )
     heard = link.get("autopilot")
     yield (
         "link",

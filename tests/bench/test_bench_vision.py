@@ -1,4 +1,4 @@
-"""What the death of the vision process costs, with real processes: a few kills here, 200 by `make bench-vision`."""
+"""What the death of the vision process costs: a few kills here, 200 by `make bench-vision`."""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 `broken:FILE` is the built-in perceiver until FILE says otherwise.
 "nan" or "one nan": maps that are no numbers, as a whole or in one pixel.
-"hang": once, a call that never returns. "lock": once, the same in native code that keeps the interpreter's lock.
+"hang": once, a call that never returns.
+"lock": once, the same in native code that keeps the interpreter's lock.
 "segfault": native code that reads where nothing is. "memory": killed as when memory runs out.
 `python -m bench.stopping.eyes vision` is its vision process.
 """

@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-stopping clean
+.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-stopping bench-vision clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -34,6 +34,9 @@ bench-link: ready-dev ## a bad radio, a million mutated frames, and how fast the
 
 bench-stopping: ready-dev ## stop a rover by faults, 50 of each kind (half an hour); ARGS="--runs 2"
 	@$(PYTHON_IN_VENV) -m bench.stopping $(ARGS)
+
+bench-vision: ready-dev ## kill the vision process 200 times between an answer and its acknowledgement; ARGS="--kills 20"
+	@$(PYTHON_IN_VENV) -m bench.vision.kills $(ARGS)
 
 clean: ## remove both .venv, caches and builds (what a demo or a bench wrote stays)
 	@rm -rf .venv .venv-interop build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

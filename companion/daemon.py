@@ -41,6 +41,8 @@ from companion.wire.ids import Policy, State
 log = logging.getLogger(__name__)
 
 TICK = 0.02
+_REST = 0.005
+"""Seconds between two turns at least: whoever sends many datagrams does not get a turn for each."""
 ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
 _FAREWELL, _FAREWELL_STEP = 15, 0.02
 _LEAVING = 4.0
@@ -96,6 +98,7 @@ class Daemon:
         self._status = Status(link, vision, calls, conversation, desk, self._trial, model)
         self._slumber = Slumber(link, calls, time.monotonic())
         desk.when_kept(keeper.when_kept)
+        self._turned_at = time.monotonic()
 
     def turn(self) -> None:
         """Hear all, decide, stop, carry out, have it kept, say what may be said; no disk is waited for."""
@@ -147,6 +150,9 @@ class Daemon:
         return self._status.figures(time.monotonic())
 
     def _wait(self) -> None:
+        rest = min(_REST, TICK) - (time.monotonic() - self._turned_at)
+        if rest > 0:
+            time.sleep(rest)
         vision = self._vision.fileno()
         readable = [*self._link.filenos(), *([] if vision is None else [vision])]
         patience = min(TICK, self._link.wait(time.monotonic()))
@@ -154,6 +160,7 @@ class Daemon:
             select.select(readable, [], [], patience)
         except (OSError, ValueError):  # a device that has just gone
             time.sleep(patience)
+        self._turned_at = time.monotonic()
 
     def _hear(self, heard: radio.Heard, now: float) -> None:
         match heard:

@@ -62,7 +62,7 @@ class Watch:
         newest = self._calls.sight.newest
         silent = self._liveness.silent(now + (max(0.0, newest.age) if newest is not None else 0.0))
         if "vision" in silent:  # of the camera nothing is known then
-            return ["vision silent", *others]
+            return ["vision hangs", *others]
         names = {CameraState.ENDED: "camera ended", CameraState.FAILED: "camera failed"}
         camera = names.get(self._vision.camera.state, "camera silent")
         return [camera, *others] if "camera" in silent else others

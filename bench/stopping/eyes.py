@@ -1,8 +1,9 @@
 """The companion with a perceiver that breaks when told to: `python -m bench.stopping.eyes run --config F`.
 
 `broken:FILE` is the built-in perceiver until FILE says otherwise.
-"nan" or "one nan": maps that are no numbers, as a whole or in one pixel. The rest happens once.
-"hang": a call that never returns. "lock": the same in native code that keeps the interpreter's lock.
+"nan" or "one nan": maps that are no numbers, as a whole or in one pixel.
+"hang": once, a call that never returns.
+"lock": once, the same in native code that keeps the interpreter's lock.
 "segfault": native code that reads where nothing is. "memory": killed as when memory runs out.
 `python -m bench.stopping.eyes vision` is its vision process.
 """
@@ -63,7 +64,7 @@ class Breakable:
 
     def encode(self, image: Image) -> Features:
         fault = self._fault()
-        if fault in ("hang", "lock", "segfault", "memory"):  # once: the next process is well
+        if fault in ("hang", "lock"):  # once: the next process is well
             self._file.unlink(missing_ok=True)
         match fault:
             case "hang":

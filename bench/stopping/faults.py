@@ -22,7 +22,9 @@ class Fault:
     noticed: float = 0.0
     """Seconds until the companion may call it a fault, where that is longer than T."""
     returns: bool = False
-    """Whether the companion gets over it by itself."""
+    """Whether the companion gets over it by itself, and how soon is measured."""
+    alone: bool = False
+    """Whether it needs a companion whose vision process never died."""
 
 
 def _signal(number: signal.Signals) -> Act:
@@ -65,10 +67,10 @@ SILENCE: Mapping[str, Fault] = {
 }
 BREAKABLE: Mapping[str, Fault] = {
     "nan_maps": Fault(_break("nan"), _break("")),
-    "hung_perceiver": Fault(_break("hang"), _break(""), returns=True),
-    "vision_segfault": Fault(_break("segfault"), _break(""), returns=True),
-    "vision_lock_hang": Fault(_break("lock"), _break(""), returns=True),
-    "vision_out_of_memory": Fault(_break("memory"), _break(""), returns=True),
+    "hung_perceiver": Fault(_break("hang"), _break(""), returns=True, alone=True),
+    "vision_segfault": Fault(_break("segfault"), _break(""), alone=True),
+    "vision_lock_hang": Fault(_break("lock"), _break(""), returns=True, alone=True),
+    "vision_out_of_memory": Fault(_break("memory"), _break(""), alone=True),
 }
 """On a companion whose perceiver was made to break."""
 FAINT = {"nan_maps": Fault(_break("one nan"), _break(""))}

@@ -101,7 +101,7 @@ def _faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: 
                     kind = kinds.pop(0)
                     yield Run(kind, job.seed, _verdict(stop), stop, 0, disturbed)
                     disturbed = 0
-                    if named[kind].returns:  # the next one of a companion whose vision never died
+                    if named[kind].alone or (kinds and named[kinds[0]].alone):
                         break
         except Disturbed as why:
             disturbed += 1
@@ -140,7 +140,10 @@ def _pressed(job: Job, kind: str, pressure: Pressure, random: Random) -> Run:
             stage.wait("driving on", lambda: time.monotonic() >= until, HEALTHY + 1.0)
             status = stage.status()
             if status["mode"] != "AUTO":
-                return Run(kind, job.seed, f"held though all was well: {status['mode_log'][-1]}")
+                change, reasons = status["mode_log"][-1], stage.told().get("reasons", [])
+                if change["by"] == "companion" and "fault" not in reasons:
+                    raise Disturbed(f"it was held for {', '.join(reasons)}: {change}")
+                return Run(kind, job.seed, f"held though all was well: {change}")
             stop = stage.measure(lambda: stage.cover(on=True))
             stop = replace(stop, gap=stage.wire.longest_gap(begun, time.monotonic()))
         return Run(kind, job.seed, _verdict(stop), stop)

@@ -20,9 +20,11 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any
 from unittest import mock
 
@@ -73,6 +75,11 @@ class Operator:
         if self._rover is not None:
             self.socket.sendto(packed, self._rover)
 
+    def heard(self) -> bool:
+        """Whether the companion has said anything yet."""
+        self.acknowledgements()
+        return self._rover is not None
+
     def acknowledgements(self) -> list[Acknowledgement]:
         """What came within 2 ms."""
         try:
@@ -87,18 +94,25 @@ class Operator:
 
 
 class Returns(logging.Handler):
-    """Counts how often the vision process was back."""
+    """Counts how often the vision process was back. took: s from each kill until then."""
 
     def __init__(self) -> None:
         super().__init__()
         self.count = 0
+        self.killed_at: float | None = None
+        self.took: list[float] = []
         self.setFormatter(logging.Formatter("%(message)s"))
         log = logging.getLogger("companion.vision.client")
         log.setLevel(logging.INFO)
         log.addHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.count += record.getMessage() == "the vision process is back"
+        if record.getMessage() != "the vision process is back":
+            return
+        self.count += 1
+        if self.killed_at is not None:
+            self.took.append(time.monotonic() - self.killed_at)
+            self.killed_at = None
 
 
 def vision_pid() -> int | None:
@@ -130,14 +144,15 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
         target=run.main, args=(load_config(str(path)), over.is_set, COMMAND), name="daemon"
     )
     killed = answers = 0
-    returns = Returns()
+    returns, status = Returns(), folder / "state" / "status.json"
     with mock.patch("companion.run.VISION", VISION._replace(first=0.0)):
         daemon.start()
         try:
             while killed < count:
                 answers += 1
                 word, weight = f"thing {answers % 12 + 1}", round(2.0 * chance.random() - 1.0, 3)
-                killed += _answered(operator, answers, word, weight, chance, results)
+                _until_ready(operator, partial(_is_ready, status, returns, killed))
+                killed += _answered(operator, answers, word, weight, chance, results, returns)
                 told[word] = weight
         finally:
             over.set()
@@ -155,6 +170,7 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
         "kills": killed,
         "answers": answers,
         "returns": returns.count,
+        "return_s": {"p50": round(median(returns.took), 2), "max": round(max(returns.took), 2)},
         "lost": len(lost),
         "twice": twice,
         "acknowledged": dict(results),
@@ -168,12 +184,10 @@ def _answered(
     weight: float,
     chance: random.Random,
     results: Counter[str],
+    returns: Returns,
 ) -> int:
     """Send until it is acknowledged for good, with one kill on the way; how many there were."""
     until = time.monotonic() + PATIENCE
-    while vision_pid() is None or not _reachable(operator):
-        if time.monotonic() > until:
-            raise TimeoutError("no vision process")
     kill_at: float | None = None
     sent_at, killed = float("-inf"), 0
     while time.monotonic() < until:
@@ -188,7 +202,7 @@ def _answered(
             pid = vision_pid()
             if pid is not None:
                 os.kill(pid, signal.SIGKILL)
-                killed = 1
+                killed, returns.killed_at = 1, time.monotonic()
         for ack in operator.acknowledgements():
             if ack.transaction == transaction:
                 results[ack.result.name.lower()] += 1
@@ -197,9 +211,16 @@ def _answered(
     raise TimeoutError(f"answer {transaction} was never acknowledged: {dict(results)}")
 
 
-def _reachable(operator: Operator) -> bool:
-    operator.acknowledgements()
-    return operator._rover is not None
+def _is_ready(status: Path, returns: Returns, killed: int) -> bool:
+    return status.is_file() and returns.count >= killed
+
+
+def _until_ready(operator: Operator, ready: Callable[[], bool]) -> None:
+    """Wait for the process that follows the last one that was killed."""
+    until = time.monotonic() + PATIENCE
+    while not operator.heard() or not ready():
+        if time.monotonic() > until:
+            raise TimeoutError("no vision process")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -68,7 +68,8 @@ def _verdict(path: Path, age: float | None, said: Mapping[str, Any]) -> tuple[in
 
 
 def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    camera, link, perceiver = (_table(said, name) for name in ("camera", "link", "perceiver"))
+    names = ("camera", "link", "perceiver", "vision", "disk")
+    camera, link, perceiver, vision, written = (_table(said, name) for name in names)
     reasons = ", ".join(map(str, said.get("reasons") or ()))
     yield "state", f"{said.get('state', 'unknown')}{': ' if reasons else ''}{reasons}"
     refused = said.get("hold_refused")
@@ -83,13 +84,18 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         ),
     )
     yield "perceiver", f"{perceiver.get('model', 'unknown')}, {perceiver.get('step_ms', 0)} ms a frame"
+    restarts = vision.get("restarts", 0)
+    yield (
+        "vision",
+        f"{vision.get('trouble') or 'running'}{f', started again {restarts} x' if restarts else ''}",
+    )
     heard = link.get("autopilot")
     yield (
         "link",
         str(link.get("trouble") or (f"autopilot on {heard}" if heard else "no autopilot is heard yet")),
     )
     yield "words", str(said.get("words") or "none")
-    yield "disk", check_disk(folder).text
+    yield "disk", f"{'not written now; ' if written.get('failing') else ''}{check_disk(folder).text}"
     since = _started(said.get("pid"))
     if since is not None:
         at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(since))

@@ -312,7 +312,8 @@ class Vision:
                 if report.error and frame_id is not None:
                     self._frames.pop(frame_id, None)
                 error = AnyTraverseError(report.error) if report.error else None
-                return [Applied(self._asked.pop(report.number), report.outcome, error, self.memory)]
+                token = self._asked.pop(report.number)
+                return [] if token is None else [Applied(token, report.outcome, error, self.memory)]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")

@@ -106,6 +106,7 @@ def test_make_alone_lists_every_target_with_what_it_does(checkout: Checkout) -> 
         "bench-clipseg",
         "bench-link",
         "bench-stopping",
+        "bench-vision",
         "clean",
         "help",
     ):

@@ -74,6 +74,7 @@ def test_a_companion_that_is_well_says_what_it_does(
         "open        call or hold 7",
         "camera      delivering, 120 frames read, 100 judged",
         "perceiver   builtin/1, 41.0 ms a frame",
+        "vision      running\n",
         "link        autopilot on main",
         "words       grass: 1",
     ):
@@ -88,6 +89,11 @@ def test_a_companion_that_is_well_says_what_it_does(
         ({"state": "fault", "reasons": ["fault"]}, "cannot judge: FAULT"),
         ({"link": {"trouble": "serial: gone"}}, "its link fails"),
         ({"state": "fault", "camera": {"state": "failed", "reason": "no cable"}}, "failed: no cable"),
+        (
+            {"state": "fault", "vision": {"trouble": "vision hangs", "restarts": 2}},
+            "vision hangs, started again 2 x",
+        ),
+        ({"state": "fault", "disk": {"failing": True}}, "not written now; "),
     ],
 )
 def test_a_faulty_one_ends_with_1(

@@ -50,7 +50,7 @@ def test_hung_eyes_are_told_from_a_lost_camera(rig: Rig) -> None:
     rig.hung = True
     rig.see(T + 0.5)
     assert rig.stage.mode == HOLD
-    assert "H1 FAULT vision silent" in rig.texts
+    assert "H1 FAULT vision hangs" in rig.texts
 
 
 def test_a_perceiver_that_fails_on_every_frame_is_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,10 +132,7 @@ def test_a_vision_that_hangs_is_killed_and_started_again_on_what_it_knew(held: R
     assert held.engine.memory.preferences.format() == words
     assert held.vision.trouble == ""
     assert held.state == ("CALLING", 1)
-    assert [text for text in held.texts if "FAULT" in text] == [
-        "C1 FAULT vision silent",
-        "C1 FAULT vision hangs",
-    ]
+    assert [text for text in held.texts if "FAULT" in text] == ["C1 FAULT vision hangs"]
 
 
 def test_an_answer_caught_by_the_hang_is_busy_leaves_nothing_and_its_go_is_void(held: Rig) -> None:

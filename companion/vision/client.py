@@ -83,7 +83,10 @@ class Judged:
 
 @dataclass(frozen=True)
 class Applied:
-    """An answer was applied, or refused with `error`; then nothing has changed."""
+    """An answer was applied, or refused with `error`; then nothing has changed.
+
+    token: the asker's; None: a frame was given back to a new process.
+    """
 
     token: object
     outcome: AnswerOutcome | None
@@ -312,8 +315,7 @@ class Vision:
                 if report.error and frame_id is not None:
                     self._frames.pop(frame_id, None)
                 error = AnyTraverseError(report.error) if report.error else None
-                token = self._asked.pop(report.number)
-                return [] if token is None else [Applied(token, report.outcome, error, self.memory)]
+                return [Applied(self._asked.pop(report.number), report.outcome, error, self.memory)]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")

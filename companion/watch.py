@@ -95,7 +95,7 @@ class Watch:
     def _look_at_deaths(self, now: float) -> None:
         """What dies again and again may see well in between: it does not end a hold by itself."""
         if self._vision.unreliable:
-            self._calls.require_go()
+            self._calls.require_go(anew=not self._unreliable)
         if self._vision.unreliable is not self._unreliable:
             self._unreliable = self._vision.unreliable
             if self._unreliable:

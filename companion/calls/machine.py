@@ -100,10 +100,12 @@ class OperatorCalls:
             decisions.append(self._close(Outcome.SWITCHED_OFF))
         return decisions + self._settle(now)
 
-    def require_go(self) -> None:
-        """The hold that stands does not end without a go, whatever asked for it."""
+    def require_go(self, *, anew: bool) -> None:
+        """The hold that stands does not end without a go. anew: one that was given before is void."""
         if self.hold is not None:
             self.hold.only_fault = False
+            if anew:
+                self.holding.go_at = None
 
     def retune(self, judging: Settings) -> None:
         """Other thresholds from now on."""

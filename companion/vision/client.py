@@ -402,8 +402,11 @@ class Vision:
     def _send(self, request: Request) -> bool:
         if self._child is None:
             return False
-        if self._child.send(encode(request)):
-            return True
+        try:
+            if self._child.send(encode(request)):
+                return True
+        except CodecError as error:
+            log.error("not sent to the vision process: %s", error)
         self._full = True  # with the next poll it is lost
         return False
 

@@ -143,6 +143,10 @@ def _serve(port: Port) -> None:
             )
         )
         return
+    except Exception as error:
+        log.exception("the perceiver failed to load")
+        port.send(Failed(told(AnyTraverseError(f"the perceiver failed to load: {error!r}"))))
+        return
     engine, revision = ready.engine, start.revision + 1
     update = update_from(
         start.memory, engine.memory, revision, start.revision, weak_in_use(engine, engine.memory)

@@ -185,6 +185,22 @@ def test_after_three_deaths_in_ten_minutes_the_hold_needs_a_go_and_an_alert_says
     assert rig.stage.mode == AUTO
 
 
+def test_a_go_given_before_the_third_death_is_void(rig: Rig) -> None:
+    for _ in range(2):
+        rig.child.death = "SIGSEGV"
+        rig.wait(6.0)
+        rig.see(6.0)
+    assert rig.stage.mode == HOLD
+    rig.wait(2.0)
+    rig.answer(rig.calls.current_id, Motion.GO)
+    rig.wait(0.5)
+    assert rig.calls.go_at is not None
+    rig.child.death = "SIGSEGV"
+    rig.wait(6.0)
+    rig.see(8.0)
+    assert rig.stage.mode == HOLD
+
+
 def test_a_go_for_a_hold_without_a_call_counts_while_the_eyes_hang(rig: Rig) -> None:
     rig.hung = True
     rig.see(4.0)

@@ -30,6 +30,7 @@ from companion.vision.client import (
     Vision,
     VisionLostError,
 )
+from companion.vision.codec import CodecError
 from companion.vision.loopback import Loopback
 from companion.vision.messages import (
     Alive,
@@ -439,6 +440,18 @@ def test_a_full_channel_is_a_lost_process(stage: Stage) -> None:
     stage.child.full = True
     assert not stage.ask("does not fit", drum=1.0)
     stage.lost(stage.vision.poll(stage.clock.now), "waits")
+    assert stage.vision.trouble == "vision hangs"
+
+
+def test_what_is_too_long_to_be_sent_is_a_lost_process_and_no_end_of_the_supervisor(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_long(_: object) -> bytes:
+        raise CodecError("a message of 70000000 bytes")
+
+    monkeypatch.setattr("companion.vision.client.encode", too_long)
+    assert not stage.vision.tune(Settings())
+    stage.vision.poll(stage.clock.now)
     assert stage.vision.trouble == "vision hangs"
 
 

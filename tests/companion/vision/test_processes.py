@@ -42,7 +42,8 @@ class Companion:
         self.orders, self.status = folder / "orders", folder / "state" / "status.json"
         config = folder / "companion.toml"
         config.write_text(
-            f'[camera]\nsource = "folder:{frames}"\nloop = true\n[perceiver]\nname = "painted:{self.orders}"\n'
+            f'[camera]\nsource = "folder:{frames}"\nloop = true\n'
+            f'[perceiver]\nname = "painted:{self.orders}"\n'
             f'[vehicle]\nfile = ""\n[link]\nurl = "udpout:127.0.0.1:{port}"\n'
             f'[journal]\nfolder = "{folder / "state"}"\n[words]\ngrass = 1.0\n'
         )

@@ -123,7 +123,7 @@ class Conversation:
         """An operator's answer."""
         kept = self._replies.get((request.sender, request.transaction or 0))
         if kept is not None:
-            return self._reply(request, kept.target, kept.result, kept.text)
+            return self._again(request, kept)
         target = self._calls.resolve(request.target, now)
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
@@ -234,6 +234,13 @@ class Conversation:
     def _go(self, request: AnswerRequest, at: float) -> float | None:
         """When the go was given that the hold waits to fulfil since this request."""
         return at if request.motion is Motion.GO and self._calls.go_at == at else None
+
+    def _again(self, request: AnswerRequest, kept: Kept) -> Heard:
+        """What was answered before the restart, which a go that was not fulfilled did not survive."""
+        void = request.motion is Motion.GO and self._calls.go_at is None
+        void = void and 0 != kept.target == self._calls.current_id
+        text = texts.go_lapsed(self._calls.kind, kept.target) if void else kept.text
+        return self._reply(request, kept.target, kept.result, text)
 
     def _stale(self, request: AnswerRequest) -> Heard:
         current = self._calls.current_id

@@ -188,6 +188,21 @@ def test_an_answer_asked_again_after_a_restart_is_known(held: Rig) -> None:
     assert held.state[1] == number
 
 
+@pytest.mark.parametrize("words", [(), (SetWord("drum", 0.5),)], ids=["go alone", "with a word"])
+def test_a_go_asked_again_after_a_restart_that_voided_it_is_not_told_to_be_given(
+    held: Rig, words: tuple[SetWord, ...]
+) -> None:
+    held.answer(1, GO, *words)
+    while not (held.journal.load_supervision() or {}).get("replies"):
+        held.see(0.1, "drum")
+    held.restart()
+    held.see(0.3, "drum")
+    held.answer(1, GO, *words)
+    held.see(3.0)
+    assert (held.state[1], held.stage.mode) == (1, HOLD)
+    assert held.acks[-1].text == "C1 go is too old: send it again"
+
+
 def test_what_changes_nothing_writes_nothing(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[Batch] = []
     held.see(1.0, "drum")

@@ -123,7 +123,7 @@ class Conversation:
         """An operator's answer."""
         kept = self._replies.get((request.sender, request.transaction or 0))
         if kept is not None:
-            return self._reply(request, kept.target, kept.result, kept.text)
+            return self._again(request, kept)
         target = self._calls.resolve(request.target, now)
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
@@ -145,24 +145,35 @@ class Conversation:
             subject = self._calls.hold if target else None
             if subject is None or subject.seen is None:
                 return self._reply(request, target or 0, Result.REFUSED, _NO_PICTURE)
+        decisions: list[Decision] = []
         if request.motion is Motion.STAY:
             self._overruled = self._asked
+            if changes and target:  # what it teaches may wait for vision, what it takes back may not
+                decisions = self._calls.answered(target, Motion.STAY, False, None, now)[1]  # noqa: FBT003
         in_order = call is None and self._asked == self._applied
         if not changes and (in_order or request.motion is Motion.STAY):
             return self._moved(request, target or 0, now)
-        seen = subject.seen if subject is not None else None
-        observation = seen.observation if seen is not None else None
+        heard = self._ask(request, target or 0, changes, subject, now)
+        heard.decisions = decisions
+        return heard
+
+    def _ask(
+        self, request: AnswerRequest, target: int, changes: Changes, subject: Call | Hold | None, now: float
+    ) -> Heard:
+        """Have the vision process apply an answer. subject: what it is about, None: words alone."""
+        call = subject if isinstance(subject, Call) else None
+        observation = subject.seen.observation if subject is not None and subject.seen is not None else None
         if call is not None and observation is None and now - call.opened_at < _FRAME_PATIENCE:
             return self._reply(
                 request, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
-        asked = _Asked(request, target or 0, bool(changes), self._asked + 1, now)
+        asked = _Asked(request, target, bool(changes), self._asked + 1, now)
         go = request.motion is Motion.GO
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
         if not self._vision.answer(asked, changes, frame_id=frame_id, call_id=number, go=go, place=place):
-            return self._reply(request, target or 0, Result.BUSY, _VISION_BUSY)
+            return self._reply(request, target, Result.BUSY, _VISION_BUSY)
         self._asked = asked.number
         return Heard()
 
@@ -231,6 +242,13 @@ class Conversation:
     def _go(self, request: AnswerRequest, at: float) -> float | None:
         """When the go was given that the hold waits to fulfil since this request."""
         return at if request.motion is Motion.GO and self._calls.go_at == at else None
+
+    def _again(self, request: AnswerRequest, kept: Kept) -> Heard:
+        """What was answered before the restart, which a go that was not fulfilled did not survive."""
+        void = request.motion is Motion.GO and self._calls.go_at is None
+        void = void and 0 != kept.target == self._calls.current_id
+        text = texts.go_lapsed(self._calls.kind, kept.target) if void else kept.text
+        return self._reply(request, kept.target, kept.result, text)
 
     def _stale(self, request: AnswerRequest) -> Heard:
         current = self._calls.current_id

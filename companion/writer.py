@@ -51,7 +51,8 @@ class Writer:
         self._jobs: deque[_Job] = deque()
         self._ticket = self.committed = self.failed = 0
         self._tried_at = float("-inf")
-        self._writing_since: float | None = None
+        self._waits_since: float | None = None
+        """Since when something waits for the journal, or is written there."""
         self._slow_until = float("-inf")
         self._untidy = False
         self._jobs_first = 0
@@ -75,8 +76,7 @@ class Writer:
     @property
     def failing(self) -> bool:
         """Whether what must survive could not be written at the last try, or takes too long."""
-        since = self._writing_since
-        now = time.monotonic()
+        since, now = self._waits_since, time.monotonic()
         slow = now < self._slow_until or (since is not None and now - since > SLOW)
         return _JOURNAL in self._troubled or slow
 
@@ -90,6 +90,7 @@ class Writer:
                 self.dropped[_JOURNAL] += len(self._batch.rows) + len(batch.rows) - MAX_ROWS
                 self.failed = self._ticket
             self._batch = self._batch.then(batch)
+            self._waits_since = self._waits_since or time.monotonic()
             self._ticket += 1
             self._changed.notify_all()
             return self._ticket
@@ -168,13 +169,14 @@ class Writer:
 
     def _commit(self, batch: Batch, ticket: int) -> None:
         """On a disk that is too full for the frame, the rest of it is kept."""
-        began = self._writing_since = self._tried_at = time.monotonic()
+        began = self._tried_at = time.monotonic()
         left = self._journal_takes(batch)
-        ended, self._writing_since = time.monotonic(), None
+        ended = time.monotonic()
         if ended - began > SLOW:
             self._slow_until = ended + _SLOW_AGAIN
         with self._changed:
             self._batch = left.then(self._batch)
+            self._waits_since = ended if self._batch else None
             if left.memory or left.state or left.rows:
                 self.failed = max(self.failed, ticket)
             else:

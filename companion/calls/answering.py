@@ -24,7 +24,8 @@ def answer_call(
     """A go without words accepts what the call is for; anything else takes such a go back.
 
     Otherwise the call's frame, judged again, decides whether it is answered. clear: "clear now, go?" is
-    asked, so that a go is one with words, too: whether they cover a thing that is gone is not in its way.
+    asked, so that a go is one with words, too: whether they cover a thing that is gone is not in its way. Nor
+    is it accepted then: it may be back, and they may name it as a danger.
     """
     call.quiet = call.quiet or motion is Motion.STAY
     call.learnt = call.learnt or (outcome is not None and outcome.remembered)
@@ -33,7 +34,8 @@ def answer_call(
             call.seen = outcome.call
         if not call.answered:
             call.answered = call.accepted = True
-            sight.accept(call.reasons, _scope(call, sight, now, travelled), now, travelled)
+            if not changed:
+                sight.accept(call.reasons, _scope(call, sight, now, travelled), now, travelled)
             sight.look_afresh(now)
         return Result.APPLIED
     if call.accepted:

@@ -40,7 +40,8 @@ class Vehicle:
 
 
 class Holding:
-    """At most one hold. go_at: when the go was given that the hold waits to fulfil. go_counts: it is kept.
+    """At most one hold. go_at: when the go was given that the hold waits to fulfil. go_counts: it is kept, or
+    one before it that nothing took back.
 
     handover: the end of a hold that stood on our setpoints; nothing else is commanded meanwhile.
     script_told: of the hold of the autopilot's script, until the vehicle shows that it is over.
@@ -52,6 +53,7 @@ class Holding:
         self.vehicle = Vehicle()
         self.go_at: float | None = None
         self.go_counts = False
+        self._first_go_at = -math.inf
         self.handover: Handover | None = None
         self.script_told: ScriptHold | None = None
         self._forgotten_at = self._silent_at = -math.inf
@@ -71,7 +73,7 @@ class Holding:
         unseen = self._unseen(before)
         if unseen:
             self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
-        return self._reboot(self.hold, before, unseen=unseen) or (
+        return self._reboot(self.hold, before, now, unseen=unseen) or (
             None if self.hold.rebooted else self.hold.vehicle(vehicle.mode, now, self.numbers)
         )
 
@@ -82,8 +84,8 @@ class Holding:
             return True
         return heard_at - before.heard_at > self.numbers.heartbeat_lost
 
-    def _reboot(self, hold: Hold, before: Vehicle, *, unseen: bool) -> HoldEvent | None:
-        """What a boot of the autopilot means: no mode that it shows, disarmed, is a human's.
+    def _reboot(self, hold: Hold, before: Vehicle, now: float, *, unseen: bool) -> HoldEvent | None:
+        """What a boot of the autopilot means: no mode that it shows, until it is armed, is a human's.
 
         Armed then in a mode that drives by itself it is held again, in another one it is a human who drives.
         """
@@ -96,11 +98,15 @@ class Holding:
             hold.begin_anew()
             self.go_at = None
             return None if known else HoldEvent.REBOOTED
-        if not hold.rebooted or (not vehicle.armed and vehicle.mode != hold.mode):
+        if not hold.rebooted or vehicle.mode is None:
             return None
         if vehicle.mode == hold.mode:
-            hold.rebooted = False
-        elif autopilot is not None and vehicle.mode in autopilot.holdable:
+            hold.rebooted = not vehicle.armed
+            return hold.vehicle(vehicle.mode, now, self.numbers)
+        hold.turn(HoldStage.REQUESTED)
+        if not vehicle.armed:
+            return None
+        if autopilot is not None and vehicle.mode in autopilot.holdable:
             hold.rebooted, hold.mode_before = False, vehicle.mode
         elif not before.armed and before.mode not in boots:
             return HoldEvent.TAKEN_OVER
@@ -192,12 +198,13 @@ class Holding:
         if self.hold is None or motion is not Motion.GO:
             self.go_at = None
             return
-        self.go_counts = self.go_counts and self.go_at is not None
+        if self.go_at is None:
+            self.go_counts, self._first_go_at = False, at
         self.go_at = at
 
     def go_kept(self, at: float, sight: Sight) -> None:
-        """The go heard at `at` counts; OK frames from now on fulfil it."""
-        if self.hold is None or self.go_at is None or self.go_counts or at < self.go_at:
+        """The go heard at `at` counts unless it was taken back; OK frames from now on fulfil it."""
+        if self.hold is None or self.go_at is None or self.go_counts or at < self._first_go_at:
             return
         self.go_counts = True
         if self.hold.stage is not HoldStage.RESUMING:
@@ -250,7 +257,9 @@ class Holding:
         return mode == hold.mode and self.drives_itself(now)
 
     def _ready(self, hold: Hold, sight: Sight, now: float) -> bool:
-        if not self.vehicle.armed or not self.heard(now) or sight.ok_run < self.numbers.ok_frames:
+        if not self.vehicle.armed or not self.heard(now) or self.silent(now):
+            return False
+        if sight.ok_run < self.numbers.ok_frames:
             return False
         if self.vehicle.mode not in (hold.mode, hold.mode_before):
             return False

@@ -41,9 +41,11 @@ _TABLES = {
     "frame": _FRAME,
 }
 """`owner` of words and examples: the stamp of an entry, or one of rows.IN_FORCE and rows.CONFIGURED."""
+FRAME_SINCE = 3
+"""The version from which on the frame of the open call is in this file."""
 _SINCE = {
     2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw")),
-    3: (f"CREATE TABLE frame ({_FRAME})",),
+    FRAME_SINCE: (f"CREATE TABLE frame ({_FRAME})",),
 }
 """What makes a file of the version before one of this version."""
 _LATER = {"frame"}
@@ -56,7 +58,8 @@ class Database:
     """One file, one process, one thread at a time. A second process is refused: two daemons must not steer
     one rover.
 
-    Raises JournalError when it cannot be opened, Damaged when its content is torn.
+    found_version: whose file it was when it was opened, 0: nobody's. Raises JournalError when it cannot be
+    opened, Damaged when its content is torn.
     """
 
     def __init__(self, path: Path, largest: int) -> None:
@@ -138,6 +141,7 @@ class Database:
         (ours,), (version,) = (
             execute(f"PRAGMA {name}").fetchone() for name in ("application_id", "user_version")
         )
+        self.found_version = int(version)
         found = {name for (name,) in execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         if self._was_empty:  # and nobody is about to fill it: the lock is ours by now
             raise Damaged("the file is empty")

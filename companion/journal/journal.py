@@ -16,7 +16,7 @@ from anytraverse.memory import Memory
 from companion.calls.decisions import Call
 from companion.durable import sync_folder
 from companion.journal.batch import Batch, Row, as_json
-from companion.journal.database import Database
+from companion.journal.database import FRAME_SINCE, Database
 from companion.journal.errors import Damaged, JournalError
 from companion.journal.records import CallRecord
 from companion.journal.rows import read_memory, write_memory
@@ -47,7 +47,6 @@ class Journal:
         """
         self._folder = folder
         self._path = self._folder / "journal.db"
-        self._old_frame = self._folder / "call.png"
         self.recovered_from: Path | None = None
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -61,6 +60,7 @@ class Journal:
             self.recovered_from = self._set_aside(damage)
             opened = self._open(largest)
         self._database, self._memory, self._state = opened
+        self._take_in_old_frame()
 
     def close(self) -> None:
         """Give the file back; more than once is fine."""
@@ -79,9 +79,6 @@ class Journal:
                 _append(connection, row)
         self._memory = batch.memory or self._memory
         self._state = batch.state or self._state
-        if batch.frame is not None:
-            with suppress(OSError):  # it belongs to a call that is over
-                self._old_frame.unlink(missing_ok=True)
 
     def tidy(self) -> None:
         """What should be done now and then, and nobody waits for. Raises JournalError."""
@@ -108,20 +105,9 @@ class Journal:
         self.commit(Batch(frame=(frame_id, png)))
 
     def load_frame(self, frame_id: int) -> bytes | None:
-        """The PNG of this frame; None when another one was kept last, or none at all.
-
-        Versions 1 and 2 kept it as a file without an id: there it is the open call's. Raises JournalError.
-        """
-        found = self._database.rows("SELECT frame_id, png FROM frame")
-        if found:
-            ((number, png),) = found
-            return bytes(png) if number == frame_id else None
-        try:
-            return self._old_frame.read_bytes()
-        except OSError as error:
-            if not isinstance(error, FileNotFoundError):
-                _log.warning("the frame of the open call is lost: %s", error)
-            return None
+        """The PNG of this frame; None when another one was kept last, or none at all. Raises JournalError."""
+        found = self._database.rows("SELECT png FROM frame WHERE frame_id = ?", frame_id)
+        return bytes(found[0][0]) if found else None
 
     def record_call(self, call: Call, at: float | None = None) -> None:
         """Keep what a closed call was about. at: seconds since 1970, by default now. Raises JournalError."""
@@ -154,6 +140,17 @@ class Journal:
         except BaseException:
             database.close()
             raise
+
+    def _take_in_old_frame(self) -> None:
+        """Versions 1 and 2 kept it as a file without an id: the frame of the call that they left open."""
+        old = self._folder / "call.png"
+        try:
+            call = (self.load_supervision() or {}).get("call")
+            if self._database.found_version < FRAME_SINCE and isinstance(call, dict) and old.exists():
+                self.save_frame(int(call["frame_id"]), old.read_bytes())
+            old.unlink(missing_ok=True)
+        except (OSError, JournalError, LookupError, TypeError, ValueError) as error:
+            _log.warning("the frame of the open call is lost: %s", error)
 
     def _set_aside(self, damage: Damaged) -> Path:
         before = sorted(self._folder.glob("journal.damaged-*.db"), key=_number)

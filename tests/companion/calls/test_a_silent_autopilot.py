@@ -110,3 +110,15 @@ def test_the_scripts_hold_is_nobodys_takeover_once_the_wire_is_mended(hold: Scen
     hold.autopilot.mode, hold.autopilot.silent = HOLD, False
     hold.run(5.0)
     assert (hold.modes(), hold.held(), hold.calls.current_id) == ([], [], 0)
+
+
+def test_a_go_waits_until_it_is_no_fault_any_more(held: Scene) -> None:
+    held.autopilot.silent = True
+    held.run(3.5 - (held.now - held.autopilot.beat_at), CLEAR)
+    held.go()
+    held.run(1.0, CLEAR)
+    assert held.calls.state(held.now) is State.FAULT
+    assert held.modes() == [HOLD], "nobody is told to drive on by who says that it is not well"
+    held.autopilot.silent = False
+    held.run(3.0, CLEAR)
+    assert held.modes() == [HOLD, AUTO]

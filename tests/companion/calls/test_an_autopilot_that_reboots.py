@@ -92,6 +92,23 @@ def test_armed_again_in_hold_it_stands_until_a_go_is_given(held: Scene) -> None:
     assert held.events()[-1] is HoldEvent.RESUMED
 
 
+@pytest.mark.parametrize("into", [MANUAL, LOITER, AUTO])
+def test_the_mode_that_the_transmitters_switch_sets_after_the_boot_is_nobodys(held: Scene, into: int) -> None:
+    """It boots into HOLD, hears its transmitter a moment later, and takes the switch's mode, disarmed."""
+    reboot(held, HOLD)
+    held.human(into, armed=False)
+    held.run(5.0, DRUM)
+    assert held.closed() == []
+    assert held.calls.sight.acceptance is None
+    assert not held.hold.standing
+    held.human(into)
+    held.run(1.0, DRUM)
+    if into == AUTO:
+        assert (held.autopilot.mode, held.closed()) == (HOLD, [])
+    else:
+        assert held.closed() == [(1, Outcome.TAKEN_OVER)]
+
+
 def test_armed_again_in_manual_a_human_drives(held: Scene) -> None:
     reboot(held, MANUAL)
     held.human(MANUAL)

@@ -108,6 +108,8 @@ def test_frames_that_waited_in_a_queue_while_we_were_stalled_are_no_fresh_views(
         held.frames[held.frame] = CLEAR
         waiting.append(held.judged(held.frame))
     held.now = round(held.now + 3.0, 6)
+    held.calls.holding.forget(held.now, 5.0)
+    held.now = round(held.now + 0.1, 6)
     held.hear()
     held.go()
     for seen in waiting:

@@ -13,7 +13,7 @@ from anytraverse.regions import Box
 from anytraverse.roi import Mask, RoiFigures
 from companion.calls import acceptance
 from companion.calls.acceptance import Acceptance
-from companion.wire.ids import Outcome, Policy
+from companion.wire.ids import Outcome, Policy, Stage
 from tests.companion.calls.scenes import (
     ACROSS,
     AHEAD,
@@ -25,6 +25,7 @@ from tests.companion.calls.scenes import (
     ELSEWHERE,
     HOLD,
     LOG,
+    SLIVER,
     Scene,
     Thing,
     View,
@@ -53,6 +54,18 @@ def accepted(report: Scene) -> Scene:
     report.go()
     assert report.closed() == [(1, Outcome.ACCEPTED)]
     return report
+
+
+@pytest.mark.parametrize("word", ["drum", "puddle"], ids=["what it is", "beside the point"])
+def test_words_with_a_go_at_clear_now_accept_nothing_that_is_back(hold: Scene, word: str) -> None:
+    """Least of all what they name as a danger."""
+    narrow = View((Thing(SLIVER),))
+    hold.run(1.0, narrow)
+    hold.run(2.0, CLEAR)
+    assert hold.calls.stage() is Stage.CLEAR
+    hold.go({word: -1.0})
+    hold.run(3.0, narrow)
+    assert hold.autopilot.mode == HOLD
 
 
 def test_the_accepted_thing_does_not_call_again(accepted: Scene) -> None:

@@ -157,6 +157,24 @@ def test_a_slow_commit_is_failing_while_it_lasts_and_some_time_after(
     assert not writer.failing
 
 
+def test_a_journal_that_waits_behind_a_file_is_failing_too(
+    writer: Writer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, seen = [1000.0], list[bool]()
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+
+    def slow() -> None:
+        writer.keep(answer(1))
+        for _step in range(3):
+            seen.append(writer.failing)
+            now[0] += 1.5
+
+    writer.write("status", slow)
+    writer.drain()
+    assert seen == [False, False, True]
+    assert (writer.committed, writer.failing) == (1, False)
+
+
 class Hanging(Journal):
     """Its commits wait for `released`."""
 

@@ -188,6 +188,21 @@ def test_an_answer_asked_again_after_a_restart_is_known(held: Rig) -> None:
     assert held.state[1] == number
 
 
+@pytest.mark.parametrize("words", [(), (SetWord("drum", 0.5),)], ids=["go alone", "with a word"])
+def test_a_go_asked_again_after_a_restart_that_voided_it_is_not_told_to_be_given(
+    held: Rig, words: tuple[SetWord, ...]
+) -> None:
+    held.answer(1, GO, *words)
+    while not (held.journal.load_supervision() or {}).get("replies"):
+        held.see(0.1, "drum")
+    held.restart()
+    held.see(0.3, "drum")
+    held.answer(1, GO, *words)
+    held.see(3.0)
+    assert (held.state[1], held.stage.mode) == (1, HOLD)
+    assert held.acks[-1].text == "C1 go is too old: send it again"
+
+
 def test_what_changes_nothing_writes_nothing(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[Batch] = []
     held.see(1.0, "drum")
@@ -296,6 +311,20 @@ def test_stay_needs_no_disk_to_count_and_takes_back_a_go_that_waits_for_it(held:
     assert (second.transaction, second.text) == (8, "C1 noted: still open")
 
 
+@pytest.mark.parametrize("thing", ["drum", "rock"], ids=["call", "hold"])
+def test_stay_with_a_word_counts_at_once_though_vision_hangs(rig: Rig, thing: str) -> None:
+    rig.see(3.0, thing)
+    rig.answer(1, GO)
+    rig.see(0.3)
+    given = [rig.calls.go_at is not None]
+    rig.hung = True
+    rig.answer(1, Motion.STAY, SetWord("drum", -1.0), transaction=8)
+    rig.wait(0.1)
+    given.append(rig.calls.go_at is not None)
+    assert given == [True, False]
+    assert rig.calls.sight.acceptance is None
+
+
 def test_a_go_that_teaches_nothing_moves_nothing_before_it_is_kept_either(rig: Rig) -> None:
     rig.see(3.0, "rock")
     assert rig.state == ("BLOCKED", 1)
@@ -320,6 +349,19 @@ def test_a_second_go_that_waits_for_the_disk_does_not_stop_what_the_first_one_mo
     rig.answer(1, GO, transaction=8)
     rig.see(0.9)
     assert rig.stage.mode == AUTO
+
+
+@pytest.mark.parametrize("motion", [GO, Motion.STAY])
+def test_who_says_go_faster_than_the_disk_writes_waits_no_longer_than_who_says_it_once(
+    rig: Rig, motion: Motion
+) -> None:
+    rig.see(3.0, "rock")
+    assert rig.state == ("BLOCKED", 1)
+    rig.disk_hangs = True
+    for number in range(8):
+        rig.answer(1, GO if number % 2 == 0 else motion, transaction=20 + number)
+        rig.see(0.6)
+    assert (rig.stage.mode == AUTO) is (motion is GO), "a stay in between takes back what was said before"
 
 
 def test_a_go_for_what_a_human_ended_before_it_was_kept_is_told_so(held: Rig) -> None:

@@ -58,7 +58,9 @@ def test_an_older_journal_comes_back_and_takes_attitudes_from_then_on(tmp_path: 
 def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_another_is_kept(
     tmp_path: Path,
 ) -> None:
-    Journal(tmp_path).close()
+    journal = Journal(tmp_path)
+    journal.save_supervision({"call": {"frame_id": 41}})
+    journal.close()
     with sqlite3.connect(tmp_path / "journal.db") as connection:
         connection.execute("DROP TABLE frame")
         connection.execute("PRAGMA user_version = 2")
@@ -67,7 +69,8 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
     for _ in range(2):
         journal = Journal(tmp_path)
         assert journal.recovered_from is None
-        assert journal.load_frame(41) == b"a picture"
+        assert (journal.load_frame(41), journal.load_frame(42)) == (b"a picture", None)
+        journal.save_supervision({"call": {"frame_id": 42}})
         journal.close()
     journal = Journal(tmp_path)
     journal.save_frame(42, b"another")

@@ -128,13 +128,17 @@ class Conversation:
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
         decisions: list[Decision] = []
-        if request.motion is Motion.STAY and request.operations and target:
-            _, decisions = self._calls.answered(target, Motion.STAY, False, None, now)  # noqa: FBT003
-        heard = self._hear(request, target, now)
+        if request.motion is Motion.STAY:
+            self._overruled = self._asked
+            if (
+                request.operations and target
+            ):  # what it teaches may wait for vision, what it takes back may not
+                _, decisions = self._calls.answered(target, Motion.STAY, False, None, now)  # noqa: FBT003
+        heard = self._apply(request, target, now)
         heard.decisions[:0] = decisions
         return heard
 
-    def _hear(self, request: AnswerRequest, target: int | None, now: float) -> Heard:
+    def _apply(self, request: AnswerRequest, target: int | None, now: float) -> Heard:
         try:
             changes = changes_of(request.operations)
         except AnyTraverseError as error:
@@ -145,17 +149,10 @@ class Conversation:
             subject = self._calls.hold if target else None
             if subject is None or subject.seen is None:
                 return self._reply(request, target or 0, Result.REFUSED, _NO_PICTURE)
-        decisions: list[Decision] = []
-        if request.motion is Motion.STAY:
-            self._overruled = self._asked
-            if changes and target:  # what it teaches may wait for vision, what it takes back may not
-                decisions = self._calls.answered(target, Motion.STAY, False, None, now)[1]  # noqa: FBT003
         in_order = call is None and self._asked == self._applied
         if not changes and (in_order or request.motion is Motion.STAY):
             return self._moved(request, target or 0, now)
-        heard = self._ask(request, target or 0, changes, subject, now)
-        heard.decisions = decisions
-        return heard
+        return self._ask(request, target or 0, changes, subject, now)
 
     def _ask(
         self, request: AnswerRequest, target: int, changes: Changes, subject: Call | Hold | None, now: float

@@ -232,9 +232,9 @@ class Keeper:
         if number and drawn.png and calls.call is not None and calls.call.frame_id == drawn.frame_id:
             self._keep_frame(drawn.frame_id, drawn.png)
         if not self._album.wanted or not drawn.panel:
-            return
-        if number and number == self._shown[0] and drawn.thumbnail:
-            self._shown = number, address(f"{number}.jpg")
+            if number == self._shown[0]:
+                self._shown = number, ""
+        elif number and number == self._shown[0] and drawn.thumbnail:
             store = partial(self._store, number, drawn.thumbnail, drawn.panel, drawn.title)
             self._writer.write("picture", store)
         else:
@@ -354,9 +354,10 @@ class Keeper:
         self._writer.write("record", partial(self._files.opened, call.id, record_of(call), answers))
 
     def _show(self, number: int, seen: Assessment, state: State, title: str) -> None:
-        self._shown, self._shown_frame = (number, ""), seen
+        asked = self._vision.draw(seen.frame.id, title, state, keep=True)
         self._drawing[seen.frame.id] = number
-        self._vision.draw(seen.frame.id, title, state, keep=True)
+        self._shown = number, address(f"{number}.jpg") if asked and self._album.wanted else ""
+        self._shown_frame = seen
 
     def _store(self, number: int, small: bytes, large: bytes, title: str) -> None:
         """In the writer's thread."""

@@ -230,18 +230,20 @@ class Vision:
         self._settings = settings
         return True
 
-    def draw(self, frame_id: int, title: str, state: State, *, keep: bool = False) -> None:
-        """Have a frame that was judged lately drawn; a `Drawn` follows where that can be done.
+    def draw(self, frame_id: int, title: str, state: State, *, keep: bool = False) -> bool:
+        """Have a frame that was judged lately drawn; a `Drawn` follows. False: not asked.
 
         keep: it is a call's or hold's, which can be answered and tapped in from now on.
         """
         most = MAX_DRAWINGS + (KEPT if keep else 0)
         if not self._running or len(self._drawing) >= most:
             log.warning("no picture of %s: the vision process does not draw now", title)
-            return
+            return False
         self._numbers += 1
-        if self._send(Draw(self._numbers, frame_id, title, state, keep)):
-            self._drawing[self._numbers] = frame_id if keep else 0
+        if not self._send(Draw(self._numbers, frame_id, title, state, keep)):
+            return False
+        self._drawing[self._numbers] = frame_id if keep else 0
+        return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
         """Tell where the vehicle is and whether it moves, some five times a second."""

@@ -157,10 +157,21 @@ def test_a_change_of_weights_that_turns_no_sign_asks_for_nothing(rover: Rover) -
     rover.answer({"grass": 0.4, "drum": -0.8}, call, 7)
     assert rover.eyes.attended == attended
     outcome = rover.answer({"drum": 0.8}, call, 7)
-    assert rover.eyes.attended == attended + 1, "the drivable words alone, of the one frame there is"
+    assert rover.eyes.attended == attended, "its words are independent of each other"
     assert outcome.call is not None
     assert outcome.call.words == Preferences.parse("grass: 0.4; rock: -1; drum: 0.8")
     assert outcome.call.ok
+
+
+def test_where_words_share_what_they_explain_a_turned_sign_asks_for_the_drivable_ones_alone(
+    rover: Rover, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rover.eyes, "independent", False)
+    call = rover.call(thing="drum")
+    rover.answer({"drum": -1}, call, 7)
+    attended = rover.eyes.attended
+    rover.answer({"drum": 0.8}, call, 7)
+    assert rover.eyes.attended == attended + 1, "of the one frame there is"
 
 
 def test_a_new_word_runs_the_network_once_for_each_frame(rover: Rover) -> None:

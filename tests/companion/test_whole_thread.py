@@ -100,7 +100,8 @@ def _acknowledged(target: int) -> Callable[[dict[str, Any]], bool]:
 def test_a_thing_without_a_word_is_called_named_kept_off_and_passed_once_it_is_gone(play: Play) -> None:
     call = play.drive_to_the_drum()
     assert call["reasons"] == ["unknown_object"]
-    assert (play.stage.out / "state" / call["picture"].lstrip("/")).is_file()
+    picture = play.stage.out / "state" / call["picture"].lstrip("/")
+    play.wait_until("its picture", lambda _: picture.is_file())
     assert play.stage.control.status()["contacts"] == []
 
     for _ in range(3):  # a tap on a part of the drum may leave another part unknown: it says so

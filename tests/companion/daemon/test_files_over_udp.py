@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,10 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
 
     assert listed("/").keys() == {"@PARAM", "state.json", "calls", "maps", "logs"}
     number = call.id
-    assert listed("/calls").keys() >= {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg"}
+    wanted, deadline = {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg"}, time.monotonic() + 10.0
+    while not listed("/calls").keys() >= wanted and time.monotonic() < deadline:
+        time.sleep(0.1)  # a picture is named when it is drawn, and there a moment later
+    assert listed("/calls").keys() >= wanted
     assert listed("/logs").keys() == {"companion.log"}
     state = json.loads(fetched("/state.json"))
     assert (state["state"], state["open"]["id"], state["words"]) == ("calling", number, {"grass": 1.0})

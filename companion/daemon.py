@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import select
 import signal
 import time
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from companion.keeper import Keeper
 from companion.link import heard as radio
 from companion.link.heard import AnswerRequest, ModeAck, PolicyRequest, Pulses, Vehicle, VehicleHeard
 from companion.link.link import Link
+from companion.loading import wait
 from companion.mishaps import Mishaps
 from companion.model import Model
 from companion.odometer import Odometer
@@ -153,13 +153,7 @@ class Daemon:
         rest = min(_REST, TICK) - (time.monotonic() - self._turned_at)
         if rest > 0:
             time.sleep(rest)
-        vision = self._vision.fileno()
-        readable = [*self._link.filenos(), *([] if vision is None else [vision])]
-        patience = min(TICK, self._link.wait(time.monotonic()))
-        try:
-            select.select(readable, [], [], patience)
-        except (OSError, ValueError):  # a device that has just gone
-            time.sleep(patience)
+        wait(self._link, self._vision, min(TICK, self._link.wait(time.monotonic())))
         self._turned_at = time.monotonic()
 
     def _hear(self, heard: radio.Heard, now: float) -> None:

@@ -45,16 +45,17 @@ def load(vision: Vision, link: Link, stop: Callable[[], bool]) -> Ready | None:
         if vision.ready is not None:
             return vision.ready
         link.tick(now)
-        _wait(link, vision)
+        wait(link, vision, _TICK)
     return None
 
 
-def _wait(link: Link, vision: Vision) -> None:
+def wait(link: Link, vision: Vision, seconds: float) -> None:
+    """Until one of them has something to be heard, `seconds` at most."""
     descriptor = vision.fileno()
     try:
-        select.select([*link.filenos(), *([] if descriptor is None else [descriptor])], [], [], _TICK)
+        select.select([*link.filenos(), *([] if descriptor is None else [descriptor])], [], [], seconds)
     except (OSError, ValueError):  # a device that has just gone
-        time.sleep(_TICK)
+        time.sleep(seconds)
 
 
 def _put_off(heard: Heard, link: Link, now: float) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.demo.rehearsal import free_port
 from companion.field.router import Parser
 from companion.wire.ids import Policy, State, read_heartbeat_mode
 
@@ -61,7 +62,7 @@ class Wire:
         self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._far.connect(("127.0.0.1", autopilot))
         self._calls = calls
-        self._companion = ("127.0.0.1", _free_port()) if calls else None
+        self._companion = ("127.0.0.1", free_port()) if calls else None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="wire", daemon=True)
         self._thread.start()
@@ -139,12 +140,6 @@ def _is_well(frame: Any) -> bool:
     if frame.get_type() != "HEARTBEAT":
         return False
     return read_heartbeat_mode(frame.custom_mode)[0] not in _UNWELL
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _ordered(frame: Any) -> str:

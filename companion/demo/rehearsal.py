@@ -24,7 +24,7 @@ def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     """Play the camera to its end in shadow policy; 0 when frames were judged."""
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
-    port = _free_port()
+    port = free_port()
     story.plain(
         f"No rover: {camera} is judged as if one drove by it. `shadow` says where it would have held."
     )
@@ -128,7 +128,8 @@ class _Rehearsal:
         return bool(camera.get("state") == "ended")
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A UDP port of 127.0.0.1 that nobody has now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

@@ -106,10 +106,11 @@ def _run(options: argparse.Namespace) -> int:
 def _leave(code: int) -> int:
     """The exit code, or the end of the process where something still runs in a thread that was left behind.
 
-    A network cannot be stopped while it loads or runs, and the interpreter's own end would abort it.
+    A network cannot be stopped while it loads or runs, and the interpreter's own end would abort it. One that
+    hangs in writing the log keeps its lock: every line was flushed, so that nothing is to be waited for.
     """
     if threading.active_count() > 1:
-        logging.shutdown()
+        sys.stdout.flush()
         os._exit(code)
     return code
 

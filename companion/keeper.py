@@ -291,26 +291,21 @@ class Keeper:
 
     def write_status(self, figures: Mapping[str, Any]) -> None:
         """The status file: figures, frames judged, whose they are, and how the disk does."""
-        content = json.dumps(self._whole(figures)).encode()
-        self._writer.write("status", partial(write_whole, self._status, content))
+        self._writer.write("status", partial(write_whole, self._status, self._whole(figures)))
 
     def leave(self, figures: Mapping[str, Any]) -> None:
-        """The last word: all that waits is written, as far as the disk takes it in 2 s, then the status file
+        """The last word: all that waits is written, as far as the disk takes it in 2 s, the status file last,
         with when the newest frames were taken and judged; that list is long, and memory cards wear out.
         """
         if self._state:
             self._writer.keep(Batch(state=as_json({**self._state, "last_id": self._last_id})))
+        self.write_status({**figures, "recent": list(self._recent)})
         self._writer.drain()
-        content = json.dumps({**self._whole(figures), "recent": list(self._recent)}).encode()
-        try:
-            write_whole(self._status, content)
-        except OSError as error:
-            log.warning("no status file: %s", error)
 
-    def _whole(self, figures: Mapping[str, Any]) -> dict[str, Any]:
+    def _whole(self, figures: Mapping[str, Any]) -> bytes:
         writer = self._writer
         disk = {"failing": writer.failing, "errors": dict(writer.errors), "dropped": dict(writer.dropped)}
-        return {**figures, "frames": self._frames, "pid": os.getpid(), "disk": disk}
+        return json.dumps({**figures, "frames": self._frames, "pid": os.getpid(), "disk": disk}).encode()
 
     def _kept(self, ticket: int, at: float, now: float) -> bool | None:
         """Whether what was handed over at `at` is on disk, None while that is open."""

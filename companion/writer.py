@@ -124,28 +124,29 @@ class Writer:
         return bool(batch) or job is not None
 
     def drain(self, limit: float = SLOW) -> bool:
-        """Wait until all is written that can be; False when `limit` seconds are, or were, not enough."""
+        """Wait until all is written; False when `limit` seconds are, or were, not enough."""
         if self._thread.ident is None:
             while self.run_once():
                 pass
-            return True
+            return not self._batch
         with self._changed:
             limit = 0.0 if self._left_behind else limit
-            self._left_behind = not self._changed.wait_for(lambda: self._idle and not self._has_work(), limit)
+            self._left_behind = not self._changed.wait_for(self._all_written, limit)
             return not self._left_behind
 
     def close(self) -> None:
-        """Write what waits and give the journal back, unless the disk hangs."""
+        """Write what waits and give the journal back, unless the disk hangs: `SLOW` seconds at most."""
+        until = time.monotonic() + SLOW
         done = self.drain()
+        if not done:
+            log.warning("the disk fails or hangs: what waits to be written is lost")
         with self._changed:
             self._stop = True
             self._changed.notify_all()
-        if self._thread.ident is not None:
-            self._thread.join(SLOW if done else _LAST_JOB)
-        if self._thread.is_alive():
-            log.warning("the disk hangs: what waits to be written is lost")
-        else:
+        if self._thread.ident is None:
             self._journal.close()
+        else:
+            self._thread.join(max(_LAST_JOB, until - time.monotonic()) if done else _LAST_JOB)
 
     def _run(self) -> None:
         while True:
@@ -154,10 +155,14 @@ class Writer:
                 self._changed.notify_all()
                 self._changed.wait_for(self._has_work, PATIENCE)
                 if self._stop:
-                    return
+                    break
                 self._idle = False
             while not self._stop and self.run_once():
                 pass
+        self._journal.close()
+
+    def _all_written(self) -> bool:
+        return self._idle and not (self._jobs or self._untidy or self._batch)
 
     def _has_work(self) -> bool:
         return bool(self._stop or self._jobs or self._untidy or self._due())

@@ -19,6 +19,7 @@ from companion.wire.signing import MAX_STREAMS, TICKS, Stream, Timestamps
 
 NAME = "signing.state"
 SYNC_EVERY = 5.0
+CLOSE_WITHIN = 1.0
 RESERVE = 15 * TICKS
 _MAGIC = b"ATS1"
 _HEAD = struct.Struct("<4s16sQQI")
@@ -81,9 +82,14 @@ class TimestampFile:
             self._syncing.start()
 
     def close(self) -> None:
-        """All is on disk, exactly, when this returns."""
+        """All is on disk, exactly, when this returns; without that `CLOSE_WITHIN` s later, where the disk hangs."""
+        last = threading.Thread(target=self._finish, name="signing-state", daemon=True)
+        last.start()
+        last.join(CLOSE_WITHIN)
+
+    def _finish(self) -> None:
         if self._syncing is not None:
-            self._syncing.join(SYNC_EVERY)
+            self._syncing.join()
         self._write(0, self._head(_CLOSED))
         self._sync()
         os.close(self._descriptor)

@@ -375,3 +375,15 @@ def test_the_end_does_not_wait_for_a_thread_that_was_left_behind() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", script], timeout=30, check=False)
     assert ended.returncode == 3
+
+
+def test_the_end_does_not_wait_for_a_log_that_hangs_in_its_file() -> None:
+    script = (
+        "import logging, threading, time, companion.cli as cli\n"
+        "file = logging.StreamHandler()\n"
+        "threading.Thread(target=lambda: file.acquire() or time.sleep(60), daemon=True).start()\n"
+        "cli._leave(3)\n"
+        "raise SystemExit('still here')"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], timeout=10, check=False)
+    assert ended.returncode == 3

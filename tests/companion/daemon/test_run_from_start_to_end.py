@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import threading
 import time
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
@@ -187,6 +189,51 @@ def test_it_judges_tells_and_leaves_nothing_running(
     assert radio.recv(300)[0] == 0xFD
     assert (children(), threads()) == ([], set())
     Journal(tmp_path / "state").close()
+
+
+@pytest.mark.parametrize("signed", [False, True], ids=["unsigned", "signed"])
+def test_it_ends_within_its_limit_though_the_disk_hangs(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, signed: bool
+) -> None:
+    path, hangs, released = tmp_path / "state" / "status.json", threading.Event(), threading.Event()
+    stuck = list[str]()
+    if signed:
+        key = tmp_path / "signing.key"
+        key.touch(0o600)
+        key.write_bytes(bytes(range(100, 132)))
+        config = replace(config, link=replace(config.link, signing_key=str(key)))
+
+    def hanging(function: Callable[..., Any]) -> Callable[..., Any]:
+        def wait(*arguments: Any, **named: Any) -> Any:
+            if hangs.is_set():
+                stuck.append(threading.current_thread().name)
+                assert released.wait(PATIENCE)
+            return function(*arguments, **named)
+
+        return wait
+
+    for name in ("open", "replace", "fsync", "fdatasync", "pwrite"):
+        monkeypatch.setattr(os, name, hanging(getattr(os, name)))
+    monkeypatch.setattr(Path, "open", hanging(Path.open))
+    monkeypatch.setattr(Journal, "commit", hanging(Journal.commit))
+    told: list[float] = []
+
+    def judged() -> bool:
+        if path.is_file() and json.loads(path.read_text())["frames"] >= 5:
+            hangs.set()
+            told.append(time.monotonic())
+        return bool(told)
+
+    try:
+        assert start(config, until(judged)) == 0
+        assert time.monotonic() - told[0] < 5.0
+        assert "MainThread" not in stuck
+        assert "writer" in stuck
+    finally:
+        released.set()
+        for thread in threading.enumerate():
+            if thread.name in ("writer", "signing-state"):
+                thread.join(PATIENCE)
 
 
 def test_a_perceiver_that_cannot_load_is_told_and_the_journal_given_back(

@@ -219,10 +219,43 @@ def test_a_disk_that_hangs_is_left_behind(
         assert journal.entered.wait(PATIENCE)
         assert not writer.drain(0.1)
     assert time.monotonic() - before < 2.0
-    assert "the disk hangs" in caplog.text
+    assert "the disk fails or hangs" in caplog.text
     journal.released.set()
     writer._thread.join(PATIENCE)
     journal.close()
+
+
+def test_what_waits_to_be_tried_again_is_not_yet_written(
+    writer: Writer, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commit, tries = journal.commit, list[Batch]()
+
+    def fail_once(batch: Batch) -> None:
+        tries.append(batch)
+        if len(tries) == 1:
+            raise JournalError("disk full")
+        commit(batch)
+
+    monkeypatch.setattr(journal, "commit", fail_once)
+    with writer:
+        ticket = writer.keep(answer(1))
+        assert writer.drain()
+        assert (writer.committed, len(tries)) == (ticket, 2)
+
+
+def test_a_journal_that_hangs_as_it_is_closed_is_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.writer.SLOW", 0.1)
+    journal, released = Journal(tmp_path), threading.Event()
+    close = journal.close
+    monkeypatch.setattr(journal, "close", lambda: released.wait(PATIENCE) and close())
+    before = time.monotonic()
+    with Writer(journal) as writer:
+        pass
+    assert time.monotonic() - before < 2.0
+    released.set()
+    writer._thread.join(PATIENCE)
 
 
 def test_log_lines_that_found_no_room_are_counted_in_the_log(

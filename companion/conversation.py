@@ -195,17 +195,18 @@ class Conversation:
         outcome = applied.outcome
         result, decisions = Result.APPLIED, list[Decision]()
         # Vision may have hung in between, and a go is for now.
-        late = asked.request.motion is Motion.GO and now - asked.at > self._calls.numbers.go_lasts
+        go, overruled = asked.request.motion is Motion.GO, asked.number <= self._overruled
+        late = go and now - asked.at > self._calls.numbers.go_lasts
         if asked.target:
-            motion = Motion.NONE if late or asked.number <= self._overruled else asked.request.motion
+            motion = Motion.NONE if late or overruled else asked.request.motion
             result, decisions = self._calls.answered(
                 asked.target, motion, asked.changed, outcome, now, go_at=asked.at
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
         text = self._outcome_text(asked.target, result, decisions, call_frame, newest, applied.memory)
-        if late and self._calls.current_id == asked.target:
-            text = texts.go_lapsed(self._calls.kind, asked.target)
+        if (late or (go and overruled)) and self._calls.current_id == asked.target:
+            text = (texts.go_lapsed if late else texts.go_taken_back)(self._calls.kind, asked.target)
         if outcome is not None and outcome.dropped:
             text = f"{text}; {notices.word_dropped(', '.join(outcome.dropped))}"
         heard = self._reply(
@@ -231,8 +232,8 @@ class Conversation:
             if self._calls.go_at is None:
                 target = acknowledgement.target
                 over = texts.fit(f"{target} is closed: the go came too late")
-                lapsed = texts.go_lapsed(self._calls.kind, target)
-                text = lapsed if target == self._calls.current_id else over
+                void = texts.go_taken_back if reply.go <= self._calls.holding.taken_back_at else texts.go_lapsed
+                text = void(self._calls.kind, target) if target == self._calls.current_id else over
                 acknowledgement = replace(acknowledgement, text=text)
         return Heard(decisions, [Reply(reply.request, acknowledgement)])
 

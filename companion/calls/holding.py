@@ -41,7 +41,7 @@ class Vehicle:
 
 class Holding:
     """At most one hold. go_at: when the go was given that the hold waits to fulfil. go_counts: it is kept, or
-    one before it that nothing took back.
+    one before it that nothing took back. taken_back_at: when the newest answer that was no go was given.
 
     handover: the end of a hold that stood on our setpoints; nothing else is commanded meanwhile.
     script_told: of the hold of the autopilot's script, until the vehicle shows that it is over.
@@ -53,6 +53,7 @@ class Holding:
         self.vehicle = Vehicle()
         self.go_at: float | None = None
         self.go_counts = False
+        self.taken_back_at = -math.inf
         self._first_go_at = -math.inf
         self.handover: Handover | None = None
         self.script_told: ScriptHold | None = None
@@ -195,6 +196,8 @@ class Holding:
 
         A go moves nothing before it is kept, nor does it stop what an earlier one moves.
         """
+        if motion is not Motion.GO:
+            self.taken_back_at = at
         if self.hold is None or motion is not Motion.GO:
             self.go_at = None
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 from anytraverse.engine import AnyTraverse
@@ -10,8 +11,10 @@ from anytraverse.memory import Memory
 from companion.cameras.newest import CameraStatus
 from companion.model import Model
 from companion.vision.codec import Splitter, decode_trusted, encode
-from companion.vision.messages import Alive, Ready, Report, Start, update_from
+from companion.vision.messages import Alive, Ready, Report, Scenes, Start, update_from
 from companion.vision.worker import Worker, weak_in_use
+
+_REMEMBERED = 256
 
 
 class Loopback:
@@ -26,11 +29,12 @@ class Loopback:
         self._splitter = Splitter()
         self._requests: list[bytes] = []
         self._reports: list[bytes] = []
+        self._begun: Start | None = None
         self._worker: Worker | None = None
         self.hung = False
         self.death = ""
-        self.requests: list[object] = []
-        """All that it was asked, oldest first."""
+        self.requests: deque[object] = deque(maxlen=_REMEMBERED)
+        """What it was asked last, oldest first."""
 
     def fileno(self) -> int | None:
         return None
@@ -54,8 +58,12 @@ class Loopback:
         while self._requests and not self.hung and not self.death:
             request = decode_trusted(self._requests.pop(0))
             self.requests.append(request)
+            if isinstance(request, Scenes) and self._begun is not None:
+                request = self._begun.joined(request.entries)
             if isinstance(request, Start):
-                self._start(request)
+                self._begun = request
+                if not request.more:
+                    self._start(request)
             elif self._worker is not None:
                 for report in self._worker.handle(request):
                     self.report(report)

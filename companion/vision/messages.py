@@ -27,13 +27,27 @@ class Start:
     """The first message. The camera is opened and the perceiver loaded; nothing is judged before `Tune`.
 
     memory: the copy to work on, None: none was ever kept. revision: its number. first_frame: id of the first
-    frame.
+    frame. more: remembered scenes that follow in `Scenes`, before anything else.
     """
 
     config: Config
     memory: Memory | None
     revision: int
     first_frame: int
+    more: int = 0
+
+    def joined(self, scenes: tuple[Entry, ...]) -> Start:
+        """With scenes that followed."""
+        assert self.memory is not None
+        history = History([*self.memory.history, *scenes], self.memory.history.limit)
+        return replace(self, memory=replace(self.memory, history=history), more=self.more - len(scenes))
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """More of the memory's remembered scenes: all at once would keep the supervisor for too long."""
+
+    entries: tuple[Entry, ...]
 
 
 @dataclass(frozen=True)
@@ -90,7 +104,7 @@ class Draw:
     keep: bool
 
 
-Request = Start | Tune | Situation | Answer | Restore | Draw
+Request = Start | Scenes | Tune | Situation | Answer | Restore | Draw
 
 # From the vision process.
 

@@ -31,6 +31,7 @@ from companion.vision.messages import (
     Ready,
     Report,
     Request,
+    Scenes,
     Start,
     Tune,
     told,
@@ -86,7 +87,11 @@ class _Lines(logging.Handler):
         self._port = port
 
     def emit(self, record: logging.LogRecord) -> None:
-        text = self.format(record)[:_LONGEST_LINE]
+        try:
+            text = self.format(record)[:_LONGEST_LINE]
+        except Exception:  # a mistake in a line is no reason to end
+            self.handleError(record)
+            return
         self._port.lines.append(Logged(record.levelno, record.name, text))
 
 
@@ -126,7 +131,7 @@ def step_back() -> None:
 
 
 def _serve(port: Port) -> None:
-    start = _first_request(port)
+    start = _all_of_the_start(port)
     camera = start.config.camera
     playback = Playback(camera.playback, camera.loop)
     reader = CameraThread(partial(open_camera, camera.source, playback), first_id=start.first_frame)
@@ -156,11 +161,15 @@ def _serve(port: Port) -> None:
     _look(port, Worker(engine, revision), reader, 1.0 / camera.rate)
 
 
-def _first_request(port: Port) -> Start:
-    while True:
+def _all_of_the_start(port: Port) -> Start:
+    start: Start | None = None
+    while start is None or start.more:
         for request in port.requests(timeout=10.0):
             if isinstance(request, Start):
-                return request
+                start = request
+            elif isinstance(request, Scenes) and start is not None:
+                start = start.joined(request.entries)
+    return start
 
 
 def _look(port: Port, worker: Worker, reader: CameraThread, period: float) -> None:

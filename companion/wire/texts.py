@@ -188,6 +188,11 @@ def go_lapsed(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} go is too old: send it again")
 
 
+def go_taken_back(kind: Kind, number: int) -> str:
+    """A later answer than the go says something else."""
+    return fit(f"{name(kind, number)} go taken back by a later answer")
+
+
 def taken_over(kind: Kind, number: int, mode: str) -> str:
     """A human changed the mode during our hold."""
     return fit(f"{name(kind, number)} taken over by hand: {mode}")

@@ -45,3 +45,30 @@ def test_stay_with_a_word_that_is_refused_counts_all_the_same(going: Rig) -> Non
     going.see(3.0, "drum")
     assert going.acks[-1].result is Result.REFUSED
     assert going.stage.mode == HOLD
+
+
+def test_a_go_with_a_word_that_a_stay_overtook_is_told_to_be_taken_back(held: Rig) -> None:
+    held.hung = True
+    held.answer(1, Motion.GO, SetWord("drum", 0.5))
+    held.wait(0.3)
+    held.answer(1, Motion.STAY, transaction=8)
+    held.wait(0.3)
+    held.hung = False
+    held.see(1.0, "drum")
+    assert {ack.transaction: ack.text for ack in held.acks} == {
+        7: "C1 go taken back by a later answer",
+        8: "C1 noted: still open",
+    }
+    assert held.stage.mode == HOLD
+
+
+def test_a_go_that_waits_for_the_disk_is_taken_back_by_a_look_again(held: Rig) -> None:
+    held.disk_hangs = True
+    held.answer(1, Motion.GO)
+    held.see(0.3)
+    held.answer(1, Motion.LOOK_AGAIN, transaction=8)
+    held.see(0.3)
+    held.disk_hangs = False
+    held.see(1.0)
+    assert (held.acks[0].transaction, held.acks[0].text) == (7, "C1 go taken back by a later answer")
+    assert held.stage.mode == HOLD

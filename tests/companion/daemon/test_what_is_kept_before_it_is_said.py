@@ -307,7 +307,7 @@ def test_stay_needs_no_disk_to_count_and_takes_back_a_go_that_waits_for_it(held:
     held.see(3.0)
     assert held.stage.mode == HOLD
     first, second = held.acks
-    assert (first.transaction, first.text) == (7, "C1 go is too old: send it again")
+    assert (first.transaction, first.text) == (7, "C1 go taken back by a later answer")
     assert (second.transaction, second.text) == (8, "C1 noted: still open")
 
 

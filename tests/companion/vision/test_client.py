@@ -145,7 +145,7 @@ def stage(clock: Clock) -> Stage:
 
 
 def test_it_starts_with_what_was_kept_and_judges_once_it_is_tuned(stage: Stage) -> None:
-    assert stage.child.requests == [Start(Config(), None, 0, 1), Tune(Settings())]
+    assert list(stage.child.requests) == [Start(Config(), None, 0, 1), Tune(Settings())]
     assert stage.vision.trouble == ""
     assert stage.vision.ready is not None
     assert stage.vision.ready.model == Model("painted-1")
@@ -281,6 +281,41 @@ def test_what_waits_when_it_dies_is_told_and_a_new_process_starts_from_the_last_
     assert isinstance(applied, Applied)
     assert applied.token == 3
     assert applied.memory.preferences["drum"] == 1.0
+
+
+def test_a_memory_that_is_too_long_for_one_message_reaches_a_new_process_whole(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.vision.codec.LARGEST", 16 << 10)
+    scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, order) for order in range(1, 301)]
+    kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
+    child = Loopback(engine)
+    vision = Vision(lambda: child, Config(), kept, VISION)
+    for _ in range(10):
+        vision.poll(clock.now)
+        child.work()
+    assert vision.trouble == ""
+    assert [entry.call_id for entry in vision.memory.history] == list(range(1, 301))
+    worker = child._worker
+    assert worker is not None
+    assert [entry.call_id for entry in worker._engine.memory.history] == list(range(1, 301))
+
+
+def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(clock: Clock) -> None:
+    scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, order) for order in range(1, 301)]
+    kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
+    children = [Loopback(engine) for _ in range(2)]
+    waiting = iter(children)
+    vision = Vision(lambda: next(waiting), Config(), kept, VISION)
+    for _ in range(3):
+        vision.poll(clock.now)
+        children[0].work()
+    children[0].death = "SIGKILL"
+    for _ in range(10):
+        vision.poll(clock.now)
+        children[1].work()
+    assert vision.trouble == ""
+    assert [entry.call_id for entry in vision.memory.history] == list(range(1, 301))
 
 
 def test_what_was_told_before_it_died_counts(stage: Stage) -> None:

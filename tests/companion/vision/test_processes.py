@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import socket
@@ -17,6 +18,7 @@ from typing import Any
 import cv2
 import pytest
 
+from companion.vision.process import Port, _Lines
 from tests.companion.daemon.rig import picture
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -97,6 +99,19 @@ def is_gone(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in ("Z", "X")
     except OSError:
         return True
+
+
+def test_a_line_of_the_log_that_cannot_be_made_costs_that_line_only(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        port = Port(ours)
+        handler = _Lines(port)
+        for number in (1, "two", 3):
+            handler.handle(logging.LogRecord("x", logging.INFO, "", 0, "%d of %s", (number, "n"), None))
+        assert [line.text for line in port.lines] == ["1 of n", "3 of n"]
+    assert "Arguments: ('two', 'n')" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("order", ["", "lock"], ids=["well", "hung with the lock"])

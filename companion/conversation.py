@@ -232,7 +232,8 @@ class Conversation:
             if self._calls.go_at is None:
                 target = acknowledgement.target
                 over = texts.fit(f"{target} is closed: the go came too late")
-                void = texts.go_taken_back if reply.go <= self._calls.holding.taken_back_at else texts.go_lapsed
+                taken_back = reply.go <= self._calls.holding.taken_back_at
+                void = texts.go_taken_back if taken_back else texts.go_lapsed
                 text = void(self._calls.kind, target) if target == self._calls.current_id else over
                 acknowledgement = replace(acknowledgement, text=text)
         return Heard(decisions, [Reply(reply.request, acknowledgement)])

@@ -23,6 +23,7 @@ from companion.conversation import Conversation
 from companion.daemon import Daemon, stop_on_signals
 from companion.files.calls import CallFiles
 from companion.files.offer import Offer
+from companion.files.reader import Reader
 from companion.files.state import State as StateFile
 from companion.journal import Journal
 from companion.keeper import Keeper
@@ -41,7 +42,7 @@ from companion.vision.client import Vision
 from companion.vision.messages import Ready
 from companion.wire import notices, parameters, texts
 from companion.wire.ids import Policy, State
-from companion.writer import Writer
+from companion.writer import SLOW, Writer
 
 log = logging.getLogger(__name__)
 
@@ -67,7 +68,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     journal = Journal(config.journal.path)
     writer = closing.enter_context(Writer(journal))
     closing.enter_context(logbook(config.journal.path, writer))
-    offer = Offer(config.journal.path)
+    offer = Offer(config.journal.path, closing.enter_context(Reader()))
     memory, supervision = journal.load_memory(), journal.load_supervision() or {}
     link = _open_link(config, offer, memory, supervision)
     closing.callback(link.close)
@@ -77,6 +78,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     ready = load(vision, link, stop)
     if ready is None:
         return 0
+    link.set_undecided_for(vision.answers_within + SLOW)
     model, news = ready.model, list(ready.notices)
     if journal.recovered_from is not None:
         news.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")

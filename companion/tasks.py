@@ -48,6 +48,7 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
              VISION),
         Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",  None,  "no heartbeat"),
         Task("calls",   "decides: call, hold, resume",    "main loop, every input",   None,  "no heartbeat"),
+        Task("reader",  "files that are asked for",       "thread, when asked",       None,  "refused"),
         Task("writer",  "journal, pictures, status, log", "thread, when there is news", None, "said"),
     )
     # fmt: on

@@ -7,10 +7,12 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
 from companion.files.opened import MissingError, Opened, open_in
+from companion.files.reader import Reader
 from companion.files.tree import presentable
 
 MAX_FILES = 500
@@ -23,11 +25,20 @@ class Folder:
     The folder need not exist yet, and may be a link itself: whoever configures it says where it is.
     """
 
-    def __init__(self, path: Path, pattern: str = "*") -> None:
+    def __init__(self, path: Path, pattern: str = "*", reader: Reader | None = None) -> None:
         self._path = path
         self._pattern = pattern
+        self._reader = reader or Reader()
 
     def sizes(self) -> Mapping[str, int]:
+        return self._reader.read((self._path, ""), self._sizes)
+
+    def open(self, name: str) -> Opened:
+        if not self._shows(name):
+            raise MissingError(name)
+        return self._reader.read((self._path, name), partial(self._open, name))
+
+    def _sizes(self) -> Mapping[str, int]:
         with self._directory() as directory, os.scandir(directory) as found:
             seen = []
             for entry in islice(found, _MAX_SCANNED):
@@ -37,9 +48,7 @@ class Folder:
         newest = heapq.nlargest(MAX_FILES, seen, key=lambda file: file[0].st_mtime)
         return {name: status.st_size for status, name in newest}
 
-    def open(self, name: str) -> Opened:
-        if not self._shows(name):
-            raise MissingError(name)
+    def _open(self, name: str) -> Opened:
         with self._directory() as directory:
             return open_in(directory, name)
 

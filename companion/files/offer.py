@@ -12,6 +12,7 @@ from anytraverse.assessment import Assessment
 from companion.files.calls import PATTERN
 from companion.files.folder import Folder
 from companion.files.maps import NewestMaps
+from companion.files.reader import Reader
 from companion.files.tree import Document, Tree
 from companion.logbook import FOLDER, NAME
 
@@ -19,8 +20,8 @@ from companion.logbook import FOLDER, NAME
 class Offer:
     """/state.json, /calls, /maps and /logs."""
 
-    def __init__(self, folder: Path) -> None:
-        """folder: where the companion keeps what must survive."""
+    def __init__(self, folder: Path, reader: Reader | None = None) -> None:
+        """folder: where the companion keeps what must survive. reader: of what lies on the disk."""
         self.calls = folder / "calls"
         with suppress(OSError):  # whoever writes there says what is wrong
             self.calls.mkdir(parents=True, exist_ok=True)
@@ -29,9 +30,9 @@ class Offer:
         self.tree = Tree(
             {
                 "state.json": Document(self._state),
-                "calls": Folder(self.calls, PATTERN),
+                "calls": Folder(self.calls, PATTERN, reader),
                 "maps": NewestMaps(self._newest_frame).documents(),
-                "logs": Folder(folder / FOLDER, f"{NAME}*"),
+                "logs": Folder(folder / FOLDER, f"{NAME}*", reader),
             }
         )
 

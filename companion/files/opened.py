@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import os
 import stat
-from contextlib import ExitStack
 from typing import Protocol
 
 MAX_SIZE = 8 * 1024 * 1024
 """Bytes of the largest file that is served: 1.5 h at 1,500 B/s."""
-
-SMALL = 64 * 1024
-"""Bytes up to which a file on disk is read whole when it is opened."""
 
 
 class FileError(Exception):
@@ -20,6 +16,10 @@ class FileError(Exception):
 
 class MissingError(FileError):
     """There is no such file or folder, or it is not to be seen."""
+
+
+class LaterError(FileError):
+    """It is not there yet: ask again."""
 
 
 class Opened(Protocol):
@@ -50,46 +50,19 @@ class Held:
         self._content = b""
 
 
-class OnDisk:
-    """A regular file behind a descriptor, which it owns: what is appended later is not part of it."""
-
-    def __init__(self, descriptor: int, size: int) -> None:
-        self.size = size
-        self._descriptor: int | None = descriptor
-
-    def read(self, offset: int, count: int) -> bytes:
-        if self._descriptor is None:
-            raise FileError("it was closed")
-        wanted = max(0, min(count, self.size - offset))
-        try:
-            found = os.pread(self._descriptor, wanted, offset)
-        except OSError as error:
-            raise FileError(str(error)) from error
-        if len(found) < wanted:
-            raise FileError("the file was cut short while it was read")
-        return found
-
-    def close(self) -> None:
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
-
-
 def open_in(folder: int, name: str) -> Opened:
-    """The regular file `name` of the open directory `folder`, never a link. Raises FileError."""
+    """The regular file `name` of the open directory `folder`, as it is, never a link. Raises FileError."""
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         descriptor = os.open(name, flags, dir_fd=folder)
     except OSError as error:
         raise MissingError(name) from error
-    with ExitStack() as stack:
-        stack.callback(os.close, descriptor)
+    try:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise MissingError(f"{name} is no regular file")
         if status.st_size > MAX_SIZE:
             raise FileError(f"{status.st_size} bytes, at most {MAX_SIZE} are served")
-        if status.st_size <= SMALL:
-            return Held(os.pread(descriptor, status.st_size, 0))
-        stack.pop_all()
-        return OnDisk(descriptor, status.st_size)
+        return Held(os.pread(descriptor, status.st_size, 0))
+    finally:
+        os.close(descriptor)

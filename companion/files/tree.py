@@ -21,7 +21,7 @@ class Entry(NamedTuple):
 
 
 class Shelf(Protocol):
-    """A folder of the tree. Both run in the link's thread: within some milliseconds."""
+    """A folder of the tree. Both run in the link's thread: within some milliseconds, or LaterError."""
 
     def sizes(self) -> Mapping[str, int]:
         """The names of its files, and their bytes."""

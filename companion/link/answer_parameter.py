@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.link.desk import PENDING_FOR, REPEAT_WITHIN
+from companion.link.desk import REPEAT_WITHIN
 from companion.link.guard import Guard
 from companion.link.heard import AnswerRequest, ParameterRequest
 from companion.link.parameter_server import ParameterServer
@@ -73,4 +73,4 @@ class AnswerParameter:
                 self._cases.put(key, _Case(now, taken))
 
     def _repeats(self, case: _Case, now: float) -> bool:
-        return now - case.at <= (PENDING_FOR if case.taken is None else REPEAT_WITHIN)
+        return now - case.at <= (self._guard.undecided_for if case.taken is None else REPEAT_WITHIN)

@@ -33,7 +33,6 @@ from companion.wire.ids import (
 )
 from companion.wire.packing import PayloadError
 
-PENDING_FOR = 30.0
 REPEAT_WITHIN = 5.0
 MAX_ID = 0xFFFF
 
@@ -141,7 +140,7 @@ class AnswerDesk:
         if case is None:
             return False
         if case.reply is None:
-            return now - case.at < PENDING_FOR
+            return now - case.at < self._guard.undecided_for
         if now - case.at > repeat_within or repeat_within == 0.0:
             return False
         self._cases.put(key, case)

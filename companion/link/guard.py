@@ -15,6 +15,8 @@ REQUESTS_PER_SECOND = 20.0
 REQUESTS_AT_ONCE = 60.0
 STRANGERS_PER_SECOND = 5.0
 STRANGERS_AT_ONCE = 20.0
+UNDECIDED_FOR = 30.0
+"""s for which a request that is not decided yet is not handed on again, where nothing else is known."""
 MAX_SHARES = 4
 KEPT = 10.0
 """s without a word after which another sender may have the share."""
@@ -29,6 +31,8 @@ _Buckets = dict[str, TokenBucket]
 class Guard:
     """Signatures, the allow-list and the requests' rates. `rejected` counts by reason.
 
+    undecided_for: s for which the same request is not handed on again while nobody has decided it.
+
     The first four senders that may change something have a share each, for as long as they are heard; all
     others have one together. So what all may ask is bounded, however many names they have.
     """
@@ -39,6 +43,7 @@ class Guard:
         self._shares: Leases[Sender, _Buckets] = Leases(MAX_SHARES, KEPT)
         self._common: dict[Sender, _Buckets] = {STRANGERS: {}, OTHERS: {}}
         self.rejected: Counter[Rejected] = Counter()
+        self.undecided_for = UNDECIDED_FOR
 
     def believes(self, message: Any, now: float) -> bool:
         """Whether a message may be heard at all: with a key, whether it is signed and new."""

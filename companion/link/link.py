@@ -249,6 +249,10 @@ class Link:
         """A value that was asked for is not taken: the one in force is echoed."""
         self._parameters.changed(name, self._parameters.value(name), now)
 
+    def set_undecided_for(self, seconds: float) -> None:
+        """A request that was handed on is decided within so long, and not handed on again before."""
+        self._guard.undecided_for = seconds
+
     def set_words(self, words: Mapping[str, float]) -> None:
         """The words in force, for who reads them as text."""
         self._texts.set_words(words)

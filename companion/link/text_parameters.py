@@ -21,7 +21,6 @@ from companion.wire.parameters import WORDS_TEXT
 from companion.wire.refusals import Rejected
 from companion.wire.words_text import read_weight, read_words, weight_text, words_text
 
-PENDING_FOR = 30.0
 MAX_PENDING = 16
 
 
@@ -99,7 +98,8 @@ class TextParameters:
 
     def tick(self, now: float) -> None:
         """Feed the lists."""
-        self._pending = {one: since for one, since in self._pending.items() if now - since < PENDING_FOR}
+        limit = self._guard.undecided_for
+        self._pending = {one: since for one, since in self._pending.items() if now - since < limit}
         for index, to in self._lists.due():
             self._tell("text list", index, to, now)
 

@@ -162,6 +162,11 @@ class Vision:
         return self._heard_at if self._running else float("-inf")
 
     @property
+    def answers_within(self) -> float:
+        """Seconds in which as many answers as may wait have their outcome, or the process counts as lost."""
+        return (MAX_JOBS + 1) * self._limit()
+
+    @property
     def unreliable(self) -> bool:
         """Whether it died three times within ten minutes."""
         return len(self._deaths) == _DEATHS and self._polled_at - self._deaths[0] <= _OFTEN

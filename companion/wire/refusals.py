@@ -70,7 +70,7 @@ TEXTS: tuple[tuple[str, str], ...] = (
     (texts.stale(7), "the answer's id is closed, or never was: read the newest call"),
     (texts.just_announced(Kind.CALL, 7), "an answer to id 0 less than 2 s after it was announced"),
     (texts.go_lapsed(Kind.CALL, 7), "vision took over 60 s for its words: the go is void"),
-    (texts.go_taken_back(Kind.CALL, 7), "a stay, look again or word came before the go counted: the newest wins"),
+    (texts.go_taken_back(Kind.CALL, 7), "a stay, look again or word came before it counted: the newest wins"),
     (notices.value_refused("AT_SUM_HZ", "0 to 5"), "out of range, not a number, an integer's bits"),
     (notices.read_only("AT_SHD_HOURS"), "it cannot be set"),
     (notices.answer_refused(), "a value of `AT_ANSWER` that names no motion"),

@@ -82,7 +82,7 @@ class TimestampFile:
             self._syncing.start()
 
     def close(self) -> None:
-        """All is on disk, exactly, when this returns; where the disk hangs, `CLOSE_WITHIN` seconds are over."""
+        """All is on disk, exactly, when this returns, unless the disk hangs for `CLOSE_WITHIN` seconds."""
         last = threading.Thread(target=self._finish, name="signing-state", daemon=True)
         last.start()
         last.join(CLOSE_WITHIN)

@@ -6,7 +6,7 @@ import zlib
 from dataclasses import replace
 from typing import Any
 
-from companion.files.opened import FileError, MissingError, Opened
+from companion.files.opened import FileError, LaterError, MissingError, Opened
 from companion.files.tree import Tree
 from companion.link import encode
 from companion.link.ftp.lists import Lists
@@ -26,6 +26,8 @@ BURST_REPEAT = 0.3
 NARROW = 10_000.0
 """B/s of budget up to which a burst goes in short frames."""
 MAX_REPLIES = 8
+MAX_LATER = 8
+"""Requests that wait for the disk, one of a session: beyond, they fail at once."""
 MAX_CHECKED = 1024 * 1024
 """Bytes of the largest file whose CRC is told: it is reckoned while the radio waits."""
 _BLOCK = 64 * 1024
@@ -40,6 +42,8 @@ class FtpServer:
         self._tree = tree
         self._sessions = Sessions()
         self._lists = Lists(tree)
+        self._later: dict[tuple[Sender, int], FtpPayload] = {}
+        """What waits for the disk."""
 
     @property
     def open_files(self) -> int:
@@ -53,7 +57,10 @@ class FtpServer:
         except PayloadError:
             self._guard.rejected["payload"] += 1
             return
-        if request.opcode in (Opcode.ACK, Opcode.NAK):
+        if (
+            request.opcode in (Opcode.ACK, Opcode.NAK)
+            or self._later.get((sender, request.session)) == request
+        ):
             return
         if self._outbox.waiting("file reply", to=sender) >= MAX_REPLIES:
             self._guard.rejected["file queue"] += 1
@@ -65,6 +72,9 @@ class FtpServer:
     def tick(self, now: float) -> None:
         """Feed the bursts, one frame at a time for each connection, so that they never fill a queue."""
         self._sessions.tick(now)
+        for (sender, _), request in list(self._later.items()):
+            if (reply := self._reply(sender, request, now)) is not None:
+                self._tell(sender, reply, now)
         for session in self._sessions.bursting():
             if not self._outbox.waiting("file data", to=session.sender):
                 self._feed(session, now)
@@ -79,10 +89,14 @@ class FtpServer:
         return MAX_DATA if wide or channel.sender.version.is_1 else SMALL_DATA
 
     def _reply(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
+        """None: by and by, or never. Of a session the newest request counts."""
+        waited = self._later.pop((sender, request.session), None)
         try:
             match request.opcode:
                 case Opcode.TERMINATE_SESSION | Opcode.RESET_SESSIONS:
                     self._sessions.end(sender, request)
+                    if request.opcode == Opcode.RESET_SESSIONS:
+                        self._later = {one: later for one, later in self._later.items() if one[0] != sender}
                     return request.ack()
                 case Opcode.LIST_DIRECTORY:
                     page = self._lists.page(sender, request, self._data_size(sender))
@@ -99,6 +113,11 @@ class FtpServer:
                     return request.nak(
                         FtpError.FILE_PROTECTED if other in WRITES else FtpError.UNKNOWN_COMMAND
                     )
+        except LaterError:
+            if waited is None and len(self._later) >= MAX_LATER:
+                return request.nak(FtpError.FAIL)
+            self._later[sender, request.session] = request
+            return None
         except (MissingError, PayloadError):
             return request.nak(FtpError.FILE_NOT_FOUND)
         except FileError:

@@ -23,13 +23,17 @@ from anytraverse.preferences import Preferences
 from companion import run
 from companion.config import Config, load_config
 from companion.journal import Journal
+from companion.link.link import Link
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkError
 from companion.loading import load
 from companion.restored import first_policy
+from companion.tasks import VISION
+from companion.vision.client import MAX_JOBS
 from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
 from companion.wire.signing import SigningKey, Timestamps, refusal
+from companion.writer import SLOW
 from tests.companion.daemon.rig import picture
 from tests.companion.vision import painted
 from tests.companion.vision.played import loading
@@ -234,6 +238,16 @@ def test_it_ends_within_its_limit_though_the_disk_hangs(
         for thread in threading.enumerate():
             if thread.name in ("writer", "signing-state"):
                 thread.join(PATIENCE)
+
+
+def test_the_link_waits_for_an_answer_as_long_as_its_perceiver_may_take(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[float] = []
+    monkeypatch.setattr(Link, "set_undecided_for", lambda _, seconds: told.append(seconds))
+    config = replace(config, perceiver=replace(config.perceiver, name="painted:slow"))
+    assert start(config, until((tmp_path / "state" / "status.json").is_file)) == 0
+    assert told[0] > (MAX_JOBS + 1) * VISION.silent_for + SLOW
 
 
 def test_a_perceiver_that_cannot_load_is_told_and_the_journal_given_back(

@@ -155,6 +155,20 @@ def test_no_flood_of_another_sender_makes_an_answer_count_twice(stage: Rehearsal
     assert acknowledgements(stage)[-1] == ACK
 
 
+@pytest.mark.parametrize("within", [None, 77.0], ids=["as a rule", "a slow perceiver"])
+def test_an_answer_that_is_not_decided_yet_is_not_handed_on_again(
+    stage: Rehearsal, within: float | None
+) -> None:
+    if within is not None:
+        stage.link.set_undecided_for(within)
+    go = AnswerMessage(5, 7, Motion.GO, ()).pack()
+    assert len(heard(stage, tunnel(go))) == 1
+    stage.run((within or 30.0) - 1.0, step=0.1)
+    assert heard(stage, tunnel(go)) == []
+    stage.run(2.0)
+    assert len(heard(stage, tunnel(go))) == 1, "nobody decides it any more"
+
+
 def test_no_flood_of_halves_keeps_an_answer_of_two_parts_out(stage: Rehearsal) -> None:
     first, second = (AnswerMessage(5, 7, Motion.GO, (), part, 2).pack() for part in range(2))
     stage.send(tunnel(first))

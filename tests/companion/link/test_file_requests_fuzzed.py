@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.files.folder import Folder
-from companion.files.opened import SMALL
 from companion.files.tree import Document, Tree
 from companion.link.ftp.server import MAX_REPLIES
 from companion.link.ftp.sessions import IDLE, MAX_SESSIONS
@@ -20,6 +19,7 @@ from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
+LARGE = 64 * 1024
 PATHS = [
     b"/",
     b"/logs",
@@ -40,7 +40,7 @@ REQUESTS = st.builds(
     size=st.sampled_from([0, 1, 80, 239]),
     sequence=st.integers(0, 600),
     session=st.integers(0, 3),
-    offset=st.sampled_from([0, 1, 80, SMALL, SMALL + 9, 2**31, 2**32 - 1]),
+    offset=st.sampled_from([0, 1, 80, LARGE, LARGE + 9, 2**31, 2**32 - 1]),
 )
 PAYLOADS = REQUESTS | st.binary(min_size=251, max_size=251)
 SENDERS = st.sampled_from([(255, 190), (254, 230), (1, 1), (7, 7)])
@@ -50,7 +50,7 @@ STEPS = st.lists(st.tuples(SENDERS, PAYLOADS, st.sampled_from([0, 0, 0, 0.02, 0.
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Tree:
     folder: Path = tmp_path_factory.mktemp("logs")
-    (folder / "large.log").write_bytes(b"x" * (SMALL + 10))
+    (folder / "large.log").write_bytes(b"x" * (LARGE + 10))
     (folder / "small.log").write_bytes(b"small")
 
     def bad() -> bytes:

@@ -1,15 +1,22 @@
 """MAVLink FTP, request by request, in virtual time."""
 
+import threading
+import time
 import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.mavftp import MAVFTP
 
+from companion.files.folder import Folder
+from companion.files.reader import Reader
 from companion.files.tree import Document, Documents, Tree
 from companion.link import encode
 from companion.link.ftp.rehearsal import FileClient
-from companion.link.ftp.server import BURST_FRAMES
+from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
 from companion.link.heard import AnswerRequest
 from companion.link.rehearsal import Rehearsal
 from companion.link.settings import ConnectionSettings, LinkSettings
@@ -285,3 +292,90 @@ def test_frames_cost_at_most_what_the_table_says(client: FileClient) -> None:
     }
     assert max(sizes) == 266
     assert 107 in sizes
+
+
+class HangingFolder(Folder):
+    """Its disk hangs until it is `released`."""
+
+    def __init__(self, path: Path, reader: Reader) -> None:
+        super().__init__(path, "*", reader)
+        self.released = threading.Event()
+
+    def _directory(self) -> Any:
+        assert self.released.wait(10.0)
+        return super()._directory()
+
+
+@pytest.fixture
+def hanging(tmp_path: Path) -> Iterator[HangingFolder]:
+    (tmp_path / "a.log").write_bytes(b"first")
+    with Reader() as reader:
+        folder = HangingFolder(tmp_path, reader)
+        yield folder
+        folder.released.set()
+
+
+def by_and_by(client: FileClient) -> FtpPayload:
+    """The next reply, within ten real seconds."""
+    for _ in range(1000):
+        if found := client.replies(0.1):
+            assert len(found) == 1
+            return found[0]
+        time.sleep(0.01)
+    raise AssertionError("no reply came")
+
+
+def test_a_disk_that_hangs_keeps_nothing_else_from_being_said_and_is_answered_later(
+    hanging: HangingFolder,
+) -> None:
+    client = FileClient(Rehearsal(tree=Tree({"logs": hanging, "state.json": Document(lambda: b"{}")})))
+    other = FileClient(client.stage, (254, 190))
+    request = client.request(Opcode.OPEN_FILE_RO, b"/logs/a.log")
+    began = time.perf_counter()
+    client.send(request)
+    client.send(request)
+    assert client.replies(1.0) == []
+    assert other.open("/state.json").opcode == Opcode.ACK
+    assert client.stage.sent("HEARTBEAT")
+    assert time.perf_counter() - began < 2.0
+    hanging.released.set()
+    reply = by_and_by(client)
+    assert (reply.opcode, reply.sequence, reply.data) == (Opcode.ACK, request.sequence + 1, b"\5\0\0\0")
+    assert client.replies(1.0) == [], "asked twice, answered once"
+    assert client.read().data == b"first"
+    client.send(client.request(Opcode.LIST_DIRECTORY, b"/logs"))
+    assert by_and_by(client).data == b"Fa.log\t5\0"
+    client.send(client.request(Opcode.CALC_FILE_CRC32, b"/logs/a.log"))
+    assert by_and_by(client).opcode == Opcode.ACK
+
+
+def test_a_disk_that_goes_on_hanging_is_told(hanging: HangingFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.files.reader.PATIENCE", 0.05)
+    client = FileClient(Rehearsal(tree=Tree({"logs": hanging})))
+    client.send(client.request(Opcode.LIST_DIRECTORY, b"/logs"))
+    assert error(by_and_by(client)) == FtpError.FAIL
+
+
+@pytest.mark.parametrize("ending", [Opcode.TERMINATE_SESSION, Opcode.RESET_SESSIONS])
+def test_a_session_that_is_ended_before_its_file_was_read_is_not_opened(
+    hanging: HangingFolder, ending: Opcode
+) -> None:
+    client = FileClient(Rehearsal(tree=Tree({"logs": hanging})))
+    client.send(client.request(Opcode.OPEN_FILE_RO, b"/logs/a.log", session=2))
+    assert client.replies(0.1) == []
+    client.send(client.request(ending, session=2))
+    assert by_and_by(client).opcode == Opcode.ACK
+    hanging.released.set()
+    time.sleep(0.05)
+    assert client.replies(1.0) == []
+    assert client.stage.link._files.open_files == 0
+
+
+def test_no_more_than_a_few_requests_wait_for_the_disk(hanging: HangingFolder) -> None:
+    stage = Rehearsal(tree=Tree({"logs": hanging}))
+    for number in range(3 * MAX_LATER):
+        client = FileClient(stage, (230 + number % 20, 1 + number // 20))
+        client.send(client.request(Opcode.LIST_DIRECTORY, b"/logs"))
+        stage.run(0.2)
+    assert len(stage.link._files._later) == MAX_LATER
+    assert len(stage.sent("FILE_TRANSFER_PROTOCOL")) == 2 * MAX_LATER

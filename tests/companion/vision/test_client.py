@@ -318,6 +318,29 @@ def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(
     assert [entry.call_id for entry in vision.memory.history] == list(range(1, 301))
 
 
+def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock: Clock) -> None:
+    child = Loopback(engine, 2.0)
+    vision = Vision(lambda: child, Config(), None, VISION)
+    for _ in range(2):
+        vision.poll(clock.now)
+        child.work()
+    vision.poll(clock.now)
+    vision.tune(Settings())
+    child.work()
+    while vision.answer("token", Changes({"drum": 1.0})):
+        pass
+    asked, decided, began = child._requests, list[Result](), clock.now
+    while vision.restarted == 0 and len(decided) < MAX_JOBS:
+        for _ in range(10):  # as slow as it may be
+            clock.now += 1.0
+            decided += vision.poll(clock.now)
+        child._requests, asked = asked[:1], asked[1:]
+        child.work()
+        decided += vision.poll(clock.now)
+    assert (vision.restarted, len(decided)) == (0, MAX_JOBS)
+    assert 60.0 < clock.now - began <= vision.answers_within
+
+
 def test_what_was_told_before_it_died_counts(stage: Stage) -> None:
     stage.ask("told", drum=1.0)
     stage.child.work()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -70,6 +71,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     closing.enter_context(logbook(config.journal.path, writer))
     offer = Offer(config.journal.path, closing.enter_context(Reader()))
     memory, supervision = journal.load_memory(), journal.load_supervision() or {}
+    gc.freeze()  # what is remembered stays: to look through 10,000 scenes would stall the loop
     link = _open_link(config, offer, memory, supervision)
     closing.callback(link.close)
     last_frame = whole(supervision.get("frame_id"))

@@ -245,7 +245,6 @@ def test_the_link_waits_for_an_answer_as_long_as_its_perceiver_may_take(
 ) -> None:
     told: list[float] = []
     monkeypatch.setattr(Link, "set_undecided_for", lambda _, seconds: told.append(seconds))
-    config = replace(config, perceiver=replace(config.perceiver, name="painted:slow"))
     assert start(config, until((tmp_path / "state" / "status.json").is_file)) == 0
     assert told[0] > (MAX_JOBS + 1) * VISION.silent_for + SLOW
 

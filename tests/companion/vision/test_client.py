@@ -318,6 +318,14 @@ def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(
     assert [entry.call_id for entry in vision.memory.history] == list(range(1, 301))
 
 
+def test_a_played_process_remembers_only_what_it_was_asked_last(stage: Stage) -> None:
+    for number in range(1, 1001):
+        stage.vision.tune(replace(Settings(), freshness=float(number)))
+        stage.turn()
+    assert len(stage.child.requests) == 256
+    assert stage.child.requests[-1] == Tune(replace(Settings(), freshness=1000.0))
+
+
 def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock: Clock) -> None:
     child = Loopback(engine, 2.0)
     vision = Vision(lambda: child, Config(), None, VISION)

@@ -259,7 +259,7 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     if not maps.named.any():
         return None
     limit = settings.thresholds.tile
-    calling = worst.box if limit is not None and worst.uncertainty > limit else None
+    calling = worst.box.mask(*maps.signed.shape) if limit is not None and worst.uncertainty > limit else None
     tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share, outside=calling)
     if tile is None:
         return None

@@ -118,12 +118,12 @@ def explained(strange: float, left: float) -> float:
 
 
 def worst_tile(
-    uncertainty: Map, region: Region, aspect: float, share: float = 0.25, outside: Box | None = None
+    uncertainty: Map, region: Region, aspect: float, share: float = 0.25, outside: Mask | None = None
 ) -> Tile | None:
     """The square window of the ROI whose mean uncertainty is highest.
 
     uncertainty: (h, w). aspect: width / height of the frame. share: the window's side over the ROI's width.
-    outside: only pixels outside this box count, and windows of which they fill at least half.
+    outside: only pixels outside this (h, w) mask count, and windows of which they fill at least half.
     None when no window is left. NaN in, NaN out.
     """
     height, width = uncertainty.shape
@@ -131,7 +131,7 @@ def worst_tile(
     rows, columns = bounds.slices(height, width)
     counted = region.mask(height, width)
     if outside is not None:
-        counted = counted & ~outside.mask(height, width)
+        counted = counted & ~outside
     counted = counted[rows, columns]
     values = np.where(counted, uncertainty[rows, columns], 0.0)
     if not counted.any():

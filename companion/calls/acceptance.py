@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, Assessment, Maps, Reason
@@ -16,26 +17,24 @@ from companion.calls.numbers import Numbers
 
 Mask = NDArray[np.bool_]
 
-_MARGIN = 1.15
-"""How much larger than what is found of the thing its box is."""
 _UNCERTAIN = 0.5
 """Uncertainty from which a pixel belongs to the thing, where tiles have no threshold."""
 _CELLS = 96
-"""A thing is followed in maps of at most so many cells a side: larger ones are made coarser."""
+"""A thing is kept and followed in maps of at most so many cells a side: larger ones are made coarser."""
 
 
 @dataclass
 class Acceptance:
     """The accepted reasons, and what of them was seen.
 
-    box: where the thing is in the image, None where none was seen.
-    uncertainty, strangeness: means of the ROI. beside: worst tile outside the box.
+    thing: where it is in the image, with a cell around it: (h, w), coarse; None where none was seen.
+    uncertainty, strangeness: means of the ROI. beside: worst tile outside the thing.
     scene: embedding of the accepted place, None where it is not known.
     travelled: metres driven at the start, None where not known.
     """
 
     reasons: frozenset[Reason]
-    box: Box | None
+    thing: Mask | None
     uncertainty: float
     strangeness: float
     beside: float
@@ -58,18 +57,19 @@ class Acceptance:
         if seen.roi is not None and seen.maps is not None:
             accepted.uncertainty, accepted.strangeness = seen.roi.uncertainty, seen.roi.strangeness
             for shown in _shown(seen, reasons):
-                accepted.box = shown.grown(1.5).joined(accepted.box)
-                accepted.box = accepted.box.joined(accepted._find(seen, seen.maps, numbers, at_once=True))
-            if accepted.box is not None and not accepted._covers_way(seen, numbers):
-                accepted.box = accepted.box.joined(Box.around(_missing(seen.maps, numbers)))
-        accepted.beside = accepted._beside(seen, numbers, by_name=False)
+                accepted._add(shown.grown(1.5).mask(*seen.maps.signed.shape))
+            if accepted.thing is not None:
+                accepted._add(accepted._find(accepted.thing, seen, seen.maps, numbers, at_once=True))
+                if not accepted._covers_way(seen, accepted._inside(seen, numbers), numbers):
+                    accepted._add(_missing(seen.maps, numbers))
+        accepted.beside = _beside(seen, accepted._inside(seen, numbers), numbers, by_name=False)
         return accepted
 
     def joined(self, other: Acceptance) -> Acceptance:
         """This one, and where the other's thing is."""
         return replace(
             self,
-            box=self.box.joined(other.box) if self.box is not None else other.box,
+            thing=_joined(self.thing, other.thing),
             uncertainty=max(self.uncertainty, other.uncertainty),
             strangeness=max(self.strangeness, other.strangeness),
         )
@@ -82,7 +82,7 @@ class Acceptance:
         limit = numbers.judging.thresholds.tile
         if limit is None:
             limit = self.beside + numbers.accepted_rise
-        if seen.roi is not None and self._beside(seen, numbers, by_name=False) <= limit:
+        if seen.roi is not None and _beside(seen, self._inside(seen, numbers), numbers, by_name=False) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
             self.strangeness = max(self.strangeness, seen.roi.strangeness)
             self.follow(seen, numbers)
@@ -92,22 +92,24 @@ class Acceptance:
 
         Whether a thing has a name may change from frame to frame: an accepted one is covered either way.
         """
-        covered = seen.reasons & self.reasons
+        covered, inside = seen.reasons & self.reasons, self._inside(seen, numbers)
         if Reason.UNKNOWN_OBJECT in covered:
             by_name = Reason.UNKNOWN_OBJECT in _named_reasons(seen)
-            if not (self._covers_object(seen, numbers, by_name=by_name) and self._covers_way(seen, numbers)):
+            if not self._covers_object(seen, inside, numbers, by_name=by_name):
                 covered -= {Reason.UNKNOWN_OBJECT}
-        if Reason.BLOCKED in covered and not self._covers_blocked(seen, numbers):
+            elif not self._covers_way(seen, inside, numbers):
+                covered -= {Reason.UNKNOWN_OBJECT}
+        if Reason.BLOCKED in covered and not self._covers_blocked(seen, inside, numbers):
             covered -= {Reason.BLOCKED}
         if Reason.UNKNOWN_SCENE in covered and not self._covers_scene(seen, numbers):
             covered -= {Reason.UNKNOWN_SCENE}
-        if self._names_thing(seen) and self._covers_object(seen, numbers, by_name=True):
-            covered |= {Reason.BLOCKED} if self._covers_way(seen, numbers) else set()
+        if self._names_thing(seen) and self._covers_object(seen, inside, numbers, by_name=True):
+            covered |= {Reason.BLOCKED} if self._covers_way(seen, inside, numbers) else set()
         return covered
 
     def follow(self, seen: Assessment, numbers: Numbers) -> None:
-        """Move the box after the thing: down the image and wider, never up."""
-        self.box = self._moved(seen, numbers)
+        """Move after the thing: down the image and wider, never up."""
+        self.thing = self._moved(seen, numbers)
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or the time or distance is over. Counts frames: once a frame."""
@@ -126,26 +128,34 @@ class Acceptance:
         """Whether an unknown thing was accepted and the frame is blocked by a tile with a name alone."""
         return Reason.UNKNOWN_OBJECT in self.reasons and blocked_by_name(seen)
 
-    def _moved(self, seen: Assessment, numbers: Numbers) -> Box | None:
-        """The box around the thing as it is in this frame; as it was where nothing is found of it."""
-        if self.box is None or seen.maps is None:
-            return self.box
-        found = self._find(seen, seen.maps, numbers, at_once=False)
-        if found is None:
-            return self.box
-        top = max(found.top, min(self.box.top, found.bottom - 1e-3))
-        return Box(found.left, top, found.right, found.bottom)
+    def _add(self, mask: Mask) -> None:
+        self.thing = _joined(self.thing, _coarse(mask))
 
-    def _find(self, seen: Assessment, maps: Maps, numbers: Numbers, *, at_once: bool) -> Box | None:
-        """The box around what is strange in the accepted box and what touches it.
+    def _inside(self, seen: Assessment, numbers: Numbers) -> Mask:
+        """What the thing fills of the frame's maps, (h, w)."""
+        if seen.maps is None:
+            return np.zeros((1, 1), dtype=np.bool_)
+        moved = self._moved(seen, numbers)
+        shape = seen.maps.signed.shape
+        return np.zeros(shape, dtype=np.bool_) if moved is None else _at(moved, *shape)
+
+    def _moved(self, seen: Assessment, numbers: Numbers) -> Mask | None:
+        """The thing as it is in this frame; as it was where nothing is found of it."""
+        if self.thing is None or seen.maps is None:
+            return self.thing
+        return self._find(self.thing, seen, seen.maps, numbers, at_once=False)
+
+    def _find(
+        self, thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, at_once: bool
+    ) -> Mask:
+        """What is strange in the accepted thing and what touches it, with a cell around it.
 
         at_once: all that is uncertain and touches it; else no more than a tile's side, by which a thing comes
-        nearer at most from frame to frame. What a word that is not drivable explains of the thing belongs to
-        it: else that were a thing beside it. But what it explains may be the ground around, too: of that no
-        more than a tile's side is taken at once, and later only what comes straight down.
+        nearer at most from frame to frame. Of what reaches further that is only what comes straight down: the
+        rest is another thing, that touches it. What a word that is not drivable explains of the thing belongs
+        to it: else that were a thing beside it. But what it explains may be the ground around, too: of that
+        no more than a tile's side is taken at once, and later only what comes straight down.
         """
-        if self.box is None:
-            return None
         limit = numbers.judging.thresholds.tile or _UNCERTAIN
         if any(one.figure == CORRIDOR for one in seen.bad):
             limit = min(limit, 1.0 - KNOWN)
@@ -153,37 +163,23 @@ class Acceptance:
         if Reason.BLOCKED in self.reasons:
             unsure = unsure | (~maps.drivable & numbers.judging.region.mask(*unsure.shape))
         unsure, strange = _coarse(unsure), _coarse(strange)
-        box, side = self.box.mask(*unsure.shape), _tile_side(unsure.shape[1], numbers)
-        thing = _connected(unsure & box, unsure, max(unsure.shape) if at_once else side)
+        thing = _at(thing, *unsure.shape)
+        side = _tile_side(unsure.shape[1], numbers)
         if at_once:
-            thing = _connected(thing, strange, side)
-        elif _named_reasons(seen):
-            below = Box(self.box.left, self.box.top, self.box.right, 1.0).mask(*strange.shape)
-            thing = thing | _connected(strange & box, strange & below, side)
-        found = Box.around(thing)
-        return None if found is None else found.grown(_MARGIN)
+            found = _connected(thing & unsure, unsure, max(unsure.shape))
+            return _wider(_connected(found, strange, side))
+        below, straight = _below(thing, side), _below(thing, 0)
+        unsure = unsure & below
+        found = _connected(thing & unsure, unsure, side - 1)
+        beyond = _connected(found, unsure, 1) & ~found
+        found = found & (straight | ~_connected(beyond, unsure & ~thing, max(unsure.shape)))
+        if _named_reasons(seen):
+            found = found | _connected(thing & strange, strange & straight, side - 1)
+        return _wider(found) & below if found.any() else thing
 
-    def _beside(self, seen: Assessment, numbers: Numbers, *, by_name: bool) -> float:
-        """Uncertainty of the worst tile of the ROI beside the thing; 0 when there is no room for one.
-
-        by_name: what was named as not drivable counts as if it had no name.
-        """
-        if seen.maps is None:
-            return 1.0
-        height, width = seen.frame.image.shape[:2]
-        judging = numbers.judging
-        tile = worst_tile(
-            seen.maps.strangeness if by_name else seen.maps.uncertainty,
-            judging.region,
-            width / height,
-            judging.tile_share,
-            outside=self._moved(seen, numbers),
-        )
-        return tile.uncertainty if tile is not None else 0.0
-
-    def _covers_object(self, seen: Assessment, numbers: Numbers, *, by_name: bool) -> bool:
+    def _covers_object(self, seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> bool:
         """Whether nothing strange is beside the thing. by_name: nor what is strange but for its name."""
-        if seen.roi is None or self.box is None:
+        if seen.roi is None or self.thing is None:
             return False
         if not seen.roi.uncertainty <= self.uncertainty + numbers.accepted_rise:
             return False
@@ -192,9 +188,9 @@ class Acceptance:
             if not seen.roi.strangeness <= accepted + numbers.accepted_rise:
                 return False
         limit = numbers.judging.thresholds.tile
-        return limit is None or self._beside(seen, numbers, by_name=by_name) <= limit
+        return limit is None or _beside(seen, inside, numbers, by_name=by_name) <= limit
 
-    def _covers_way(self, seen: Assessment, numbers: Numbers) -> bool:
+    def _covers_way(self, seen: Assessment, inside: Mask, numbers: Numbers) -> bool:
         """Whether the vehicle fits through where the thing is driven over, and what is as uncertain as seen.
 
         Or not even where all that is uncertain is driven over: then it is blocked, which is not asked here.
@@ -204,34 +200,51 @@ class Acceptance:
         way, maps = seen.roi.corridor, seen.maps
         if way.open or not way.passable:
             return True
-        accepted = maps.uncertainty <= self.uncertainty + numbers.accepted_rise
-        if (box := self._moved(seen, numbers)) is not None:
-            accepted |= box.mask(*accepted.shape)
-        return self._is_open(seen, maps.drivable | (accepted & ~maps.not_drivable), numbers)
+        accepted = (maps.uncertainty <= self.uncertainty + numbers.accepted_rise) | inside
+        return _is_open(seen, maps.drivable | (accepted & ~maps.not_drivable), numbers)
 
-    def _covers_blocked(self, seen: Assessment, numbers: Numbers) -> bool:
+    def _covers_blocked(self, seen: Assessment, inside: Mask, numbers: Numbers) -> bool:
         """Whether nothing beside the thing is in the way, by any figure."""
-        box = self._moved(seen, numbers)
-        if seen.roi is None or seen.maps is None or box is None:
+        if seen.roi is None or seen.maps is None or self.thing is None:
             return False
-        if _named_reasons(seen) and not self._covers_object(seen, numbers, by_name=True):
+        if _named_reasons(seen) and not self._covers_object(seen, inside, numbers, by_name=True):
             return False
-        maps, inside = seen.maps, box.mask(*seen.maps.drivable.shape)
-        if not self._is_open(seen, ~maps.not_drivable | inside, numbers):
+        maps = seen.maps
+        if not _is_open(seen, ~maps.not_drivable | inside, numbers):
             return False
         beside = numbers.judging.region.mask(*inside.shape) & maps.known & ~inside
         drivable = int((maps.drivable & beside).sum())
         return drivable >= numbers.judging.thresholds.trav * int(beside.sum())
-
-    def _is_open(self, seen: Assessment, drivable: Mask, numbers: Numbers) -> bool:
-        height, width = seen.frame.image.shape[:2]
-        return is_open(drivable, width / height, numbers.judging)
 
     def _covers_scene(self, seen: Assessment, numbers: Numbers) -> bool:
         scene = scene_of(seen)
         if scene is None or self.scene is None:
             return False
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
+
+
+def _is_open(seen: Assessment, drivable: Mask, numbers: Numbers) -> bool:
+    height, width = seen.frame.image.shape[:2]
+    return is_open(drivable, width / height, numbers.judging)
+
+
+def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:
+    """Uncertainty of the worst tile of the ROI beside the thing; 0 when there is no room for one.
+
+    by_name: what was named as not drivable counts as if it had no name.
+    """
+    if seen.maps is None:
+        return 1.0
+    height, width = seen.frame.image.shape[:2]
+    judging = numbers.judging
+    tile = worst_tile(
+        seen.maps.strangeness if by_name else seen.maps.uncertainty,
+        judging.region,
+        width / height,
+        judging.tile_share,
+        outside=inside,
+    )
+    return tile.uncertainty if tile is not None else 0.0
 
 
 _NAMED = frozenset({NAMED_TILE, NAMED_MEAN})
@@ -273,10 +286,33 @@ def _missing(maps: Maps, numbers: Numbers) -> Mask:
 def _coarse(mask: Mask) -> Mask:
     """The mask in at most `_CELLS` cells a side: one counts where any of its pixels does."""
     for axis in (0, 1):
-        step = -(-mask.shape[axis] // _CELLS)
-        if step > 1:
-            mask = np.logical_or.reduceat(mask, np.arange(0, mask.shape[axis], step), axis=axis)
+        size = mask.shape[axis]
+        if size > _CELLS:
+            mask = np.logical_or.reduceat(mask, -(-np.arange(_CELLS) * size // _CELLS), axis=axis)
     return mask
+
+
+def _at(mask: Mask, height: int, width: int) -> Mask:
+    """The mask in another size, (height, width): as `_coarse` makes it smaller, where it is larger."""
+    rows = np.arange(height) * mask.shape[0] // height
+    return mask[rows][:, np.arange(width) * mask.shape[1] // width]
+
+
+def _joined(one: Mask | None, other: Mask | None) -> Mask | None:
+    if one is None or other is None:
+        return other if one is None else one
+    return one | _at(other, *one.shape)
+
+
+def _wider(mask: Mask) -> Mask:
+    """The mask and a cell around it."""
+    return _connected(mask, np.ones_like(mask), 1)
+
+
+def _below(mask: Mask, aside: int) -> Mask:
+    """What is not above the mask in its columns and in so many beside each."""
+    down = np.pad(np.logical_or.accumulate(mask, axis=0), ((0, 0), (aside, aside)))
+    return sliding_window_view(down, 2 * aside + 1, axis=1).any(axis=-1)
 
 
 def scene_of(seen: Assessment) -> Embedding | None:

@@ -18,7 +18,7 @@ def accept_taken_over(call: Call | None, sight: Sight, now: float, travelled: fl
     if Reason.BLOCKED in reasons and newest is not None and blocked_by_name(newest):
         reasons |= {Reason.UNKNOWN_OBJECT}  # which it may be taken for in the next frame
     scope = call.scope if call is not None else None
-    if scope is not None and scope.box is None and Reason.UNKNOWN_OBJECT in reasons:
+    if scope is not None and scope.thing is None and Reason.UNKNOWN_OBJECT in reasons:
         scope = None
     if scope is not None and newest is not None:
         scope = replace(scope, scene=scene_of(newest))

@@ -47,6 +47,15 @@ def ended(scene: Scene) -> bool:
     return scene.calls.sight.acceptance is None
 
 
+def box_of(accepted: Acceptance | None) -> Box:
+    """Around what is accepted."""
+    assert accepted is not None
+    assert accepted.thing is not None
+    box = Box.around(accepted.thing)
+    assert box is not None
+    return box
+
+
 @pytest.fixture
 def accepted(report: Scene) -> Scene:
     """Driving on after a go to a drum ahead."""
@@ -74,15 +83,13 @@ def test_the_accepted_thing_does_not_call_again(accepted: Scene) -> None:
     assert accepted.calls.sight.ok_run > 100
 
 
-def test_the_accepted_box_grows_and_moves_down_the_image_with_the_thing(accepted: Scene) -> None:
+def test_what_is_accepted_grows_and_moves_down_the_image_with_the_thing(accepted: Scene) -> None:
     for box in NEARER:
         accepted.run(0.2, View((Thing(box),)))
     assert accepted.opened() == [1]
-    acceptance = accepted.calls.sight.acceptance
-    assert acceptance is not None
-    assert acceptance.box is not None
-    assert acceptance.box.top > AHEAD.top
-    assert acceptance.box.right - acceptance.box.left > AHEAD.right - AHEAD.left
+    box = box_of(accepted.calls.sight.acceptance)
+    assert box.top > AHEAD.top
+    assert box.right - box.left > AHEAD.right - AHEAD.left
 
 
 def test_the_accepted_box_covers_the_whole_thing_from_the_start(report: Scene) -> None:
@@ -342,13 +349,13 @@ def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_m
 
     monkeypatch.setattr(acceptance, "_connected", recorded)
     accepted = Acceptance.of(seen, seen.reasons, report.numbers, 0.0, None)
-    assert accepted.box is not None
+    box = box_of(accepted)
     assert accepted.covers(seen, report.numbers) == {Reason.UNKNOWN_OBJECT}
     assert searched
     assert all(max(*shape, steps) <= 96 for shape, steps in searched)
-    assert accepted.box.contains(AHEAD.left, AHEAD.top)
-    assert accepted.box.contains(AHEAD.right, AHEAD.bottom)
-    assert accepted.box.right - accepted.box.left < 0.2
+    assert box.contains(AHEAD.left, AHEAD.top)
+    assert box.contains(AHEAD.right, AHEAD.bottom)
+    assert box.right - box.left < 0.2
 
 
 def enlarged(seen: Assessment, scale: int, judging: Settings) -> Assessment:

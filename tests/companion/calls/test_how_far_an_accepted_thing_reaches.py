@@ -1,0 +1,119 @@
+"""What was accepted is the thing in its own shape: what lies beside it, in a bend of it or behind it holds."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.assessment import Reason
+from anytraverse.regions import Box
+from companion.wire.ids import Policy
+from tests.companion.calls.scenes import AUTO, HOLD, Scene, Thing, View
+
+SIDE = (Box(0.33, 0.60, 0.40, 0.95), Box(0.40, 0.75, 0.55, 0.80))
+"""A strip along the ROI's left side, and a log across that touches it."""
+IN_ITS_BEND = Box(0.44, 0.60, 0.60, 0.66)
+"""Beside the strip and behind the log."""
+FAR = (Box(0.33, 0.60, 0.67, 0.66), Box(0.40, 0.66, 0.44, 0.80))
+"""A strip along the ROI's far edge, and a post that touches it."""
+BESIDE_THE_POST = Box(0.48, 0.68, 0.67, 0.80)
+VERGES = (Box(0.0, 0.60, 0.37, 1.0), Box(0.63, 0.60, 1.0, 1.0))
+"""The ground on both sides of the way."""
+ON_IT = (*VERGES, Box(0.37, 0.80, 0.63, 0.86))
+"""With a log across that touches both."""
+
+
+def mirrored(box: Box) -> Box:
+    """The same on the other side of the image."""
+    return Box(1.0 - box.right, box.top, 1.0 - box.left, box.bottom)
+
+
+def view(name: str, *boxes: Box) -> View:
+    """Things of one name."""
+    return View(tuple(Thing(box, name) for box in boxes))
+
+
+SCENES = {
+    "left": (SIDE, IN_ITS_BEND),
+    "right": (tuple(map(mirrored, SIDE)), mirrored(IN_ITS_BEND)),
+    "far": (FAR, BESIDE_THE_POST),
+    "far mirrored": (tuple(map(mirrored, FAR)), mirrored(BESIDE_THE_POST)),
+}
+
+
+def driving_on(name: str, *boxes: Box, tile: float | None) -> Scene:
+    """Driving over what was held for: by hand where it has a name, with a go where it has none."""
+    scene = Scene(Policy.HOLD, tile=tile)
+    scene.run(1.0)
+    scene.run(1.0, view(name, *boxes))
+    reason = Reason.BLOCKED if name in scene.words else Reason.UNKNOWN_OBJECT
+    assert scene.held() == [{reason}]
+    if name in scene.words:
+        scene.human(AUTO)
+    else:
+        scene.go()
+    scene.run(2.0)
+    assert (scene.autopilot.mode, len(scene.held())) == (AUTO, 1)
+    return scene
+
+
+@pytest.mark.parametrize("where", SCENES)
+@pytest.mark.parametrize("name", ["log", "drum"], ids=["taken over", "with a go"])
+@pytest.mark.parametrize("tile", [None, 0.25, 0.65])
+def test_what_comes_into_a_bend_of_the_accepted_thing_holds(
+    where: str, name: str, tile: float | None
+) -> None:
+    accepted, later = SCENES[where]
+    scene = driving_on(name, *accepted, tile=tile)
+    scene.run(0.5, view(name, *accepted, later))
+    assert scene.autopilot.mode == HOLD
+
+
+@pytest.mark.parametrize("name", ["log", "drum"], ids=["taken over", "with a go"])
+@pytest.mark.parametrize("tile", [None, 0.25, 0.65])
+def test_the_next_thing_across_holds_also_where_it_touches_the_sides_as_the_accepted_one_did(
+    name: str, tile: float | None
+) -> None:
+    scene = driving_on(name, *ON_IT, tile=tile)
+    scene.run(0.3, view(name, *VERGES))
+    scene.run(0.5, view(name, *VERGES, Box(0.37, 0.62, 0.63, 0.70)))
+    assert scene.autopilot.mode == HOLD
+
+
+@pytest.mark.parametrize("name", ["log", "drum"], ids=["taken over", "with a go"])
+@pytest.mark.parametrize("tile", [None, 0.25, 0.65])
+def test_it_holds_where_it_comes_into_sight_bit_by_bit(name: str, tile: float | None) -> None:
+    scene = driving_on(name, *ON_IT, tile=tile)
+    scene.run(0.3, view(name, *VERGES))
+    for step in range(1, 5):
+        scene.run(0.4, view(name, *VERGES, Box(0.37, 0.60, 0.63, 0.60 + 0.025 * step)))
+    assert scene.autopilot.mode == HOLD
+
+
+@pytest.mark.parametrize("name", ["log", "drum"], ids=["taken over", "with a go"])
+@pytest.mark.parametrize("tile", [None, 0.25, 0.65])
+def test_an_accepted_log_across_the_whole_way_is_passed_as_it_comes_nearer(
+    name: str, tile: float | None
+) -> None:
+    scene = driving_on(name, Box(0.25, 0.66, 0.75, 0.72), tile=tile)
+    for down in (0.02, 0.05, 0.09, 0.13, 0.17, 0.22, 0.28):
+        wider = 0.25 - down / 2
+        scene.run(0.3, view(name, Box(wider, 0.66 + down, 1.0 - wider, min(1.0, 0.72 + 1.1 * down))))
+    assert (scene.autopilot.mode, len(scene.held())) == (AUTO, 1)
+
+
+@pytest.mark.parametrize("name", ["log", "drum"], ids=["taken over", "with a go"])
+@pytest.mark.parametrize("tile", [None, 0.25, 0.65])
+def test_so_is_one_that_touches_the_sides(name: str, tile: float | None) -> None:
+    scene = driving_on(name, *VERGES, Box(0.37, 0.66, 0.63, 0.72), tile=tile)
+    for down in (0.02, 0.05, 0.09, 0.13, 0.17, 0.22, 0.28):
+        scene.run(0.3, view(name, *VERGES, Box(0.37, 0.66 + down, 0.63, min(1.0, 0.72 + 1.1 * down))))
+    assert (scene.autopilot.mode, len(scene.held())) == (AUTO, 1)
+
+
+@pytest.mark.parametrize("name", ["log", "drum"], ids=["taken over", "with a go"])
+@pytest.mark.parametrize("tile", [None, 0.25, 0.65])
+def test_so_is_one_that_shifts_as_the_rover_turns(name: str, tile: float | None) -> None:
+    scene = driving_on(name, Box(0.34, 0.70, 0.62, 0.80), tile=tile)
+    for aside in (0.03, 0.06, 0.09, 0.06, 0.02, -0.02, -0.05, -0.08):
+        scene.run(0.2, view(name, Box(0.34 + aside, 0.70, 0.62 + aside, 0.80)))
+    assert (scene.autopilot.mode, len(scene.held())) == (AUTO, 1)

@@ -5,22 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, Assessment, Maps, Reason
 from anytraverse.history import Embedding, cosine
 from anytraverse.judging import is_open
 from anytraverse.regions import Box
 from anytraverse.roi import KNOWN, worst_tile
+from companion.calls.masks import Mask, below, coarse, connected, joined, resized, wider
 from companion.calls.numbers import Numbers
-
-Mask = NDArray[np.bool_]
 
 _UNCERTAIN = 0.5
 """Uncertainty from which a pixel belongs to the thing, where tiles have no threshold."""
-_CELLS = 96
-"""A thing is kept and followed in maps of at most so many cells a side: larger ones are made coarser."""
 
 
 @dataclass
@@ -60,7 +55,11 @@ class Acceptance:
                 accepted._add(shown.grown(1.5).mask(*seen.maps.signed.shape))
             if accepted.thing is not None:
                 accepted._add(accepted._find(accepted.thing, seen, seen.maps, numbers, at_once=True))
-                if not accepted._covers_way(seen, accepted._inside(seen, numbers), numbers):
+                inside = accepted._inside(seen, numbers)
+                covered = accepted._covers_way(seen, inside, numbers)
+                if Reason.BLOCKED in reasons:
+                    covered = covered and accepted._is_open(seen, seen.maps, inside, numbers)
+                if not covered:
                     accepted._add(_missing(seen.maps, numbers))
         accepted.beside = _beside(seen, accepted._inside(seen, numbers), numbers, by_name=False)
         return accepted
@@ -69,7 +68,7 @@ class Acceptance:
         """This one, and where the other's thing is."""
         return replace(
             self,
-            thing=_joined(self.thing, other.thing),
+            thing=joined(self.thing, other.thing),
             uncertainty=max(self.uncertainty, other.uncertainty),
             strangeness=max(self.strangeness, other.strangeness),
         )
@@ -82,7 +81,8 @@ class Acceptance:
         limit = numbers.judging.thresholds.tile
         if limit is None:
             limit = self.beside + numbers.accepted_rise
-        if seen.roi is not None and _beside(seen, self._inside(seen, numbers), numbers, by_name=False) <= limit:
+        inside = self._inside(seen, numbers)
+        if seen.roi is not None and _beside(seen, inside, numbers, by_name=False) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
             self.strangeness = max(self.strangeness, seen.roi.strangeness)
             self.follow(seen, numbers)
@@ -95,9 +95,8 @@ class Acceptance:
         covered, inside = seen.reasons & self.reasons, self._inside(seen, numbers)
         if Reason.UNKNOWN_OBJECT in covered:
             by_name = Reason.UNKNOWN_OBJECT in _named_reasons(seen)
-            if not self._covers_object(seen, inside, numbers, by_name=by_name):
-                covered -= {Reason.UNKNOWN_OBJECT}
-            elif not self._covers_way(seen, inside, numbers):
+            alone = self._covers_object(seen, inside, numbers, by_name=by_name)
+            if not (alone and self._covers_way(seen, inside, numbers)):
                 covered -= {Reason.UNKNOWN_OBJECT}
         if Reason.BLOCKED in covered and not self._covers_blocked(seen, inside, numbers):
             covered -= {Reason.BLOCKED}
@@ -129,7 +128,7 @@ class Acceptance:
         return Reason.UNKNOWN_OBJECT in self.reasons and blocked_by_name(seen)
 
     def _add(self, mask: Mask) -> None:
-        self.thing = _joined(self.thing, _coarse(mask))
+        self.thing = joined(self.thing, coarse(mask))
 
     def _inside(self, seen: Assessment, numbers: Numbers) -> Mask:
         """What the thing fills of the frame's maps, (h, w)."""
@@ -137,7 +136,7 @@ class Acceptance:
             return np.zeros((1, 1), dtype=np.bool_)
         moved = self._moved(seen, numbers)
         shape = seen.maps.signed.shape
-        return np.zeros(shape, dtype=np.bool_) if moved is None else _at(moved, *shape)
+        return np.zeros(shape, dtype=np.bool_) if moved is None else resized(moved, *shape)
 
     def _moved(self, seen: Assessment, numbers: Numbers) -> Mask | None:
         """The thing as it is in this frame; as it was where nothing is found of it."""
@@ -145,9 +144,7 @@ class Acceptance:
             return self.thing
         return self._find(self.thing, seen, seen.maps, numbers, at_once=False)
 
-    def _find(
-        self, thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, at_once: bool
-    ) -> Mask:
+    def _find(self, thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, at_once: bool) -> Mask:
         """What is strange in the accepted thing and what touches it, with a cell around it.
 
         at_once: all that is uncertain and touches it; else no more than a tile's side, by which a thing comes
@@ -162,20 +159,20 @@ class Acceptance:
         unsure, strange = maps.uncertainty > limit, maps.strangeness > limit
         if Reason.BLOCKED in self.reasons:
             unsure = unsure | (~maps.drivable & numbers.judging.region.mask(*unsure.shape))
-        unsure, strange = _coarse(unsure), _coarse(strange)
-        thing = _at(thing, *unsure.shape)
+        unsure, strange = coarse(unsure), coarse(strange)
+        thing = resized(thing, *unsure.shape)
         side = _tile_side(unsure.shape[1], numbers)
         if at_once:
-            found = _connected(thing & unsure, unsure, max(unsure.shape))
-            return _wider(_connected(found, strange, side))
-        below, straight = _below(thing, side), _below(thing, 0)
-        unsure = unsure & below
-        found = _connected(thing & unsure, unsure, side - 1)
-        beyond = _connected(found, unsure, 1) & ~found
-        found = found & (straight | ~_connected(beyond, unsure & ~thing, max(unsure.shape)))
+            found = connected(thing & unsure, unsure, max(unsure.shape))
+            return wider(connected(found, strange, side))
+        not_above, straight = below(thing, side), below(thing, 0)
+        unsure = unsure & not_above
+        found = connected(thing & unsure, unsure, side - 1)
+        beyond = connected(found, unsure, 1) & ~found
+        found = found & (straight | ~connected(beyond, unsure & ~thing, max(unsure.shape)))
         if _named_reasons(seen):
-            found = found | _connected(thing & strange, strange & straight, side - 1)
-        return _wider(found) & below if found.any() else thing
+            found = found | connected(thing & strange, strange & straight, side - 1)
+        return wider(found) & not_above if found.any() else thing
 
     def _covers_object(self, seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> bool:
         """Whether nothing strange is beside the thing. by_name: nor what is strange but for its name."""
@@ -200,8 +197,7 @@ class Acceptance:
         way, maps = seen.roi.corridor, seen.maps
         if way.open or not way.passable:
             return True
-        accepted = (maps.uncertainty <= self.uncertainty + numbers.accepted_rise) | inside
-        return _is_open(seen, maps.drivable | (accepted & ~maps.not_drivable), numbers)
+        return self._is_open(seen, maps, inside & ~maps.not_drivable, numbers)
 
     def _covers_blocked(self, seen: Assessment, inside: Mask, numbers: Numbers) -> bool:
         """Whether nothing beside the thing is in the way, by any figure."""
@@ -210,22 +206,23 @@ class Acceptance:
         if _named_reasons(seen) and not self._covers_object(seen, inside, numbers, by_name=True):
             return False
         maps = seen.maps
-        if not _is_open(seen, ~maps.not_drivable | inside, numbers):
+        if not self._is_open(seen, maps, inside, numbers):
             return False
         beside = numbers.judging.region.mask(*inside.shape) & maps.known & ~inside
         drivable = int((maps.drivable & beside).sum())
         return drivable >= numbers.judging.thresholds.trav * int(beside.sum())
+
+    def _is_open(self, seen: Assessment, maps: Maps, over: Mask, numbers: Numbers) -> bool:
+        """Whether the vehicle fits through where it may drive `over` that, or over as uncertain as seen."""
+        height, width = seen.frame.image.shape[:2]
+        as_seen = (maps.uncertainty <= self.uncertainty + numbers.accepted_rise) & ~maps.not_drivable
+        return is_open(maps.drivable | as_seen | over, width / height, numbers.judging)
 
     def _covers_scene(self, seen: Assessment, numbers: Numbers) -> bool:
         scene = scene_of(seen)
         if scene is None or self.scene is None:
             return False
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
-
-
-def _is_open(seen: Assessment, drivable: Mask, numbers: Numbers) -> bool:
-    height, width = seen.frame.image.shape[:2]
-    return is_open(drivable, width / height, numbers.judging)
 
 
 def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:
@@ -283,38 +280,6 @@ def _missing(maps: Maps, numbers: Numbers) -> Mask:
     return ~maps.known & ~maps.drivable & numbers.judging.region.mask(*maps.drivable.shape)
 
 
-def _coarse(mask: Mask) -> Mask:
-    """The mask in at most `_CELLS` cells a side: one counts where any of its pixels does."""
-    for axis in (0, 1):
-        size = mask.shape[axis]
-        if size > _CELLS:
-            mask = np.logical_or.reduceat(mask, -(-np.arange(_CELLS) * size // _CELLS), axis=axis)
-    return mask
-
-
-def _at(mask: Mask, height: int, width: int) -> Mask:
-    """The mask in another size, (height, width): as `_coarse` makes it smaller, where it is larger."""
-    rows = np.arange(height) * mask.shape[0] // height
-    return mask[rows][:, np.arange(width) * mask.shape[1] // width]
-
-
-def _joined(one: Mask | None, other: Mask | None) -> Mask | None:
-    if one is None or other is None:
-        return other if one is None else one
-    return one | _at(other, *one.shape)
-
-
-def _wider(mask: Mask) -> Mask:
-    """The mask and a cell around it."""
-    return _connected(mask, np.ones_like(mask), 1)
-
-
-def _below(mask: Mask, aside: int) -> Mask:
-    """What is not above the mask in its columns and in so many beside each."""
-    down = np.pad(np.logical_or.accumulate(mask, axis=0), ((0, 0), (aside, aside)))
-    return sliding_window_view(down, 2 * aside + 1, axis=1).any(axis=-1)
-
-
 def scene_of(seen: Assessment) -> Embedding | None:
     """What the place looks like, None where nothing could be seen."""
     return seen.observation.embedding if seen.observation is not None else None
@@ -324,18 +289,3 @@ def _tile_side(width: int, numbers: Numbers) -> int:
     """Pixels of a map `width` pixels wide: a thing comes nearer by less than a tile from frame to frame."""
     bounds = numbers.judging.region.bounds
     return max(1, round(numbers.judging.tile_share * (bounds.right - bounds.left) * width))
-
-
-def _connected(seed: Mask, within: Mask, steps: int) -> Mask:
-    """`seed` and the pixels of `within` that lead to it over at most `steps` of their sides."""
-    for _ in range(steps):
-        spread = seed.copy()
-        spread[1:] |= seed[:-1]
-        spread[:-1] |= seed[1:]
-        spread[:, 1:] |= seed[:, :-1]
-        spread[:, :-1] |= seed[:, 1:]
-        spread &= within
-        if np.array_equal(spread, seed):
-            break
-        seed = spread
-    return seed

@@ -11,7 +11,7 @@ from anytraverse.assessment import Assessment, Maps, Reason
 from anytraverse.judging import Settings, find, make_maps, roi_figures
 from anytraverse.regions import Box
 from anytraverse.roi import Mask, RoiFigures
-from companion.calls import acceptance
+from companion.calls import masks
 from companion.calls.acceptance import Acceptance
 from companion.wire.ids import Outcome, Policy, Stage
 from tests.companion.calls.scenes import (
@@ -341,13 +341,13 @@ def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_m
     report.run(0.5, DRUM)
     seen = enlarged(report.judged(report.frame), scale, report.numbers.judging)
     searched: list[tuple[tuple[int, ...], int]] = []
-    plain = acceptance._connected
+    plain = masks.connected
 
     def recorded(seed: Mask, within: Mask, steps: int) -> Mask:
         searched.append((seed.shape, steps))
         return plain(seed, within, steps)
 
-    monkeypatch.setattr(acceptance, "_connected", recorded)
+    monkeypatch.setattr("companion.calls.acceptance.connected", recorded)
     accepted = Acceptance.of(seen, seen.reasons, report.numbers, 0.0, None)
     box = box_of(accepted)
     assert accepted.covers(seen, report.numbers) == {Reason.UNKNOWN_OBJECT}

@@ -64,8 +64,8 @@ class AnyTraverse:
         """Judge a new frame; adopt a remembered scene when the last frames matched one.
 
         Without a reference, the first frame without a fault becomes it. Where there is no doubt about the
-        scene, an earlier frame's embedding may stand for it: see `SceneWatch`. An answered place is carried
-        along: see `CarriedPlace`.
+        scene, an earlier frame's embedding may stand for it: see `SceneWatch`. A new place that was answered
+        is carried along: see `CarriedPlace`.
         """
         place = place or Place()
         if self._carried is not None and not self._carried.holds(self.memory.reference, now, place):
@@ -74,8 +74,7 @@ class AnyTraverse:
         self._scenes.judged(assessment)
         if self._carried is not None and assessment.observation is not None:
             embedding = assessment.observation.embedding
-            if self._carried.similarity(embedding) >= self.settings.thresholds.scene:
-                self._carried = self._carried.moved(embedding)
+            self._carried = self._carried.moved(embedding, self.settings.thresholds.scene)
         return assessment
 
     def _step(self, frame: Frame, now: float, place: Place) -> Assessment:
@@ -151,7 +150,7 @@ class AnyTraverse:
         frame still resembles it: for these two an earlier frame's embedding will not do, and each gets its
         own. Raises PreferencesError, ExampleError, PerceiverError; then nothing has changed.
         """
-        before = self.memory
+        before, carried = self.memory, self._carried
         try:
             if call is not None and (changes or go):
                 self._see_scene(call)
@@ -161,10 +160,10 @@ class AnyTraverse:
             if call is not None and (changes or go) and is_embedding(call.embedding):
                 move = self._is_at(call.embedding)
                 place = place or Place()
+                if move:
+                    self._carried = self._carried_on(call.embedding, now, place)
                 self.memory = self.memory.remembering(call.embedding, call_id, place, move=move)
                 remembered = True
-                if move:
-                    self._carried = CarriedPlace(call.embedding, call.embedding, now, place)
             return AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
                 newest=self.judge(self.newest, now) if self.newest is not None else None,
@@ -172,7 +171,7 @@ class AnyTraverse:
                 remembered=remembered,
             )
         except Exception:
-            self.memory = before
+            self.memory, self._carried = before, carried
             raise
 
     def fault(self, frame: Frame, now: float, why: str) -> Assessment:
@@ -237,9 +236,19 @@ class AnyTraverse:
     def _carried_similarity(self, embedding: Embedding, similarity: float | None) -> float | None:
         """The similarity that the scene is judged by: of two, the one that says it is known."""
         carried = self._carried
-        if carried is None or similarity is None or self.memory.reference is not carried.answered:
+        if carried is None or similarity is None or self.memory.reference is not carried.reference:
             return similarity
         return max(similarity, carried.similarity(embedding))
+
+    def _carried_on(self, answered: Embedding, now: float, place: Place) -> CarriedPlace | None:
+        """What is carried after an answer: a new place, or the one in which a thing was named."""
+        judged = self._carried_similarity(answered, self._similarity(answered))
+        if any(finding.bad for finding in find_scene(judged, self.settings)):
+            return CarriedPlace(answered, answered, answered, now, place)
+        carried = self._carried
+        if carried is None or self.memory.reference is not carried.reference:
+            return None
+        return replace(carried, reference=answered)
 
     def _is_at(self, embedding: Embedding) -> bool:
         """Whether the newest frame still shows that scene."""

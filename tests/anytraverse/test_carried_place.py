@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment, Reason
@@ -87,6 +89,48 @@ def test_a_place_that_was_left_before_the_answer_is_not_carried(rover: Rover) ->
     rover.answer(call=call, call_id=7, go=True)
     assert drives(rover, 20).ok
     assert drives(rover, 36).reasons == {Reason.UNKNOWN_SCENE}
+
+
+def test_a_thing_that_is_named_in_a_known_place_makes_no_place_that_is_carried(rover: Rover) -> None:
+    call = rover.call(20, thing="gnome")
+    assert Reason.UNKNOWN_SCENE not in rover.see(20).reasons
+    rover.answer(call=call, call_id=7, go=True)
+    assert drives(rover, *range(20, 51, 3), 20 + 30).ok
+    assert drives(rover, 20 + 34).reasons == {Reason.UNKNOWN_SCENE}
+
+
+def test_a_thing_that_is_named_on_the_way_neither_ends_nor_lengthens_it(answered: Rover) -> None:
+    answered.now += 50
+    answered.answer(call=answered.call(START + 20, thing="gnome"), call_id=8, go=True)
+    assert drives(answered, START, START - 15).ok, "35 degrees from the thing's scene, 15 from the place's"
+    answered.now += 10
+    assert drives(answered, START - 15).reasons == {Reason.UNKNOWN_SCENE}
+
+
+def test_a_new_episode_ends_it(answered: Rover) -> None:
+    answered.answer(call=answered.call(START + 20), call_id=8, go=True, new_episode=True)
+    assert drives(answered, START, START - 15).reasons == {Reason.UNKNOWN_SCENE}
+
+
+def test_frames_that_creep_on_from_each_other_lead_into_no_other_place(make_rover: type[Rover]) -> None:
+    rover = make_rover("grass: 1; rock: -1")
+    rover.eyes.spoil_embedding = round_the_place
+    rover.see()
+    rover.answer(call=rover.call(START), call_id=7, go=True)
+    assert drives(rover, *range(START, START + 46)).ok, "on to its edge, and a little along that"
+    seen = drives(rover, *range(START + 46, START + 91))
+    assert seen.similarity == pytest.approx(math.cos(math.radians(35))), "as far from the answered as before"
+    assert seen.reasons == {Reason.UNKNOWN_SCENE}
+
+
+def round_the_place(vector: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Scenes 90 to 125 lead 35 degrees away from the one at 90; those to 180 lead round it, as far away."""
+    scene = math.degrees(math.atan2(vector[1], vector[0]))
+    away, along = math.radians(min(abs(scene - 90), 35)), math.radians(3 * max(0, scene - 125))
+    if scene < 90:
+        away, along = math.radians(90), math.radians(180)
+    across = math.sin(away)
+    return np.array([across * math.cos(along), across * math.sin(along), math.cos(away)], dtype=np.float32)
 
 
 def test_a_remembered_scene_that_is_adopted_ends_it(answered: Rover) -> None:

@@ -33,9 +33,9 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor
-from companion.field.render import Camera
-from companion.field.things import Thing, World
-from companion.field.trail import Pose
+from companion.sim.field.render import Camera
+from companion.sim.field.things import Thing, World
+from companion.sim.field.trail import Pose
 
 STEP = 0.5  # m between two frames
 SPEED = 2.0  # m/s

@@ -8,9 +8,9 @@ import time
 import cv2
 import numpy as np
 
-from companion.field.render import Camera
-from companion.field.things import World
-from companion.field.trail import ZONES
+from companion.sim.field.render import Camera
+from companion.sim.field.things import World
+from companion.sim.field.trail import ZONES
 
 
 def main(seeds: tuple[int, ...] = (1, 2, 3), frames: int = 200) -> None:

@@ -25,8 +25,8 @@ from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from bench.builtin_field import WORDS, engine_of
-from companion.field.render import Camera
-from companion.field.things import DEFAULT_SURPRISES, Thing, World
+from companion.sim.field.render import Camera
+from companion.sim.field.things import DEFAULT_SURPRISES, Thing, World
 
 SPEED = 2.5  # m/s
 STEP = SPEED / 10  # m between two frames

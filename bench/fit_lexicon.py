@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.perception import Prompt
-from anytraverse.perception.ground_features import FEATURES, ground_features
-from anytraverse.perception.lexicon import Lexicon
+from anytraverse.perception.builtin.features import FEATURES, ground_features
+from anytraverse.perception.builtin.lexicon import Lexicon
 from anytraverse.pooling import weighted_max
 from anytraverse.preferences import Preferences
 

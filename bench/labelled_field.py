@@ -14,8 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from companion.field.render import LABELS, Camera
-from companion.field.things import World
+from companion.sim.field.render import LABELS, Camera
+from companion.sim.field.things import World
 
 
 def render(

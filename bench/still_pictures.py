@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.frozen import CHANGED_REGIONS, changed_regions, luma
+from companion.vision.freeze_detector import CHANGED_REGIONS, changed_regions, luma
 
 Picture = NDArray[np.uint8]
 _FRAMES = 40

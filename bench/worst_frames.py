@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import anytraverse.perception
-from anytraverse.perception.ground_net import Calibration, posteriors
+from anytraverse.perception.builtin.network import Calibration, posteriors
 from anytraverse.training.fit import stored
 from anytraverse.training.folders import Folder, Labelled, read_folder
 from anytraverse.training.scores import SCALE, Network, maps, score

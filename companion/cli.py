@@ -87,8 +87,8 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError
     from companion.config import ConfigError, load_config
-    from companion.journal import JournalError
     from companion.link.settings import LinkError
+    from companion.storage import JournalError
     from companion.wire.parameters import ParameterError
 
     _log_to_stderr(logging.DEBUG if options.verbose else logging.INFO)
@@ -116,13 +116,13 @@ def _leave(code: int) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from companion.demo.main import main as demo
+    from companion.sim.demo.main import main as demo
 
     return demo(options)
 
 
 def _init(options: argparse.Namespace) -> int:
-    from companion.resources import resource
+    from companion.system.resources import resource
 
     folder = Path(options.folder)
     try:
@@ -168,22 +168,22 @@ def _check(options: argparse.Namespace) -> int:
 def _check_rover(options: argparse.Namespace) -> int:
     _log_to_stderr(logging.ERROR)
     if options.dry_run:
-        from companion.check.dry_run import dry_run
+        from companion.preflight.running import dry_run
 
         return dry_run(options.file, as_json=options.json)
     if options.measure:
-        from companion.check.measure import measure
+        from companion.preflight.measure import measure
 
         return measure(options.file, link=options.link)
-    from companion.check.main import check
+    from companion.preflight.main import check
 
     return check(options.file, link=options.link, as_json=options.json)
 
 
 def _status(options: argparse.Namespace) -> int:
-    from companion.check.status_command import status
+    from companion.preflight.running import tell_status
 
-    return status(options.file, as_json=options.json)
+    return tell_status(options.file, as_json=options.json)
 
 
 def _try_perceiver(config: Config) -> str:
@@ -191,8 +191,8 @@ def _try_perceiver(config: Config) -> str:
 
     A bundle's files are compared with their checksums, which takes seconds; no frame is judged.
     """
-    from companion.model import Model
-    from companion.readiness import load_engine
+    from companion.vision.messages import Model
+    from companion.vision.warm_up import load_engine
 
     if ":" in config.perceiver.name:
         print(f"companion config: loading {config.perceiver.name}", file=sys.stderr)

@@ -15,35 +15,34 @@ from typing import Any
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.pace import Pace
-from companion.album import Album
+from companion.answers.handler import AnswerHandler
+from companion.answers.store import StoredReply, read_replies
 from companion.calls.machine import OperatorCalls
-from companion.check.stopping import Stopping
 from companion.config import Config
-from companion.configured import call_numbers, first_values, first_words, kept_values, restored_policies
-from companion.conversation import Conversation
-from companion.daemon import Daemon, stop_on_signals
-from companion.files.calls import CallFiles
-from companion.files.offer import Offer
-from companion.files.reader import Reader
-from companion.files.state import State as StateFile
-from companion.journal import Journal
-from companion.keeper import Keeper
-from companion.kept import Kept, saved_replies
+from companion.daemon.daemon import Daemon, stop_on_signals
+from companion.daemon.persistence import Persistence
+from companion.daemon.restore import first_parameters, first_policy, open_book, open_id, restore_calls, whole
+from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
-from companion.loading import load
-from companion.logbook import logbook
-from companion.overrides import Overrides
-from companion.refusal import HoldJudge, require_checkable
-from companion.restored import first_parameters, first_policy, open_book, open_id, restore_calls, whole
-from companion.settings_desk import SettingsDesk
+from companion.policy.hold_gate import HoldGate, require_checkable
+from companion.policy.stopping import Stopping
+from companion.settings.mapping import call_numbers, first_values, first_words, kept_values, restored_policies
+from companion.settings.runtime import RuntimeSettings
+from companion.settings.service import SettingsService
+from companion.storage import Journal
+from companion.storage.call_files import CallFiles, PictureArchive
+from companion.storage.file_reader import Reader
+from companion.storage.log_file import logbook
+from companion.storage.served_files import ServedFiles
+from companion.storage.writer import SLOW, Writer
 from companion.tasks import VISION, Liveness, tasks
+from companion.telemetry.status import State as StateFile
 from companion.vision.child import COMMAND, VisionChild
 from companion.vision.client import Vision
 from companion.vision.messages import Ready
 from companion.wire import notices, parameters, texts
 from companion.wire.ids import Policy, State
-from companion.writer import SLOW, Writer
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +68,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     journal = Journal(config.journal.path)
     writer = closing.enter_context(Writer(journal))
     closing.enter_context(logbook(config.journal.path, writer))
-    offer = Offer(config.journal.path, closing.enter_context(Reader()))
+    offer = ServedFiles(config.journal.path, closing.enter_context(Reader()))
     memory, supervision = journal.load_memory(), journal.load_supervision() or {}
     gc.freeze()  # what is remembered stays: to look through 10,000 scenes would stall the loop
     link = _open_link(config, offer, memory, supervision)
@@ -89,8 +88,8 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     pace = Pace(ready.step, 1.0 / config.camera.rate, judging.freshness)
     numbers = call_numbers(config, judging)
     wants_hold = numbers.policy is Policy.HOLD
-    hold_judge = HoldJudge(config, pace)
-    if wants_hold and not _may_hold(hold_judge, judging, news):
+    hold_gate = HoldGate(config, pace)
+    if wants_hold and not _may_hold(hold_gate, judging, news):
         numbers = replace(numbers, policy=Policy.REPORT)
     policies = restored_policies(config, numbers.policy, supervision.get("policy"), now)
     numbers = replace(numbers, policy=policies.in_force)
@@ -98,16 +97,16 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     if supervision:
         restore_calls(calls, supervision, now, news)
     book = open_book(model.id, calls, supervision.get("shadow"), now, news)
-    replies = saved_replies(supervision.get("replies"))
-    keeper = _open_keeper(config, journal, writer, vision, offer, last_frame, replies)
-    conversation = Conversation(calls, vision, vision.memory.preferences, replies)
-    desk = SettingsDesk(
+    replies = read_replies(supervision.get("replies"))
+    persistence = _open_keeper(config, journal, writer, vision, offer, last_frame, replies)
+    answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, replies)
+    desk = SettingsService(
         listed,
         link,
         vision,
         calls,
-        conversation,
-        hold_judge.refuses,
+        answer_handler,
+        hold_gate.refuses,
         overrides,
         wants_hold=wants_hold,
         policies=policies,
@@ -115,9 +114,9 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     )
     desk.start(now)
     liveness, view = Liveness(tasks(numbers), now), round(config.camera.view)
-    daemon = Daemon(link, vision, calls, keeper, conversation, desk, liveness, model, view)
+    daemon = Daemon(link, vision, calls, persistence, answer_handler, desk, liveness, model, view)
     offer.show(
-        StateFile(daemon.status, calls, conversation, desk, keeper, daemon.whereabouts).figures,
+        StateFile(daemon.status, calls, answer_handler, desk, persistence, daemon.whereabouts).figures,
         lambda: calls.sight.newest,
     )
     if model.int8_idle and config.perceiver.precision == "auto":
@@ -126,12 +125,12 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     log.info("perceiver: %s, %.0f ms a frame", model, 1e3 * pace.step)
     log.info("ready: policy %s", numbers.policy.name.lower())
     vision.tune(judging)
-    keeper.restore_call_frame(calls)
-    _run(daemon, keeper, stop)
+    persistence.restore_call_frame(calls)
+    _run(daemon, persistence, stop)
     return 0
 
 
-def _open_link(config: Config, offer: Offer, memory: Memory | None, saved: Mapping[str, Any]) -> Link:
+def _open_link(config: Config, offer: ServedFiles, memory: Memory | None, saved: Mapping[str, Any]) -> Link:
     """It tells from the first moment what was in force before the restart."""
     first = first_parameters(config, memory, saved)
     link = Link(config.link.settings(), first, time.monotonic(), tree=offer.tree, signing=_signing(config))
@@ -148,9 +147,9 @@ def _tell(news: Iterable[str], link: Link, now: float) -> None:
 
 def _restore_settings(
     config: Config, ready: Ready, saved: Any, news: list[str]
-) -> tuple[Overrides, Settings]:
+) -> tuple[RuntimeSettings, Settings]:
     """What the ground set before the restart, as far as it still counts, is how frames are judged."""
-    overrides = Overrides(kept_values(config, ready.settings), ready.model.id)
+    overrides = RuntimeSettings(kept_values(config, ready.settings), ready.model.id)
     left_out = overrides.restore(saved)
     judging, misfits = overrides.tuned(ready.settings)
     news += [*left_out, *misfits]
@@ -159,9 +158,9 @@ def _restore_settings(
     return overrides, judging
 
 
-def _may_hold(hold_judge: HoldJudge, judging: Settings, news: list[str]) -> bool:
+def _may_hold(hold_gate: HoldGate, judging: Settings, news: list[str]) -> bool:
     """Whether the vehicle may be held, as its owner wants; told is why not, or what nobody could check."""
-    refusal, stopping = hold_judge.refuses(judging), hold_judge.stopping(judging)
+    refusal, stopping = hold_gate.refuses(judging), hold_gate.stopping(judging)
     if refusal is not None:
         log.error("%s", refusal.why)
     elif isinstance(stopping, Stopping):
@@ -184,27 +183,27 @@ def _open_keeper(
     journal: Journal,
     writer: Writer,
     vision: Vision,
-    offer: Offer,
+    offer: ServedFiles,
     last_frame: int,
-    replies: Sequence[Kept],
-) -> Keeper:
+    replies: Sequence[StoredReply],
+) -> Persistence:
     folder = config.journal.path
-    album, files = Album(folder / "pictures", config.pictures.keep), CallFiles(offer.calls)
+    album, files = PictureArchive(folder / "pictures", config.pictures.keep), CallFiles(offer.calls)
     status = folder / "status.json"
-    return Keeper(journal, writer, album, files, vision, status, last_frame, replies)
+    return Persistence(journal, writer, album, files, vision, status, last_frame, replies)
 
 
-def _run(daemon: Daemon, keeper: Keeper, stop: Callable[[], bool]) -> None:
+def _run(daemon: Daemon, persistence: Persistence, stop: Callable[[], bool]) -> None:
     status_at = float("-inf")
     try:
         while not stop():
             daemon.turn()
             if time.monotonic() - status_at >= _STATUS_PERIOD:
                 status_at = time.monotonic()
-                keeper.write_status(daemon.status())
+                persistence.write_status(daemon.status())
     except Exception:
         log.critical("the supervision failed: the companion stops")
         daemon.farewell()
         raise
     daemon.leave()
-    keeper.leave(daemon.status())
+    persistence.leave(daemon.status())

@@ -17,11 +17,11 @@ from typing import Any
 from MAVProxy.modules.lib import mp_module
 
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
-from gcs_plugin import wording
-from gcs_plugin.client import OperatorClient
-from gcs_plugin.output import TextOutput
-from gcs_plugin.pictures import Pictures
-from gcs_plugin.session import Session
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.terminal import wording
+from gcs_plugin.terminal.output import TextOutput
+from gcs_plugin.terminal.pictures import Pictures
+from gcs_plugin.terminal.session import Session
 
 NAMES = ("anytraverse", "at")
 CYCLE_S = 0.05

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.perception.ground_net import Calibration, network_input
-from anytraverse.perception.ground_taps import tap_cells
+from anytraverse.perception.builtin.network import Calibration, network_input
+from anytraverse.perception.builtin.taps import tap_cells
 from anytraverse.training.classes import CLASSES, DRIVABLE
 from anytraverse.training.folders import Folder, Labels
 from anytraverse.training.scores import VIEWS, Floats, Network, gained, maps, outputs, score

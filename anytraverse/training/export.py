@@ -12,7 +12,7 @@ import torch
 
 from anytraverse.errors import TrainingError
 from anytraverse.frame import Image
-from anytraverse.perception.ground_net import STEP, WIDTH, network_input
+from anytraverse.perception.builtin.network import STEP, WIDTH, network_input
 from anytraverse.training.net import GroundNet
 from anytraverse.training.scores import Floats, Network
 

@@ -12,8 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from anytraverse.errors import TrainingError
-from anytraverse.perception.ground_net import Calibration, network_input
-from anytraverse.perception.ground_running import open_network
+from anytraverse.perception.builtin.network import Calibration, network_input, open_network
 from anytraverse.perception.runtime import Runtime
 from anytraverse.training.calibration import calibrated, plain, tap_background
 from anytraverse.training.classes import CLASSES

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from anytraverse.perception.ground_net import Calibration
+from anytraverse.perception.builtin.network import Calibration
 from anytraverse.training.calibration import calibrated
 from anytraverse.training.classes import DRIVABLE, UNKNOWN
 from anytraverse.training.folders import BLOCK, Folder

@@ -13,7 +13,7 @@ import numpy as np
 
 from anytraverse.errors import AnyTraverseError, TrainingError
 from anytraverse.evaluation.progress import Progress
-from anytraverse.perception.ground import SHIPPED
+from anytraverse.perception.builtin.perceiver import SHIPPED
 from anytraverse.training.classes import DRIVABLE
 from anytraverse.training.fit import Fitted, check_out, details, fit, fit_on, stored, write
 from anytraverse.training.fitting import Options

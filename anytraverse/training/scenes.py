@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.perception.ground_net import Calibration
-from anytraverse.perception.ground_scene import SAME_PLACE, scene_summary, scene_vector
+from anytraverse.perception.builtin.network import Calibration
+from anytraverse.perception.builtin.scene import SAME_PLACE, scene_summary, scene_vector
 from anytraverse.training.folders import BLOCK, Folder
 from anytraverse.training.scores import Floats, Network, auroc
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.perception.ground_net import Calibration, attention, posteriors
+from anytraverse.perception.builtin.network import Calibration, attention, posteriors
 from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN, UNLABELLED
 from anytraverse.training.folders import Folder, Labels
 

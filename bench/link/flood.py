@@ -22,7 +22,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest, VehicleHeard
+from companion.link.inbound import AnswerRequest, VehicleHeard
 from companion.link.link import Link
 from companion.link.settings import MAIN, Address, LinkSettings
 from companion.link.signing import Signing, open_signing

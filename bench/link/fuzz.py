@@ -13,9 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
-from companion.autopilots.ardupilot import ScriptHold
-from companion.files.tree import Document, Documents, Tree
-from companion.link.heard import (
+from companion.link.inbound import (
     AnswerRequest,
     Heard,
     ModeAck,
@@ -27,9 +25,11 @@ from companion.link.heard import (
     WordsRequest,
 )
 from companion.link.link import Link
-from companion.link.memory import pair
 from companion.link.parser import Parser
 from companion.link.settings import MAIN, LinkSettings
+from companion.sim.loopback_link import pair
+from companion.storage.served_tree import Document, Documents, Tree
+from companion.vehicle.ardupilot import ScriptHold
 from companion.wire.answers import Acknowledgement, ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
 from companion.wire.ids import (
     AUTOPILOT_COMPONENT_ID,

@@ -12,10 +12,10 @@ from unittest import mock
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.drive import Outcome, drive
-from bench.link.ether import Ether, Weather
 from bench.link.operator import Operator
+from bench.link.radio_model import Ether, Weather
 from bench.link.rover import Rover
-from companion.link.memory import pair
+from companion.sim.loopback_link import pair
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
 WEATHERS = {
@@ -48,7 +48,7 @@ class Clock:
 def virtual_time() -> Iterator[Clock]:
     """`time.monotonic` is the clock's, and the daemon waits for nothing."""
     clock = Clock()
-    with mock.patch("time.monotonic", clock), mock.patch("companion.daemon.TICK", 0.0):
+    with mock.patch("time.monotonic", clock), mock.patch("companion.daemon.daemon.TICK", 0.0):
         yield clock
 
 

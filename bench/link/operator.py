@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from random import Random
 
-from bench.link.plates import thing
+from bench.link.synthetic_frames import thing
 from companion.wire.answers import Operation, SetWord
 from companion.wire.ids import Motion, Result
 from companion.wire.payloads import CallData
-from gcs_plugin import events as ev
-from gcs_plugin.client import OperatorClient
-from gcs_plugin.connection import Connection
-from gcs_plugin.pending import Pending, Status
-from gcs_plugin.runner import Runner
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.delivery import Pending, Status
+from gcs_plugin.terminal.connection import Connection
+from gcs_plugin.terminal.runner import Runner
 
 SYSTEM = 1
 _FINAL = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.STALE)

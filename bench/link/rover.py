@@ -18,32 +18,31 @@ from anytraverse.memory import Memory, first_memory
 from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from bench.link.plates import GRASS, Plates, picture
-from companion.album import Album
+from bench.link.synthetic_frames import GRASS, Plates, picture
+from companion.answers.handler import AnswerHandler
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.configured import kept_values
-from companion.conversation import Conversation
-from companion.daemon import Daemon
-from companion.files.calls import CallFiles
-from companion.journal import Journal
-from companion.keeper import Keeper
+from companion.daemon.daemon import Daemon
+from companion.daemon.persistence import Persistence
 from companion.link.link import Link
 from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Transport
-from companion.overrides import Overrides
-from companion.refusal import HoldJudge
-from companion.settings_desk import SettingsDesk
-from companion.shadow_book import ShadowBook
+from companion.policy.hold_gate import HoldGate
+from companion.policy.shadow import ShadowStatistics
+from companion.settings.mapping import kept_values
+from companion.settings.runtime import RuntimeSettings
+from companion.settings.service import SettingsService
+from companion.sim.loopback_vision import Loopback
+from companion.storage import Journal
+from companion.storage.call_files import CallFiles, PictureArchive
+from companion.storage.writer import Writer
 from companion.tasks import VISION, Liveness, tasks
 from companion.vision.client import Vision
-from companion.vision.loopback import Loopback
 from companion.wire.ids import Motion, Policy, Result
 from companion.wire.parameters import build
-from companion.writer import Writer
 
 FRAME_PERIOD = 0.25
 _ROI = Box(0.333, 0.6, 0.667, 0.95)
@@ -110,25 +109,27 @@ class Companion:
         self.link = Link(LinkSettings(_NOWHERE), listed, now, openers={MAIN: opener})
         self.calls = CountedCalls(Numbers(policy=Policy.REPORT, judging=judging), now)
         self._vision = vision
-        conversation = Conversation(self.calls, vision, words)
-        album, files = Album(folder / "pictures", 0), CallFiles(folder / "calls")
+        answer_handler = AnswerHandler(self.calls, vision, words)
+        album, files = PictureArchive(folder / "pictures", 0), CallFiles(folder / "calls")
         self.writer = Writer(self.journal)
-        keeper = Keeper(self.journal, self.writer, album, files, vision, folder / "status.json")
-        book, _ = ShadowBook.restored(None, self.calls.shadow, model.id, now, time.time())
-        judge = HoldJudge(Config(), Pace(0.02, FRAME_PERIOD, judging.freshness))
-        desk = SettingsDesk(
+        persistence = Persistence(self.journal, self.writer, album, files, vision, folder / "status.json")
+        book, _ = ShadowStatistics.restored(None, self.calls.shadow, model.id, now, time.time())
+        judge = HoldGate(Config(), Pace(0.02, FRAME_PERIOD, judging.freshness))
+        desk = SettingsService(
             listed,
             self.link,
             vision,
             self.calls,
-            conversation,
+            answer_handler,
             judge.refuses,
-            Overrides(kept_values(Config(), judging), model.id),
+            RuntimeSettings(kept_values(Config(), judging), model.id),
             book=book,
         )
         desk.start(now)
         liveness = Liveness(tasks(self.calls.numbers), now)
-        self._daemon = Daemon(self.link, vision, self.calls, keeper, conversation, desk, liveness, model)
+        self._daemon = Daemon(
+            self.link, vision, self.calls, persistence, answer_handler, desk, liveness, model
+        )
         vision.tune(judging)
 
     def turn(self) -> None:

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.link.mutants import genuine
-from bench.link.seeing import FRAME_RATE, HOST, seeing
+from bench.link.vision_latency import FRAME_RATE, HOST, seeing
 from companion.link.link import Link
-from companion.link.memory import pair
 from companion.link.settings import MAIN, Address, LinkSettings
 from companion.link.transport import opener
+from companion.sim.loopback_link import pair
 from companion.wire.ids import Policy, Reasons, State
 from companion.wire.parameters import build
 from companion.wire.payloads import Summary

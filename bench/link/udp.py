@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from bench.link.drive import Outcome, drive
-from bench.link.ether import Ether, Weather
 from bench.link.lossy import Autopilot, is_for_autopilot
 from bench.link.operator import Operator
+from bench.link.radio_model import Ether, Weather
 from bench.link.rover import Rover
 from companion.link.settings import Address
 from companion.link.transport import opener
-from gcs_plugin.connection import open_connection
+from gcs_plugin.terminal.connection import open_connection
 
 WEATHER = Weather(loss=0.3, twice=0.1, shuffled=0.1, stall_every=8.0)
 HOST = "127.0.0.1"

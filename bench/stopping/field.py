@@ -8,10 +8,10 @@ import signal
 
 import cv2
 
-from companion.demo.main import SPEED
-from companion.field.render import Camera
-from companion.field.server import FieldServer, Options
-from companion.field.things import DEFAULT_SURPRISES, World
+from companion.sim.demo.main import SPEED
+from companion.sim.field.render import Camera
+from companion.sim.field.server import FieldServer, Options
+from companion.sim.field.things import DEFAULT_SURPRISES, World
 
 FPS = 12.0
 SIZE = 320, 240

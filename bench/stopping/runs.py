@@ -10,14 +10,14 @@ from functools import partial
 from pathlib import Path
 from random import Random
 
+from bench.stopping.disturbances import PRESSURES, Pressure
 from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, Fault
 from bench.stopping.humans import STATES, take_over
 from bench.stopping.limits import Limit, script_timeout
-from bench.stopping.pressure import PRESSURES, Pressure
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage, Stop, stopped
-from companion.demo.main import SPEED
-from companion.field.rover import STANDSTILL
-from companion.field.trail import Trail
+from companion.sim.demo.main import SPEED
+from companion.sim.field.rover import STANDSTILL
+from companion.sim.field.trail import Trail
 from companion.wire.ids import Policy, State
 
 SLOW, FAST = 0.6, SPEED

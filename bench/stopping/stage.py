@@ -13,19 +13,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.stopping import eyes
+from bench.stopping import perceivers as eyes
+from bench.stopping.camera_relay import Lens
 from bench.stopping.ground import Ground
-from bench.stopping.lens import Lens
 from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.slow_disk import SlowDisk
 from bench.stopping.wire import Wire
 from companion.config import load_config
-from companion.demo.child import Child
-from companion.demo.config import write_config
-from companion.demo.main import SPEED
-from companion.field.autopilot import HAND
-from companion.field.control import FieldControl
-from companion.field.rover import STANDSTILL
+from companion.sim.demo.child import Child
+from companion.sim.demo.config import write_config
+from companion.sim.demo.main import SPEED
+from companion.sim.field.autopilot import HAND
+from companion.sim.field.control import FieldControl
+from companion.sim.field.rover import STANDSTILL
 
 READY_WITHIN = 60.0
 DRIVING_WITHIN = 40.0
@@ -149,12 +149,12 @@ class Stage:
     def start_daemon(self) -> None:
         """A companion on the configuration; an earlier one must be dead."""
         (self.out / "state" / "status.json").unlink(missing_ok=True)
-        module = "bench.stopping.eyes" if self.plan.breakable else "companion"
+        module = "bench.stopping.perceivers" if self.plan.breakable else "companion"
         environment = self.disk.environment if self.disk is not None else {}
         self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)], environment)
 
     def break_eyes(self, how: str) -> None:
-        """How the perceiver is broken from now on: see bench.stopping.eyes; "" not at all."""
+        """How the perceiver is broken from now on: see bench.stopping.perceivers; "" not at all."""
         part = self.out / "fault.part"
         part.write_text(how, encoding="utf-8")
         part.replace(self.out / "fault")

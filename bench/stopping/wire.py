@@ -13,8 +13,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.demo.rehearsal import free_port
-from companion.field.router import Parser
+from companion.sim.demo.rehearsal import free_port
+from companion.sim.field.router import Parser
 from companion.wire.ids import Policy, State, read_heartbeat_mode
 
 _MAY_BE_SAID = {

@@ -31,11 +31,11 @@ from unittest import mock
 import cv2
 from pymavlink.dialects.v20 import development as mavlink
 
-from bench.link.plates import picture
+from bench.link.synthetic_frames import picture
 from bench.vision.painted import COMMAND, register
 from companion import run
 from companion.config import load_config
-from companion.journal import Journal
+from companion.storage import Journal
 from companion.tasks import VISION
 from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Result

@@ -6,7 +6,7 @@ import sys
 
 from anytraverse.perception import KINDS
 from anytraverse.perception.runtime import Runtime
-from bench.link.plates import Plates
+from bench.link.synthetic_frames import Plates
 
 COMMAND = (sys.executable, "-m", "bench.vision.painted")
 

@@ -11,9 +11,8 @@ from dataclasses import replace
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
-from companion.autopilots import Autopilot
 from companion.calls.acceptance import Acceptance
-from companion.calls.answering import answer_call
+from companion.calls.answer_rules import accept_taken_over, answer_call
 from companion.calls.decisions import (
     Call,
     CallClosed,
@@ -23,11 +22,11 @@ from companion.calls.decisions import (
     HoldRenamed,
 )
 from companion.calls.hold import Hold, HoldEvent
-from companion.calls.holding import Holding, Vehicle
+from companion.calls.hold_rules import HoldController, Vehicle
 from companion.calls.numbers import Numbers
+from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.calls.shadow import Shadow
-from companion.calls.sight import CALLS_FOR_WORDS, Sight
-from companion.calls.takeover import accept_taken_over
+from companion.vehicle import Autopilot
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 
 
@@ -38,8 +37,8 @@ class OperatorCalls:
         self.numbers = numbers
         self.policy = numbers.policy
         self.last_id = last_id
-        self.sight = Sight(numbers, now)
-        self.holding = Holding(numbers)
+        self.sight = ReasonFilter(numbers, now)
+        self.holding = HoldController(numbers)
         self.call: Call | None = None
         self._reasons: frozenset[Reason] = frozenset()
         self.shadow = Shadow()

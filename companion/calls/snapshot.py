@@ -12,10 +12,10 @@ from typing import Any
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call
 from companion.calls.hold import Hold, HoldStage
-from companion.calls.holding import Vehicle
+from companion.calls.hold_rules import Vehicle
 from companion.calls.machine import OperatorCalls
-from companion.calls.sight import CALLS_FOR_WORDS
-from companion.places import place_figures, read_place
+from companion.calls.reason_filter import CALLS_FOR_WORDS
+from companion.vehicle.position import place_figures, read_place
 from companion.wire.ids import Policy
 
 _U16 = 0xFFFF

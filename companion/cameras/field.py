@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 
 from companion.cameras import CameraError, Capture, NoFrameYet, Playback, SourceError
-from companion.field.frames import FrameError, FrameStream, FrameTimeout
+from companion.cameras.frame_socket import FrameError, FrameStream, FrameTimeout
 
 
 class FieldCamera:

@@ -11,7 +11,7 @@ import numpy as np
 
 from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
 from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
-from companion.cameras.pace import Pace
+from companion.cameras.playback import Pace
 
 _PHOTOS = {".jpg", ".jpeg"}
 _SUFFIXES = _PHOTOS | {".png", ".bmp", ".webp", ".tif", ".tiff"}

@@ -10,7 +10,7 @@ import cv2
 
 from anytraverse.decoding import PictureTooLargeError, check_size
 from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
-from companion.cameras.pace import Pace
+from companion.cameras.playback import Pace
 
 _USUAL_RATE = 30.0
 _HIGHEST_RATE = 240.0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from companion.config.errors import ConfigError, Problem
 from companion.config.printing import format_config
 from companion.config.reading import load_config, word_problem
 from companion.config.schema import Config
+from companion.config.toml_file import ConfigError, Problem
 
 __all__ = ["Config", "ConfigError", "Problem", "format_config", "load_config", "word_problem"]

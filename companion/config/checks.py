@@ -1,12 +1,10 @@
-"""Checks of single values.
-
-Each takes what TOML gave and returns it in the field's type, or raises ValueError, which says what is wanted.
-"""
+"""Checks of single values, and what every table of the file is made of."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 Check = Callable[[object], Any]
@@ -96,3 +94,21 @@ def checked(parse: Callable[[str], object]) -> Check:
         return written
 
     return check
+
+
+Complaint = tuple[tuple[str, ...], str]
+"""Keys that do not go together, with dots inside the section's own tables, and why."""
+
+
+def setting(default: Any, check: Check, meaning: str, *, tables: bool = False) -> Any:
+    """A field of a section. tables: its value is pairs of a name and the section below it."""
+    return field(default=default, metadata={"check": check, "meaning": meaning, "tables": tables})
+
+
+@dataclass(frozen=True)
+class Section:
+    """A table of the file."""
+
+    def complaints(self) -> Iterator[Complaint]:
+        """What is wrong between settings that are fine one by one."""
+        yield from ()

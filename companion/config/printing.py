@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 
+from companion.config.checks import Section
 from companion.config.schema import SECTIONS, Config
-from companion.config.section import Section
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 

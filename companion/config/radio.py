@@ -8,9 +8,19 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from companion.config.checks import NestedError, checked, flag, listing, number, text, whole
-from companion.config.layers import nearest
-from companion.config.section import Complaint, Section, setting
+from companion.config.checks import (
+    Complaint,
+    NestedError,
+    Section,
+    checked,
+    flag,
+    listing,
+    number,
+    setting,
+    text,
+    whole,
+)
+from companion.config.toml_file import nearest
 from companion.link.settings import LONGEST_PACE, ConnectionSettings, LinkSettings, read_url
 
 

@@ -8,11 +8,9 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from companion.config.checks import NestedError
-from companion.config.errors import ConfigError, Problem
-from companion.config.layers import Layer, nearest
+from companion.config.checks import NestedError, Section
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Vehicle
-from companion.config.section import Section
+from companion.config.toml_file import ConfigError, Layer, Problem, nearest
 from companion.config.words import read_words
 
 

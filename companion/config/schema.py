@@ -14,11 +14,21 @@ from typing import Literal
 from anytraverse.perception import KINDS, NAMED
 from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
-from companion.autopilots import PX4_HOLDS
 from companion.cameras import split_source
-from companion.config.checks import checked, choice, flag, listing, number, text, whole
+from companion.config.checks import (
+    Complaint,
+    Section,
+    checked,
+    choice,
+    flag,
+    listing,
+    number,
+    setting,
+    text,
+    whole,
+)
 from companion.config.radio import Link
-from companion.config.section import Complaint, Section, setting
+from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0
 

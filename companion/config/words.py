@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 from anytraverse.preferences import Preferences, clean_word
 from companion.config.checks import Check, listing, number, text
-from companion.config.errors import Problem
-from companion.config.layers import Layer
+from companion.config.toml_file import Layer, Problem
 from companion.wire.parameters import MAX_WORDS, build, word_parameter
 
 _vocabulary = listing(text, 0, MAX_WORDS)

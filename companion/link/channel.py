@@ -8,10 +8,10 @@ from typing import Any
 
 from companion.link.connection import Connection
 from companion.link.parser import Parser
+from companion.link.periodic import PeriodicTelemetry
 from companion.link.sender import LIFETIME, Sender
 from companion.link.settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.signing import Signing
-from companion.link.telling import Telling
 from companion.link.transport import Transport, opener
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
 
@@ -68,7 +68,7 @@ class Channel:
         self.sender = Sender(
             self._connection, settings, now, system_id=system_id, signing=signing, link_id=link_id
         )
-        self.telling = Telling(self.sender, now)
+        self.telling = PeriodicTelemetry(self.sender, now)
         self._waits = settings.waits_for_vehicle
         self._opened = 0
         self._clash_at: float | None = None

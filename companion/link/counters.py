@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from companion.link.access_control import AccessControl
+from companion.link.alerts import TextSender
 from companion.link.channel import Channel, ChannelCounters
-from companion.link.guard import Guard
 from companion.link.outbox import Outbox
 from companion.link.sender import BUDGETS
-from companion.link.speaker import Speaker
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Counters:
     connections: Mapping[str, ChannelCounters]
 
 
-def count(channels: Iterable[Channel], outbox: Outbox, speaker: Speaker, guard: Guard) -> Counters:
+def count(channels: Iterable[Channel], outbox: Outbox, speaker: TextSender, guard: AccessControl) -> Counters:
     """As they stand now."""
     each = {channel.name: channel.counters for channel in channels}
     return Counters(

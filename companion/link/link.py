@@ -7,40 +7,28 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from companion.files.tree import Tree
 from companion.link import encode
-from companion.link.announcer import ERROR, Announcer
-from companion.link.answer_parameter import AnswerParameter
-from companion.link.asking import Asking
+from companion.link.access_control import AccessControl
+from companion.link.alerts import ERROR, AlertRepeater, TextSender
+from companion.link.answers import AnswerParameter, AnswerService
 from companion.link.channel import Channel, channels_of
-from companion.link.command_desk import CommandDesk
+from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
-from companion.link.desk import AnswerDesk
-from companion.link.ftp.parameter_file import FOLDER as PARAMETERS
-from companion.link.ftp.parameter_file import ParameterFile
 from companion.link.ftp.server import FtpServer
-from companion.link.guard import Guard
-from companion.link.heard import (
-    AnswerRequest,
-    Heard,
-    PolicyRequest,
-    ResetRequest,
-    Vehicle,
-    WordsRequest,
-)
-from companion.link.listener import Listener
-from companion.link.modes import Modes
+from companion.link.inbound import AnswerRequest, Heard, PolicyRequest, ResetRequest, WordsRequest
 from companion.link.outbox import Outbox
-from companion.link.parameter_server import ParameterServer
-from companion.link.requests import Requests
-from companion.link.setpoints import Setpoints
+from companion.link.parameter_server import FOLDER as PARAMETERS
+from companion.link.parameter_server import ParameterFile, ParameterServer
+from companion.link.router import MessageRouter, RequestDispatcher
 from companion.link.settings import LinkSettings
 from companion.link.signing import Signing
-from companion.link.speaker import Speaker
 from companion.link.text_parameters import TextParameters
 from companion.link.transport import Transport
 from companion.link.vehicle import VehicleTracker
-from companion.mishaps import Mishaps
+from companion.link.vehicle_commands import MessageIntervals, ModeCommands, Setpoints
+from companion.storage.served_tree import Tree
+from companion.system.error_guard import ErrorGuard
+from companion.vehicle.state import Vehicle
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import TUNNEL_CALL, Policy, State
@@ -75,19 +63,19 @@ class Link:
         self._signing = signing
         self._clock = clock
         self._channels = channels_of(settings, now, openers=openers or {}, signing=signing)
-        self._guard = Guard(settings.allowed_senders, signing)
+        self._guard = AccessControl(settings.allowed_senders, signing)
         self._outbox = Outbox(self._channels, self._guard.share)
-        self._speaker = Speaker(self._outbox)
-        self._mishaps = Mishaps(lambda now: self.say(notices.mishap(), ERROR, now))
+        self._speaker = TextSender(self._outbox)
+        self._error_guard = ErrorGuard(lambda now: self.say(notices.unexpected_error(), ERROR, now))
         self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
         self._texts = TextParameters(self._outbox, self._speaker, self._guard, self._parameters)
         self._answers = AnswerParameter(self._speaker, self._guard, self._parameters)
-        self._desk = AnswerDesk(self._outbox, self._speaker, self._guard, self._parameters)
-        self._commands = CommandDesk(self._outbox, self._speaker, self._guard, self._parameters)
+        self._desk = AnswerService(self._outbox, self._speaker, self._guard, self._parameters)
+        self._commands = CommandService(self._outbox, self._speaker, self._guard, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
         served = (tree or Tree()).beside(PARAMETERS, ParameterFile(self._parameters.packed))
         self._files = FtpServer(self._outbox, self._guard, served)
-        requests = Requests(
+        requests = RequestDispatcher(
             self._guard,
             self._parameters,
             self._texts,
@@ -96,11 +84,11 @@ class Link:
             self._commands,
             self._files,
         )
-        self._listener = Listener(self._outbox, self._speaker, self._guard, self._tracker, requests)
-        self._announcer = Announcer()
+        self._listener = MessageRouter(self._outbox, self._speaker, self._guard, self._tracker, requests)
+        self._announcer = AlertRepeater()
         self._returns = 0
-        self._asking = Asking(self._outbox, self._listener.receiver)
-        self._modes = Modes(self._outbox, self._guard)
+        self._asking = MessageIntervals(self._outbox, self._listener.receiver)
+        self._modes = ModeCommands(self._outbox, self._guard)
         self._setpoints = Setpoints(self._outbox, now)
 
     @property
@@ -149,7 +137,7 @@ class Link:
         while reads:
             for channel in list(reads):
                 messages = None
-                with self._mishaps.survived(channel.label, now):
+                with self._error_guard.survived(channel.label, now):
                     messages = next(reads[channel], None)
                 if messages is None:
                     del reads[channel]
@@ -184,9 +172,9 @@ class Link:
             for channel in speaking:
                 channel.telling.hurry()
         for channel in self._channels:
-            with self._mishaps.survived(channel.label, now):
+            with self._error_guard.survived(channel.label, now):
                 channel.tick(now, calling=self._announcer.is_open)
-        with self._mishaps.survived("files", now):
+        with self._error_guard.survived("files", now):
             self._files.tick(now)
 
     def set_state(self, state: State, current_id: int, policy: Policy) -> None:
@@ -287,7 +275,7 @@ class Link:
 
     def _hear(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[Heard]:
         for message in messages:
-            with self._mishaps.survived(message.get_type(), now):
+            with self._error_guard.survived(message.get_type(), now):
                 if not self._guard.believes(message, now):
                     continue
                 event = self._listener.hear(message, channel, now)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from companion.link.channel import Channel
-from companion.link.heard import Sender
-from companion.link.leases import Leases
+from companion.link.inbound import Sender
+from companion.link.limits import LeaseTable
 from companion.link.sender import LIFETIME
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
@@ -28,7 +28,7 @@ class Outbox:
         """share: under whom a sender counts where replies go by turns."""
         self._channels = channels
         self._share = share
-        self._routes: Leases[Sender, Channel] = Leases(MAX_ROUTES, KEPT)
+        self._routes: LeaseTable[Sender, Channel] = LeaseTable(MAX_ROUTES, KEPT)
         self._autopilot_at: dict[str, float] = {}
         self._home: Channel | None = None
         self.moves = 0

@@ -1,23 +1,81 @@
-"""The parameter protocol: list, read, set."""
+"""The parameter protocol: list, read, set; and all parameters as one file."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from companion.link import encode
-from companion.link.guard import Guard
-from companion.link.heard import ParameterRequest, Sender
+from companion.link.access_control import AccessControl
+from companion.link.alerts import TextSender
+from companion.link.inbound import ParameterRequest, Sender
 from companion.link.outbox import Outbox
-from companion.link.rounds import Rounds
-from companion.link.speaker import Speaker
+from companion.storage.served_tree import Held, MissingError, Opened
 from companion.wire import notices
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.packed_parameters import Asked, pack
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 from companion.wire.refusals import Rejected
+
+
+@dataclass
+class _Round:
+    """A list on one connection: who asked last, what is next, how many are left."""
+
+    to: Sender
+    at: int = 0
+    left: int = 0
+
+
+class ListSender:
+    """Whoever asks while a list is told gets it round once from there: two on a connection cost one list."""
+
+    def __init__(self, outbox: Outbox, row: str, count: int) -> None:
+        """row: of the message table. count: values in the list."""
+        self._outbox = outbox
+        self._row = row
+        self._count = count
+        self._rounds: dict[str, _Round] = {}
+
+    def begin(self, sender: Sender) -> None:
+        """`sender` asks for all."""
+        channel = self._outbox.channel(sender)
+        if channel is not None:
+            told = self._rounds.setdefault(channel.name, _Round(sender))
+            told.to, told.left = sender, self._count
+
+    def due(self) -> Iterator[tuple[int, Sender]]:
+        """Index and receiver of what is to be told now: the next one where none of the row waits."""
+        for told in self._rounds.values():
+            if told.left and not self._outbox.waiting(self._row, told.to):
+                yield told.at, told.to
+                told.at = (told.at + 1) % self._count
+                told.left -= 1
+
+
+FOLDER = "@PARAM"
+NAME = "param.pck"
+
+
+class ParameterFile:
+    """A folder of the tree that holds this one file."""
+
+    def __init__(self, pack: Callable[[Asked], bytes]) -> None:
+        """pack: makes it; may raise ValueError."""
+        self._pack = pack
+
+    def sizes(self) -> Mapping[str, int]:
+        return {NAME: len(self._pack(Asked()))}
+
+    def open(self, name: str) -> Opened:
+        """With what is asked behind a `?`. Raises FileError, ValueError."""
+        file, _, query = name.partition("?")
+        if file != NAME:
+            raise MissingError(name)
+        return Held(self._pack(Asked.read(query)))
+
 
 _DIGITS = 6
 _INTEGER_BITS = 1e-30
@@ -27,7 +85,7 @@ class ParameterServer:
     """Answers reads by itself; a set is checked here, applied by the daemon and echoed by `changed`."""
 
     def __init__(
-        self, outbox: Outbox, speaker: Speaker, guard: Guard, parameters: Sequence[Parameter]
+        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: Sequence[Parameter]
     ) -> None:
         if len(parameters) > MAX_PARAMETERS:
             raise ParameterError(f"{len(parameters)} parameters, at most {MAX_PARAMETERS}")
@@ -37,7 +95,7 @@ class ParameterServer:
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
         self._asked: dict[str, Sender] = {}
-        self._lists = Rounds(outbox, "list", len(self._entries))
+        self._lists = ListSender(outbox, "list", len(self._entries))
         self.configured: Mapping[str, float] = {}
         """Name -> the configured value, as far as it is known."""
 

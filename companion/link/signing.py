@@ -10,14 +10,43 @@ from pathlib import Path
 from typing import Any, Literal
 
 from companion.link.settings import LinkError
-from companion.link.signing_clock import SigningClock
+from companion.system.wall_clock import SOFTWARE_MADE
 from companion.wire import signing as wire
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
-from companion.wire.signing import SigningKey, Stream
+from companion.wire.signing import MINUTE, TICKS, SigningKey, Stream, ticks
 from companion.wire.signing_key import SigningKeyError, read_key
 from companion.wire.signing_store import NAME, TimestampFile
 
 log = logging.getLogger(__name__)
+
+
+DAY = 24 * 60 * MINUTE
+
+
+class SigningClock:
+    """A board without a battery starts anywhere in the past; then only verified frames tell the time.
+
+    heard: the newest timestamp before the restart. wall: s since 1970.
+    """
+
+    def __init__(self, heard: int, wall: Callable[[], float] = time.time) -> None:
+        self._least = max(ticks(SOFTWARE_MADE), heard - DAY)
+        self._wall = wall
+        self._told: int | None = None
+
+    def now(self, now: float) -> int | None:
+        """The time as a timestamp; None where nobody knows it. now: s, monotonic."""
+        own = ticks(self._wall())
+        if own >= self._least:
+            return own
+        return None if self._told is None else self._told + int(now * TICKS)
+
+    def tell(self, timestamp: int, now: float) -> None:
+        """A verified source says that it is `timestamp`, or was a moment ago."""
+        if timestamp >= self._least:
+            told = timestamp - int(now * TICKS)
+            self._told = told if self._told is None else max(self._told, told)
+
 
 RECENT = 10.0
 LOG_EVERY = 60.0
@@ -95,7 +124,7 @@ class Signing:
         """Whether it is a radio's own report, which is neither heard nor refused."""
         return message.get_type() in RADIO_FRAMES and not wire.is_signed(bytes(message.get_msgbuf()))
 
-    def refusal(self, message: Any, now: float) -> wire.Refusal | Literal["echo"]:
+    def refusal(self, message: Any, now: float) -> wire.HoldRefusal | Literal["echo"]:
         """Why a decoded message is not heard: unsigned, signature, replay, ahead, echo; "" when it is."""
         frame = bytes(message.get_msgbuf())
         if not wire.is_signed(frame) and self._may_be_unsigned(frame, message):

@@ -9,12 +9,11 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import PreferencesError
 from companion.link import encode
-from companion.link.guard import Guard
-from companion.link.heard import Sender, WordsRequest
+from companion.link.access_control import AccessControl
+from companion.link.alerts import TextSender
+from companion.link.inbound import Sender, WordsRequest
 from companion.link.outbox import Outbox
-from companion.link.parameter_server import ParameterServer
-from companion.link.rounds import Rounds
-from companion.link.speaker import Speaker
+from companion.link.parameter_server import ListSender, ParameterServer
 from companion.wire import notices
 from companion.wire.answers import Operation
 from companion.wire.parameters import WORDS_TEXT
@@ -30,7 +29,9 @@ class TextParameters:
     The same set again while it is undecided is answered with "in progress".
     """
 
-    def __init__(self, outbox: Outbox, speaker: Speaker, guard: Guard, parameters: ParameterServer) -> None:
+    def __init__(
+        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: ParameterServer
+    ) -> None:
         self._outbox = outbox
         self._speaker = speaker
         self._guard = guard
@@ -39,7 +40,7 @@ class TextParameters:
         self._names = [WORDS_TEXT, *self._words_of]
         self._words = ""
         self._pending: dict[WordsRequest, float] = {}
-        self._lists = Rounds(outbox, "text list", len(self._names))
+        self._lists = ListSender(outbox, "text list", len(self._names))
 
     def set_words(self, words: Mapping[str, float]) -> None:
         """The words in force."""

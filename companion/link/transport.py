@@ -3,16 +3,44 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Protocol
 
-from companion.link.peers import Peer, Peers
+from companion.link.limits import LeaseTable
 from companion.link.settings import Address, LinkError
-from companion.wire.serial_port import open_port
-from companion.wire.tcp import watch_peer
+from companion.wire.devices import open_port, watch_peer
+
+MAX_PEERS = 4
+KEPT = 10.0
+"""s without a believed frame after which another may take an address's place."""
+
+Peer = tuple[str, int]
+"""Address and port."""
+
+
+class Peers:
+    """The autopilot's address, and at most four others: only those from which a frame was believed.
+
+    The address from which the autopilot was heard first stays its own while it is still heard there. Another
+    one that speaks in its name is answered where there is room, and makes room for anybody else.
+    """
+
+    def __init__(self) -> None:
+        self._autopilot: LeaseTable[Peer, None] = LeaseTable(1, KEPT)
+        self._others: LeaseTable[Peer, None] = LeaseTable(MAX_PEERS, KEPT)
+
+    def __iter__(self) -> Iterator[Peer]:
+        return iter(dict.fromkeys((*self._autopilot, *self._others)))
+
+    def believe(self, peer: Peer, now: float, *, autopilot: bool) -> None:
+        """A frame from `peer` was believed; autopilot: it was our autopilot's."""
+        if not (autopilot and self._autopilot.renew(peer, None, now)):
+            self._others.renew(peer, None, -math.inf if autopilot else now)
+
 
 _CHUNK = 2048
 """Bytes of one read; a datagram is cut to as many. A frame has 280 at most."""

@@ -18,7 +18,6 @@ from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import NamedTile, Passage, RoiFigures, Tile
 from companion.cameras.newest import CameraState, CameraStatus
-from companion.model import Model
 from companion.vision.messages import (
     LONGEST_TEXT,
     Alive,
@@ -28,6 +27,7 @@ from companion.vision.messages import (
     Logged,
     Looked,
     MemoryUpdate,
+    Model,
     Ready,
     Report,
 )

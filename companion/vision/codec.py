@@ -20,7 +20,7 @@ from anytraverse.assessment import Maps, Observation
 from anytraverse.frame import Frame
 from anytraverse.history import History
 from anytraverse.preferences import Preferences
-from companion.model import Model
+from companion.vision.messages import Model
 
 LARGEST = 64 << 20
 """Bytes of one message: more than the largest picture that a camera may deliver needs."""
@@ -30,7 +30,6 @@ _DATA_MODULES = frozenset(
         *(f"anytraverse.{name}" for name in ("answers", "assessment", "history", "judging", "memory")),
         *(f"anytraverse.{name}" for name in ("perception", "preferences", "regions", "roi")),
         "companion.cameras.newest",
-        "companion.model",
         "companion.vision.messages",
     }
 )

@@ -4,16 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
+from anytraverse.perception import Perceiver
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
-from companion.model import Model
 from companion.wire.ids import State
+
+
+class Model(NamedTuple):
+    """A perceiver as a person knows it.
+
+    precision, why: the variant of its bundle that runs, and why that one; "" without a bundle.
+    int8_idle: the bundle carries int8, and it is not what runs.
+    """
+
+    id: str
+    precision: str = ""
+    why: str = ""
+    int8_idle: bool = False
+
+    @classmethod
+    def of(cls, perceiver: Perceiver) -> Model:
+        """What `perceiver` says of itself."""
+        precision = getattr(perceiver, "precision", "")
+        manifest = getattr(perceiver, "manifest", None)
+        idle = manifest is not None and "int8" in manifest.variants and precision != "int8"
+        return cls(perceiver.model_id, precision, getattr(perceiver, "why", ""), idle)
+
+    def __str__(self) -> str:
+        return f"{self.id}, {self.precision}: {self.why}" if self.precision else self.id
+
 
 LONGEST_TEXT = 4096
 LARGEST_PNG = 32 << 20

@@ -21,13 +21,12 @@ from typing import NoReturn
 from anytraverse.errors import AnyTraverseError
 from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
-from companion.model import Model
-from companion.readiness import get_ready
 from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.messages import (
     Alive,
     Failed,
     Logged,
+    Model,
     Ready,
     Report,
     Request,
@@ -37,6 +36,7 @@ from companion.vision.messages import (
     told,
     update_from,
 )
+from companion.vision.warm_up import get_ready
 from companion.vision.worker import Worker, weak_in_use
 
 log = logging.getLogger(__name__)

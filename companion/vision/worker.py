@@ -17,8 +17,8 @@ from anytraverse.judging import check_age
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
-from companion.frozen import FrozenPicture
 from companion.vision import pictures
+from companion.vision.freeze_detector import FrozenPicture
 from companion.vision.messages import (
     Answer,
     Done,

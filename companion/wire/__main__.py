@@ -2,13 +2,14 @@
 
 import sys
 
-from companion.wire import layouts, messages, number_page, parameter_page, refusals
+from companion.wire import layouts, messages, refusals
+from companion.wire.doc_generator import numbers_markdown, parameters_markdown
 
 PAGES = {
     "messages": messages.markdown,
-    "parameters": parameter_page.markdown,
+    "parameters": parameters_markdown,
     "layouts": layouts.markdown,
-    "numbers": number_page.markdown,
+    "numbers": numbers_markdown,
     "refusals": refusals.markdown,
 }
 page = PAGES.get(sys.argv[1] if len(sys.argv) > 1 else "messages")

@@ -159,7 +159,7 @@ def vision_unreliable(*, hold: bool) -> str:
     return fit(f"Vision died 3 times in 10 min: {'a go is needed' if hold else 'see its log'}")
 
 
-def mishap() -> str:
+def unexpected_error() -> str:
     """An error that nobody foresaw; the companion goes on."""
     return "Companion error: see its log"
 

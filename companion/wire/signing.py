@@ -33,7 +33,7 @@ REPLAY: Final = "replay"
 AHEAD: Final = "ahead"
 """Why a frame is refused: no signature; not by our key; not newer than what was heard; a year ahead of us."""
 
-Refusal = Literal["", "unsigned", "signature", "replay", "ahead"]
+HoldRefusal = Literal["", "unsigned", "signature", "replay", "ahead"]
 
 _V2 = 0xFD
 _SIGNED = 1
@@ -132,7 +132,7 @@ class Timestamps:
         self._note(stream, self.last)
         return self.last
 
-    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> Refusal:
+    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> HoldRefusal:
         """Take in what a verified frame carries; why it is refused, "" when it is not.
 
         clock: our time, None where it is not known: then only what was heard before counts.
@@ -157,7 +157,7 @@ class Timestamps:
             self.floor = max(self.floor, self._streams.pop(forgotten))
 
 
-def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> Refusal:
+def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> HoldRefusal:
     """Why a whole frame is not believed, "" when it is. The timestamp counts only after the signature."""
     if not is_signed(frame):
         return UNSIGNED

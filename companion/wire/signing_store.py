@@ -14,7 +14,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.durable import write_durably
+from companion.system.atomic_write import write_durably
 from companion.wire.signing import MAX_STREAMS, TICKS, Stream, Timestamps
 
 NAME = "signing.state"

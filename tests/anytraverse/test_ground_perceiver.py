@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from anytraverse.errors import ExampleError, PerceiverError, UnknownWordError
 from anytraverse.frame import Image
 from anytraverse.perception import Example, Prompt, make_perceiver
-from anytraverse.perception.ground import SHIPPED, GroundNetwork
-from anytraverse.perception.ground_net import Calibration
-from anytraverse.perception.ground_words import GROUND_WORDS
+from anytraverse.perception.builtin.network import Calibration
+from anytraverse.perception.builtin.perceiver import SHIPPED, GroundNetwork
+from anytraverse.perception.builtin.words import GROUND_WORDS
 from anytraverse.perception.runtime import Runtime
 
 KNOWN = sorted(GROUND_WORDS)
@@ -214,7 +214,7 @@ def test_a_calibration_of_another_network_is_refused(tmp_path: Path, wrong: dict
 def test_without_onnx_runtime_opencv_sees_the_same(
     eyes: GroundNetwork, drawn: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("anytraverse.perception.ground_running.find_spec", lambda _: None)
+    monkeypatch.setattr("anytraverse.perception.builtin.network.find_spec", lambda _: None)
     other = GroundNetwork(SHIPPED, Runtime())
     assert other.model_id == eyes.model_id
     for image in (drawn, drawn[:180], drawn):

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from anytraverse.errors import ExampleError, PerceiverError, UnknownWordError
 from anytraverse.frame import Image
 from anytraverse.perception import Example, Prompt, make_perceiver
-from anytraverse.perception.ground_features import GRID, ground_features
-from anytraverse.perception.lexicon import Lexicon
-from anytraverse.perception.lexicon_words import LOOKS
+from anytraverse.perception.builtin.features import GRID, ground_features
+from anytraverse.perception.builtin.lexicon import LOOKS, Lexicon
 from anytraverse.regions import Box
 
 SKY, GRASS, DIRT, GRAVEL = (150, 185, 235), (84, 116, 48), (148, 118, 84), (158, 156, 152)

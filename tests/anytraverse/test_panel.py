@@ -28,7 +28,7 @@ from anytraverse.frame import Frame, Image
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.panel import contact_sheet, draw_panel, draw_state
-from anytraverse.perception.lexicon import Lexicon
+from anytraverse.perception.builtin.lexicon import Lexicon
 from anytraverse.preferences import Preferences
 
 WORDS = "grass: 1; dirt: 1; sky: -0.5; bush: -1; tree: -1"

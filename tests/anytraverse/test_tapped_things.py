@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from anytraverse.errors import ExampleError
 from anytraverse.frame import Image
 from anytraverse.perception import Prompt
-from anytraverse.perception.lexicon import Lexicon
+from anytraverse.perception.builtin.lexicon import Lexicon
 from anytraverse.regions import Box
 
 COLOURS = {"orange": (222, 118, 28), "blue": (36, 78, 168), "red": (176, 44, 36), "pale": (168, 182, 204)}

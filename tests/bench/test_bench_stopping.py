@@ -18,9 +18,9 @@ from bench.stopping.figures import figures, good
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
 from bench.stopping.runs import FAST, GROUPS, LATE, Job, Run, untested
 from bench.stopping.stage import Stop, stopped
-from companion.check.stopping import Stopping, judge
 from companion.config import load_config
-from companion.demo.config import write_config
+from companion.policy.stopping import Stopping, judge
+from companion.sim.demo.config import write_config
 from companion.wire.ids import Policy, State
 
 pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lua 5.3")

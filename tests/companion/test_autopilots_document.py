@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from companion.check import parameters as checked
 from companion.cli import _parser
 from companion.config import load_config
+from companion.preflight import interview as checked
 from companion.wire import notices, parameters, texts
 from companion.wire.ids import Kind, State
-from tests.companion.field.stubs import AUTO, Board, driving
+from tests.companion.sim.field.stubs import AUTO, Board, driving
 
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from anytraverse.perception import make_perceiver
 from companion.config import format_config, load_config
 from companion.config.schema import SECTIONS
-from companion.resources import resource
+from companion.system.resources import resource
 
 
 def _write(folder: Path, text: str, vehicle: str = "") -> Path:

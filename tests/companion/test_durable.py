@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.durable import write_durably, write_whole
+from companion.system.atomic_write import write_durably, write_whole
 
 ROOM = 64 * 1024
 Write = Callable[[Path, bytes], None]

@@ -12,9 +12,8 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.configured import first_values, first_words, kept_values
-from companion.overrides import Overrides
-from companion.tuning import SMALLEST_ROI, judging_values, tuned
+from companion.settings.mapping import first_values, first_words, kept_values
+from companion.settings.runtime import SMALLEST_ROI, RuntimeSettings, judging_values, tuned
 from companion.wire.parameters import ROI, build
 
 JUDGING = Settings(region=Box(0.333, 0.6, 0.667, 0.95), thresholds=Thresholds(roi=0.3, tile=None))
@@ -27,8 +26,8 @@ JSON = st.recursive(
 )
 
 
-def fresh(model: str = "a") -> Overrides:
-    return Overrides(CONFIGURED, model)
+def fresh(model: str = "a") -> RuntimeSettings:
+    return RuntimeSettings(CONFIGURED, model)
 
 
 def test_every_kept_parameter_is_listed_and_configured_within_its_range() -> None:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.history import Place
-from companion.places import place_figures, read_place
-from companion.wall_clock import WallClock
+from companion.system.wall_clock import WallClock
+from companion.vehicle.position import place_figures, read_place
 
 _ANGLE = st.none() | st.integers(-9000, 9000).map(lambda hundredths: hundredths / 100)
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.resources import resource
+from companion.system.resources import resource
 
 ROOT = Path(__file__).resolve().parents[2]
 

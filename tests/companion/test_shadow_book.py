@@ -12,7 +12,7 @@ from anytraverse.assessment import Reason
 from anytraverse.preferences import Preferences
 from companion.calls.decisions import WouldHold, WouldResume
 from companion.calls.shadow import Shadow
-from companion.shadow_book import ShadowBook, rate
+from companion.policy.shadow import ShadowStatistics, rate
 from companion.wire.parameters import build
 
 OBJECT, BLOCKED = frozenset({Reason.UNKNOWN_OBJECT}), frozenset({Reason.BLOCKED, Reason.UNKNOWN_OBJECT})
@@ -20,9 +20,9 @@ LISTED = {parameter.name: parameter for parameter in build([], Preferences({}), 
 WALL = 1_800_000_000.0
 
 
-def counted() -> tuple[ShadowBook, Shadow]:
+def counted() -> tuple[ShadowStatistics, Shadow]:
     """Two hours with three would-be holds, of 4 s, of 10 s and one that a human ended."""
-    book, shadow = ShadowBook("model", WALL), Shadow(count=3, watched=7200.0)
+    book, shadow = ShadowStatistics("model", WALL), Shadow(count=3, watched=7200.0)
     for number, (reasons, lasted, by_hand) in enumerate(
         [(OBJECT, 4.0, False), (BLOCKED, 10.0, False), (OBJECT, 99.0, True)], start=1
     ):
@@ -78,7 +78,7 @@ def test_the_parameters_carry_the_counts_and_tenths_of_hours() -> None:
 
 
 def test_the_newest_fifty_are_listed_and_all_are_counted() -> None:
-    book, shadow = ShadowBook(), Shadow()
+    book, shadow = ShadowStatistics(), Shadow()
     for number in range(1, 81):
         book.began(WouldHold(OBJECT, number), WALL)
     assert len(book.figures(shadow)["newest"]) == 50
@@ -90,7 +90,7 @@ def test_a_restart_goes_on_counting_and_a_would_be_hold_goes_on_standing() -> No
     shadow.open, shadow.began_at = OBJECT, 500.0
     saved = json.loads(json.dumps(book.saved(shadow, 507.0)))
     again = Shadow()
-    restored, notice = ShadowBook.restored(saved, again, "model", 20.0, WALL + 99)
+    restored, notice = ShadowStatistics.restored(saved, again, "model", 20.0, WALL + 99)
     assert notice == ""
     assert (again.count, again.watched, again.open, again.began_at) == (3, 7200.0, OBJECT, 13.0)
     assert restored.figures(again) == book.figures(shadow)
@@ -99,7 +99,7 @@ def test_a_restart_goes_on_counting_and_a_would_be_hold_goes_on_standing() -> No
 def test_another_model_begins_anew_and_says_so() -> None:
     book, shadow = counted()
     again = Shadow()
-    restored, notice = ShadowBook.restored(book.saved(shadow, 0.0), again, "other", 0.0, WALL + 99)
+    restored, notice = ShadowStatistics.restored(book.saved(shadow, 0.0), again, "other", 0.0, WALL + 99)
     assert "another model's (model)" in notice
     assert (again.count, restored.since) == (0, WALL + 99)
 
@@ -138,7 +138,9 @@ VALUES = st.recursive(
 def test_nonsense_in_the_journal_begins_anew_or_makes_sense(key: str, value: object) -> None:
     book, shadow = counted()
     again = Shadow()
-    restored, _ = ShadowBook.restored({**book.saved(shadow, 0.0), key: value}, again, "model", 0.0, WALL)
+    restored, _ = ShadowStatistics.restored(
+        {**book.saved(shadow, 0.0), key: value}, again, "model", 0.0, WALL
+    )
     json.dumps(restored.figures(again))
     restored.line(again)
     assert all(LISTED[name].accepts(told) for name, told in restored.values(again).items())
@@ -146,5 +148,5 @@ def test_nonsense_in_the_journal_begins_anew_or_makes_sense(key: str, value: obj
 
 @pytest.mark.parametrize("saved", [3, "x", [], {"model": "model"}])
 def test_what_is_no_book_is_told(saved: object) -> None:
-    _, notice = ShadowBook.restored(saved, Shadow(), "model", 0.0, WALL)
+    _, notice = ShadowStatistics.restored(saved, Shadow(), "model", 0.0, WALL)
     assert "begun anew" in notice

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from companion.demo.child import Child
-from companion.demo.director import Stage
-from companion.demo.main import set_stage
+from companion.sim.demo.child import Child
+from companion.sim.demo.director import Stage
+from companion.sim.demo.main import set_stage
 
 PATIENCE = 30.0
 SPEED = 1.2

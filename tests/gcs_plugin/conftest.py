@@ -12,9 +12,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation
 from companion.wire.payloads import CallData, Summary
-from gcs_plugin import events as ev
-from gcs_plugin.client import OperatorClient
-from gcs_plugin.pending import Pending
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.delivery import Pending
 
 THING_CALL = CallData(
     id=7,
@@ -58,7 +58,7 @@ QUIET_SUMMARY = Summary(
 )
 
 
-class Speaker:
+class TextSender:
     """Encodes and decodes MAVLink as one component of one system."""
 
     def __init__(self, system: int, component: int) -> None:
@@ -87,8 +87,8 @@ class TinyRover:
     """Speaks once a second; an answer to its call closes it, is applied once and acknowledged each time."""
 
     def __init__(self, system: int = 1, call: CallData | None = None) -> None:
-        self.companion = Speaker(system, ids.COMPONENT_ID)
-        self.autopilot = Speaker(system, ids.AUTOPILOT_COMPONENT_ID)
+        self.companion = TextSender(system, ids.COMPONENT_ID)
+        self.autopilot = TextSender(system, ids.AUTOPILOT_COMPONENT_ID)
         self.system = system
         self.call = call
         self.result = ids.Result.APPLIED
@@ -198,15 +198,15 @@ def tiny_rover() -> Callable[..., TinyRover]:
 
 
 @pytest.fixture
-def speaker() -> Callable[..., Speaker]:
+def speaker() -> Callable[..., TextSender]:
     """Makes any component: speaker(system, component)."""
-    return Speaker
+    return TextSender
 
 
 class Sky:
     """A client and a tiny rover with a link between them that loses what it is told to, in virtual time."""
 
-    def __init__(self, rover: Any, ground: Speaker) -> None:
+    def __init__(self, rover: Any, ground: TextSender) -> None:
         self.rover, self.ground = rover, ground
         self.client = OperatorClient()
         self.now = 100.0
@@ -258,5 +258,7 @@ class Sky:
 
 
 @pytest.fixture
-def sky(tiny_rover: Callable[..., TinyRover], speaker: Callable[..., Speaker], thing_call: CallData) -> Sky:
+def sky(
+    tiny_rover: Callable[..., TinyRover], speaker: Callable[..., TextSender], thing_call: CallData
+) -> Sky:
     return Sky(tiny_rover(1, thing_call), speaker(255, 190))

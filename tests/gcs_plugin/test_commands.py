@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
 from companion.wire.ids import Motion, Policy
 from companion.wire.words_text import operation_text
-from gcs_plugin.commands import (
+from gcs_plugin.terminal.commands import (
     Change,
     CommandError,
     Episode,

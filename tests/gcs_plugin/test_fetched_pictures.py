@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.files.tree import Document, Documents, Tree
-from companion.link.rehearsal import Rehearsal
+from companion.sim.loopback_link import Rehearsal
+from companion.storage.served_tree import Document, Documents, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.payloads import CallData
-from gcs_plugin.client import OperatorClient
-from gcs_plugin.commands import CommandError, Picture, parse
-from gcs_plugin.fetch import LIFETIME_S, Fetch, Fetched
-from gcs_plugin.output import TextOutput
-from gcs_plugin.pictures import Pictures, jpeg_size
-from gcs_plugin.resolve import picture_of
-from gcs_plugin.rovers import Rover
-from gcs_plugin.session import Session
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.fetch import LIFETIME_S, Fetch, Fetched
+from gcs_plugin.client.rovers import Rover
+from gcs_plugin.terminal.commands import CommandError, Picture, parse
+from gcs_plugin.terminal.output import TextOutput
+from gcs_plugin.terminal.pictures import Pictures, jpeg_size
+from gcs_plugin.terminal.resolve import picture_of
+from gcs_plugin.terminal.session import Session
 
 CONTENT = random.Random(1).randbytes(6000)
 JPEG = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffc0001108006000800301220002110103110100")

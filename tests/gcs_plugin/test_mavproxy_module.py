@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.wire import ids
 from companion.wire.answers import ForgetWord, SetWord
 from companion.wire.payloads import CallData
-from gcs_plugin.commands import parse
+from gcs_plugin.terminal.commands import parse
 
 
 class Module:

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from companion.link.heard import AnswerRequest
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import AnswerRequest
+from companion.sim.loopback_link import Rehearsal
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Operation, SetWord
 from companion.wire.payloads import CallData, Summary
-from gcs_plugin import events as ev
-from gcs_plugin.client import OperatorClient
-from gcs_plugin.pending import Status
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.delivery import Status
 
 
 class Both:

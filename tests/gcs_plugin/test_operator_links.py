@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from companion.wire import tcp
-from gcs_plugin import streams
-from gcs_plugin.connection import Connection, LinkError, Udp, open_connection
+from companion.wire import devices
+from gcs_plugin.terminal import connection as streams
+from gcs_plugin.terminal.connection import Connection, LinkError, Udp, open_connection
 
 DEADLINE_S = 10.0
 
@@ -131,7 +131,7 @@ def test_a_tcp_peer_that_is_gone_without_a_word_is_noticed_within_15_seconds(
 def test_a_tcp_peer_that_confirms_nothing_any_more_is_connected_to_again(
     opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(tcp.OPTIONS, "TCP_USER_TIMEOUT", 200)
+    monkeypatch.setitem(devices.OPTIONS, "TCP_USER_TIMEOUT", 200)
     with socket.create_server(("127.0.0.1", 0)) as server:
         connection = opened(f"tcp:127.0.0.1:{server.getsockname()[1]}")
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from gcs_plugin.commands import parse
-from gcs_plugin.script import Script
-from gcs_plugin.session import HELP
-from gcs_plugin.terminal import main
+from gcs_plugin.terminal.commands import parse
+from gcs_plugin.terminal.main import main
+from gcs_plugin.terminal.script import Script
+from gcs_plugin.terminal.session import HELP
 
 PAGE = (Path(__file__).parents[2] / "docs" / "operator.md").read_text()
 

@@ -11,10 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.signing import MINUTE, SigningKey, ticks
-from gcs_plugin.client import OperatorClient
-from gcs_plugin.runner import Runner
-from gcs_plugin.signing import MAX_PROBLEMS, Signing, open_signing
-from gcs_plugin.terminal import main
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.terminal.main import main
+from gcs_plugin.terminal.runner import Runner
+from gcs_plugin.terminal.signing import MAX_PROBLEMS, Signing, open_signing
 
 SECRET = bytes(range(32))
 WALL = 1_790_000_000.0

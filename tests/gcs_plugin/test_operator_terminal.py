@@ -67,7 +67,7 @@ class Operator:
     def __init__(self, *arguments: str) -> None:
         environment = {key: value for key, value in os.environ.items() if not key.startswith("MAVLINK")}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "gcs_plugin.terminal", *arguments],
+            [sys.executable, "-m", "gcs_plugin.terminal.main", *arguments],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
         )  # fmt: skip
         self.lines: list[str] = []

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.payloads import CallData
-from gcs_plugin.rovers import Call
-from gcs_plugin.script import EXAMPLE, Script, ScriptError
+from gcs_plugin.client.rovers import Call
+from gcs_plugin.terminal.script import EXAMPLE, Script, ScriptError
 
 
 def script(*rules: dict[str, Any]) -> Script:

@@ -13,11 +13,11 @@ from companion.wire import ids
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
 from companion.wire.ids import words_hash
 from companion.wire.payloads import CallData
-from gcs_plugin import events as ev
-from gcs_plugin.client import OperatorClient
-from gcs_plugin.script import Script
-from gcs_plugin.session import Session
-from gcs_plugin.wording import words_lines
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.terminal.script import Script
+from gcs_plugin.terminal.session import Session
+from gcs_plugin.terminal.wording import words_lines
 
 
 class Paper:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from companion.wire.ids import Policy, State, heartbeat_mode
-from gcs_plugin.rovers import Rover
-from gcs_plugin.wording import shadow, status_lines
+from gcs_plugin.client.rovers import Rover
+from gcs_plugin.terminal.wording import shadow, status_lines
 
 
 def test_the_status_sums_up_what_shadow_policy_would_have_held() -> None:

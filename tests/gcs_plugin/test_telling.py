@@ -15,15 +15,14 @@ from hypothesis import strategies as st
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
 from companion.wire.payloads import CallData, Summary
-from gcs_plugin import events as ev
-from gcs_plugin import wording
-from gcs_plugin.commands import parse
-from gcs_plugin.keyboard import MAX_WAITING, Keyboard
-from gcs_plugin.output import JsonOutput, TextOutput
-from gcs_plugin.pending import Status
-from gcs_plugin.rovers import Rover
-from gcs_plugin.vehicle import mode_name
-from gcs_plugin.wishes import Wished
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.delivery import PolicyRequested, Status
+from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.vehicle import mode_name
+from gcs_plugin.terminal import wording
+from gcs_plugin.terminal.commands import parse
+from gcs_plugin.terminal.output import JsonOutput, TextOutput
+from gcs_plugin.terminal.runner import MAX_WAITING, Keyboard
 
 ACK = Acknowledgement(
     5, 7, ids.Result.NOT_COVERED, ids.Stage.OPEN, ids.Outcome.NONE, 0.34, 0.7,
@@ -48,7 +47,7 @@ def all_events(thing_call: CallData, quiet_summary: Summary) -> list[ev.Event]:
         ev.ParameterHeard(1, "AT_W_BUSH", -1.0),
         *(ev.AnswerMoved(1, 7, 5, status) for status in Status),
         ev.Acknowledged(1, ACK),
-        *(ev.PolicyMoved(1, ids.Policy.HOLD, status) for status in Wished),
+        *(ev.PolicyMoved(1, ids.Policy.HOLD, status) for status in PolicyRequested),
         ev.NotUnderstood(1, "payload version 2"),
     ]
 
@@ -123,7 +122,7 @@ def test_a_text_that_the_autopilot_brought_first_is_read_once() -> None:
 
 def test_that_the_companion_is_back_and_the_scripts_hold_stands_is_read_as_the_script_says_it() -> None:
     pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
-    from tests.companion.field.stubs import driving
+    from tests.companion.sim.field.stubs import driving
 
     board = driving()
     board.pass_time(3.0)

@@ -20,10 +20,10 @@ from typing import Any
 
 import pytest
 
-from companion.demo.child import Child
-from companion.demo.config import write_config
-from companion.demo.main import SPEED
-from companion.field.control import FieldControl
+from companion.sim.demo.child import Child
+from companion.sim.demo.config import write_config
+from companion.sim.demo.main import SPEED
+from companion.sim.field.control import FieldControl
 
 ENVIRONMENT = Path(os.environ.get("INTEROP", "")).absolute()
 collect_ignore_glob = [] if "INTEROP" in os.environ else ["test_*"]
@@ -38,7 +38,7 @@ class Stage:
     def __init__(self, out: Path) -> None:
         self.out = out
         self._children: list[Child] = []
-        field = self._start("field", ["companion.field", "--seed", "1", "--speed", str(SPEED)])
+        field = self._start("field", ["companion.sim.field", "--seed", "1", "--speed", str(SPEED)])
         ports = json.loads(field.first_line(PATIENCE))
         host, _, port = ports["control"].rpartition(":")
         self.control = FieldControl(host, int(port))

@@ -87,7 +87,7 @@ def test_the_operators_side_leaves_mavproxys_environment_variables_alone() -> No
     assert imported(["gcs_plugin.*"], VISION)["environment"] == []
 
 
-@pytest.mark.parametrize("module", ["anytraverse.cli", "companion.cli", "gcs_plugin.terminal"])
+@pytest.mark.parametrize("module", ["anytraverse.cli", "companion.cli", "gcs_plugin.terminal.main"])
 def test_each_program_tells_its_version(module: str) -> None:
     told = subprocess.run(
         [sys.executable, "-m", module, "--version"], capture_output=True, text=True, check=True, timeout=60

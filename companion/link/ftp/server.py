@@ -6,14 +6,12 @@ import zlib
 from dataclasses import replace
 from typing import Any
 
-from companion.files.opened import FileError, LaterError, MissingError, Opened
-from companion.files.tree import Tree
 from companion.link import encode
-from companion.link.ftp.lists import Lists
-from companion.link.ftp.sessions import Burst, Session, Sessions
-from companion.link.guard import Guard
-from companion.link.heard import Sender
+from companion.link.access_control import AccessControl
+from companion.link.ftp.sessions import Burst, Lists, Session, Sessions
+from companion.link.inbound import Sender
 from companion.link.outbox import Outbox
+from companion.storage.served_tree import FileError, LaterError, MissingError, Opened, Tree
 from companion.wire.ftp import MAX_DATA, SMALL_DATA, WRITES, FtpError, FtpPayload, Opcode
 from companion.wire.packing import PayloadError
 
@@ -36,7 +34,7 @@ _BLOCK = 64 * 1024
 class FtpServer:
     """Answers FILE_TRANSFER_PROTOCOL; every request may come twice."""
 
-    def __init__(self, outbox: Outbox, guard: Guard, tree: Tree) -> None:
+    def __init__(self, outbox: Outbox, guard: AccessControl, tree: Tree) -> None:
         self._outbox = outbox
         self._guard = guard
         self._tree = tree

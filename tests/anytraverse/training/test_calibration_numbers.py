@@ -10,15 +10,9 @@ import pytest
 
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.frame import Image
-from anytraverse.perception.ground_net import (
-    Calibration,
-    Floats,
-    attention,
-    network_size,
-    posteriors,
-)
-from anytraverse.perception.ground_scene import SAME_PLACE, scene_vector
-from anytraverse.perception.ground_taps import learn_tap, tap_attention
+from anytraverse.perception.builtin.network import Calibration, Floats, attention, network_size, posteriors
+from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
+from anytraverse.perception.builtin.taps import learn_tap, tap_attention
 from anytraverse.regions import Box
 from anytraverse.training.calibration import fitted_bias, fitted_gamma, plain, tap_background
 from anytraverse.training.classes import CLASSES

@@ -150,7 +150,7 @@ def test_ctrl_c_writes_nothing(
 def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import torch
 
-    from anytraverse.perception.ground_net import Calibration
+    from anytraverse.perception.builtin.network import Calibration
     from anytraverse.training.calibration import plain
     from anytraverse.training.fit import Fitted, write
     from anytraverse.training.net import GroundNet

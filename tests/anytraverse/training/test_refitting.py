@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anytraverse.errors import TrainingError
-from anytraverse.perception.ground import SHIPPED
+from anytraverse.perception.builtin.perceiver import SHIPPED
 from anytraverse.training.folders import Folder, read_folder
 
 pytestmark = pytest.mark.needs_export

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import anytraverse.perception
-from anytraverse.perception.ground_net import Calibration, network_input
+from anytraverse.perception.builtin.network import Calibration, network_input
 from anytraverse.training.classes import CLASSES
 
 FILE = Path(anytraverse.perception.__file__).parent / "data" / "builtin.onnx"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anytraverse.frame import Image
-from anytraverse.perception.ground_net import Floats, network_input, network_size
+from anytraverse.perception.builtin.network import Floats, network_input, network_size
 from anytraverse.training.folders import Folder, read_folder
 
 pytestmark = pytest.mark.needs_export

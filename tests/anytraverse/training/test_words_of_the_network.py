@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from anytraverse.perception.ground_net import attention
-from anytraverse.perception.ground_words import GROUND_WORDS, colour_fits, reach, word_tables
+from anytraverse.perception.builtin.network import attention
+from anytraverse.perception.builtin.words import GROUND_WORDS, colour_fits, reach, word_tables
 from anytraverse.training.classes import CLASSES, UNKNOWN
 
 BROWN, GREY = (0.17, 0.34, -0.1), (0.02, 0.04, 0.1)

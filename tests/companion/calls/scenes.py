@@ -16,13 +16,13 @@ from anytraverse.history import Entry, Match
 from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.autopilots import Autopilot as KnownAutopilot
-from companion.autopilots import ardupilot
 from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved, HoldStarted, SetMode
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.calls.snapshot import restore, snapshot
+from companion.vehicle import Autopilot as KnownAutopilot
+from companion.vehicle import ardupilot
 from companion.wire.ids import Motion, Outcome, Policy, Result
 
 HEIGHT, WIDTH = 40, 60

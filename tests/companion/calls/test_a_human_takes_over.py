@@ -6,8 +6,8 @@ import pytest
 
 from anytraverse.assessment import Reason
 from anytraverse.regions import Box
-from companion.autopilots import ardupilot
 from companion.calls.hold import HoldEvent, HoldStage
+from companion.vehicle import ardupilot
 from companion.wire.ids import Outcome, Policy
 from tests.companion.calls.scenes import (
     AHEAD,

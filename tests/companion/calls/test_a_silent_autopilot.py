@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Reason
-from companion.autopilots import ardupilot
+from companion.vehicle import ardupilot
 from companion.wire.ids import Policy, State
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, HOLD, Scene
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from companion.autopilots import ardupilot, px4
 from companion.calls.hold import HoldEvent, HoldStage
+from companion.vehicle import ardupilot, px4
 from companion.wire.ids import Outcome, Policy
 from tests.companion.calls.scenes import (
     AUTO,

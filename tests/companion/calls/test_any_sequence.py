@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from anytraverse.assessment import Reason
-from companion.autopilots import ardupilot, px4
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
@@ -22,7 +21,8 @@ from companion.calls.decisions import (
     SetMode,
 )
 from companion.calls.snapshot import restore, snapshot
-from companion.telling import current_text
+from companion.telemetry.summary import current_text
+from companion.vehicle import ardupilot, px4
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 from tests.companion.calls.scenes import (
     AHEAD,

@@ -6,10 +6,10 @@ import json
 
 import pytest
 
-from companion.autopilots import Autopilot, ardupilot, known_autopilot, px4
 from companion.calls.decisions import SetMode
 from companion.calls.hold import HoldEvent, HoldStage
 from companion.calls.snapshot import restore, snapshot
+from companion.vehicle import Autopilot, ardupilot, known_autopilot, px4
 from companion.wire.ids import Outcome, Policy, State
 from tests.companion.calls.scenes import CLEAR, DRUM, PX4_RTL, Scene
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.calls.policies import Policies
-from companion.calls.switch import OffSwitch, Side
+from companion.policy.policy import OffSwitch, PolicyState, Side
 from companion.wire.ids import Policy
 
 ON, MIDDLE, OFF = 1100, 1600, 1900
@@ -89,7 +88,7 @@ def off(switch: OffSwitch) -> OffSwitch:
 
 
 def test_the_remote_control_is_stronger_than_a_command(switch: OffSwitch) -> None:
-    policies = Policies(Policy.HOLD, off(switch))
+    policies = PolicyState(Policy.HOLD, off(switch))
     assert policies.in_force is Policy.OFF
     assert policies.off_by == "RC7"
     assert not policies.ask(Policy.HOLD, "255/190")
@@ -98,13 +97,13 @@ def test_the_remote_control_is_stronger_than_a_command(switch: OffSwitch) -> Non
 
 
 def test_switched_on_at_the_remote_control_the_policy_asked_for_counts_again(switch: OffSwitch) -> None:
-    policies = Policies(Policy.HOLD, off(switch))
+    policies = PolicyState(Policy.HOLD, off(switch))
     heard(switch, ON, ON, ON, start=5.0)
     assert (policies.in_force, policies.off_by) == (Policy.HOLD, "")
 
 
 def test_off_by_both_needs_both_to_be_on_again(switch: OffSwitch) -> None:
-    policies = Policies(Policy.HOLD, off(switch))
+    policies = PolicyState(Policy.HOLD, off(switch))
     assert policies.ask(Policy.OFF, "255/190")
     heard(switch, ON, ON, ON, start=5.0)
     assert (policies.in_force, policies.off_by) == (Policy.OFF, "255/190")
@@ -112,21 +111,21 @@ def test_off_by_both_needs_both_to_be_on_again(switch: OffSwitch) -> None:
     assert policies.in_force is Policy.SHADOW
 
 
-def restarted(policies: Policies, configured: Policy, channel: int | None = 7) -> Policies:
-    again = Policies(configured, None if channel is None else OffSwitch(channel, Side.HIGH, 100.0))
+def restarted(policies: PolicyState, configured: Policy, channel: int | None = 7) -> PolicyState:
+    again = PolicyState(configured, None if channel is None else OffSwitch(channel, Side.HIGH, 100.0))
     again.restore(policies.saved())
     return again
 
 
 def test_off_by_command_outlives_a_restart_and_still_says_who(switch: OffSwitch) -> None:
-    policies = Policies(Policy.HOLD, switch)
+    policies = PolicyState(Policy.HOLD, switch)
     policies.ask(Policy.OFF, "255/190")
     again = restarted(policies, Policy.HOLD)
     assert (again.in_force, again.off_by) == (Policy.OFF, "255/190")
 
 
 def test_off_by_the_remote_control_outlives_a_restart_until_it_is_heard(switch: OffSwitch) -> None:
-    again = restarted(Policies(Policy.HOLD, off(switch)), Policy.HOLD)
+    again = restarted(PolicyState(Policy.HOLD, off(switch)), Policy.HOLD)
     assert again.off_by == "RC7"
     assert again.switch is not None
     heard(again.switch, ON, ON, ON, start=100.0)
@@ -137,17 +136,17 @@ def test_off_by_the_remote_control_outlives_a_restart_until_it_is_heard(switch: 
 def test_a_switch_that_is_configured_no_more_keeps_nothing_off(
     switch: OffSwitch, channel: int | None
 ) -> None:
-    assert restarted(Policies(Policy.HOLD, off(switch)), Policy.HOLD, channel).in_force is Policy.HOLD
+    assert restarted(PolicyState(Policy.HOLD, off(switch)), Policy.HOLD, channel).in_force is Policy.HOLD
 
 
 def test_another_policy_by_command_ends_with_the_restart(switch: OffSwitch) -> None:
-    policies = Policies(Policy.REPORT, switch)
+    policies = PolicyState(Policy.REPORT, switch)
     policies.ask(Policy.HOLD, "255/190")
     assert restarted(policies, Policy.REPORT).in_force is Policy.REPORT
 
 
 @pytest.mark.parametrize("saved", [None, 3, [], "off", {"off_by": 7, "channel": "x"}, {"off_by": ""}])
 def test_nonsense_in_the_journal_switches_nothing(saved: object) -> None:
-    policies = Policies(Policy.REPORT, OffSwitch(7, Side.HIGH, 0.0))
+    policies = PolicyState(Policy.REPORT, OffSwitch(7, Side.HIGH, 0.0))
     policies.restore(saved)
     assert policies.in_force is Policy.REPORT

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from anytraverse.regions import Box
-from companion.autopilots import ardupilot
 from companion.calls.decisions import GoLapsed, HoldMoved, SetMode
 from companion.calls.hold import HoldEvent, HoldStage
+from companion.vehicle import ardupilot
 from companion.wire.ids import Motion, Outcome, Policy, Result, Stage
 from tests.companion.calls.scenes import (
     AUTO,

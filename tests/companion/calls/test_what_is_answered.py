@@ -11,8 +11,8 @@ from anytraverse.errors import UnknownWordError
 from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
-from companion.conversation import Conversation, Heard
-from companion.link.heard import AnswerRequest
+from companion.answers.handler import AnswerHandler, Heard
+from companion.link.inbound import AnswerRequest
 from companion.vision.client import Applied, Vision
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Outcome, Result, Stage
@@ -71,7 +71,7 @@ class Talk:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.eyes = Queue(scene)
-        self.conversation = Conversation(scene.calls, cast(Vision, self.eyes), Preferences.of(scene.words))
+        self.answer_handler = AnswerHandler(scene.calls, cast(Vision, self.eyes), Preferences.of(scene.words))
         self.said: list[Acknowledgement] = []
 
     def say(self, target: int, motion: Motion = Motion.NONE, **words: float) -> None:
@@ -81,17 +81,17 @@ class Talk:
     def send(self, target: int, motion: Motion, *operations: Operation) -> None:
         """The same with any operations."""
         request = AnswerRequest((255, 190), len(self.said) + 1, target, motion, operations)
-        self._take(self.conversation.hear(request, self.scene.now))
+        self._take(self.answer_handler.hear(request, self.scene.now))
 
     def seen(self, *, remembered: bool = True) -> None:
         """The eyes have applied one answer, and the disk takes what came of it at once, or not at all."""
-        self._take(self.conversation.applied(self.eyes.apply(), self.scene.now), remembered=remembered)
+        self._take(self.answer_handler.applied(self.eyes.apply(), self.scene.now), remembered=remembered)
 
     def _take(self, heard: Heard, *, remembered: bool = True) -> None:
         self.scene.keep(heard.decisions)
         for reply in heard.replies:
             if reply.changed:
-                self._take(self.conversation.kept(reply, remembered=remembered, now=self.scene.now))
+                self._take(self.answer_handler.kept(reply, remembered=remembered, now=self.scene.now))
             else:
                 self.said.append(reply.acknowledgement)
 
@@ -192,7 +192,7 @@ def test_an_answer_that_the_eyes_refuse_moves_nothing(held: Scene) -> None:
     talk.say(1, GO, unicorn=1.0)
     token, *_ = talk.eyes.jobs.pop()
     error = UnknownWordError("unicorn", ("trail",))
-    heard = talk.conversation.applied(Applied(token, None, error, memory(held)), held.now)
+    heard = talk.answer_handler.applied(Applied(token, None, error, memory(held)), held.now)
     assert heard.replies[0].acknowledgement.result is Result.REFUSED
     assert heard.decisions == []
     assert held.calls.go_at is None

@@ -9,7 +9,7 @@ from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.calls.decisions import HoldShown
-from companion.telling import call_data, current_data, current_text, flags, milliseconds, summary
+from companion.telemetry.summary import call_data, current_data, current_text, flags, milliseconds, summary
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.payloads import CallData, Summary
 from tests.companion.calls.scenes import (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from anytraverse.assessment import Reason
-from companion.calls.votes import Votes
+from companion.calls.reason_filter import Debounce
 from companion.wire.ids import Outcome, State
 from tests.companion.calls.scenes import (
     AHEAD,
@@ -188,7 +188,7 @@ def test_ids_go_from_65535_to_1(report: Scene) -> None:
 
 
 def test_a_frame_judged_again_does_not_vote_twice() -> None:
-    votes = Votes(2, 3)
+    votes = Debounce(2, 3)
     votes.add(bad=True, clear=False)
     votes.amend(bad=True, clear=False)
     assert not votes.active

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Reason
-from companion.autopilots import ardupilot
 from companion.calls.decisions import HoldStarted, SetMode
 from companion.calls.hold import HoldEvent, HoldStage
+from companion.vehicle import ardupilot
 from companion.wire.ids import Kind, Policy, State
 from tests.companion.calls.scenes import (
     AUTO,

@@ -24,7 +24,7 @@ from companion.cameras import (
     split_source,
 )
 from companion.cameras.folder import pictures
-from companion.cameras.pace import Pace
+from companion.cameras.playback import Pace
 
 _FAST = Playback(rate=1000.0)
 

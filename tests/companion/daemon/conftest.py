@@ -18,7 +18,7 @@ def make_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeRi
     """Rigs that drive over grass in AUTO."""
     clock = Clock()
     monkeypatch.setattr(time, "monotonic", clock)
-    monkeypatch.setattr("companion.daemon.TICK", 0.0)
+    monkeypatch.setattr("companion.daemon.daemon.TICK", 0.0)
     made: list[Rig] = []
 
     def make(policy: Policy = Policy.HOLD, pictures: int = 0, switch: int | None = None) -> Rig:

@@ -18,35 +18,33 @@ from anytraverse.memory import Memory, first_memory
 from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.album import Album
+from companion.answers.handler import AnswerHandler
+from companion.answers.store import read_replies
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
-from companion.calls.policies import Policies
-from companion.calls.switch import OffSwitch, Side
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.schema import Stopping
-from companion.configured import kept_values
-from companion.conversation import Conversation
-from companion.daemon import Daemon
-from companion.files.calls import CallFiles
-from companion.files.offer import Offer
-from companion.files.state import State
-from companion.journal import Journal
-from companion.keeper import Keeper
-from companion.kept import saved_replies
-from companion.link.rehearsal import Rehearsal
-from companion.overrides import Overrides
-from companion.refusal import HoldJudge
-from companion.restored import open_book, restore_calls
-from companion.settings_desk import SettingsDesk
+from companion.daemon.daemon import Daemon
+from companion.daemon.persistence import Persistence
+from companion.daemon.restore import open_book, restore_calls
+from companion.policy.hold_gate import HoldGate
+from companion.policy.policy import OffSwitch, PolicyState, Side
+from companion.settings.mapping import kept_values
+from companion.settings.runtime import RuntimeSettings
+from companion.settings.service import SettingsService
+from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_vision import Loopback
+from companion.storage import Journal
+from companion.storage.call_files import CallFiles, PictureArchive
+from companion.storage.served_files import ServedFiles
+from companion.storage.writer import Writer
 from companion.tasks import VISION, Liveness, tasks
+from companion.telemetry.status import State
 from companion.vision.client import Vision
-from companion.vision.loopback import Loopback
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
 from companion.wire.parameters import ROI, build
-from companion.writer import Writer
 from tests.anytraverse.conftest import AHEAD, CODES, GNOME, HEIGHT, WIDTH, Painted
 
 AUTO, HOLD, MANUAL = 10, 4, 0
@@ -128,7 +126,7 @@ class Rig:
             forget(self.folder)
         now = self.clock.now
         self.listed = build(["grass", "rock", "drum"], WORDS, dict(zip(ROI.values(), self.roi, strict=True)))
-        self.offer = Offer(self.folder)
+        self.offer = ServedFiles(self.folder)
         self.stage = Rehearsal(parameters=self.listed, tree=self.offer.tree)
         self.stage.mode = mode
         self.stage.now = now
@@ -136,10 +134,12 @@ class Rig:
         supervision = self.journal.load_supervision() or {}
         self.perceiver = Painted()
         configured = Settings(region=Box(*self.roi))
-        overrides = Overrides(kept_values(self.config, configured), self.perceiver.model_id)
+        overrides = RuntimeSettings(kept_values(self.config, configured), self.perceiver.model_id)
         self.left_out = overrides.restore(supervision.get("settings"))
         judging, _ = overrides.tuned(configured)
-        self.policies = Policies(self.policy, None if self.switch is None else OffSwitch(7, Side.HIGH, now))
+        self.policies = PolicyState(
+            self.policy, None if self.switch is None else OffSwitch(7, Side.HIGH, now)
+        )
         self.policies.restore(supervision.get("policy"))
         self.calls = OperatorCalls(Numbers(policy=self.policies.in_force, judging=judging), now)
         notices: list[str] = []
@@ -147,8 +147,8 @@ class Rig:
             restore_calls(self.calls, supervision, now, notices)
         book = open_book(self.perceiver.model_id, self.calls, supervision.get("shadow"), now, notices)
         assert notices == []
-        replies = saved_replies(supervision.get("replies"))
-        album = Album(self.folder / "pictures", self.pictures)
+        replies = read_replies(supervision.get("replies"))
+        album = PictureArchive(self.folder / "pictures", self.pictures)
         last_frame = int(supervision.get("frame_id", 0))
         files = CallFiles(self.offer.calls)
         self.writer = Writer(self.journal)
@@ -162,17 +162,17 @@ class Rig:
         self.vision.poll(now)
         assert self.vision.ready is not None
         status = self.folder / "status.json"
-        self.keeper = Keeper(
+        self.persistence = Persistence(
             self.journal, self.writer, album, files, self.vision, status, last_frame, replies
         )
-        self.conversation = Conversation(self.calls, self.vision, self.vision.memory.preferences, replies)
-        self.desk = SettingsDesk(
+        self.answer_handler = AnswerHandler(self.calls, self.vision, self.vision.memory.preferences, replies)
+        self.desk = SettingsService(
             self.listed,
             self.stage.link,
             self.vision,
             self.calls,
-            self.conversation,
-            HoldJudge(self.config, Pace(self.step_time, PERIOD, judging.freshness)).refuses,
+            self.answer_handler,
+            HoldGate(self.config, Pace(self.step_time, PERIOD, judging.freshness)).refuses,
             overrides,
             wants_hold=self.policy is Policy.HOLD,
             policies=self.policies,
@@ -184,8 +184,8 @@ class Rig:
             self.stage.link,
             self.vision,
             self.calls,
-            self.keeper,
-            self.conversation,
+            self.persistence,
+            self.answer_handler,
             self.desk,
             liveness,
             self.vision.ready.model,
@@ -193,14 +193,14 @@ class Rig:
         state = State(
             self.daemon.status,
             self.calls,
-            self.conversation,
+            self.answer_handler,
             self.desk,
-            self.keeper,
+            self.persistence,
             self.daemon.whereabouts,
         )
         self.offer.show(state.figures, lambda: self.calls.sight.newest)
         self.vision.tune(judging)
-        self.keeper.restore_call_frame(self.calls)
+        self.persistence.restore_call_frame(self.calls)
 
     def _launch(self) -> Loopback:
         self.child = Loopback(self._make_engine, self.step_time)
@@ -317,7 +317,7 @@ MakeRig = Callable[..., Rig]
 
 def spoil(rig: Rig, monkeypatch: pytest.MonkeyPatch, error: Exception | None = None) -> None:
     """The journal takes nothing, as on a full disk, or for another `error`."""
-    from companion.journal import JournalError
+    from companion.storage import JournalError
 
     def full(*_: object) -> None:
         raise error or JournalError("disk full")

@@ -226,7 +226,7 @@ def test_a_parameter_while_the_eyes_hang_keeps_its_value_and_is_told(rig: Rig) -
 
 def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(rig.conversation, "hear", lambda *_: 1 / 0)
+        patched.setattr(rig.answer_handler, "hear", lambda *_: 1 / 0)
         for number in range(5):
             rig.answer(0, Motion.GO, transaction=number + 1)
             rig.see(0.2)
@@ -245,7 +245,7 @@ def test_an_error_in_taking_frames_ends_in_a_fault(rig: Rig, monkeypatch: pytest
 def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rig.keeper, "call_opened", lambda *_: 1 / 0)
+    monkeypatch.setattr(rig.persistence, "call_opened", lambda *_: 1 / 0)
     rig.see(1.0, "drum")
     assert rig.stage.mode == HOLD
     assert rig.state == ("CALLING", 1)

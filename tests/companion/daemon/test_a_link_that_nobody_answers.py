@@ -11,18 +11,18 @@ import pytest
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraStatus
-from companion.link.heard import Vehicle
+from companion.daemon.health import ALONE_AFTER, HealthMonitor
 from companion.tasks import Liveness, tasks
-from companion.watch import ALONE_AFTER, Watch
+from companion.vehicle.state import Vehicle
 
 _VISION = SimpleNamespace(
     trouble="", alive_at=0.0, delivered_at=None, camera=CameraStatus(), unreliable=False
 )
 
 
-def _watch(link: Any) -> Watch:
+def _watch(link: Any) -> HealthMonitor:
     numbers = Numbers()
-    return Watch(
+    return HealthMonitor(
         Liveness(tasks(numbers), 0.0),
         link,
         cast(Any, _VISION),
@@ -37,7 +37,7 @@ def _link(vehicle: object) -> Any:
 
 def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.LogCaptureFixture) -> None:
     watch = _watch(_link(None))
-    with caplog.at_level(logging.WARNING, "companion.watch"):
+    with caplog.at_level(logging.WARNING, "companion.daemon.health"):
         for now in (0.0, ALONE_AFTER - 0.1):
             watch.look(now)
         assert "no autopilot" not in caplog.text
@@ -49,7 +49,7 @@ def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.Log
 
 def test_an_autopilot_that_is_heard_is_no_matter_for_the_log(caplog: pytest.LogCaptureFixture) -> None:
     watch = _watch(_link(Vehicle(1, autopilot=3, custom_mode=0, armed=False, heard_at=0.0, type=10)))
-    with caplog.at_level(logging.INFO, "companion.watch"):
+    with caplog.at_level(logging.INFO, "companion.daemon.health"):
         for now in (0.0, ALONE_AFTER + 1):
             watch.look(now)
     assert "autopilot" not in caplog.text

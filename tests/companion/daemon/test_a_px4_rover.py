@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
-from companion.field.px4 import Mode, Px4
-from companion.field.router import Parser, Port
-from companion.field.rover import Rover
-from companion.field.trail import Trail
+from companion.sim.field.px4 import Mode, Px4
+from companion.sim.field.router import Parser, Port
+from companion.sim.field.rover import Rover
+from companion.sim.field.trail import Trail
 from companion.wire.ids import Motion, Policy
 from tests.companion.daemon.rig import Clock, Rig
 
@@ -100,7 +100,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakePx4]:
 
     clock = Clock()
     monkeypatch.setattr(time, "monotonic", clock)
-    monkeypatch.setattr("companion.daemon.TICK", 0.0)
+    monkeypatch.setattr("companion.daemon.daemon.TICK", 0.0)
     made: list[Px4Rig] = []
 
     def build(px4_hold: str, config: Config = Rig.config) -> Px4Rig:

@@ -23,9 +23,9 @@ from typing import Any
 import pytest
 
 from anytraverse.pace import Pace
-from companion.demo.child import Child
-from companion.demo.operator import start_operator
-from companion.field.control import FieldControl
+from companion.sim.demo.child import Child
+from companion.sim.demo.operator import start_operator
+from companion.sim.field.control import FieldControl
 
 SECONDS = float(os.environ.get("ANYTRAVERSE_FIELD_SECONDS", "45"))
 RATE = 2.0
@@ -73,7 +73,7 @@ class Drive:
         self.events: list[tuple[float, dict[str, Any]]] = []
         self.memory: list[tuple[float, float]] = []
         size = ["--width", "640", "--height", "480"]
-        self.field = Child("field", ["companion.field", "--fps", "6", *size], folder / "field.log")
+        self.field = Child("field", ["companion.sim.field", "--fps", "6", *size], folder / "field.log")
         ports = json.loads(self.field.first_line(20.0))
         path = folder / "companion.toml"
         limits = {"rate": self.rate, "freshness": self.freshness}

@@ -16,16 +16,15 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.assessment import Assessment
-from companion.files.calls import ANSWERS, KEPT, CallFiles
-from companion.files.offer import Offer
-from companion.journal import Journal
-from companion.logbook import logbook
-from companion.vision.pictures import panel
-from companion.vision.thumbnail import LIMIT
+from companion.storage import Journal
+from companion.storage.call_files import ANSWERS, KEPT, CallFiles
+from companion.storage.log_file import logbook
+from companion.storage.served_files import ServedFiles
+from companion.storage.writer import Writer
+from companion.vision.pictures import LIMIT, panel
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
-from companion.writer import Writer
 from tests.companion.daemon.rig import MakeRig, Rig
 
 
@@ -237,7 +236,7 @@ def test_what_cannot_be_written_costs_the_file_and_no_call(make_rig: MakeRig) ->
 
 
 def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
-    tree = Offer(tmp_path).tree
+    tree = ServedFiles(tmp_path).tree
     opened = tree.open("/state.json")
     assert json.loads(opened.read(0, 99)) == {"state": "starting"}
     assert tree.entries("/maps") == ()
@@ -252,11 +251,11 @@ def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
 
 
 def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("companion.logbook.LONGEST", 2000)
+    monkeypatch.setattr("companion.storage.log_file.LONGEST", 2000)
     with written(tmp_path) as writer, logbook(tmp_path, writer):
         for number in range(200):
             logging.getLogger("companion.test").warning("line %d", number)
-    sizes = [entry.size for entry in Offer(tmp_path).tree.entries("/logs")]
+    sizes = [entry.size for entry in ServedFiles(tmp_path).tree.entries("/logs")]
     assert len(sizes) == 2
     assert all(size is not None and size <= 2000 for size in sizes)
     logging.getLogger("companion.test").warning("nobody listens any more")

@@ -16,7 +16,7 @@ from pymavlink import mavftp, mavutil
 
 from companion import run
 from companion.config import load_config
-from companion.vision.thumbnail import LIMIT
+from companion.vision.pictures import LIMIT
 from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL
 from companion.wire.payloads import CallData
 from tests.companion.daemon.rig import picture

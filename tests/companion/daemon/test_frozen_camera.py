@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -19,14 +18,14 @@ from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
-from companion.calls.holding import Vehicle
-from companion.field.render import Camera
-from companion.field.things import World
-from companion.frozen import CHANGED_REGIONS, FrozenPicture, changed_regions, luma
-from companion.link.heard import Vehicle as Told
+from companion.calls.hold_rules import Vehicle
+from companion.sim.field.render import Camera
+from companion.sim.field.things import World
+from companion.vehicle.state import MOVES, is_moving
+from companion.vehicle.state import Vehicle as Told
+from companion.vision.freeze_detector import CHANGED_REGIONS, FrozenPicture, changed_regions, luma
 from companion.vision.messages import Looked, Situation
 from companion.vision.worker import Worker
-from companion.whereabouts import MOVES, is_moving
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import AUTO, MANUAL, PERIOD, MakeRig, Rig, picture
 
@@ -153,13 +152,12 @@ def test_what_moves_is_what_has_speed_or_else_drives_itself(
     rig = make_rig()
     told = Told(1, 10, mode, armed=True, heard_at=0.0, speed=speed)
     seen = Vehicle(mode, True, None, 0.0, rig.calls.autopilot.autopilot)  # noqa: FBT003
-    calls = SimpleNamespace(autopilot=seen)
-    assert is_moving(SimpleNamespace(vehicle=told), calls) is moving  # type: ignore[arg-type]
+    assert is_moving(told, drives_itself=seen.drives_itself) is moving
 
 
 def test_without_a_vehicle_nothing_moves(make_rig: MakeRig) -> None:
-    calls = SimpleNamespace(autopilot=make_rig().calls.autopilot.__class__())
-    assert not is_moving(SimpleNamespace(vehicle=None), calls)  # type: ignore[arg-type]
+    nobody = make_rig().calls.autopilot.__class__()
+    assert not is_moving(None, drives_itself=nobody.drives_itself)
 
 
 class Clock:

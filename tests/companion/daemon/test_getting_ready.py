@@ -28,19 +28,19 @@ from anytraverse.memory import first_memory
 from anytraverse.pace import Pace
 from anytraverse.perception import Perceiver, Prompt
 from anytraverse.preferences import Preferences
-from companion import readiness, run
+from companion import run
 from companion.cli import main as cli
 from companion.config import Config, load_config
 from companion.config.schema import Mount, Stopping
-from companion.link.heard import WordsRequest
-from companion.link.rehearsal import Rehearsal
+from companion.daemon.startup import load
+from companion.link.inbound import WordsRequest
 from companion.link.settings import LinkSettings
-from companion.loading import load
-from companion.model import Model
-from companion.readiness import too_slow, warm_up
+from companion.sim.loopback_link import Rehearsal
 from companion.vision import process
+from companion.vision import warm_up as warm_up_module
 from companion.vision.codec import Splitter, decode, encode
-from companion.vision.messages import Failed, Start
+from companion.vision.messages import Failed, Model, Start
+from companion.vision.warm_up import too_slow, warm_up
 from companion.wire.ids import Policy
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import MakeRig
@@ -94,7 +94,7 @@ def test_words_that_may_come_by_themselves_are_prepared_and_unknown_ones_left_ou
 
 
 def test_a_slow_perceiver_is_not_measured_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, "_LONG_ENOUGH", 0.0)
+    monkeypatch.setattr(warm_up_module, "_LONG_ENOUGH", 0.0)
     perceiver = Slow(0.0)
     warm_up(engine_of(perceiver))
     assert perceiver.encoded == 3
@@ -326,8 +326,8 @@ def test_remembered_and_offered_words_are_prepared_before_the_first_frame(
     words = Preferences.parse("grass: 1; trail: 1")
     memory = first_memory(perceiver.model_id, config.preferences)
     entry = Entry(np.array([1, 0], dtype=np.float32), words, 1, 1)
-    monkeypatch.setattr(readiness, "make_perceiver", lambda *_: perceiver)
-    readiness.get_ready(config, replace(memory, history=History([entry])))
+    monkeypatch.setattr(warm_up_module, "make_perceiver", lambda *_: perceiver)
+    warm_up_module.get_ready(config, replace(memory, history=History([entry])))
     assert perceiver.asked[0] == ("drum", "trail")
 
 

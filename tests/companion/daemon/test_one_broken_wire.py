@@ -96,7 +96,7 @@ def test_an_autopilot_that_reboots_with_a_call_open_keeps_it_and_that_is_said(he
 def test_the_script_on_the_autopilot_stops_the_rover_and_the_companion_commands_nothing(rig: Rig) -> None:
     """What the companion says reaches the script; nothing that the autopilot says reaches the companion."""
     pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
-    from tests.companion.field.stubs import Board
+    from tests.companion.sim.field.stubs import Board
 
     board = Board()
     board.mode_now = AUTO

@@ -22,18 +22,18 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion import run
 from companion.config import Config, load_config
-from companion.journal import Journal
+from companion.daemon.restore import first_policy
+from companion.daemon.startup import load
 from companion.link.link import Link
-from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkError
-from companion.loading import load
-from companion.restored import first_policy
+from companion.sim.loopback_link import Rehearsal
+from companion.storage import Journal
+from companion.storage.writer import SLOW
 from companion.tasks import VISION
 from companion.vision.client import MAX_JOBS
 from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
 from companion.wire.signing import SigningKey, Timestamps, refusal
-from companion.writer import SLOW
 from tests.companion.daemon.rig import picture
 from tests.companion.vision import painted
 from tests.companion.vision.played import loading

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.album import Album
+from companion.answers.store import StoredReply, read_replies
 from companion.calls.numbers import Numbers
-from companion.kept import Kept, saved_replies
-from companion.mishaps import Mishaps
-from companion.odometer import Odometer
+from companion.storage.call_files import PictureArchive
+from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness, tasks
+from companion.vehicle.position import Odometer
 from companion.wire.ids import Result
 
 JPEG = b"a picture"
@@ -28,14 +28,14 @@ def names(folder: Path) -> list[str]:
 
 def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path) -> None:
     for number in range(3):
-        Album(tmp_path, 2).add(JPEG, f"C{number} Unknown thing!")
+        PictureArchive(tmp_path, 2).add(JPEG, f"C{number} Unknown thing!")
     assert names(tmp_path) == ["00002-c1-unknown-thing.jpg", "00003-c2-unknown-thing.jpg"]
 
 
 def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
     (tmp_path / "99999-old.jpg").touch()
     for _ in range(2):
-        album = Album(tmp_path, 2)
+        album = PictureArchive(tmp_path, 2)
         album.add(JPEG, "new")
         album.add(JPEG, "new")
     assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
@@ -44,12 +44,12 @@ def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
 def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path) -> None:
     (tmp_path / "notes-of-mine.jpg").touch()
     (tmp_path / ".00007-torn.jpg.part").touch()
-    Album(tmp_path, 1).add(JPEG, "new")
+    PictureArchive(tmp_path, 1).add(JPEG, "new")
     assert names(tmp_path) == ["00001-new.jpg", "notes-of-mine.jpg"]
 
 
 def test_an_album_of_none_is_not_wanted(tmp_path: Path) -> None:
-    assert not Album(tmp_path / "none", 0).wanted
+    assert not PictureArchive(tmp_path / "none", 0).wanted
     assert not (tmp_path / "none").exists()
 
 
@@ -83,24 +83,24 @@ def test_the_most_basic_silent_task_is_named_first() -> None:
 
 def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogCaptureFixture) -> None:
     said: list[float] = []
-    mishaps = Mishaps(said.append)
+    error_guard = ErrorGuard(said.append)
 
     def fail() -> None:
         raise RuntimeError("no")
 
     for now in (0.0, 1.0, 9.0, 11.0):
-        with mishaps.survived("Judged", now):
+        with error_guard.survived("Judged", now):
             fail()
-    with mishaps.survived("Applied", 11.0):
+    with error_guard.survived("Applied", 11.0):
         fail()
     assert said == [0.0, 11.0, 11.0]
-    assert mishaps.count == 5
+    assert error_guard.count == 5
     assert [record.levelno for record in caplog.records] == [logging.ERROR] * 3
 
 
 @given(
     st.builds(
-        Kept,
+        StoredReply,
         st.tuples(st.integers(1, 255), st.integers(1, 255)),
         st.integers(1, 2**32 - 1),
         st.integers(0, 65535),
@@ -108,10 +108,10 @@ def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogC
         st.text(max_size=20),
     )
 )
-def test_a_kept_reply_comes_back_as_it_was(kept: Kept) -> None:
-    assert saved_replies([kept.saved()]) == [kept]
+def test_a_kept_reply_comes_back_as_it_was(kept: StoredReply) -> None:
+    assert read_replies([kept.saved()]) == [kept]
 
 
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists))
 def test_whatever_else_stands_in_the_journal_counts_for_nothing(saved: Any) -> None:
-    assert isinstance(saved_replies(saved), list)
+    assert isinstance(read_replies(saved), list)

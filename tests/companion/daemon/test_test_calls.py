@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from companion.calls.snapshot import snapshot
-from companion.trial import ANSWERED_WITHIN, REQUEST
+from companion.daemon.test_call import ANSWERED_WITHIN, REQUEST
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Reasons, Result, Stage
 from companion.wire.payloads import CallData
@@ -69,7 +69,7 @@ def test_any_answer_closes_it_and_says_who_answered_and_when(rig: Rig, motion: M
 
 
 def test_it_holds_nothing_and_teaches_nothing(rig: Rig) -> None:
-    before, memory = rig.conversation.words, rig.engine.memory
+    before, memory = rig.answer_handler.words, rig.engine.memory
     ask(rig)
     rig.see(3.0)
     assert rig.stage.mode == AUTO
@@ -79,7 +79,7 @@ def test_it_holds_nothing_and_teaches_nothing(rig: Rig) -> None:
     (ack,) = rig.acks
     assert ack.result is Result.REFUSED
     assert "a test teaches no words" in ack.text
-    assert rig.conversation.words == before
+    assert rig.answer_handler.words == before
     assert rig.engine.memory.history == memory.history
     assert rig.engine.memory.reference is memory.reference
     assert rig.calls.sight.acceptance is None
@@ -102,7 +102,7 @@ def test_words_without_a_call_are_taken_as_ever_while_a_test_is_open(rig: Rig) -
     rig.word(0, "drum", -1.0)
     rig.see(1.0)
     assert rig.acks[-1].result is Result.APPLIED
-    assert "drum" in rig.conversation.words
+    assert "drum" in rig.answer_handler.words
     assert status(rig)["state"] == "open"
 
 

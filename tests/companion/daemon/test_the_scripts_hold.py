@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.autopilots.ardupilot import ScriptHold, script_hold
+from companion.vehicle.ardupilot import ScriptHold, script_hold
 from companion.wire import notices
 from companion.wire.ids import Policy, State
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
@@ -84,7 +84,7 @@ def test_where_it_reports_it_says_so_too(make_rig: MakeRig) -> None:
 def test_a_companion_that_was_killed_says_so_once_it_is_back_and_sees(rig: Rig) -> None:
     """With the shipped script: what each says reaches the other."""
     pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
-    from tests.companion.field.stubs import Board
+    from tests.companion.sim.field.stubs import Board
 
     board = Board()
     heard = told = 0

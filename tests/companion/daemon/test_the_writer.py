@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.journal import Batch, Journal, JournalError, Row
-from companion.journal.batch import MAX_ROWS
-from companion.logbook import logbook
-from companion.writer import BOUNDS, Writer
+from companion.storage import Batch, Journal, JournalError, Row
+from companion.storage.batch import MAX_ROWS
+from companion.storage.log_file import logbook
+from companion.storage.writer import BOUNDS, Writer
 
 PATIENCE = 10.0
 
@@ -210,7 +210,7 @@ def test_nobody_who_hands_something_over_waits_and_leaving_writes_what_waits(tmp
 def test_a_disk_that_hangs_is_left_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("companion.writer.SLOW", 0.1)
+    monkeypatch.setattr("companion.storage.writer.SLOW", 0.1)
     journal = Hanging(tmp_path)
     writer = Writer(journal)
     before = time.monotonic()
@@ -246,7 +246,7 @@ def test_what_waits_to_be_tried_again_is_not_yet_written(
 def test_a_journal_that_hangs_as_it_is_closed_is_left_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("companion.writer.SLOW", 0.1)
+    monkeypatch.setattr("companion.storage.writer.SLOW", 0.1)
     journal, released = Journal(tmp_path), threading.Event()
     close = journal.close
     monkeypatch.setattr(journal, "close", lambda: released.wait(PATIENCE) and close())
@@ -271,7 +271,7 @@ def test_log_lines_that_found_no_room_are_counted_in_the_log(
     writer.drain()
     lines = [line.split(" ", 3)[3] for line in (tmp_path / "logs" / "companion.log").read_text().splitlines()]
     assert lines == [
-        "companion.logbook: 15 lines lost: slow disk",
+        "companion.storage.log_file: 15 lines lost: slow disk",
         *(f"companion.test: line {number}" for number in range(15, 25)),
         "companion.test: and one more",
     ]

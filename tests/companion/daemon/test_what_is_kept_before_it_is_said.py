@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.journal import Batch, Journal, JournalError
+from companion.storage import Batch, Journal, JournalError
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Clock, Rig, spoil
@@ -111,7 +111,7 @@ def test_the_disk_is_not_hammered_while_it_is_full(rig: Rig, monkeypatch: pytest
         tries.append(rig.clock.now)
         raise sqlite3.OperationalError("database or disk is full")
 
-    monkeypatch.setattr("companion.journal.journal.write_memory", full)
+    monkeypatch.setattr("companion.storage.journal.write_memory", full)
     rig.set("AT_W_DRUM", -1.0)
     rig.see(5.0)
     assert 2 <= len(tries) <= 11
@@ -125,7 +125,7 @@ def test_once_there_is_room_again_all_is_kept_and_said(held: Rig) -> None:
     held.see(6.0, "drum")
     assert "Journal is written again" in held.texts
     held.restart()
-    assert held.conversation.words["drum"] == -1.0
+    assert held.answer_handler.words["drum"] == -1.0
 
 
 def test_frame_and_answers_that_found_no_room_are_kept_once_there_is_some(rig: Rig) -> None:
@@ -408,8 +408,8 @@ def test_an_id_told_before_it_was_kept_is_not_given_again(rig: Rig) -> None:
 def test_of_more_answers_than_there_is_room_for_all_that_wait_are_not_remembered(
     held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("companion.writer.MAX_ROWS", 3)
-    monkeypatch.setattr("companion.journal.batch.MAX_ROWS", 3)
+    monkeypatch.setattr("companion.storage.writer.MAX_ROWS", 3)
+    monkeypatch.setattr("companion.storage.batch.MAX_ROWS", 3)
     held.disk_hangs = True
     for number in range(5):
         held.answer(1, Motion.STAY, transaction=10 + number)
@@ -453,7 +453,7 @@ def test_whatever_the_disk_does_nothing_is_acknowledged_unkept_and_nobody_drives
     clock = Clock()
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(time, "monotonic", clock)
-        patched.setattr("companion.daemon.TICK", 0.0)
+        patched.setattr("companion.daemon.daemon.TICK", 0.0)
         rig = Rig(tmp_path_factory.mktemp("rover"), clock)
         rig.see(4.0, "drum")
         assert rig.stage.mode == HOLD

@@ -102,18 +102,18 @@ def test_after_a_short_stall_all_that_waited_is_heard_before_anything_is_ordered
 def test_an_order_to_drive_on_that_waited_while_the_daemon_hung_is_not_given(
     held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    save, before = held.keeper.save_calls, orders(held)
+    save, before = held.persistence.save_calls, orders(held)
 
     def hang(*what: Any) -> None:
         if held.calls.hold is not None and held.calls.hold.stage is HoldStage.RESUMING:
-            monkeypatch.setattr(held.keeper, "save_calls", save)
+            monkeypatch.setattr(held.persistence, "save_calls", save)
             sleep(held, 5.0, HOLD, MANUAL)
         save(*what)
 
-    monkeypatch.setattr(held.keeper, "save_calls", hang)
+    monkeypatch.setattr(held.persistence, "save_calls", hang)
     held.answer(1, Motion.GO)
     held.see(2.0)
-    assert held.keeper.save_calls == save, "it hung"
+    assert held.persistence.save_calls == save, "it hung"
     assert orders(held) == before
     assert held.stage.mode == MANUAL
 
@@ -123,7 +123,7 @@ def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch:
     ordered: list[tuple[str, int, int]] = []
 
     def noting(name: str) -> None:
-        do = getattr(rig.keeper, name)
+        do = getattr(rig.persistence, name)
 
         def note(*what: Any) -> Any:
             if rig.calls.hold is not None:
@@ -131,7 +131,7 @@ def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch:
                 ordered.append((name, orders(rig), rig.frame_id))
             return do(*what)
 
-        monkeypatch.setattr(rig.keeper, name, note)
+        monkeypatch.setattr(rig.persistence, name, note)
 
     for name in ("call_opened", "save_calls"):
         noting(name)
@@ -142,7 +142,7 @@ def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch:
 
 
 def test_nor_does_one_for_want_of_a_camera(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    save, counts = rig.keeper.save_calls, list[int]()
+    save, counts = rig.persistence.save_calls, list[int]()
 
     def note(*what: Any) -> None:
         if rig.calls.hold is not None:
@@ -150,7 +150,7 @@ def test_nor_does_one_for_want_of_a_camera(rig: Rig, monkeypatch: pytest.MonkeyP
             counts.append(orders(rig))
         save(*what)
 
-    monkeypatch.setattr(rig.keeper, "save_calls", note)
+    monkeypatch.setattr(rig.persistence, "save_calls", note)
     rig.wait(3.0)
     assert set(counts) == {1}
 
@@ -159,20 +159,20 @@ def test_a_hold_in_which_auto_ends_at_once_is_drawn_after_it_has_left(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = make_rig(pictures=50)
-    show, counts = rig.keeper.hold_shown, list[int]()
+    show, counts = rig.persistence.hold_shown, list[int]()
 
     def note(*what: Any) -> None:
         rig.stage.collect(rig.stage.now)
         counts.append(orders(rig))
         show(*what)
 
-    monkeypatch.setattr(rig.keeper, "hold_shown", note)
+    monkeypatch.setattr(rig.persistence, "hold_shown", note)
     rig.stage.mode = MANUAL
     rig.see(3.0, "rock")
     rig.stage.mode = AUTO
     rig.see(3.0, "rock")
     assert (rig.state, rig.stage.mode, counts) == (("BLOCKED", 1), HOLD, [1])
-    assert rig.keeper.picture_of(1) == "/calls/1.jpg"
+    assert rig.persistence.picture_of(1) == "/calls/1.jpg"
 
 
 def test_killed_before_a_hold_was_kept_it_stands_until_a_human_drives_on(

@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import Heard
+from companion.link.inbound import Heard
 from companion.link.link import Link
 from companion.link.settings import MAIN, LinkSettings
 from companion.wire.parameters import build

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.link.announcer import Announcer
-from companion.link.rehearsal import Rehearsal
+from companion.link.alerts import AlertRepeater
 from companion.link.settings import LinkSettings
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.ids import TUNNEL_CALL, TUNNEL_SUMMARY, Kind, Outcome, Policy, Reasons, Stage, State
 from companion.wire.payloads import CallData, Summary
 
@@ -259,7 +259,7 @@ STEPS = st.lists(
 @settings(max_examples=60)
 @given(STEPS)
 def test_whatever_happens_texts_and_data_keep_their_distance(steps: list[tuple[float, str, bool]]) -> None:
-    announcer, now, number = Announcer(), 0.0, 1
+    announcer, now, number = AlertRepeater(), 0.0, 1
     data_at: list[float] = []
     for pause, what, quiet in steps:
         call = replace(CALL, id=number)

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest, PolicyRequest
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import AnswerRequest, PolicyRequest
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.answers import (
     Acknowledgement,
     AnswerMessage,

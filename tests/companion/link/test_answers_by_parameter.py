@@ -3,8 +3,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import AnswerRequest
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import Pulses
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import Pulses
+from companion.sim.loopback_link import Rehearsal
 
 POSITION, PULSES = 33, 65
 

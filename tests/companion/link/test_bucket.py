@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.link.bucket import TokenBucket
+from companion.link.limits import TokenBucket
 
 
 @given(

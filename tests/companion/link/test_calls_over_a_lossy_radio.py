@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.link.ether import Ether, Weather
 from bench.link.lossy import WEATHERS, run
+from bench.link.radio_model import Ether, Weather
 
 CALLS = 20
 WORST = ("loss 30 %", "loss 50 %", "duplicates", "reordering", "all of it")

@@ -3,8 +3,8 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.rehearsal import Rehearsal, Wire
 from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.sim.loopback_link import Rehearsal, Wire
 
 BOTH = LinkSettings(
     "udpout:127.0.0.1:14550", more={"wifi": ConnectionSettings("udpout:127.0.0.1:14551", budget=0.0)}

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import ParameterRequest, ResetRequest
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import ParameterRequest, ResetRequest
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.ids import TUNNEL_SUMMARY
 from companion.wire.payloads import Summary
 from tests.companion.link.test_heartbeat_and_figures import SUMMARY

@@ -1,8 +1,8 @@
 from itertools import pairwise
 
 from companion.link.connection import Connection
-from companion.link.memory import MemoryTransport, pair
 from companion.link.transport import Transport
+from companion.sim.loopback_link import MemoryTransport, pair
 
 
 class Socket:

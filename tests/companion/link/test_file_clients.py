@@ -15,12 +15,12 @@ import pytest
 from pymavlink import mavftp, mavutil
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.files.folder import Folder
-from companion.files.tree import Document, Tree
 from companion.link.link import Link
-from companion.link.rehearsal import Rehearsal
 from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Udp
+from companion.sim.loopback_link import Rehearsal
+from companion.storage.served_files import Folder
+from companion.storage.served_tree import Document, Tree
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.parameters import build
 

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.files.folder import Folder
-from companion.files.tree import Document, Tree
 from companion.link.ftp.server import MAX_REPLIES
 from companion.link.ftp.sessions import IDLE, MAX_SESSIONS
-from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkSettings
+from companion.sim.loopback_link import Rehearsal
+from companion.storage.served_files import Folder
+from companion.storage.served_tree import Document, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.messages import MESSAGES

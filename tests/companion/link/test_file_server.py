@@ -11,15 +11,14 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.mavftp import MAVFTP
 
-from companion.files.folder import Folder
-from companion.files.reader import Reader
-from companion.files.tree import Document, Documents, Tree
 from companion.link import encode
-from companion.link.ftp.rehearsal import FileClient
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
-from companion.link.heard import AnswerRequest
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import AnswerRequest
 from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.sim.loopback_link import FileClient, Rehearsal
+from companion.storage.file_reader import Reader
+from companion.storage.served_files import Folder
+from companion.storage.served_tree import Document, Documents, Tree
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID
 
@@ -350,7 +349,7 @@ def test_a_disk_that_hangs_keeps_nothing_else_from_being_said_and_is_answered_la
 
 
 def test_a_disk_that_goes_on_hanging_is_told(hanging: HangingFolder, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("companion.files.reader.PATIENCE", 0.05)
+    monkeypatch.setattr("companion.storage.file_reader.PATIENCE", 0.05)
     client = FileClient(Rehearsal(tree=Tree({"logs": hanging})))
     client.send(client.request(Opcode.LIST_DIRECTORY, b"/logs"))
     assert error(by_and_by(client)) == FtpError.FAIL

@@ -5,10 +5,9 @@ from itertools import count
 
 import pytest
 
-from companion.files.tree import Document, Documents, Tree
-from companion.link.ftp.rehearsal import FileClient
 from companion.link.ftp.sessions import IDLE
-from companion.link.rehearsal import Rehearsal
+from companion.sim.loopback_link import FileClient, Rehearsal
+from companion.storage.served_tree import Document, Documents, Tree
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
 
 BYTES = bytes(number * 7 % 251 for number in range(20_000))

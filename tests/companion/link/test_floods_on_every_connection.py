@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.files.tree import Document, Tree
 from companion.link import encode
-from companion.link.rehearsal import Rehearsal, Wire
 from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.sim.loopback_link import Rehearsal, Wire
+from companion.storage.served_tree import Document, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID, TUNNEL_SUMMARY, Policy, Stage, State
 from companion.wire.parameters import build

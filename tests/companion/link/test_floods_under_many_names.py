@@ -11,9 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.files.tree import Document, Tree
-from companion.link.ftp.rehearsal import FileClient
-from companion.link.guard import (
+from companion.link.access_control import (
     CROWDS,
     KEPT,
     MAX_SHARES,
@@ -21,14 +19,14 @@ from companion.link.guard import (
     REQUESTS_AT_ONCE,
     REQUESTS_PER_SECOND,
     STRANGERS,
-    Guard,
+    AccessControl,
 )
-from companion.link.heard import AnswerRequest, ParameterRequest
-from companion.link.leases import Leases
+from companion.link.inbound import AnswerRequest, ParameterRequest
+from companion.link.limits import LeaseTable
 from companion.link.link import READING_FOR, Link
-from companion.link.memory import pair
-from companion.link.rehearsal import Rehearsal
 from companion.link.settings import MAIN, ConnectionSettings, LinkSettings
+from companion.sim.loopback_link import FileClient, Rehearsal, pair
+from companion.storage.served_tree import Document, Tree
 from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
 from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
 from companion.wire.parameters import build
@@ -221,7 +219,7 @@ said = st.lists(st.tuples(names, st.booleans(), st.floats(0.0, 4.0)), max_size=8
 def test_no_number_of_names_is_admitted_more_than_the_shares_allow(
     heard: list[tuple[tuple[int, int], bool, float]],
 ) -> None:
-    guard, now = Guard((245, 255)), 0.0
+    guard, now = AccessControl((245, 255)), 0.0
     heard_at: dict[tuple[int, int], float] = {}
     admitted = 0
     for sender, asks, pause in heard:
@@ -243,7 +241,7 @@ def test_no_number_of_names_is_admitted_more_than_the_shares_allow(
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.floats(0.0, 8.0), st.booleans()), max_size=60))
 def test_leases_go_to_newcomers_only_from_whoever_is_silent(steps: list[tuple[int, float, bool]]) -> None:
-    leases: Leases[int, int] = Leases(3, 10.0)
+    leases: LeaseTable[int, int] = LeaseTable(3, 10.0)
     now, renewed = 0.0, dict[int, float]()
     for number, (key, pause, surely) in enumerate(steps):
         now += pause

@@ -3,8 +3,8 @@ from itertools import pairwise
 
 import pytest
 
-from companion.link.rehearsal import Rehearsal
 from companion.link.settings import LinkSettings
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State, read_heartbeat_mode
 from companion.wire.messages import MESSAGES
 from companion.wire.payloads import Summary

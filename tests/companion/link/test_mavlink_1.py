@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest
-from companion.link.mavlink_version import MavlinkVersion
-from companion.link.rehearsal import Frame, Rehearsal, Wire
+from companion.link.encode import MavlinkVersion
+from companion.link.inbound import AnswerRequest
 from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.sim.loopback_link import Frame, Rehearsal, Wire
 from companion.wire.ids import Policy, Reasons, State
 from companion.wire.payloads import Summary
 from tests.companion.link.test_one_sender import CALL

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from bench.link.fuzz import Broken, Fuzz, well_formed
-from companion.link.heard import AnswerRequest, ParameterRequest, WordsRequest
+from companion.link.inbound import AnswerRequest, ParameterRequest, WordsRequest
 from companion.link.link import Link
 from companion.link.parser import Parser
 from companion.wire.answers import ForgetWord, SetWord
@@ -27,7 +27,7 @@ def test_mutated_frames_let_nothing_escape_and_nobody_in() -> None:
 
 
 def test_a_link_that_believed_a_stranger_would_be_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("companion.link.guard.Guard.may_change", lambda *_: True)
+    monkeypatch.setattr("companion.link.access_control.Guard.may_change", lambda *_: True)
     with pytest.raises(Broken, match="not from one that may"):
         Fuzz(1).run(5000)
 

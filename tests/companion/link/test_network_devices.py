@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest, Heard
+from companion.link.inbound import AnswerRequest, Heard
 from companion.link.parser import Parser
-from companion.link.peers import KEPT
 from companion.link.settings import ConnectionSettings, LinkSettings
-from companion.link.transport import Tcp, Udp, open_transport
-from companion.wire import tcp
+from companion.link.transport import KEPT, Tcp, Udp, open_transport
+from companion.wire import devices
 from companion.wire.ids import Motion
 from tests.companion.link.devices import AUTOPILOT, DEADLINE, GROUND, HEARTBEAT, Peer, link_to, until
 
@@ -229,7 +228,7 @@ def test_a_tcp_peer_that_does_not_read_blocks_nothing_and_gets_whole_frames() ->
 
 @pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="not on this platform")
 def test_a_tcp_peer_that_confirms_nothing_any_more_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(tcp.OPTIONS, "TCP_USER_TIMEOUT", 200)
+    monkeypatch.setitem(devices.OPTIONS, "TCP_USER_TIMEOUT", 200)
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(DEADLINE)
         transport = Tcp(LinkSettings(f"tcp:127.0.0.1:{server.getsockname()[1]}").address())

@@ -6,14 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.files.opened import Held
-from companion.files.tree import Tree
 from companion.link.connection import Connection
-from companion.link.ftp.rehearsal import FileClient
-from companion.link.memory import pair
-from companion.link.rehearsal import Frame, Rehearsal
 from companion.link.sender import MAX_WAITING, Sender
 from companion.link.settings import LinkSettings
+from companion.sim.loopback_link import FileClient, Frame, Rehearsal, pair
+from companion.storage.served_tree import Held, Tree
 from companion.wire.ftp import Opcode
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State
 from companion.wire.messages import MESSAGES

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest, ParameterRequest
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import AnswerRequest, ParameterRequest
 from companion.link.settings import LinkSettings
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter, ParameterError, build
 

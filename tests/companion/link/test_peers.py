@@ -16,10 +16,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.link import Link
-from companion.link.peers import KEPT, MAX_PEERS, Peers
 from companion.link.settings import MAIN, Address, LinkSettings
 from companion.link.signing import open_signing
-from companion.link.transport import Udp
+from companion.link.transport import KEPT, MAX_PEERS, Peers, Udp
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.parameters import build
 from tests.companion.link.devices import HEARTBEAT

@@ -7,8 +7,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import Vehicle
-from companion.link.rehearsal import Rehearsal
+from companion.sim.loopback_link import Rehearsal
+from companion.vehicle.state import Vehicle
 
 AUTOPILOT = (1, 1)
 ATTITUDE, SYSTEM_TIME = 30, 2

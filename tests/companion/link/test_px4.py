@@ -7,10 +7,10 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.autopilots import px4
-from companion.link.heard import VehicleHeard
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import VehicleHeard
 from companion.link.settings import LONGEST_PACE, LinkSettings
+from companion.sim.loopback_link import Rehearsal
+from companion.vehicle import px4
 from companion.wire.messages import MESSAGES
 
 

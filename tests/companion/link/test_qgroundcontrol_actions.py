@@ -9,9 +9,9 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.cli import main
-from companion.link.heard import AnswerRequest, PolicyRequest
-from companion.link.rehearsal import Rehearsal
-from companion.resources import resource
+from companion.link.inbound import AnswerRequest, PolicyRequest
+from companion.sim.loopback_link import Rehearsal
+from companion.system.resources import resource
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion, Policy
 
 FILE = json.loads(resource("config/qgroundcontrol/anytraverse.json").read_text(encoding="utf-8"))

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.link.remembered import Remembered
+from companion.link.limits import SenderCache
 
 senders = st.tuples(st.integers(250, 253), st.just(1))
 
@@ -10,7 +10,7 @@ senders = st.tuples(st.integers(250, 253), st.just(1))
 def test_each_sender_s_newest_are_known_as_far_as_there_is_room(
     steps: list[tuple[tuple[int, int], int, bool]],
 ) -> None:
-    kept, known = Remembered[int](of_a_sender=3, in_all=10), dict[tuple[tuple[int, int], int], int]()
+    kept, known = SenderCache[int](of_a_sender=3, in_all=10), dict[tuple[tuple[int, int], int], int]()
     for at, (sender, wish, goes) in enumerate(steps):
         key = (sender, wish)
         known.pop(key, None)

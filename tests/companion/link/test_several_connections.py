@@ -3,10 +3,10 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest, ParameterRequest, PolicyRequest, Pulses, VehicleHeard
+from companion.link.inbound import AnswerRequest, ParameterRequest, PolicyRequest, Pulses, VehicleHeard
 from companion.link.outbox import MAX_ROUTES
-from companion.link.rehearsal import Rehearsal, Wire
 from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
+from companion.sim.loopback_link import Rehearsal, Wire
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State
 from companion.wire.parameters import build
 from companion.wire.payloads import Summary

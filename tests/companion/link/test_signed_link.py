@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import AnswerRequest, Pulses
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import AnswerRequest, Pulses
 from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
 from companion.link.signing import open_signing
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Motion, Outcome, Reasons, Result
 from companion.wire.ids import Stage as CallStage

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.connection import Connection
-from companion.link.memory import pair
 from companion.link.sender import MAX_WAITING, Sender
 from companion.link.settings import LinkSettings
+from companion.sim.loopback_link import pair
 
 
 def test_a_full_queue_loses_a_frame_of_whoever_waits_for_most() -> None:

@@ -1,9 +1,10 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import ModeAck, Vehicle, VehicleHeard
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import ModeAck, VehicleHeard
 from companion.link.settings import LinkSettings
+from companion.sim.loopback_link import Rehearsal
+from companion.vehicle.state import Vehicle
 
 
 def vehicle(stage: Rehearsal) -> Vehicle:

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.heard import WordsRequest
-from companion.link.rehearsal import Rehearsal
+from companion.link.inbound import WordsRequest
+from companion.sim.loopback_link import Rehearsal
 from companion.wire.answers import ForgetWord, SetWord
 
 GROUND = (255, 190)

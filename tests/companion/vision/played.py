@@ -10,9 +10,9 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
 from companion.config import Config
+from companion.sim.loopback_vision import Loopback
 from companion.tasks import VISION
 from companion.vision.client import Vision
-from companion.vision.loopback import Loopback
 from tests.anytraverse.conftest import Painted
 
 WORDS = Preferences.parse("grass: 1; rock: -1")

@@ -26,7 +26,6 @@ from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
 from anytraverse.roi import Tile
 from companion.cameras.newest import CameraStatus
-from companion.model import Model
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, checked
 from companion.vision.codec import Splitter, decode, encode
 from companion.vision.messages import (
@@ -37,6 +36,7 @@ from companion.vision.messages import (
     Failed,
     Logged,
     Looked,
+    Model,
     Ready,
     update_from,
 )

@@ -17,7 +17,7 @@ from anytraverse.memory import resumed_memory
 from anytraverse.perception import Example
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.model import Model
+from companion.sim.loopback_vision import Loopback
 from companion.tasks import VISION
 from companion.vision.client import (
     KEPT,
@@ -31,12 +31,12 @@ from companion.vision.client import (
     VisionLostError,
 )
 from companion.vision.codec import CodecError
-from companion.vision.loopback import Loopback
 from companion.vision.messages import (
     Alive,
     Done,
     Drawn,
     Failed,
+    Model,
     Restore,
     Situation,
     Start,

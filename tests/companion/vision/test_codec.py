@@ -24,8 +24,7 @@ from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.durable import write_whole
-from companion.model import Model
+from companion.system.atomic_write import write_whole
 from companion.vision.checks import BadReportError, Expected, checked
 from companion.vision.codec import (
     LARGEST,
@@ -47,6 +46,7 @@ from companion.vision.messages import (
     Logged,
     Looked,
     MemoryUpdate,
+    Model,
     Ready,
     Restore,
     Start,
@@ -253,7 +253,7 @@ def test_no_function_is_called_and_no_file_is_written(tmp_path: Path) -> None:
     [
         ("os", "system"),
         ("builtins", "eval"),
-        ("companion.durable", "write_whole"),
+        ("companion.system.atomic_write", "write_whole"),
         ("companion.vision.codec", "importlib"),
         ("companion.vision.codec", "decode_trusted"),
         ("companion.vision.codec", "pickle.loads"),

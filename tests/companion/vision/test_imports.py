@@ -71,7 +71,7 @@ def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> 
         )
     told = json.loads(ran.stdout.splitlines()[-1])
     assert told["code"] == 0
-    assert {"companion.daemon", "companion.vision.client"} <= set(told["modules"])
+    assert {"companion.daemon.daemon", "companion.vision.client"} <= set(told["modules"])
     heavy = {name for name in told["modules"] if name.partition(".")[0] in ("cv2", "onnxruntime", "torch")}
     assert heavy == set()
     own = {"companion.vision.worker", "companion.vision.pictures", "companion.vision.process"}

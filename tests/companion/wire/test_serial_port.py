@@ -13,8 +13,8 @@ import pytest
 
 from companion.link.settings import LinkSettings
 from companion.link.transport import open_transport
-from companion.wire.serial_port import open_port
-from gcs_plugin.connection import open_connection
+from companion.wire.devices import open_port
+from gcs_plugin.terminal.connection import open_connection
 
 serial = pytest.importorskip("serial")
 

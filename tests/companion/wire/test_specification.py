@@ -11,9 +11,10 @@ from typing import Any
 
 import pytest
 
-from companion.link.desk import _COMMAND_RESULTS
-from companion.wire import layouts, number_page, refusals
+from companion.link.answers import _COMMAND_RESULTS
+from companion.wire import layouts, refusals
 from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord, TapBox
+from companion.wire.doc_generator import numbers_markdown
 from companion.wire.ids import (
     TUNNEL_ACKNOWLEDGEMENT,
     TUNNEL_CALL,
@@ -134,7 +135,7 @@ def test_the_page_shows_layouts_numbers_and_refusals_as_they_are() -> None:
     tables += [one for one in layouts.OPERATIONS.values() if one.fields]
     for layout in tables:
         assert layout.markdown() in PAGE, layout.title
-    assert number_page.markdown() in PAGE
+    assert numbers_markdown() in PAGE
     assert refusals.counted_markdown() in PAGE
     assert refusals.texts_markdown() in PAGE
 

@@ -1,0 +1,218 @@
+"""The built-in network as a perceiver: ground by its words, things by taps, and a sense of place.
+
+docs/builtin.md says what it was trained on, how good it is, and what it is bad at.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from anytraverse.errors import PerceiverError, UnknownWordError
+from anytraverse.frame import Image, check_image
+from anytraverse.perception import WEAK, DefaultThresholds, Example, Prompt
+from anytraverse.perception.builtin.network import (
+    GREATEST_HEIGHT,
+    WIDTH,
+    Calibration,
+    Floats,
+    attention,
+    network_input,
+    open_network,
+    posteriors,
+)
+from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
+from anytraverse.perception.builtin.taps import (
+    COLOURS,
+    changed_views,
+    learn_tap,
+    likeness,
+    tap_cells,
+    whitened,
+)
+from anytraverse.perception.builtin.vocabulary import concept_of, words_for
+from anytraverse.perception.builtin.words import (
+    GROUND_WORDS,
+    UNKNOWN,
+    among_kin,
+    colour_fits,
+    reach,
+    word_tables,
+)
+from anytraverse.perception.runtime import Runtime
+from anytraverse.regions import Box
+
+SHIPPED = Path(__file__).parent.parent / "data" / "builtin.onnx"
+"""The network of this package; its calibration lies beside it, ending in .npz."""
+
+_THING = (
+    0.75  # quantile of a tapped box's points that surely shows the thing: its corners show what is behind
+)
+
+
+@dataclass(eq=False)
+class Ground:
+    """A frame as the network sees it.
+
+    frame: its input, (1, 3, H, W). probabilities: of the classes, (C, h, w). features: (D, h, w).
+    """
+
+    frame: Floats
+    probabilities: Floats
+    features: Floats
+
+    @cached_property
+    def cells(self) -> Floats:
+        """Features and colours, (h, w, T), for taps and for words of a colour."""
+        return tap_cells(self.features, self.frame)
+
+
+class GroundNetwork:
+    """The `Perceiver` of a trained network, the package's own or one of the user's."""
+
+    vocabulary = words_for(GROUND_WORDS)
+    defaults = DefaultThresholds(
+        roi=0.4,  # filmed drives that were held out: .34 at most, .32 with words for all that is in view
+        scene=SAME_PLACE,  # what the calibration scales the embedding to
+        # Of the filmed frames that chose it 1 % have a worse tile, and so has one in a hundred of simulated
+        # ones without anything on the trail; of things 2.5 to 4.5 m ahead nearly all have 0.9 and more.
+        tile=0.65,
+    )
+
+    def __init__(self, model: Path, runtime: Runtime) -> None:
+        """Load `model`, an .onnx file with its .npz beside it, and run it once.
+
+        Raises PerceiverError for files that are missing, torn, or no pair that a training wrote.
+        """
+        stored, numbers = _read(model), _read(model.with_suffix(".npz"))
+        self.model_id = f"builtin-net-{hashlib.sha256(stored + numbers).hexdigest()[:12]}"
+        self._calibration = Calibration.load(model.with_suffix(".npz"))
+        self._run = open_network(model, runtime)
+        self._check(model.name)
+
+    def meaning(self, word: str) -> str:
+        """The concept under which synonyms meet. Raises UnknownWordError, nearest words first."""
+        return concept_of(word, GROUND_WORDS)
+
+    def trust(self, word: str) -> str:
+        """How far the word can be trusted, "good", "fair" or "weak". Raises UnknownWordError."""
+        return GROUND_WORDS[self.meaning(word)].trust
+
+    def encode(self, image: Image) -> Ground:
+        """One run of the network, nearly all of a frame's cost. Raises PerceiverError."""
+        check_image(image)
+        return self._seen(network_input(image))
+
+    def attend(self, features: Ground, prompts: Sequence[Prompt]) -> Floats:
+        """Attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
+        maps = np.zeros((len(prompts), *features.probabilities.shape[1:]), dtype=np.float32)
+        concepts = [self._concept(prompt) for prompt in prompts]
+        known = [concept for concept in concepts if concept is not None]
+        maps[[concept is not None for concept in concepts]] = self._words(features, known)
+        if any(prompt.examples for prompt in prompts):
+            white = whitened(features.cells, self._calibration)
+            explained = 1 - self._strangeness(features)
+            for each, prompt in zip(maps, prompts, strict=True):
+                for example in prompt.examples:
+                    np.maximum(each, self._tapped(white, explained, example), out=each)
+        return maps
+
+    def embed(self, features: Ground) -> Floats:
+        """The scene, a unit vector: see `scene_vector`. Raises PerceiverError."""
+        vector = scene_vector(features.features, self._calibration)
+        if not np.isfinite(vector).all():
+            raise PerceiverError("the scene's embedding is not finite")
+        return vector
+
+    def example(self, features: Ground, box: Box) -> Example:
+        """What the box shows, learnt from the frame in six lights, a pass each. Raises ExampleError."""
+        pixels = features.frame[0].transpose(1, 2, 0).astype(np.uint8)
+        views = [
+            self._seen(np.ascontiguousarray(view.transpose(2, 0, 1)[None], dtype=np.float32)).cells
+            for view in changed_views(pixels)
+        ]
+        strange = self._strangeness(features)
+        learnt = learn_tap(views, box, self._calibration, strange)
+        surely = np.quantile(strange[box.mask(*strange.shape)], _THING)
+        return Example(self.model_id, np.append(learnt, surely).astype(np.float32))
+
+    def _check(self, name: str) -> None:
+        """Run it once, and see that calibration, words and network are of one training."""
+        numbers = self._calibration
+        logits, features = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
+        classes, wide = len(numbers.classes), len(features)
+        shapes = {
+            numbers.bias.shape: (len(logits),),
+            numbers.tap_mean.shape: (wide + COLOURS,),
+            numbers.tap_whitening.shape: (wide + COLOURS, wide + COLOURS),
+            numbers.scene_mean.shape: (4 * wide,),
+            numbers.scene_projection.shape[1:]: (4 * wide,),
+        }
+        covered = {UNKNOWN} | {name for word in GROUND_WORDS.values() for name in word.covers}
+        if (
+            classes != len(logits)
+            or any(found != wanted for found, wanted in shapes.items())
+            or not covered <= set(numbers.classes)
+            or not (numbers.gamma > 0 and -1 < numbers.scene_threshold <= SAME_PLACE)
+        ):
+            raise PerceiverError(
+                f"{name} and its .npz are no pair of one training: copy both files again, or fit it again"
+            )
+
+    def _seen(self, frame: Floats) -> Ground:
+        logits, features = self._run(frame)
+        if not (np.isfinite(logits).all() and np.isfinite(features).all()):
+            raise PerceiverError("the network's output is not finite: its file is broken, install it again")
+        return Ground(frame, posteriors(logits, self._calibration), features)
+
+    def _concept(self, prompt: Prompt) -> str | None:
+        """What the prompt means by its name; None where only its examples count.
+
+        A weak word that was tapped means what was tapped: by name "rock" would explain the next thing too.
+        """
+        try:
+            concept = self.meaning(prompt.word)
+        except UnknownWordError:
+            if not prompt.examples:
+                raise
+            return None
+        return None if prompt.examples and GROUND_WORDS[concept].trust == WEAK else concept
+
+    def _words(self, seen: Ground, concepts: Sequence[str]) -> Floats:
+        covers, own = word_tables(concepts, self._calibration.classes)
+        fits = None
+        if any(GROUND_WORDS[concept].colour for concept in concepts):
+            fits = colour_fits(concepts, seen.cells[..., -COLOURS:][..., :3])
+        far = reach(concepts, fits)
+        kinds = None if fits is None else among_kin(fits, covers)
+        unknown = self._calibration.classes.index(UNKNOWN)
+        return attention(seen.probabilities, covers, own, self._calibration.gamma, kinds, far, unknown)
+
+    def _tapped(self, white: Floats, explained: Floats, example: Example) -> Floats:
+        vector = example.vector_for(self.model_id, len(self._calibration.tap_mean) + 3)
+        found = likeness(white, vector[:-1]) * (1 - explained * np.clip(vector[-1], 0, 1)) ** 2
+        return np.asarray(found, dtype=np.float32)
+
+    def _strangeness(self, seen: Ground) -> Floats:
+        """How little all that the network knows by name explains each point, (h, w) in [0, 1].
+
+        A thing that was strange when it was tapped is looked for in what is strange: the look of a brown drum
+        alone is found in brown earth too. A thing that was taken for known ground is looked for anywhere.
+        """
+        unknown = seen.probabilities[self._calibration.classes.index(UNKNOWN)]
+        return np.asarray(1 - np.clip(1 - unknown, 0, 1) ** self._calibration.gamma, dtype=np.float32)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise PerceiverError(
+            f"{path}: {(error.strerror or str(error)).lower()}: give a network that "
+            "a training wrote, FILE.onnx with FILE.npz beside it"
+        ) from error

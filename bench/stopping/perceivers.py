@@ -1,0 +1,110 @@
+"""The companion with a perceiver that breaks when told to: `python -m bench.stopping.perceivers run ...`.
+
+`broken:FILE` is the built-in perceiver until FILE says otherwise.
+"nan" or "one nan": maps that are no numbers, as a whole or in one pixel.
+"hang": once, a call that never returns.
+"lock": once, the same in native code that keeps the interpreter's lock.
+"segfault": native code that reads where nothing is. "memory": killed as when memory runs out.
+`python -m bench.stopping.perceivers vision` is its vision process.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.frame import Image
+from anytraverse.perception import (
+    KINDS,
+    DefaultThresholds,
+    Example,
+    Features,
+    Perceiver,
+    Prompt,
+    make_perceiver,
+)
+from anytraverse.perception.runtime import Runtime
+from anytraverse.regions import Box
+
+
+def register() -> None:
+    """Make "broken" a kind of perceiver in this process."""
+    KINDS["broken"] = ("bench.stopping.perceivers", "Breakable")
+
+
+class Breakable:
+    """A sound `Perceiver` as long as its file is absent or empty."""
+
+    def __init__(self, argument: str, runtime: Runtime) -> None:
+        self._own: Perceiver = make_perceiver("builtin", runtime)
+        self._file = Path(argument)
+
+    @property
+    def model_id(self) -> str:
+        return self._own.model_id
+
+    @property
+    def vocabulary(self) -> tuple[str, ...] | None:
+        return self._own.vocabulary
+
+    @property
+    def defaults(self) -> DefaultThresholds:
+        return self._own.defaults
+
+    def meaning(self, word: str) -> str:
+        return self._own.meaning(word)
+
+    def encode(self, image: Image) -> Features:
+        fault = self._fault()
+        if fault in ("hang", "lock"):  # once: the next process is well
+            self._file.unlink(missing_ok=True)
+        match fault:
+            case "hang":
+                threading.Event().wait()
+            case "lock":
+                ctypes.PyDLL(None).pause()  # PyDLL keeps the interpreter's lock
+            case "segfault":
+                ctypes.string_at(0)
+            case "memory":
+                os.kill(os.getpid(), signal.SIGKILL)
+        return self._own.encode(image)
+
+    def attend(self, features: Features, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
+        maps = np.array(self._own.attend(features, prompts))
+        fault = self._fault()
+        if fault == "nan":
+            maps[:] = np.nan
+        elif fault == "one nan":
+            maps[0, 0, 0] = np.nan
+        return maps
+
+    def embed(self, features: Features) -> NDArray[np.float32]:
+        return self._own.embed(features)
+
+    def example(self, features: Features, box: Box) -> Example:
+        return self._own.example(features, box)
+
+    def _fault(self) -> str:
+        try:
+            return self._file.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return ""
+
+
+if __name__ == "__main__":
+    register()
+    if sys.argv[1] == "vision":
+        from companion.vision.process import main as see
+
+        see(int(sys.argv[2]), int(sys.argv[3]))
+    from companion.cli import main
+
+    sys.exit(main(vision=(sys.executable, "-m", "bench.stopping.perceivers", "vision")))

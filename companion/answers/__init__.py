@@ -1,0 +1,1 @@
+"""Operators' answers, from hearing one to its acknowledgement."""

@@ -1,0 +1,188 @@
+"""One TOML file: its data, where in it each key stands, and what is wrong with it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+_LONGEST_VALUE = 40
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing to mend. line: from 1, or None when the whole file is meant. key: "call.votes", may be empty.
+
+    value: what stands there as Python has it, or None when that does not matter.
+    """
+
+    file: Path
+    line: int | None
+    key: str
+    value: object
+    reason: str
+
+    def __str__(self) -> str:
+        place = str(self.file) if self.line is None else f"{self.file}:{self.line}"
+        value = "" if self.value is None else f" = {_short(self.value)}"
+        return ": ".join(part for part in (place, f"{self.key}{value}", self.reason) if part)
+
+
+class ConfigError(Exception):
+    """A configuration that cannot be used: all its problems at once, one a line."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in problems))
+
+
+def _short(value: object) -> str:
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
+
+
+KeyPath = tuple[str, ...]
+
+_TOKEN = re.compile(
+    r"""
+      (?P<string> \"{3}(?:\\.|[^\\])*?\"{3}\"{0,2} | '{3}.*?'{3}'{0,2} | "(?:\\.|[^"\\\n])*" | '[^'\n]*' )
+    | (?P<comment> \#[^\n]* )
+    | (?P<newline> \n )
+    | (?P<mark> [\[\]{}=.,] )
+    | (?P<space> [ \t\r]+ )
+    | (?P<bare> [^\s\[\]{}=.,\#"']+ | . )
+    """,
+    re.VERBOSE | re.DOTALL,
+)
+_ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|U([0-9a-fA-F]{8})|x([0-9a-fA-F]{2})|(.))", re.DOTALL)
+_SIMPLE_ESCAPES = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "\x1b"}
+
+
+def key_lines(text: str) -> dict[KeyPath, int]:
+    """Path of every table and key -> its line, from 1. `text` is valid TOML.
+
+    Keys inside inline tables and arrays count as part of the key that holds them.
+    """
+    lines: dict[KeyPath, int] = {}
+    for table, keys, line in _statements(text):
+        path = (*table, *keys)
+        for depth in range(1, len(path) + 1):
+            lines.setdefault(path[:depth], line)
+    return lines
+
+
+def _statements(text: str) -> Iterator[tuple[KeyPath, KeyPath, int]]:
+    """(table, keys, line) of each header (with no keys) and each assignment."""
+    table: KeyPath = ()
+    parts: list[str] = []
+    line, depth, in_header, in_value = 1, 0, False, False
+    for match in _TOKEN.finditer(text):
+        kind, token = match.lastgroup, match.group()
+        if in_value:
+            depth += (token in "[{") - (token in "]}") if kind == "mark" else 0
+            in_value = depth > 0 or kind != "newline"
+            if not in_value:
+                parts = []
+        elif kind == "mark" and token == "[":
+            in_header = True
+        elif kind == "mark" and token == "]" and in_header:
+            table, parts, in_header = tuple(parts) or table, [], False
+            yield table, (), line
+        elif kind == "mark" and token == "=":
+            yield table, tuple(parts), line
+            in_value, depth = True, 0
+        elif kind in {"string", "bare"}:
+            parts.append(_plain(token))
+        line += token.count("\n")
+
+
+def _plain(key: str) -> str:
+    if key[0] == "'":
+        return key[1:-1]
+    return _ESCAPE.sub(_unescape, key[1:-1]) if key[0] == '"' else key
+
+
+def _unescape(match: re.Match[str]) -> str:
+    simple: str | None = match.group(4)
+    if simple is not None:
+        return _SIMPLE_ESCAPES.get(simple, simple)
+    return chr(int(match.group(1) or match.group(2) or match.group(3), 16))
+
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_LARGEST = 1 << 20
+_AT_LINE = re.compile(r"^(.*?) \(at line (\d+), column \d+\)$", re.DOTALL)
+
+
+class Layer:
+    """A file that was read. Of two layers the first one's values win."""
+
+    def __init__(self, path: Path, data: Mapping[str, Any], lines: Mapping[KeyPath, int]) -> None:
+        self.path = path
+        self.data = data
+        self._lines = lines
+
+    @classmethod
+    def read(cls, path: Path) -> Layer:
+        """Raises ConfigError when the file cannot be read or is no TOML."""
+        try:
+            with path.open("rb") as file:
+                raw = file.read(_LARGEST + 1)
+            if len(raw) > _LARGEST:
+                raise _whole(path, "is larger than 1 MiB: this is no configuration")
+            text = raw.decode().replace("\r\n", "\n")
+            return cls(path, tomllib.loads(text), key_lines(text))
+        except FileNotFoundError:
+            raise _whole(path, "there is no such file: `companion init` writes one") from None
+        except OSError as error:
+            raise _whole(path, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+        except UnicodeDecodeError as error:
+            raise _whole(path, f"is not UTF-8 (byte {error.start}): save it as UTF-8") from error
+        except RecursionError as error:
+            raise _whole(path, "is nested too deeply: this is no configuration") from error
+        except tomllib.TOMLDecodeError as error:
+            located = _AT_LINE.match(str(error))
+            reason, line = (located[1], int(located[2])) if located else (str(error), None)
+            hint = " (text stands in quotes)" if reason == "Invalid value" else ""
+            raise ConfigError([Problem(path, line, "", None, f"{reason}{hint}: mend the TOML")]) from error
+
+    def problem(self, keys: KeyPath, reason: str) -> Problem:
+        """A problem with what stands under `keys`, on its line or that of the table around it."""
+        around = (keys[:depth] for depth in range(len(keys), 0, -1))
+        line = next((self._lines[key] for key in around if key in self._lines), None)
+        value = self.value(keys)
+        return Problem(self.path, line, ".".join(keys), None if isinstance(value, Mapping) else value, reason)
+
+    def value(self, keys: KeyPath) -> object:
+        """What stands under `keys`; None for nothing."""
+        found: Any = self.data
+        for key in keys:
+            found = found.get(key) if isinstance(found, Mapping) else None
+        return found
+
+    def table(self, name: str, problems: list[Problem]) -> Mapping[str, Any]:
+        """The table `name`, empty when it is absent or, which is a problem, no table."""
+        found = self.data.get(name, {})
+        if isinstance(found, Mapping):
+            return found
+        problems.append(self.problem((name,), f"is a table: write [{name}] and its settings below it"))
+        return {}
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """ "; did you mean ...?" when something is near, else the choice."""
+    options = list(known)
+    near = get_close_matches(name, options, 1)
+    return f'did you mean "{near[0]}"?' if near else f"known are {', '.join(options)}"
+
+
+def _whole(path: Path, reason: str) -> ConfigError:
+    return ConfigError([Problem(path, None, "", None, reason)])

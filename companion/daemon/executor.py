@@ -1,0 +1,171 @@
+"""Carries out what the state machine decided: modes, announcements, texts, journal and pictures."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable
+
+from anytraverse.history import Place
+from anytraverse.preferences import Preferences
+from companion.calls.decisions import (
+    CallClosed,
+    CallOpened,
+    Decision,
+    GoLapsed,
+    HoldMoved,
+    HoldRenamed,
+    HoldShown,
+    HoldStarted,
+    SetMode,
+    WouldHold,
+    WouldResume,
+)
+from companion.calls.hold import HoldEvent
+from companion.calls.machine import OperatorCalls
+from companion.daemon.health import ASLEEP
+from companion.daemon.persistence import Persistence
+from companion.link.link import Link
+from companion.policy.shadow import ShadowReporter
+from companion.system.error_guard import ErrorGuard
+from companion.telemetry.active_alert import ActiveAlert
+from companion.wire import texts
+from companion.wire.ids import Kind, Outcome
+
+log = logging.getLogger(__name__)
+
+ALERT, ERROR, WARNING, NOTICE = 1, 3, 4, 5
+_ENDS = {
+    HoldEvent.RESUMED: Outcome.ANSWERED,
+    HoldEvent.TAKEN_OVER: Outcome.TAKEN_OVER,
+    HoldEvent.DROPPED: Outcome.SWITCHED_OFF,
+}
+
+
+class DecisionExecutor:
+    """Each decision for itself: a picture that fails keeps no hold from being commanded."""
+
+    def __init__(
+        self,
+        link: Link,
+        calls: OperatorCalls,
+        persistence: Persistence,
+        active_alert: ActiveAlert,
+        error_guard: ErrorGuard,
+        words: Callable[[], Preferences],
+        place: Callable[[], Place],
+        shadow: ShadowReporter,
+    ) -> None:
+        self._link = link
+        self._calls = calls
+        self._persistence = persistence
+        self._active_alert = active_alert
+        self._error_guard = error_guard
+        self._words = words
+        self._place = place
+        self._shadow = shadow
+        self._to_show: HoldShown | None = None
+
+    def carry_out(self, decisions: Iterable[Decision], now: float, *, at_once: bool = False) -> None:
+        """Do all of them: modes first, since pictures and the disk take their time, then the rest in order.
+
+        at_once: a hold leaves before the rest is done; only where all is heard that the autopilot told.
+        """
+        decisions = list(decisions)
+        for decision in decisions:
+            with self._error_guard.survived(type(decision).__name__, now):
+                self._command(decision, now)
+        if at_once:
+            self.hurry(now)
+        for decision in decisions:
+            with self._error_guard.survived(type(decision).__name__, now):
+                self._do(decision, now)
+        if at_once:
+            with self._error_guard.survived(HoldShown.__name__, now):
+                self._show_hold(now)
+
+    def hurry(self, now: float) -> None:
+        """A hold that was decided leaves now, unless we slept since `now`: who knows then who drives."""
+        if time.monotonic() - now <= ASLEEP:
+            self._link.urge_hold(now)
+
+    def _command(self, decision: Decision, now: float) -> None:
+        match decision:
+            case HoldMoved() if decision.event in _ENDS or decision.event is HoldEvent.REBOOTED:
+                self._link.forget_mode()
+            case SetMode(mode):
+                self._link.set_mode(mode, now)
+
+    def _do(self, decision: Decision, now: float) -> None:
+        match decision:
+            case CallOpened(call):
+                log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))
+                self._active_alert.last_call = call.id
+                call.place = self._place()
+                self._persistence.call_opened(call, self._calls.state(now))
+            case CallClosed(call):
+                log.info("call %d closed: %s", call.id, call.outcome.name.lower())
+                data = self._active_alert.closed_call(call, self._words(), self._place(), now)
+                self._link.announce(data, texts.closed(Kind.CALL, call.id, call.outcome), now)
+                self._persistence.call_closed(call)
+            case HoldStarted(hold, reasons):
+                log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
+            case HoldShown():
+                self._to_show = decision
+            case HoldRenamed(old, hold):
+                log.info("hold %d goes on as call %d", old, hold.id)
+                self._close_hold(old, Outcome.NONE, now)
+            case HoldMoved():
+                self._hold_moved(decision, now)
+            case GoLapsed(number):
+                self._link.say(texts.go_lapsed(self._calls.kind, number), WARNING, now)
+            case WouldHold():
+                self._shadow.began(decision, now)
+            case WouldResume():
+                self._shadow.ended(decision)
+
+    def _show_hold(self, now: float) -> None:
+        """Once it has left: one that was decided in hearing has not."""
+        shown, self._to_show = self._to_show, None
+        if shown is not None and shown.hold is self._calls.hold and self._calls.call is None:
+            self._persistence.hold_shown(shown.hold.id, shown.seen, self._calls.state(now))
+
+    def _hold_moved(self, moved: HoldMoved, now: float) -> None:
+        hold, autopilot = moved.hold, self._calls.autopilot.autopilot
+        kind = Kind.CALL if hold.id == self._active_alert.last_call else Kind.HOLD
+        log.info("hold %d: %s", hold.id, moved.event.value)
+        ended = _ENDS.get(moved.event)
+        if ended is not None and kind is Kind.HOLD:
+            self._close_hold(hold.id, ended, now)
+        match moved.event:
+            case HoldEvent.CONFIRMED:
+                circles = autopilot is not None and autopilot.circles
+                told = texts.circling if circles else texts.holding
+                self._link.say(told(kind, hold.id), WARNING, now)
+            case HoldEvent.FAILED if moved.resuming:
+                self._link.say(texts.resume_failed(kind, hold.id), ALERT, now)
+            case HoldEvent.FAILED:
+                self._link.say(texts.hold_failed(kind, hold.id), ALERT, now)
+            case HoldEvent.RESUMED:
+                self._link.say(texts.resumed(kind, hold.id, self._mode_name(hold.mode_before)), NOTICE, now)
+                if autopilot is not None and hold.mode_before in autopilot.loses_target:
+                    self._link.say(texts.send_target_again(), ERROR, now)
+                newest = self._calls.sight.newest
+                if newest is not None:
+                    title = f"{texts.name(kind, hold.id)} drives on"
+                    self._persistence.picture(newest, self._calls.state(now), title)
+            case HoldEvent.TAKEN_OVER:
+                mode = self._mode_name(self._calls.autopilot.mode or 0)
+                self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
+            case HoldEvent.REBOOTED:
+                self._link.say(texts.rebooted(kind, hold.id), WARNING, now)
+            case HoldEvent.DROPPED:
+                self._link.say(texts.dropped(kind, hold.id), WARNING, now)
+
+    def _mode_name(self, mode: int) -> str:
+        autopilot = self._calls.autopilot.autopilot
+        return f"mode {mode}" if autopilot is None else autopilot.mode_name(mode)
+
+    def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:
+        data = self._active_alert.closed_hold(number, outcome, self._words(), self._place(), now)
+        self._link.announce(data, texts.closed(Kind.HOLD, number, outcome), now)

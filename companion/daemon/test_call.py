@@ -1,0 +1,177 @@
+"""A test call: asked for on this computer, told and answered like any other, and nothing is wrong.
+
+It holds nothing and teaches nothing. `companion check --dry-run` asks for one by a file in the state folder,
+where only the companion's own user and root can write, and reads in the status file what became of it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from anytraverse.history import Place
+from anytraverse.preferences import Preferences
+from companion.calls.machine import OperatorCalls
+from companion.link.inbound import AnswerRequest
+from companion.link.link import Link
+from companion.telemetry.summary import call_data
+from companion.wire import notices, texts
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Kind, Motion, Outcome, Reasons, Result, Stage, words_hash
+from companion.wire.payloads import CallData
+
+log = logging.getLogger(__name__)
+
+REQUEST = "test-call"
+"""Name of the file that asks for a test call; when it was written tells one from the next."""
+ANSWERED_WITHIN = 60.0
+_LOOK_EVERY = 0.25
+_YOUNG = 10.0
+
+
+@dataclass(frozen=True)
+class _Open:
+    data: CallData
+    since: float
+
+
+class TestCall:
+    """At most one, and never while a call or hold is open: a real one ends it at once."""
+
+    def __init__(
+        self,
+        folder: Path,
+        calls: OperatorCalls,
+        link: Link,
+        words: Callable[[], Preferences],
+        place: Callable[[], Place],
+    ) -> None:
+        self._request = folder / REQUEST
+        self._calls = calls
+        self._link = link
+        self._words = words
+        self._place = place
+        self._open: _Open | None = None
+        self._looked_at = float("-inf")
+        self.status: dict[str, Any] = {}
+        """Of the last one, for the status file: asked, id, state and text; who answered, after how many s;
+        what was asked meanwhile and refused."""
+
+    @property
+    def id(self) -> int:
+        """Of the open test call, 0 without one."""
+        return self._open.data.id if self._open is not None else 0
+
+    def tick(self, now: float) -> None:
+        """Begin what is asked for; end what is over."""
+        if now - self._looked_at >= _LOOK_EVERY:
+            self._looked_at = now
+            asked = self._asked()
+            if asked is not None:
+                self._begin(asked, now)
+        if self._open is None:
+            return
+        if self._calls.current_id:
+            self._end("cut short", notices.trial_cut_short(self.id), Outcome.NONE, now)
+        elif now - self._open.since >= ANSWERED_WITHIN:
+            self._end("unanswered", notices.trial_unanswered(self.id), Outcome.PASSED, now)
+
+    def announce(self, now: float) -> None:
+        """Say it, as a call is said."""
+        if self._open is not None:
+            self._link.announce(self._open.data, texts.trial_call(self.id), now)
+
+    def hear(self, request: AnswerRequest, now: float) -> bool:
+        """Whether the answer was for the test call; then it is acknowledged, and the test is over.
+
+        Whatever the answer says, it changes nothing.
+        """
+        if self._open is None or request.target not in (0, self.id):
+            return False
+        if request.target == 0 and request.motion is Motion.NONE:
+            return False
+        seconds, number = now - self._open.since, self.id
+        if request.target == 0 and seconds < self._calls.numbers.announce_guard:
+            self._acknowledge(request, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
+            return True
+        text = notices.trial_answered(number, *request.sender, seconds)
+        self.status |= {"by": list(request.sender), "after": round(seconds, 1)}
+        self._end("answered", text, Outcome.ANSWERED, now)
+        result = Result.REFUSED if request.operations else Result.APPLIED
+        told = f"{text}; a test teaches no words" if request.operations else text
+        self._acknowledge(request, number, result, told, now)
+        return True
+
+    def _asked(self) -> int | None:
+        """When the file was written that asks, in ns; None where none does. It is taken away."""
+        try:
+            seen = os.lstat(self._request)
+        except OSError:
+            return None
+        with contextlib.suppress(OSError):
+            os.unlink(self._request)
+        if seen.st_uid not in (0, os.geteuid()) or abs(time.time() - seen.st_mtime) > _YOUNG:
+            log.warning("a request for a test call is ignored: too old, or not by root or this user")
+            return None
+        return seen.st_mtime_ns
+
+    def _begin(self, asked: int, now: float) -> None:
+        if self._open is not None or self._calls.current_id:
+            kind = self._calls.kind if self._calls.current_id else Kind.CALL
+            text = f"{texts.name(kind, self._calls.current_id or self.id)} is open: answer it first"
+            if self._open is not None:
+                self.status["refused"] = {"asked": asked, "text": text}
+            else:
+                self.status = {"asked": asked, "id": 0, "state": "refused", "text": text}
+            return
+        number, newest = self._calls.take_id(), self._calls.sight.newest
+        data = call_data(
+            None,
+            self._calls.numbers.judging.region,
+            self._words(),
+            self._place(),
+            number=number,
+            kind=Kind.CALL,
+            stage=Stage.OPEN,
+            outcome=Outcome.NONE,
+            reasons=(),
+            holding=False,
+            frame_id=newest.frame.id if newest is not None else 0,
+            age=0.0,
+            picture="",
+        )
+        self._open = _Open(replace(data, test=True), now)
+        self.status = {"asked": asked, "id": number, "state": "open", "text": texts.trial_call(number)}
+        log.warning("%s", self.status["text"])
+
+    def _end(self, state: str, text: str, outcome: Outcome, now: float) -> None:
+        assert self._open is not None
+        data = replace(self._open.data, stage=Stage.CLOSED, outcome=outcome)
+        self._open = None
+        self.status |= {"state": state, "text": text}
+        log.warning("%s", text)
+        self._link.announce(data, text, now)
+
+    def _acknowledge(
+        self, request: AnswerRequest, number: int, result: Result, text: str, now: float
+    ) -> None:
+        closed = self._open is None
+        acknowledgement = Acknowledgement(
+            transaction=request.transaction or 0,
+            target=number,
+            result=result,
+            stage=Stage.CLOSED if closed else Stage.OPEN,
+            outcome=Outcome.ANSWERED if closed else Outcome.NONE,
+            roi_uncertainty=None,
+            worst_tile=None,
+            reasons=Reasons.NONE,
+            words=words_hash(self._words()),
+            text=text,
+        )
+        self._link.acknowledge(request, acknowledgement, now)

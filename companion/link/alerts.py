@@ -1,0 +1,192 @@
+"""Texts that are said once, and the open call or hold, repeated until it is answered."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+from companion.link import encode
+from companion.link.inbound import Sender
+from companion.link.limits import TokenBucket
+from companion.link.outbox import Outbox
+from companion.wire import notices
+from companion.wire.ids import Stage
+from companion.wire.messages import (
+    CLOSED_REPEATS,
+    DATA_PERIOD,
+    DATA_REPEATS,
+    DATA_SLOW_PERIOD,
+    TEXT_ALERT_AFTER,
+    TEXT_PERIOD,
+    TEXT_SLOW_PERIOD,
+)
+from companion.wire.payloads import CallData
+
+SAME_TEXT_GAP = 5.0
+MAX_TEXTS = 8
+REFUSALS_AT_ONCE = 4
+REFUSAL_GAP = 2.0
+ALERT, WARNING, INFO = 1, 4, 6
+
+
+class TextSender:
+    """Says each text at most once in 5 s; at most eight wait.
+
+    unsaid: texts that found eight waiting, and refusals that came too thick.
+    """
+
+    def __init__(self, outbox: Outbox) -> None:
+        self._outbox = outbox
+        self._said: dict[str, float] = {}
+        self._refusals = TokenBucket(1 / REFUSAL_GAP, REFUSALS_AT_ONCE, 0.0)
+        self._strangers = TokenBucket(1 / SAME_TEXT_GAP, 1, 0.0)
+        self.unsaid = 0
+
+    def say(self, text: str, severity: int, now: float) -> None:
+        """Queue a STATUSTEXT of MAV_SEVERITY `severity`; an ALERT goes as early as a call."""
+        self._forget(now)
+        if text in self._said:
+            return
+        if severity > ALERT and self._outbox.waiting("text") >= MAX_TEXTS:
+            self.unsaid += 1
+            return
+        self._said[text] = now
+        self._outbox.push("call text" if severity <= ALERT else "text", encode.text(text, severity), now)
+
+    def answer(self, text: str, now: float, *, taken: bool) -> None:
+        """What became of somebody's answer."""
+        if taken:
+            self.say(text, INFO, now)
+        else:
+            self.refuse(text, now)
+
+    def refuse(self, text: str, now: float) -> None:
+        """Say why somebody's wish is not granted: four at once, then one in 2 s, however many come."""
+        self._forget(now)
+        if text in self._said:
+            return
+        if self._refusals.take(1, now):
+            self.say(text, WARNING, now)
+        else:
+            self.unsaid += 1
+
+    def refuse_sender(self, sender: Sender, now: float) -> None:
+        """Say that he may not change anything; in 5 s one of however many."""
+        if self._strangers.take(1, now):
+            self.say(notices.sender_refused(sender[0]), WARNING, now)
+
+    def _forget(self, now: float) -> None:
+        self._said = {old: at for old, at in self._said.items() if now - at < SAME_TEXT_GAP}
+
+
+ERROR = 3
+NOTICE = 5
+TEXT_GAP = 2.0
+_NEVER = float("-inf")
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """A text with its MAV_SEVERITY."""
+
+    text: str
+    severity: int
+
+
+@dataclass
+class _Closing:
+    call: CallData
+    left: int = CLOSED_REPEATS
+    sent_at: float = _NEVER
+
+
+class AlertRepeater:
+    """What to say about the one open call or hold, and when. New content goes out at once, but not faster
+    than one payload a second and one text in 2 s."""
+
+    def __init__(self) -> None:
+        self._call: CallData | None = None
+        self._told_at = 0.0
+        self._text = ""
+        self._quiet = False
+        self._severity = ERROR
+        self._since = 0.0
+        self._repeats = 0
+        self._data_at = _NEVER
+        self._data_new = False
+        self._text_at = _NEVER
+        self._text_new = False
+        self._closing: deque[_Closing] = deque(maxlen=4)
+        self._closed: int | None = None
+        self._farewells: deque[str] = deque(maxlen=4)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a call or hold asks for something: numbers stop, summaries slow down."""
+        return self._call is not None
+
+    def announce(self, call: CallData | None, text: str, now: float, *, quiet: bool, severity: int) -> None:
+        """See `Link.announce`. Saying the same again changes nothing."""
+        if call is not None and call.stage == Stage.CLOSED:
+            self._close(call, text)
+            return
+        self._closed = None
+        if _place(call) != _place(self._call) or (call is None and text != self._text):
+            self._since = now
+            self._repeats = 0
+            self._text_new = True
+        self._data_new |= _content(call) != _content(self._call)
+        self._text_new |= text != self._text or severity != self._severity
+        if call != self._call:
+            self._told_at = now
+        self._call, self._text, self._quiet, self._severity = call, text, quiet, severity
+
+    def data(self, now: float) -> CallData | None:
+        """The call data that is due, its age brought up to date."""
+        for closing in self._closing:
+            if now - closing.sent_at >= DATA_PERIOD:
+                closing.left -= 1
+                closing.sent_at = now
+                if closing.left == 0:
+                    self._closing.remove(closing)
+                return closing.call
+        if self._call is None:
+            return None
+        silent = now - self._data_at
+        fast = self._data_new or self._repeats < DATA_REPEATS
+        if silent < (DATA_PERIOD if fast else DATA_SLOW_PERIOD):
+            return None
+        self._data_at, self._data_new = now, False
+        self._repeats += 1
+        return replace(self._call, age_s=self._call.age_s + int(now - self._told_at))
+
+    def text(self, now: float) -> Spoken | None:
+        """The text that is due, if any; ask until there is none."""
+        if self._farewells:
+            return Spoken(self._farewells.popleft(), NOTICE)
+        if not self._text:
+            return None
+        fast = not self._quiet and self._text_at - self._since < TEXT_ALERT_AFTER
+        silent = now - self._text_at
+        if silent < (TEXT_GAP if self._text_new else TEXT_PERIOD if fast else TEXT_SLOW_PERIOD):
+            return None
+        self._text_at, self._text_new = now, False
+        alert = not self._quiet and now - self._since >= TEXT_ALERT_AFTER
+        return Spoken(self._text, min(ALERT, self._severity) if alert else self._severity)
+
+    def _close(self, call: CallData, text: str) -> None:
+        if self._closed == call.id:
+            return
+        self._closed = call.id
+        self._closing.append(_Closing(call))
+        if text:
+            self._farewells.append(text)
+        self._call, self._text = None, ""
+
+
+def _place(call: CallData | None) -> tuple[int, Stage] | None:
+    return None if call is None else (call.id, call.stage)
+
+
+def _content(call: CallData | None) -> CallData | None:
+    return None if call is None else replace(call, age_s=0)

@@ -1,0 +1,299 @@
+"""Answers come in here, each once, and their acknowledgements go out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link import encode
+from companion.link.access_control import AccessControl
+from companion.link.alerts import TextSender
+from companion.link.inbound import AnswerRequest, ParameterRequest, PolicyRequest, Sender
+from companion.link.limits import SenderCache
+from companion.link.outbox import Outbox
+from companion.link.parameter_server import ParameterServer
+from companion.wire import notices
+from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord
+from companion.wire.ids import (
+    ANSWER_COMMAND,
+    SET_POLICY,
+    SET_WEIGHT,
+    TUNNEL_ACKNOWLEDGEMENT,
+    VERSION,
+    Motion,
+    Outcome,
+    Policy,
+    Reasons,
+    Result,
+    Stage,
+)
+from companion.wire.packing import PayloadError
+from companion.wire.parameters import ANSWER
+
+MAX_PARTS = 4
+OF_A_SENDER, IN_ALL = 8, 1024
+"""In all more than are admitted in 30 s of those who share, however many names they have."""
+PATIENCE = 30.0
+"""s without another part; a sender that backs off and a radio that loses half take 8 s or twice that."""
+
+
+@dataclass
+class _Pieces:
+    newest_at: float
+    parts: dict[int, AnswerMessage] = field(default_factory=dict)
+
+
+class Reassembly:
+    """Collects at most four parts of an answer, 30 s from one to the next; of a sender eight at once."""
+
+    def __init__(self) -> None:
+        self._open: SenderCache[_Pieces] = SenderCache(OF_A_SENDER, IN_ALL)
+
+    def add(self, sender: Sender, part: AnswerMessage, now: float) -> AnswerMessage | None:
+        """The whole answer with the operations of all parts in order, once the last one is here.
+
+        Raises PayloadError for more than four parts, and for parts that contradict each other.
+        """
+        if part.parts == 1:
+            return part
+        if part.parts > MAX_PARTS:
+            raise PayloadError(f"{part.parts} parts, at most {MAX_PARTS}")
+        key = (sender, part.transaction)
+        pieces = self._open.get(key)
+        if pieces is None or now - pieces.newest_at >= PATIENCE:
+            pieces = _Pieces(now)
+        pieces.newest_at = now
+        self._open.put(key, pieces)
+        if any(_frame(other) != _frame(part) for other in pieces.parts.values()):
+            self._open.pop(key)
+            raise PayloadError("the parts do not belong together")
+        pieces.parts[part.part] = part
+        if len(pieces.parts) < part.parts:
+            return None
+        self._open.pop(key)
+        operations = tuple(op for number in range(part.parts) for op in pieces.parts[number].operations)
+        return replace(part, operations=operations, part=0, parts=1)
+
+
+def _frame(part: AnswerMessage) -> tuple[int, int, int]:
+    return part.target, part.motion, part.parts
+
+
+REPEAT_WITHIN = 5.0
+MAX_ID = 0xFFFF
+
+_COMMAND_RESULTS = {
+    Result.APPLIED: mavlink.MAV_RESULT_ACCEPTED,
+    Result.APPLIED_NOT_REMEMBERED: mavlink.MAV_RESULT_ACCEPTED,
+    Result.NOT_COVERED: mavlink.MAV_RESULT_ACCEPTED,
+    Result.STALE: mavlink.MAV_RESULT_DENIED,
+    Result.REFUSED: mavlink.MAV_RESULT_FAILED,
+    Result.DENIED: mavlink.MAV_RESULT_DENIED,
+    Result.BUSY: mavlink.MAV_RESULT_TEMPORARILY_REJECTED,
+}
+
+
+@dataclass
+class _AnswerCase:
+    """An answer that was handed on at `at`; `reply` once it is decided."""
+
+    at: float
+    reply: Any = None
+
+
+class AnswerService:
+    """TUNNEL 45003 and the answer command in; AnswerRequest out, once for each transaction.
+
+    A transaction that comes again gets the stored acknowledgement; while it is undecided, silence.
+    """
+
+    def __init__(
+        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: ParameterServer
+    ) -> None:
+        self._outbox = outbox
+        self._speaker = speaker
+        self._guard = guard
+        self._parameters = parameters
+        self._assembly = Reassembly()
+        self._cases: SenderCache[_AnswerCase] = SenderCache()
+
+    def tunnel(self, sender: Sender, payload: bytes, now: float) -> AnswerRequest | None:
+        """An answer's payload, or one part of it."""
+        try:
+            part = AnswerMessage.unpack(payload)
+        except PayloadError:
+            other = bool(payload) and payload[0] != VERSION
+            self._guard.rejected["version" if other else "payload"] += 1
+            if other:
+                self._speaker.refuse(notices.other_version(), now)
+            return None
+        if not self._guard.may_change(sender):
+            self._guard.rejected["sender"] += 1
+            self._speaker.refuse_sender(sender, now)
+            self._reply(sender, _refusal(part, Result.DENIED, "this sender may not answer"), now)
+            return None
+        if self._known((sender, part.transaction), now):
+            return None
+        try:
+            whole = self._assembly.add(sender, part, now)
+        except PayloadError as error:
+            self._guard.rejected["parts"] += 1
+            self._reply(sender, _refusal(part, Result.REFUSED, str(error)), now)
+            return None
+        if whole is None:
+            return None
+        self._cases.put((sender, part.transaction), _AnswerCase(now))
+        return AnswerRequest(sender, whole.transaction, whole.target, whole.motion, whole.operations)
+
+    def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | PolicyRequest | None:
+        """The answer command; always acknowledged, by the daemon or here."""
+        if not self._guard.may_change(sender):
+            self._guard.rejected["sender"] += 1
+            self._speaker.refuse_sender(sender, now)
+            self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
+            return None
+        if message.param2 == SET_POLICY and (policy := _whole(message.param3, 0, max(Policy))) is not None:
+            return PolicyRequest(sender, Policy(policy))
+        request = self._read_command(sender, message)
+        if request is None:
+            self._guard.rejected["command"] += 1
+            self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
+            self._speaker.refuse(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), now)
+            return None
+        # The same command once more is a new wish, unless it says that it is a repetition.
+        again = getattr(message, "confirmation", 0) > 0
+        if self._known((sender, request), now, repeat_within=REPEAT_WITHIN if again else 0.0):
+            return None
+        self._cases.put((sender, request), _AnswerCase(now))
+        return request
+
+    def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
+        """Tell the asker, and remember it for repetitions, unless it says "send it again"."""
+        if request.transaction is None:
+            key: tuple[Any, ...] = (request.sender, request)
+            reply: Any = _COMMAND_RESULTS[ack.result]
+            self._speaker.answer(ack.text, now, taken=reply == mavlink.MAV_RESULT_ACCEPTED)
+            self._command_ack(request.sender, reply, now)
+        else:
+            key = (request.sender, request.transaction)
+            reply = ack
+            self._reply(request.sender, ack, now)
+        if ack.result == Result.BUSY:
+            self._cases.pop(key)
+        else:
+            self._cases.put(key, _AnswerCase(now, reply))
+
+    def _known(self, key: tuple[Any, ...], now: float, repeat_within: float = math.inf) -> bool:
+        case = self._cases.get(key)
+        if case is None:
+            return False
+        if case.reply is None:
+            return now - case.at < self._guard.undecided_for
+        if now - case.at > repeat_within or repeat_within == 0.0:
+            return False
+        self._cases.put(key, case)
+        if isinstance(case.reply, Acknowledgement):
+            self._reply(key[0], case.reply, now)
+        else:
+            self._command_ack(key[0], case.reply, now)
+        return True
+
+    def _reply(self, sender: Sender, ack: Acknowledgement, now: float) -> None:
+        message = encode.tunnel(TUNNEL_ACKNOWLEDGEMENT, ack.pack(), sender)
+        self._outbox.push("answer ack", message, now, key=(sender, ack.transaction), to=sender)
+
+    def _command_ack(self, sender: Sender, result: int, now: float) -> None:
+        self._outbox.push("command ack", encode.command_ack(ANSWER_COMMAND, result, sender), now, to=sender)
+
+    def _read_command(self, sender: Sender, message: Any) -> AnswerRequest | None:
+        target = _whole(message.param1, 0, MAX_ID)
+        code = _whole(message.param2, 1, SET_WEIGHT)
+        if target is None or code is None:
+            return None
+        if code != SET_WEIGHT:
+            return AnswerRequest(sender, None, target, Motion(code), ())
+        operation = self._weight(message.param3, message.param4)
+        return None if operation is None else AnswerRequest(sender, None, target, Motion.NONE, (operation,))
+
+    def _weight(self, index: float, value: float) -> Operation | None:
+        number = _whole(index, 0, MAX_ID)
+        entry = None if number is None else self._parameters.at(number)
+        if entry is None or entry.word is None or not entry.accepts(value):
+            return None
+        return ForgetWord(entry.word) if value == entry.special else SetWord(entry.word, round(value, 6))
+
+
+def _whole(value: float, first: int, last: int) -> int | None:
+    if not math.isfinite(value) or value != int(value) or not first <= value <= last:
+        return None
+    return int(value)
+
+
+def _refusal(part: AnswerMessage, result: Result, text: str) -> Acknowledgement:
+    return Acknowledgement(
+        part.transaction, part.target, result, Stage.CLOSED, Outcome.NONE, None, None, Reasons.NONE, 0, text
+    )
+
+
+_TAKEN = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
+
+
+@dataclass
+class _ParameterCase:
+    """A wish that was handed on at `at`, or decided then; taken: None while it is not."""
+
+    at: float
+    taken: bool | None = None
+
+
+class AnswerParameter:
+    """The echo carries what was taken, 0 what was not; later reads give 0.
+
+    A parameter cannot say that it is a repetition, so the same go or look again within 5 s is one, whether it
+    names the id or not. "Stay" is handed on each time: it may have come after a go. What named no id and was
+    stale is a repetition too: ground stations set a refused parameter again by themselves, and would answer a
+    call that nobody has read.
+    """
+
+    def __init__(self, speaker: TextSender, guard: AccessControl, parameters: ParameterServer) -> None:
+        self._speaker = speaker
+        self._guard = guard
+        self._parameters = parameters
+        self._cases: SenderCache[_ParameterCase] = SenderCache()
+
+    def hear(self, request: ParameterRequest, now: float) -> AnswerRequest | None:
+        """A value in range: id x 10 + motion. 0 says nothing."""
+        sender, value = request.sender, request.value
+        target, code = divmod(int(value), 10)
+        if not 1 <= code <= max(Motion):
+            if value:
+                self._guard.rejected["range"] += 1
+                self._speaker.refuse(notices.answer_refused(), now)
+            self._parameters.echo(ANSWER, 0.0, sender, now)
+            return None
+        key = (sender, target, Motion(code))
+        case = self._cases.get(key)
+        if case is not None and code != Motion.STAY and self._repeats(case, now):
+            if case.taken is not None:
+                self._parameters.echo(ANSWER, value if case.taken else 0.0, sender, now)
+            return None
+        self._cases.put(key, _ParameterCase(now))
+        return AnswerRequest(sender, None, target, Motion(code), (), value)
+
+    def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
+        """What became of it, as echo and as text. What was not taken may be asked again at once."""
+        taken = ack.result in _TAKEN
+        value = request.value if taken and request.value is not None else 0.0
+        self._speaker.answer(ack.text, now, taken=taken)
+        self._parameters.echo(ANSWER, value, request.sender, now)
+        for target in (request.target, ack.target):
+            key = (request.sender, target, request.motion)
+            self._cases.pop(key)
+            if taken or (ack.result is Result.STALE and request.target == 0):
+                self._cases.put(key, _ParameterCase(now, taken))
+
+    def _repeats(self, case: _ParameterCase, now: float) -> bool:
+        return now - case.at <= (self._guard.undecided_for if case.taken is None else REPEAT_WITHIN)

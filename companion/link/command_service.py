@@ -1,0 +1,143 @@
+"""Commands beside the answer command: versions, messages on request, rates, storage. Always acknowledged."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from anytraverse.release import own_version
+from companion.link import encode
+from companion.link.access_control import AccessControl
+from companion.link.alerts import TextSender
+from companion.link.inbound import ParameterRequest, PolicyRequest, ResetRequest, Sender
+from companion.link.outbox import Outbox
+from companion.link.parameter_server import ParameterServer
+from companion.wire.ids import ANSWER_COMMAND
+from companion.wire.messages import MESSAGES
+from companion.wire.parameters import NUMBER_RATE, SUMMARY_RATE
+
+ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+LATER: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+DENIED: int = mavlink.MAV_RESULT_DENIED
+UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+STORAGE_LOAD, STORAGE_SAVE, STORAGE_RESET = 0, 1, 2
+_HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+_SUMMARY = mavlink.MAVLINK_MSG_ID_TUNNEL
+_NUMBER = mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
+_VERSION = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+_RATES = {_SUMMARY: (SUMMARY_RATE, "summary"), _NUMBER: (NUMBER_RATE, "number")}
+_SECOND = 1_000_000
+_NEVER, _DEFAULT, _UNKNOWN = -1, 0, 0
+_LONGEST = 2**31 - 1
+_Asked = ParameterRequest | ResetRequest
+
+
+class CommandService:
+    """What only reads is for all; what changes something is for allowed senders, and denied to the rest."""
+
+    def __init__(
+        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: ParameterServer
+    ) -> None:
+        self._outbox = outbox
+        self._speaker = speaker
+        self._guard = guard
+        self._parameters = parameters
+        self._version = encode.autopilot_version(own_version())
+
+    def hear(self, sender: Sender, message: Any, now: float) -> _Asked | None:
+        """A COMMAND_LONG or COMMAND_INT; what the daemon must do is returned, the rest is done here."""
+        result: int
+        request: _Asked | None = None
+        first, second = message.param1, message.param2
+        match message.command:
+            case mavlink.MAV_CMD_REQUEST_MESSAGE:
+                result = self._tell(first, sender, now)
+            case mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+                result = self._tell(_VERSION, sender, now) if first == 1 else DENIED
+            case mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
+                result = self._tell_rate(first, sender, now)
+            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+                result, request = self._set_rate(first, second, sender, now)
+            case mavlink.MAV_CMD_PREFLIGHT_STORAGE if first == STORAGE_RESET and self._may(sender, now):
+                return ResetRequest(sender)
+            case mavlink.MAV_CMD_PREFLIGHT_STORAGE:
+                result = ACCEPTED if first in (STORAGE_LOAD, STORAGE_SAVE) else DENIED
+            case _:
+                result = UNSUPPORTED
+        self._acknowledge(sender, message.command, result, now)
+        return request
+
+    def acknowledge(self, request: PolicyRequest | ResetRequest, result: int, now: float) -> None:
+        """What became of it, MAV_RESULT."""
+        reset = isinstance(request, ResetRequest)
+        command = mavlink.MAV_CMD_PREFLIGHT_STORAGE if reset else ANSWER_COMMAND
+        self._acknowledge(request.sender, command, result, now)
+
+    def _may(self, sender: Sender, now: float) -> bool:
+        if self._guard.may_change(sender):
+            return True
+        self._guard.rejected["sender"] += 1
+        self._speaker.refuse_sender(sender, now)
+        return False
+
+    def _tell(self, message_id: float, to: Sender, now: float) -> int:
+        """The newest, once, out of the budget for what was asked."""
+        channel = self._outbox.channel(to)
+        if message_id == _VERSION:
+            told, row = [self._version], "version"
+        elif channel is None:
+            return LATER
+        elif message_id == _HEARTBEAT:
+            told, row = [channel.telling.newest_heartbeat()], "heartbeat asked"
+        elif message_id == _SUMMARY:
+            summary = channel.telling.newest_summary(to, now)
+            told, row = [] if summary is None else [summary], "summary asked"
+        elif message_id == _NUMBER:
+            told, row = channel.telling.newest_numbers(now), "number asked"
+        else:
+            return UNSUPPORTED
+        for index, message in enumerate(told):
+            self._outbox.push(row, message, now, key=(to, index), to=to)
+        return ACCEPTED if told else LATER
+
+    def _tell_rate(self, message_id: float, to: Sender, now: float) -> int:
+        if not 0 <= message_id <= 0xFFFF or message_id != int(message_id):
+            return DENIED
+        rate = self._parameters.value(_RATES[int(message_id)][0]) if message_id in _RATES else None
+        if message_id == _HEARTBEAT:
+            interval = _SECOND
+        elif rate is not None:
+            interval = min(_LONGEST, round(_SECOND / rate)) if rate else _NEVER
+        else:
+            interval = _NEVER if message_id == _VERSION else _UNKNOWN
+        message = encode.message_interval(int(message_id), interval)
+        self._outbox.push("rate told", message, now, key=(to, message_id), to=to)
+        return ACCEPTED
+
+    def _set_rate(
+        self, message_id: float, interval: float, sender: Sender, now: float
+    ) -> tuple[int, ParameterRequest | None]:
+        """The same as setting the rate's parameter; nobody slows the heartbeat down."""
+        if not self._may(sender, now):
+            return DENIED, None
+        if message_id == _HEARTBEAT:
+            return (ACCEPTED if interval in (_DEFAULT, _SECOND) else DENIED), None
+        if message_id not in _RATES:
+            return UNSUPPORTED, None
+        name, row = _RATES[int(message_id)]
+        if interval == _NEVER:
+            rate = 0.0
+        elif interval == _DEFAULT:
+            rate = 1.0 / (MESSAGES[row].period or 1.0)
+        elif math.isfinite(interval) and interval > 0:
+            rate = round(_SECOND / interval, 6)
+        else:
+            return DENIED, None
+        if not self._parameters.accepts(name, rate):
+            return DENIED, None
+        return ACCEPTED, ParameterRequest(sender, name, rate)
+
+    def _acknowledge(self, sender: Sender, command: int, result: int, now: float) -> None:
+        self._outbox.push("command ack", encode.command_ack(command, result, sender), now, to=sender)

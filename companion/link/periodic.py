@@ -1,0 +1,156 @@
+"""What is said at a rate: heartbeat, summary, numbers. The newest counts, nothing of it is kept for later.
+
+It leaves room in the budget for a call, and numbers leave room for the summary.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from companion.link import encode
+from companion.link.sender import Sender
+from companion.wire.ids import TUNNEL_SUMMARY, Policy, State
+from companion.wire.messages import MESSAGES, NUMBERS, SUMMARY_PERIOD_WHILE_CALLING
+from companion.wire.payloads import Summary
+
+_STATE_GAP = 0.25
+_NUMBER_LIFETIME = 5.0
+_PATIENCE = 0.3
+"""s to wait for a newer summary when one is due."""
+_BEFORE, _AFTER = 0.05, 0.15
+"""s around the time at which a summary falls due: frames leave apart, so that one now would hold it up."""
+_AT_WORK = 1.0
+_TOLERANCE = 1e-6
+_OLDEST = 0xFFFF
+"""ms that a summary can say."""
+_CALL_RESERVE = MESSAGES["call text"].bytes + MESSAGES["call data"].bytes
+_SUMMARY_RESERVE = _CALL_RESERVE + MESSAGES["summary"].bytes
+
+
+def _period(name: str) -> float:
+    period = MESSAGES[name].period
+    assert period is not None
+    return period
+
+
+class PeriodicTelemetry:
+    """Knows what is due when on one connection; rates come from the message table.
+
+    periods: s between summaries ("summary") and between two of the same number ("number"); may be changed,
+    `math.inf` for never.
+    """
+
+    def __init__(self, outbox: Sender, now: float) -> None:
+        self._outbox = outbox
+        self._started = now
+        self._content = (State.STARTING, 0, Policy.REPORT)
+        self._heartbeat_at = -math.inf
+        self._heartbeat_now = False
+        self._summary: tuple[Summary, float] | None = None
+        self._newest: tuple[Summary, float] | None = None
+        self._summary_at = -math.inf
+        self._sequence = 0
+        self.dropped = 0
+        self._numbers: dict[str, float] = {}
+        self._numbers_at = -math.inf
+        self.periods = {"summary": _period("summary"), "number": _period("number")}
+        step = _period("number") / len(NUMBERS)
+        self._number_at = {name: now + (place - len(NUMBERS)) * step for place, name in enumerate(NUMBERS)}
+
+    def set_state(self, state: State, current_id: int, policy: Policy) -> None:
+        """The heartbeat's content; a change is told at once."""
+        if (state, current_id, policy) != self._content:
+            self._content = (state, current_id, policy)
+            self._heartbeat_now = True
+
+    def newest_heartbeat(self) -> Any:
+        """For somebody who asks for it."""
+        return encode.heartbeat(*self._content)
+
+    def newest_summary(self, to: tuple[int, int], now: float) -> Any | None:
+        """For `to` alone, under the sequence number of the last one told to all; None before the first."""
+        if self._newest is None:
+            return None
+        return self._encoded(*self._newest, (self._sequence - 1) & 0xFFFF, now, to)
+
+    def newest_numbers(self, now: float) -> list[Any]:
+        """For somebody who asks for them."""
+        told = [name for name in NUMBERS if name in self._numbers]
+        return [encode.number(name, self._numbers[name], self._uptime(now)) for name in told]
+
+    def hurry(self) -> None:
+        """The next heartbeat is due now: somebody may have forgotten us."""
+        self._heartbeat_at = -math.inf
+
+    def summary(self, summary: Summary, now: float) -> None:
+        """The newest summary."""
+        self._summary = self._newest = (summary, now)
+
+    def numbers(self, values: Mapping[str, float], now: float) -> None:
+        """The newest numbers; those that are not finite are left out."""
+        self._numbers = {name: value for name, value in values.items() if math.isfinite(value)}
+        self._numbers_at = now
+
+    def tick(self, now: float, *, calling: bool) -> None:
+        """Queue what is due."""
+        period = self.periods["summary"]
+        if calling:
+            period = max(period, SUMMARY_PERIOD_WHILE_CALLING)
+        awaited = self._awaits_summary(now, period)
+        self._summary_tick(now, period)
+        silent = now - self._heartbeat_at + _TOLERANCE
+        beat = _period("heartbeat") + (_BEFORE + _AFTER if awaited else 0.0)
+        if silent >= (_STATE_GAP if self._heartbeat_now else beat):
+            self._heartbeat_at, self._heartbeat_now = now, False
+            self._outbox.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
+        if not calling and not awaited and now - self._numbers_at < _NUMBER_LIFETIME:
+            self._tell_numbers(now)
+
+    def _awaits_summary(self, now: float, period: float) -> bool:
+        """Whether one falls due about now; what is not urgent goes right behind it."""
+        if self._newest is None or now - self._newest[1] > _AT_WORK:
+            return False
+        return -_BEFORE <= now - self._summary_at - period <= _AFTER
+
+    def _summary_tick(self, now: float, period: float) -> None:
+        """The first that comes once one is due; an older one only where no new one comes soon."""
+        due = self._summary_at + period - _TOLERANCE
+        if self._summary is None or now < due:
+            return
+        _, given_at = self._summary
+        if given_at >= due or now >= due + _PATIENCE:
+            self._tell_summary(*self._summary, now)
+            self._summary_at = due if now - due <= _PATIENCE else now
+
+    def _tell_summary(self, summary: Summary, given_at: float, now: float) -> None:
+        self._summary = None
+        if not self._outbox.has_room("summary", now, reserve=_CALL_RESERVE):
+            self.dropped += 1
+            return
+        message = self._encoded(summary, given_at, self._sequence, now)
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._outbox.push("summary", message, now, key=0, lifetime=1.0)
+
+    def _encoded(
+        self, summary: Summary, given_at: float, sequence: int, now: float, to: tuple[int, int] = (0, 0)
+    ) -> Any:
+        age = min(_OLDEST, summary.frame_age_ms + round((now - given_at) * 1000))
+        told = replace(summary, sequence=sequence, dropped=self.dropped, frame_age_ms=age)
+        return encode.tunnel(TUNNEL_SUMMARY, told.pack(), to)
+
+    def _uptime(self, now: float) -> int:
+        return round((now - self._started) * 1000)
+
+    def _tell_numbers(self, now: float) -> None:
+        period = self.periods["number"]
+        for name in NUMBERS:
+            due = self._number_at[name] + period
+            if name not in self._numbers or now < due:
+                continue
+            self._number_at[name] = now if now - due > period else due
+            if self._outbox.has_room("number", now, reserve=_SUMMARY_RESERVE):
+                message = encode.number(name, self._numbers[name], self._uptime(now))
+                self._outbox.push("number", message, now, key=name, lifetime=1.0)

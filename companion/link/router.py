@@ -1,0 +1,239 @@
+"""What is heard: sorted, checked, and handed to whoever answers it."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.access_control import AccessControl
+from companion.link.alerts import WARNING, TextSender
+from companion.link.answers import AnswerParameter, AnswerService
+from companion.link.channel import Channel
+from companion.link.command_service import CommandService
+from companion.link.ftp.server import FtpServer
+from companion.link.inbound import Heard, ModeAck, Sender, VehicleHeard
+from companion.link.outbox import Outbox
+from companion.link.parameter_server import ParameterServer
+from companion.link.text_parameters import TextParameters
+from companion.link.vehicle import RemoteControl, VehicleTracker
+from companion.vehicle.ardupilot import script_hold
+from companion.wire import notices
+from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
+from companion.wire.messages import TELEMETRY
+from companion.wire.parameters import ANSWER
+
+WITHIN = 1.0
+MAX_REMEMBERED = 512
+"""More than are admitted within a second, whoever asks."""
+_HEADER_1, _HEADER_2 = 6, 10
+
+
+class Deduplicator:
+    """Knows the newest requests. The same one again on the same connection is a wish of its own."""
+
+    def __init__(self) -> None:
+        self._heard: OrderedDict[tuple[int, int, int, bytes], tuple[str, float]] = OrderedDict()
+
+    def is_repeated(self, message: Any, connection: str, now: float) -> bool:
+        """Whether its sender said just that within the last second on another connection."""
+        before, at = self._heard.get(_key(message), (connection, now))
+        return before != connection and now - at <= WITHIN
+
+    def keep(self, message: Any, connection: str, now: float) -> None:
+        """It was admitted."""
+        key = _key(message)
+        self._heard[key] = (connection, now)
+        self._heard.move_to_end(key)
+        if len(self._heard) > MAX_REMEMBERED:
+            self._heard.popitem(last=False)
+
+
+def _key(message: Any) -> tuple[int, int, int, bytes]:
+    """Payload less the zeros at its end, which MAVLink 2 leaves out and MAVLink 1 does not."""
+    frame = message.get_msgbuf()
+    start = _HEADER_1 if frame[0] == mavlink.PROTOCOL_MARKER_V1 else _HEADER_2
+    payload = bytes(frame[start : start + frame[1]]).rstrip(b"\0")
+    return message.get_srcSystem(), message.get_srcComponent(), message.get_msgId(), payload
+
+
+FILES = "FILE_TRANSFER_PROTOCOL"
+REQUESTS = frozenset(
+    {
+        "PARAM_REQUEST_LIST",
+        "PARAM_REQUEST_READ",
+        "PARAM_SET",
+        "PARAM_EXT_REQUEST_LIST",
+        "PARAM_EXT_REQUEST_READ",
+        "PARAM_EXT_SET",
+        "TUNNEL",
+        "COMMAND_LONG",
+        "COMMAND_INT",
+        FILES,
+    }
+)
+
+
+class RequestDispatcher:
+    """Takes messages of `REQUESTS` that are meant for us and were admitted."""
+
+    def __init__(
+        self,
+        guard: AccessControl,
+        parameters: ParameterServer,
+        texts: TextParameters,
+        answers: AnswerParameter,
+        desk: AnswerService,
+        commands: CommandService,
+        files: FtpServer,
+    ) -> None:
+        self._guard = guard
+        self._parameters = parameters
+        self._texts = texts
+        self._answers = answers
+        self._desk = desk
+        self._commands = commands
+        self._files = files
+
+    def hear(self, sender: Sender, message: Any, now: float) -> Heard | None:
+        """Answer it, or return what the daemon must know."""
+        kind = message.get_type()
+        if kind == "PARAM_REQUEST_LIST":
+            self._parameters.list_all(sender)
+        elif kind == "PARAM_REQUEST_READ":
+            self._parameters.read(sender, message, now)
+        elif kind == "PARAM_EXT_REQUEST_LIST":
+            self._texts.list_all(sender)
+        elif kind == "PARAM_EXT_REQUEST_READ":
+            self._texts.read(sender, message, now)
+        elif message.target_component != COMPONENT_ID or message.target_system == 0:
+            self._guard.rejected["target"] += 1
+        elif kind == FILES:
+            self._files.hear(sender, message, now)
+        elif kind == "PARAM_SET":
+            return self._set(sender, message, now)
+        elif kind == "PARAM_EXT_SET":
+            return self._texts.set(sender, message, now)
+        elif kind == "TUNNEL":
+            return self._hear_answer(sender, message, now)
+        elif message.command == ANSWER_COMMAND:
+            return self._desk.command(sender, message, now)
+        else:
+            return self._commands.hear(sender, message, now)
+        return None
+
+    def _set(self, sender: Sender, message: Any, now: float) -> Heard | None:
+        request = self._parameters.set(sender, message, now)
+        if request is not None and request.name == ANSWER:
+            return self._answers.hear(request, now)
+        return request
+
+    def _hear_answer(self, sender: Sender, message: Any, now: float) -> Heard | None:
+        if message.payload_length > len(message.payload):
+            self._guard.rejected["payload"] += 1
+            return None
+        return self._desk.tunnel(sender, bytes(message.payload[: message.payload_length]), now)
+
+
+class MessageRouter:
+    """Our autopilot's messages, and requests to component 191, each on its way."""
+
+    def __init__(
+        self,
+        outbox: Outbox,
+        speaker: TextSender,
+        guard: AccessControl,
+        tracker: VehicleTracker,
+        requests: RequestDispatcher,
+    ) -> None:
+        self._outbox = outbox
+        self._speaker = speaker
+        self._guard = guard
+        self._tracker = tracker
+        self._requests = requests
+        self._repeats = Deduplicator()
+        self.receiver = RemoteControl()
+        """Of the remote control."""
+
+    def hear(self, message: Any, channel: Channel, now: float) -> Heard | None:
+        """Answer what came by `channel` here, or return what the daemon must know."""
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        if sender == (self._outbox.system_id, COMPONENT_ID):
+            self._hear_ourselves(message, channel, now)
+            return None
+        channel.believe(sender, now)
+        channel.sender.version.hear(message, now)
+        self._guard.hear(sender, now)
+        self._outbox.hear(sender, channel, now)
+        kind = message.get_type()
+        if sender[1] == AUTOPILOT_COMPONENT_ID and kind in TELEMETRY:
+            if kind == "HEARTBEAT":
+                return self._hear_heartbeat(sender[0], message, channel, now)
+            if self._outbox.is_home(channel):
+                return self._hear_autopilot(kind, sender[0], message, now)
+            return None
+        if channel.clash or not self._is_request(kind, sender, message, channel, now):
+            return None
+        return self._requests.hear(sender, message, now)
+
+    def _hear_ourselves(self, message: Any, channel: Channel, now: float) -> None:
+        if self._outbox.is_own(message):
+            self._guard.rejected["echo"] += 1
+            return
+        self._guard.rejected["clash"] += 1
+        if channel.hear_ourselves(now):
+            self._speaker.say(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
+
+    def _hear_heartbeat(self, system_id: int, message: Any, channel: Channel, now: float) -> Heard | None:
+        if not self._tracker.claims(system_id, message, now):
+            return None
+        if not self._outbox.hear_autopilot(channel, now):
+            return None
+        self._tracker.heartbeat(system_id, message, now)
+        self._outbox.system_id = system_id
+        return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
+
+    def _hear_autopilot(self, kind: str, system_id: int, message: Any, now: float) -> Heard | None:
+        if (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
+            kind == "CURRENT_MODE" and self._tracker.mode(system_id, message, now)
+        ):
+            pass
+        elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
+            return self._hear_mode_ack(message)
+        elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
+            return script_hold(message.text)
+        elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
+            return self.receiver.hear_pulses(message, now)
+        else:
+            if kind == "SYS_STATUS" and self._tracker.is_ours(system_id):
+                self.receiver.hear_health(message, now)
+            elif kind == "ATTITUDE":
+                self._tracker.attitude(system_id, message, now)
+            elif kind == "SYSTEM_TIME":
+                self._tracker.time(system_id, message, now)
+            return None
+        return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
+
+    def _hear_mode_ack(self, message: Any) -> ModeAck | None:
+        for_us = message.target_component in (0, COMPONENT_ID)
+        if message.command != mavlink.MAV_CMD_DO_SET_MODE or not for_us:
+            return None
+        return ModeAck(message.result == mavlink.MAV_RESULT_ACCEPTED, int(message.result))
+
+    def _is_request(
+        self, kind: str, sender: tuple[int, int], message: Any, channel: Channel, now: float
+    ) -> bool:
+        if kind not in REQUESTS or message.target_system not in (0, self._outbox.system_id):
+            return False
+        if message.target_component not in (0, COMPONENT_ID):
+            return False
+        if kind == "TUNNEL" and message.payload_type != TUNNEL_ANSWER:
+            return False  # what other rovers' companions tell everybody
+        if self._repeats.is_repeated(message, channel.name, now):
+            self._guard.rejected["repeated"] += 1
+            return False
+        if not self._guard.admits(sender, now, kind=FILES if kind == FILES else ""):
+            return False
+        self._repeats.keep(message, channel.name, now)
+        return True

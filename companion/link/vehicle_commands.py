@@ -1,0 +1,128 @@
+"""What the companion sends to its autopilot: modes, zero velocity, and which messages it wants."""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link import encode
+from companion.link.access_control import AccessControl
+from companion.link.outbox import Outbox
+from companion.link.vehicle import RemoteControl
+from companion.vehicle import known_autopilot
+from companion.vehicle.state import Vehicle
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID
+from companion.wire.messages import MESSAGES
+
+LIFETIME = 1.0
+"""s that a mode waits to be sent: what holds then may not hold later."""
+
+
+class ModeCommands:
+    """One at a time: the newest takes the place of one that waits."""
+
+    def __init__(self, outbox: Outbox, guard: AccessControl) -> None:
+        self._outbox = outbox
+        self._guard = guard
+
+    def ask(self, vehicle: Vehicle | None, custom_mode: int, now: float) -> None:
+        """See `Link.set_mode`. An autopilot that is not heard, or not known, is asked for nothing."""
+        autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
+        if vehicle is None or autopilot is None:
+            self._guard.rejected["no autopilot for modes"] += 1
+            return
+        message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
+        to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
+        self.forget()
+        row = "resume" if custom_mode in autopilot.holdable else "hold"
+        self._outbox.push(row, message, now, lifetime=LIFETIME, to=to)
+
+    def urge_hold(self, now: float) -> None:
+        """One that does not drive leaves now."""
+        self._outbox.urge("hold", now)
+
+    def forget(self) -> None:
+        """What waits is not wanted any more."""
+        self._outbox.forget("hold")
+        self._outbox.forget("resume")
+
+
+class Setpoints:
+    """While `on`, a setpoint is due at the table's rate. An end of them may set the vehicle moving."""
+
+    def __init__(self, outbox: Outbox, now: float) -> None:
+        self.on = False
+        self._outbox = outbox
+        self._started = now
+        self._due = now
+
+    def tick(self, vehicle: Vehicle | None, now: float) -> None:
+        """Queue what is due; one that could not leave in time gives way to the next."""
+        if not self.on or vehicle is None:
+            self._outbox.forget("setpoint")
+            return
+        if now < self._due:
+            return
+        period = MESSAGES["setpoint"].period or 0.0
+        self._due = max(self._due + period, now)
+        message = encode.stand_still(vehicle.system_id, round((now - self._started) * 1000))
+        to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
+        self._outbox.push("setpoint", message, now, key=0, lifetime=period, to=to)
+
+
+PULSES_SILENCE = 1.0
+PULSES_PATIENCE = 2.0
+"""The off switch is asked for again sooner than a position."""
+HEALTH_SILENCE = 3.0
+HEALTH_PATIENCE = 10.0
+MODE_SILENCE = 2.0
+MODE_PATIENCE = 5.0
+_MISSED = 6
+"""Periods of silence after which a stream is asked for again."""
+
+
+class MessageIntervals:
+    """Asks for what stays away, and at once for all when the autopilot is back: it may have rebooted."""
+
+    def __init__(self, outbox: Outbox, receiver: RemoteControl) -> None:
+        self.wants_pulses = False
+        self._outbox = outbox
+        self._receiver = receiver
+        self._returns = 0
+        self._asked_at: dict[int, float] = {}
+
+    def tick(self, vehicle: Vehicle | None, returns: int, now: float) -> None:
+        """Ask for what is due. returns: how often the autopilot was heard after a silence."""
+        if vehicle is None:
+            return
+        if returns != self._returns:
+            self._returns = returns
+            self._asked_at.clear()
+            self._receiver.forget()
+        for row, message_id, heard_at in (
+            ("position", mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, vehicle.position_at),
+            ("attitude", mavlink.MAVLINK_MSG_ID_ATTITUDE, vehicle.attitude_at),
+            ("time", mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, vehicle.clock_at),
+        ):
+            period = MESSAGES[row].period or 0.0
+            if heard_at is None or now - heard_at > _MISSED * period:
+                self._ask(vehicle, message_id, period, MESSAGES["interval"].period or 0.0, now)
+        autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
+        told_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
+        if autopilot is not None and autopilot.tells_late and now - told_at > MODE_SILENCE:
+            period = MESSAGES["mode told"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
+        if self.wants_pulses and now - self._receiver.pulses_at > PULSES_SILENCE:
+            period = MESSAGES["rc"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_RC_CHANNELS, period, PULSES_PATIENCE, now)
+        if self.wants_pulses and now - self._receiver.health_at > HEALTH_SILENCE:
+            period = MESSAGES["rc health"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_SYS_STATUS, period, HEALTH_PATIENCE, now)
+
+    def _ask(self, vehicle: Vehicle, message_id: int, period: float, patience: float, now: float) -> None:
+        if now - self._asked_at.get(message_id, -math.inf) >= patience:
+            self._asked_at[message_id] = now
+            message = encode.ask_for(vehicle.system_id, message_id, period)
+            to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
+            self._outbox.push("interval", message, now, key=message_id, to=to)

@@ -1,0 +1,166 @@
+"""What may be done to the vehicle, and who says so: a parameter, a command or the remote control."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from anytraverse.judging import Settings
+from companion.calls.decisions import Decision
+from companion.calls.machine import OperatorCalls
+from companion.link.inbound import PolicyRequest, Pulses, Sender
+from companion.link.link import Link
+from companion.policy.hold_gate import HoldRefusal, Refuses
+from companion.policy.policy import PolicyState
+from companion.vehicle import Autopilot
+from companion.wire import notices
+from companion.wire.ids import Policy
+from companion.wire.parameters import POLICY
+
+log = logging.getLogger(__name__)
+_WARNING, _ERROR = 4, 3
+
+WhenKept = Callable[[Callable[[bool, float], None]], None]
+"""Where to leave what is to be said once it is in the journal: see `Persistence.when_kept`."""
+
+
+def at_once(say: Callable[[bool, float], None]) -> None:
+    """Where there is no journal."""
+    say(True, time.monotonic())  # noqa: FBT003
+
+
+_ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
+
+
+class PolicyService:
+    """The one way to change the policy, so that off is the same whoever said it: logged and told with who."""
+
+    def __init__(
+        self,
+        link: Link,
+        calls: OperatorCalls,
+        policies: PolicyState,
+        *,
+        refuses: Refuses,
+        wants_hold: bool,
+    ) -> None:
+        """wants_hold: the config asks for hold, a refusal is repeated until somebody sets a policy."""
+        self._link = link
+        self._calls = calls
+        self._policies = policies
+        self._refuses = refuses
+        self._judged = calls.numbers.judging, 0.0
+        self._refusal = refuses(*self._judged)
+        self._wants_hold = wants_hold
+        self._lost = False
+        self.when_kept: WhenKept = at_once
+        if policies.switch is not None:
+            link.ask_for_pulses()
+
+    @property
+    def off_by(self) -> str:
+        """Who keeps it off."""
+        return self._policies.off_by
+
+    @property
+    def reminder(self) -> str:
+        """What is repeated while nothing is open, "" for nothing."""
+        switch = self._policies.switch
+        if switch is not None and self._lost:
+            return notices.switch_lost(switch.name, off=switch.off)
+        return self._refusal.reminder if self._refusal is not None and self._wants_hold else ""
+
+    @property
+    def hold_refused(self) -> str:
+        """Why the vehicle may not be held, "" where it may."""
+        return self._refusal.short if self._refusal is not None else ""
+
+    def saved(self) -> dict[str, object]:
+        """For the journal: what a restart must not switch on."""
+        return self._policies.saved()
+
+    def figures(self) -> dict[str, object]:
+        """For the status file."""
+        switch = self._policies.switch
+        told: dict[str, object] = {"in_force": self._calls.policy.name.lower(), "off_by": self.off_by or None}
+        if switch is None:
+            return told
+        return {**told, "switch": switch.name, "switch_us": switch.width, "switch_heard": not self._lost}
+
+    def set(self, policy: Policy, sender: Sender, now: float) -> tuple[bool, list[Decision]]:
+        """A ground station asks for a policy. Whether it gets it; if not, a text says why."""
+        who = f"{sender[0]}/{sender[1]}"
+        refusal = self.hold_refused if policy is Policy.HOLD else ""
+        if not refusal and not self._policies.ask(policy, who):
+            refusal = notices.switch_wins(self._policies.off_by)
+        if refusal:
+            log.warning("policy %s asked for by %s: %s", policy.name.lower(), who, refusal)
+            self._link.say(refusal, _WARNING, now)
+        else:
+            self._wants_hold = False
+        return not refusal, self._put_in_force(who, now, said=not refusal)
+
+    def command(self, request: PolicyRequest, now: float) -> list[Decision]:
+        """The same by command."""
+        accepted, decisions = self.set(request.policy, request.sender, now)
+        result = _ACCEPTED if accepted else _FAILED
+        self.when_kept(lambda _, now: self._link.acknowledge_command(request, result, now))
+        return decisions
+
+    def reckon(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
+        """Judge again whether the vehicle may be held, where autopilot or settings are not as they were."""
+        known = self._calls.numbers.judging, autopilot.overrun if autopilot is not None else 0.0
+        if known == self._judged:
+            return []
+        before, self._judged, self._refusal = self._refusal, known, self._refuses(*known)
+        if self._refusal is None:
+            if before is not None:
+                self._link.say(notices.hold_fits(), _WARNING, now)
+            return []
+        given_up = self._policies.give_up_hold()
+        if given_up or self._wants_hold:
+            log.error("%s", self._refusal.why)
+        if not given_up:
+            return []
+        self._wants_hold = True
+        self._link.say(self._refusal.short, _ERROR, now)
+        return self._put_in_force("", now, said=False)
+
+    def forbids(self, judging: Settings) -> HoldRefusal | None:
+        """Why frames may not be judged so: hold, in force or waiting for the switch, would be refused."""
+        return self._refuses(judging, self._judged[1]) if self._policies.asked is Policy.HOLD else None
+
+    def hear(self, pulses: Pulses, now: float) -> list[Decision]:
+        """The remote control speaks."""
+        switch = self._policies.switch
+        if switch is None or not switch.hear(pulses.of(switch.channel), now):
+            return []
+        log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
+        if not switch.off and self._policies.asked is Policy.OFF:
+            self._link.say(notices.still_off(switch.name, self._policies.off_by), _WARNING, now)
+            return []
+        return self._put_in_force(switch.name, now, said=True)
+
+    def tick(self, now: float) -> None:
+        """Tell a switch that is not heard any more: nobody should trust it then."""
+        switch = self._policies.switch
+        if switch is None or switch.heard(now) is not self._lost:
+            return
+        self._lost = not self._lost
+        text = (notices.switch_lost if self._lost else notices.switch_heard)(switch.name, off=switch.off)
+        log.warning("%s", text)
+        self._link.say(text, _ERROR if self._lost else _WARNING, now)
+
+    def _put_in_force(self, who: str, now: float, *, said: bool) -> list[Decision]:
+        policy = self._policies.in_force
+        if policy is not Policy.HOLD:
+            self._link.forget_mode()
+        decisions = self._calls.set_policy(policy, now)
+        if said:
+            log.warning("policy %s, set by %s", policy.name.lower(), who)
+            self._link.say(notices.policy(policy, who), _WARNING, now)
+        self.when_kept(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
+        return decisions

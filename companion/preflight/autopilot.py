@@ -1,0 +1,148 @@
+"""Connects as the configuration says, asks the autopilot, and tells what is wrong with it."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from companion.config import Config
+from companion.link.connection import Connection
+from companion.link.settings import LinkError, read_url
+from companion.link.signing import Signing, open_signing
+from companion.link.transport import check_installed, open_transport
+from companion.preflight.interview import HEARD_WITHIN, NAMES, PX4, Facts, Interview, judge, names, speed
+from companion.preflight.rules import Finding, Verdict, failed, warned
+from companion.vehicle import known_autopilot
+from companion.wire.ids import COMPONENT_ID
+
+CHECK = "autopilot"
+LIMIT = 40.0
+_TICK = 0.02
+_UNGUARDED = (
+    "when the companion dies a PX4 rover drives on, and no parameter changes that: "
+    "keep a transmitter with a HOLD switch in somebody's hand"
+)
+
+
+@dataclass
+class Asked:
+    """findings: of autopilot and link. speed: which parameter says how fast it drives, and its m/s.
+
+    overrun: m that it drives on in the mode that holds it. heard: whether there is an autopilot.
+    """
+
+    findings: list[Finding] = field(default_factory=list)
+    speed: tuple[str, float] | None = None
+    overrun: float = 0.0
+    heard: bool = True
+
+
+def ask_first(config: Config, urls: Sequence[str]) -> Asked:
+    """The first of `urls` by which an autopilot is heard, as the companion does: others need not have one."""
+    silent: list[Finding] = []
+    for url in urls:
+        asked = ask(config, url)
+        if asked.heard:
+            told = [warned(one.check, f"not here: {one.text}") for one in silent]
+            return replace(asked, findings=[*told, *asked.findings])
+        silent += asked.findings
+    return Asked(silent, heard=False)
+
+
+def ask(config: Config, url: str) -> Asked:
+    """All about the autopilot behind `url`: up to 10 s to hear it, and some more to ask it."""
+    try:
+        with talking(config, url, names) as (interview, turn):
+            until = interview.began + LIMIT
+            while not turn() and time.monotonic() < until:
+                pass
+    except LinkError as error:
+        return Asked([failed(CHECK, str(error))], heard=False)
+    return judged(config, url, interview)
+
+
+@contextmanager
+def talking(
+    config: Config, url: str, names: Callable[[int], Sequence[str]]
+) -> Iterator[tuple[Interview, Callable[[], bool]]]:
+    """An interview by `url`, and its turn, which waits a moment for what comes. Raises LinkError."""
+    address = read_url(url)
+    check_installed(address)
+    signing, began = _signing(config.link.signing_key), time.monotonic()
+    connection = Connection(partial(open_transport, address), began)
+    interview = Interview(connection, names, config.link.system_id, began, signing)
+    interview.sceptical = not config.link.unsigned_autopilot
+
+    def turn() -> bool:
+        over = interview.turn(time.monotonic())
+        readable = [number for number in (connection.fileno(),) if number is not None]
+        select.select(readable, [], [], _TICK)
+        return over
+
+    try:
+        yield interview, turn
+    finally:
+        connection.close()
+        if signing is not None:
+            signing.close()
+
+
+def _signing(key: str | None) -> Signing | None:
+    """With timestamps of its own, since the companion's belong to the companion."""
+    if key is None:
+        return None
+    with TemporaryDirectory() as folder:
+        return open_signing(Path(key), Path(folder))
+
+
+def judged(config: Config, url: str, interview: Interview) -> Asked:
+    """What the interview showed."""
+    autopilot, values = interview.autopilot, interview.values
+    if autopilot is None:
+        return Asked([failed(CHECK, silence(url, interview))], heard=False)
+    name = NAMES.get(autopilot.kind, f"autopilot of kind {autopilot.kind}")
+    who = f"{name}, system {autopilot.system_id}"
+    known = known_autopilot(autopilot.kind, autopilot.vehicle, config.call.px4_hold)
+    if known is None:
+        return Asked(
+            [failed(CHECK, f"{who}, vehicle type {autopilot.vehicle}: no ArduPilot or PX4 rover, never held")]
+        )
+    if not values:
+        return Asked(
+            [failed(CHECK, f"{who}: it answers none of our questions: check that the link goes both ways")],
+            overrun=known.overrun,
+        )
+    offboard = config.call.px4_hold == "offboard"
+    facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard, config.call.policy)
+    wrong = judge(autopilot.kind, facts, holds=config.call.policy == "hold")
+    worst = max((one.verdict for one in wrong), default=Verdict.PASS)
+    told = f"{len(wrong)} findings, below" if wrong else "none makes a hold unsafe"
+    wrong.insert(0, Finding(CHECK, worst, f"{who}: {len(values)} parameters told, {told}"))
+    if autopilot.kind == PX4:
+        wrong.append(warned(CHECK, _UNGUARDED))
+    return Asked(wrong, speed(autopilot.kind, values), known.overrun)
+
+
+def silence(url: str, interview: Interview) -> str:
+    """Why nobody was heard, as far as it can be known."""
+    trouble = interview.connection.trouble
+    if trouble is not None and "in use" in trouble:
+        return f"{url}: {trouble}: is the companion running? Stop it, or give the check a --link of its own"
+    if trouble is not None:
+        return f"{url}: {trouble}: check [link] url"
+    if interview.signing is not None and interview.signing.trouble is not None:
+        return f"{url}: {interview.signing.trouble}"
+    if any(component == COMPONENT_ID for _, component in interview.others):
+        return f"{url}: a companion is heard, and no autopilot: check the router, or what sends to this link"
+    if interview.others:
+        heard = ", ".join(f"{system}/{component}" for system, component in sorted(interview.others)[:4])
+        return f"{url}: {heard} heard, and no autopilot (component 1): check the router"
+    if interview.bytes:
+        return f"{url}: {interview.bytes} bytes heard that are no MAVLink: check baud rate and protocol"
+    return f"{url}: nothing heard in {HEARD_WITHIN:.0f} s: check wiring, [link] url, and that it sends there"

@@ -1,0 +1,175 @@
+"""What can be checked on this computer alone: who runs, camera, perceiver, journal, disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from anytraverse.errors import AnyTraverseError
+from anytraverse.pace import Pace
+from companion.cameras import BadFrame, CameraError, EndOfFrames, NoFrameYet, Playback, open_camera
+from companion.config import Config
+from companion.preflight.rules import Finding, failed, passed, warned
+
+CHECK = "camera"
+SEEN_WITHIN = 5.0
+_ASPECT_OFF = 0.02
+
+
+def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
+    """Up to 5 s for a first picture. running: what the companion that runs, if one does, says of itself."""
+    if running is not None:
+        return _of_the_running(running.get("camera") or {})
+    try:
+        width, height = _look(config)
+    except CameraError as error:
+        return failed(CHECK, str(error))
+    what = f"{config.camera.source}, {width} x {height}"
+    aspect = config.mount.aspect
+    if config.mount.height is not None and abs(width / height / aspect - 1.0) > _ASPECT_OFF:
+        return warned(
+            CHECK,
+            f"{what}, and [mount] aspect is {aspect:g}: "
+            f"set it to {width / height:.3f}, or the row stopping is wrong",
+        )
+    return passed(CHECK, what)
+
+
+def _look(config: Config) -> tuple[int, int]:
+    """Width and height of the first picture. Raises CameraError."""
+    deadline = time.monotonic() + SEEN_WITHIN
+    why: CameraError = CameraError(f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address")
+    camera = open_camera(config.camera.source, Playback(config.camera.playback, config.camera.loop))
+    try:
+        while time.monotonic() < deadline:
+            try:
+                image = camera.read(0.5).image
+            except NoFrameYet:
+                continue
+            except BadFrame as bad:
+                why = bad
+                continue
+            except EndOfFrames as end:
+                raise (why if isinstance(why, BadFrame) else end) from end
+            return int(image.shape[1]), int(image.shape[0])
+        raise why
+    finally:
+        camera.close()
+
+
+def _of_the_running(camera: Mapping[str, Any]) -> Finding:
+    state, reason = str(camera.get("state", "unknown")), str(camera.get("reason") or "")
+    what = f"{state}, with the companion that runs"
+    if state == "delivering":
+        return passed(CHECK, what)
+    if state in ("failed", "ended"):
+        return failed(CHECK, f"{what}: {reason}" if reason else what)
+    return warned(CHECK, f"{what}: wait, then type this again")
+
+
+SERVICE = Path("/var/lib/anytraverse")
+"""Where the service keeps what must survive; a shell does not know of its $STATE_DIRECTORY."""
+RUNNING = 5.0
+"""Seconds that a status file stays young: it is written once a second."""
+_LEAST, _LITTLE = 50 << 20, 500 << 20
+
+
+def state_folder(config: Config, service: Path = SERVICE) -> Path:
+    """The folder of the daemon that is meant: the configured one, else the service's where there is one."""
+    said = config.journal.folder or os.environ.get("STATE_DIRECTORY")
+    return service if not said and service.is_dir() else config.journal.path
+
+
+def status(folder: Path) -> dict[str, Any] | None:
+    """What a daemon that runs there said a moment ago; None where none runs."""
+    path = folder / "status.json"
+    try:
+        if time.time() - path.stat().st_mtime > RUNNING:
+            return None
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return said if isinstance(said, dict) and is_alive(said.get("pid")) else None
+
+
+def is_alive(pid: object) -> bool:
+    """Whether that process is there, or nothing is known of it: its file stays young for a while after it."""
+    if not isinstance(pid, int) or pid <= 0:
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+class Perceives(NamedTuple):
+    """step: s that the perceiver takes for a frame. tile: the worst tile's threshold, None: not judged."""
+
+    finding: Finding
+    step: float = 0.0
+    tile: float | None = None
+
+
+def check_perceiver(config: Config) -> Perceives:
+    """Loaded and timed as the daemon does it, which takes seconds."""
+    from companion.vision.messages import Model
+    from companion.vision.warm_up import get_ready, too_slow
+
+    try:
+        ready = get_ready(config, None)
+    except AnyTraverseError as error:
+        return Perceives(failed("perceiver", str(error)))
+    tile = ready.engine.settings.thresholds.tile
+    pace = Pace(ready.step, 1.0 / config.camera.rate, config.freshness)
+    if not pace.keeps:
+        told = failed if config.call.policy == "hold" else warned
+        return Perceives(told("perceiver", too_slow(pace)), ready.step, tile)
+    what = f"{Model.of(ready.engine.perceiver)}, {1e3 * ready.step:.0f} ms a frame"
+    return Perceives(passed("perceiver", what), ready.step, tile)
+
+
+def check_journal(folder: Path, *, running: bool) -> Finding:
+    """Whether the folder can be written, without a trace: whoever types this may be root, the daemon not."""
+    if running:
+        return passed("journal", f"{folder}, in use by the companion that runs")
+    place = next((path for path in (folder, *folder.parents) if path.exists()), Path("/"))
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        return failed(
+            "journal", f"{place} cannot be written ({why}): check [journal] folder, and who owns it"
+        )
+    what = f"{folder} can be written" if place == folder else f"{folder} can be made"
+    if os.geteuid() == 0 and place.stat().st_uid != 0:
+        what += f" by root; the service runs as {_owner(place)}"
+    return passed("journal", what)
+
+
+def _owner(path: Path) -> str:
+    try:
+        return path.owner()
+    except KeyError:
+        return f"user {path.stat().st_uid}"
+
+
+def check_disk(folder: Path) -> Finding:
+    """Room for journal, pictures and logs."""
+    place = next((path for path in (folder, *folder.parents) if path.is_dir()), Path("/"))
+    free = shutil.disk_usage(place).free
+    what = f"{free >> 20} MiB free at {place}"
+    if free < _LEAST:
+        return failed("disk", f"{what}: make room, or nothing that it learns is kept")
+    if free < _LITTLE:
+        return warned("disk", f"{what}: make room, or set [pictures] keep lower")
+    return passed("disk", what)

@@ -1,0 +1,216 @@
+"""Asks an autopilot for the parameters that make a hold unsafe or useless. It changes nothing."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.link.connection import Connection
+from companion.link.parser import Parser
+from companion.link.signing import Signing
+from companion.preflight import ardupilot, px4
+from companion.preflight.rules import FAIL, WARN, Facts, Finding, Table, Verdict
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID
+
+__all__ = ["ARDUPILOT", "NAMES", "PX4", "Facts", "judge", "names", "speed"]
+
+ARDUPILOT, PX4 = 3, 12
+"""HEARTBEAT.autopilot."""
+NAMES = {0: "", ARDUPILOT: "ArduPilot", PX4: "PX4"}
+_TABLES: Mapping[int, Table] = {ARDUPILOT: ardupilot.TABLE, PX4: px4.TABLE}
+_NOTHING = Table((), (), (), (), ())
+
+
+def names(autopilot: int) -> tuple[str, ...]:
+    """What to ask for."""
+    return _TABLES.get(autopilot, _NOTHING).names
+
+
+def judge(autopilot: int, facts: Facts, *, holds: bool) -> list[Finding]:
+    """What is wrong. holds: whether the policy is hold; where not, nothing is worse than worth knowing."""
+    worst = FAIL if holds else WARN
+    table = _TABLES.get(autopilot, _NOTHING)
+    wrong = [
+        Finding(f"{rule.name} {facts.values[rule.name]:g}", min(rule.verdict, worst), rule.text)
+        for rule in table.rules
+        if rule.name in facts.values and rule.bad(facts.values[rule.name], facts)
+    ]
+    absent = [
+        Finding(f"{needed.name} absent", worst, needed.text)
+        for needed in table.needed
+        if needed.name not in facts.values and (not needed.other or facts.values.get(needed.other, 0.0))
+    ]
+    return wrong + absent + _untold(table, facts, worst)
+
+
+def _untold(table: Table, facts: Facts, worst: Verdict) -> list[Finding]:
+    """What every autopilot of this kind has, and this one did not tell: nothing is known of it."""
+    return [
+        Finding(
+            f"{choice[0]} untold",
+            min(max(rule.verdict for rule in table.rules if rule.name in choice), worst),
+            "no good answer in three tries: check the link, then check again, or read it at the ground",
+        )
+        for choice in table.always
+        if not any(name in facts.values for name in choice)
+    ]
+
+
+def speed(autopilot: int, values: Mapping[str, float]) -> tuple[str, float] | None:
+    """Which parameter says how fast the vehicle drives by itself, and its m/s; None where none does."""
+    found = ((name, values.get(name, 0.0)) for name in _TABLES.get(autopilot, _NOTHING).speeds)
+    return next(((name, value) for name, value in found if value > 0), None)
+
+
+COMPONENT_ID = 194
+"""MAV_COMP_ID_ONBOARD_COMPUTER4: not 191, which autopilot and ground take for the companion."""
+HEARD_WITHIN = 10.0
+PACE = 0.06
+PATIENCE = 1.0
+TRIES = 3
+_READS = 32
+_INTEGERS = {
+    int(mavlink.MAV_PARAM_TYPE_UINT8): "<B",
+    int(mavlink.MAV_PARAM_TYPE_INT8): "<b",
+    int(mavlink.MAV_PARAM_TYPE_UINT16): "<H",
+    int(mavlink.MAV_PARAM_TYPE_INT16): "<h",
+    int(mavlink.MAV_PARAM_TYPE_UINT32): "<I",
+    int(mavlink.MAV_PARAM_TYPE_INT32): "<i",
+}
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """The autopilot's. kind: HEARTBEAT.autopilot. vehicle: HEARTBEAT.type."""
+
+    system_id: int
+    kind: int
+    vehicle: int
+
+
+@dataclass
+class _Question:
+    tries: int = 0
+    asked_at: float = -math.inf
+
+
+@dataclass
+class Interview:
+    """Call `turn` often, with the time in s, until it says that all is done.
+
+    signing: where a key is configured; `sceptical`: what is not signed with it is not heard.
+    names: what to ask an autopilot of that kind. values: what it answered. others: who else was heard.
+    listen: gets all that the autopilot says, and when.
+    """
+
+    connection: Connection
+    names: Callable[[int], Sequence[str]]
+    system_id: int
+    began: float
+    signing: Signing | None = None
+    sceptical: bool = True
+    listen: Callable[[Any, float], None] = lambda _message, _now: None
+    autopilot: Heartbeat | None = None
+    values: dict[str, float] = field(default_factory=dict)
+    others: set[tuple[int, int]] = field(default_factory=set)
+    bytes: int = 0
+
+    def __post_init__(self) -> None:
+        self._mav = mavlink.MAVLink(None, self.system_id, COMPONENT_ID)
+        self._parser = Parser()
+        self._beat_at = self._sent_at = -math.inf
+        self._questions: dict[str, _Question] = {}
+
+    def turn(self, now: float) -> bool:
+        """Hear, ask what is due; whether it is over."""
+        for _ in range(_READS):
+            data = self.connection.read(now)
+            if not data:
+                break
+            self.bytes += len(data)
+            for message in self._parser.feed(data, now, whole=self.connection.datagrams):
+                if not self._doubts(message, now):
+                    self.connection.believe(now, autopilot=False)
+                    self._hear(message, now)
+        if now - self._beat_at >= 1.0:
+            self._beat_at = now
+            self._send(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                    mavlink.MAV_AUTOPILOT_INVALID,
+                    0,
+                    0,
+                    mavlink.MAV_STATE_ACTIVE,
+                    3,
+                ),
+                now,
+            )
+        if self.autopilot is None:
+            return now - self.began >= HEARD_WITHIN
+        self._ask(self.autopilot, now)
+        return all(
+            asked.tries >= TRIES and now - asked.asked_at >= PATIENCE for asked in self._questions.values()
+        )
+
+    def _doubts(self, message: Any, now: float) -> bool:
+        return self.signing is not None and self.sceptical and self.signing.refusal(message, now) != ""
+
+    def _ask(self, autopilot: Heartbeat, now: float) -> None:
+        if now - self._sent_at < PACE:
+            return
+        for name, asked in self._questions.items():
+            if asked.tries < TRIES and now - asked.asked_at >= PATIENCE:
+                asked.tries, asked.asked_at, self._sent_at = asked.tries + 1, now, now
+                self._send(
+                    mavlink.MAVLink_param_request_read_message(
+                        autopilot.system_id, AUTOPILOT_COMPONENT_ID, name.encode(), -1
+                    ),
+                    now,
+                )
+                return
+
+    def _hear(self, message: Any, now: float) -> None:
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        kind = message.get_type()
+        if sender[1] != AUTOPILOT_COMPONENT_ID or (self.autopilot and sender[0] != self.autopilot.system_id):
+            self.others.add(sender)
+            return
+        if kind == "HEARTBEAT" and self.autopilot is None:
+            self._adopt(sender[0], message)
+        elif self.autopilot is not None and kind == "PARAM_VALUE":
+            name, value = str(message.param_id), value_of(message, self.autopilot.kind)
+            if math.isfinite(value) and self._questions.pop(name, None) is not None:
+                self.values[name] = value
+        elif kind == "PARAM_ERROR" and message.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST:
+            self._questions.pop(str(message.param_id), None)
+        if self.autopilot is not None:
+            self.listen(message, now)
+
+    def _adopt(self, system_id: int, message: Any) -> None:
+        if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:
+            return
+        self.autopilot = Heartbeat(system_id, int(message.autopilot), int(message.type))
+        self._mav.srcSystem = system_id
+        self._questions = {name: _Question() for name in self.names(self.autopilot.kind)}
+
+    def _send(self, message: Any, now: float) -> None:
+        frame = bytes(message.pack(self._mav))
+        if self.signing is not None:
+            frame = self.signing.sign(frame, message, now)
+        if self.connection.write(frame, now):
+            self._mav.seq = (self._mav.seq + 1) % 256
+
+
+def value_of(message: Any, autopilot: int) -> float:
+    """A PARAM_VALUE's value: PX4 puts the bytes of whole numbers where ArduPilot puts a float of them."""
+    form = _INTEGERS.get(int(message.param_type))
+    if autopilot != PX4 or form is None:
+        return float(message.param_value)
+    frame = bytes(message.get_msgbuf())
+    payload = frame[10:] if frame[0] == mavlink.PROTOCOL_MARKER_V2 else frame[6:]
+    return float(struct.unpack_from(form, payload)[0])

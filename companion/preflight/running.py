@@ -1,0 +1,195 @@
+"""What the companion that runs says of itself: `companion status`, and the test call of `--dry-run`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from companion.config import ConfigError, Problem, load_config
+from companion.daemon.test_call import ANSWERED_WITHIN, REQUEST
+from companion.preflight.here import RUNNING, check_disk, is_alive, state_folder, status
+
+WELL, FAULTY, NOT_RUNNING = 0, 1, 2
+_WIDTH = 10
+
+
+def tell_status(file: str, *, as_json: bool = False) -> int:
+    """Print it: 0 where the companion runs and is well, 1 where it is faulty, 2 where none runs."""
+    said: dict[str, Any] = {}
+    try:
+        path = state_folder(load_config(file)) / "status.json"
+        age, said = _read(path)
+        code, verdict = _verdict(path, age, said)
+    except ConfigError as error:
+        age, code, verdict = None, NOT_RUNNING, str(error)
+    print(verdict)
+    for name, text in _rows(path.parent, said) if code != NOT_RUNNING else ():
+        print(f"{name:<{_WIDTH}}  {text}")
+    if as_json:
+        shown = None if age is None else round(age, 1)
+        print(json.dumps({"code": code, "text": verdict, "age": shown, "status": said}))
+    return code
+
+
+def _read(path: Path) -> tuple[float | None, dict[str, Any]]:
+    """Seconds since it was written, None where there is nothing to read, and what it says."""
+    try:
+        age = time.time() - path.stat().st_mtime
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None, {}
+    except PermissionError as error:
+        raise ConfigError([Problem(path, None, "", None, "may not be read: type this with sudo")]) from error
+    except (OSError, ValueError):
+        return None, {}
+    return age, said if isinstance(said, dict) else {}
+
+
+def _verdict(path: Path, age: float | None, said: Mapping[str, Any]) -> tuple[int, str]:
+    if age is None:
+        return NOT_RUNNING, f"no companion runs with {path.parent}, or it is still starting: see its log"
+    pid = said.get("pid")
+    began = _started(pid)
+    another = began is not None and began > time.time() - age + RUNNING
+    if another or not is_alive(pid):
+        how = f"process {pid} {'was stopped' if 'recent' in said else 'died'} {_duration(age)} ago"
+        return NOT_RUNNING, f"no companion runs, or it is still starting: {how}: see its log"
+    if age > RUNNING:
+        return FAULTY, f"the companion, process {pid}, has said nothing for {_duration(age)}: it hangs"
+    state, trouble = said.get("state"), _table(said, "link").get("trouble")
+    if state == "fault":
+        return FAULTY, f"the companion runs, process {pid}, and cannot judge: FAULT"
+    if trouble:
+        return FAULTY, f"the companion runs, process {pid}, and its link fails"
+    return WELL, f"the companion runs, process {pid}"
+
+
+def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    names = ("camera", "link", "perceiver", "vision", "disk")
+    camera, link, perceiver, vision, written = (_table(said, name) for name in names)
+    reasons = ", ".join(map(str, said.get("reasons") or ()))
+    yield "state", f"{said.get('state', 'unknown')}{': ' if reasons else ''}{reasons}"
+    refused = said.get("hold_refused")
+    yield "policy", f"{said.get('policy', 'unknown')}{f'; hold is refused: {refused}' if refused else ''}"
+    yield "open", f"call or hold {said['current_id']}" if said.get("current_id") else "no call, no hold"
+    why = camera.get("reason")
+    yield (
+        "camera",
+        (
+            f"{camera.get('state', 'unknown')}{f': {why}' if why else ''}, "
+            f"{camera.get('read', 0)} frames read, {said.get('frames', 0)} judged"
+        ),
+    )
+    yield "perceiver", f"{perceiver.get('model', 'unknown')}, {perceiver.get('step_ms', 0)} ms a frame"
+    restarts = vision.get("restarts", 0)
+    yield (
+        "vision",
+        f"{vision.get('trouble') or 'running'}{f', started again {restarts} x' if restarts else ''}",
+    )
+    heard = link.get("autopilot")
+    yield (
+        "link",
+        str(link.get("trouble") or (f"autopilot on {heard}" if heard else "no autopilot is heard yet")),
+    )
+    yield "words", str(said.get("words") or "none")
+    yield "disk", f"{'not written now; ' if written.get('failing') else ''}{check_disk(folder).text}"
+    since = _started(said.get("pid"))
+    if since is not None:
+        at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(since))
+        yield "since", f"{at}, for {_duration(time.time() - since)}"
+
+
+def _table(said: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = said.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _started(pid: object) -> float | None:
+    """When the process was started, seconds since 1970; None where this system does not say."""
+    try:
+        ticks = int(Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19])
+        uptime = float(Path("/proc/uptime").read_text(encoding="utf-8").split()[0])
+    except (OSError, ValueError, IndexError):
+        return None
+    return time.time() - uptime + ticks / os.sysconf("SC_CLK_TCK")
+
+
+def _duration(seconds: float) -> str:
+    whole = max(0, int(seconds))
+    if whole < 120:
+        return f"{whole} s"
+    if whole < 2 * 3600:
+        return f"{whole // 60} min"
+    return f"{whole // 3600} h" if whole < 48 * 3600 else f"{whole // 86400} days"
+
+
+TAKEN_WITHIN = 6.0
+"""Seconds: it is looked for four times, and the status file written once, a second."""
+_STEP = 0.1
+_OVER = {"answered": 0, "unanswered": 1, "cut short": 1, "refused": 1}
+
+
+class _DryRunError(Exception):
+    """No test call could be raised; the text says what to do."""
+
+
+def dry_run(file: str, *, as_json: bool = False) -> int:
+    """0 where the test call was answered, else 1."""
+    said: dict[str, Any] = {}
+    try:
+        said = _dry_run(state_folder(load_config(file)))
+        text = str(said["text"])
+    except (ConfigError, _DryRunError) as error:
+        text = str(error)
+    answered = said.get("state") == "answered"
+    print(f"{'pass' if answered else 'fail'}  test call  {text}")
+    if as_json:
+        print(json.dumps({"ok": answered, "test_call": said, "text": text}))
+    return 0 if answered else 1
+
+
+def _dry_run(folder: Path) -> dict[str, Any]:
+    if status(folder) is None:
+        raise _DryRunError(
+            f"no companion runs with {folder}: start the companion first, then type this again"
+        )
+    asked = _ask(folder)
+    deadline, told = time.monotonic() + TAKEN_WITHIN, False
+    while time.monotonic() < deadline:
+        said = (status(folder) or {}).get("test_call") or {}
+        if (refused := said.get("refused") or {}).get("asked") == asked:
+            return {**refused, "id": 0, "state": "refused"}
+        if said.get("asked") == asked:
+            if said.get("state") in _OVER:
+                return dict(said)
+            if not told:
+                told, deadline = True, time.monotonic() + ANSWERED_WITHIN + TAKEN_WITHIN
+                print(
+                    f"call {said['id']} is told to the ground: answer it there within {ANSWERED_WITHIN:.0f} s"
+                )
+        time.sleep(_STEP)
+    with contextlib.suppress(OSError):
+        (folder / REQUEST).unlink()
+    raise _DryRunError("the companion that runs does not react: is it still starting? See its log")
+
+
+def _ask(folder: Path) -> int:
+    """Leave the request; when it was written, in ns."""
+    path = folder / REQUEST
+    try:
+        left = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+        try:
+            return os.fstat(left).st_mtime_ns
+        finally:
+            os.close(left)
+    except FileExistsError:
+        raise _DryRunError("a test call was asked for a moment ago: wait for it") from None
+    except OSError as error:
+        raise _DryRunError(
+            f"{path}: {(error.strerror or str(error)).lower()}: type this with sudo"
+        ) from error

@@ -1,0 +1,1 @@
+"""Settings in force: as configured, and as the ground has set them since."""

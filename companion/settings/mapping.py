@@ -1,0 +1,112 @@
+"""From the configuration to the figures that engine and state machine go by."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import Memory, resumed_memory
+from anytraverse.perception import Perceiver
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
+from anytraverse.roi import Corridor
+from companion.calls.numbers import Numbers
+from companion.config import Config
+from companion.policy.policy import OffSwitch, PolicyState, Side
+from companion.settings.runtime import judging_values, kept_settings
+from companion.wire.ids import Policy
+from companion.wire.parameters import (
+    BUDGET,
+    NOT_IN_USE,
+    NUMBER_RATE,
+    ROI,
+    SUMMARY_RATE,
+    THR_ROI,
+    THR_SCENE,
+    THR_TILE,
+    THR_TRAV,
+    build,
+)
+
+
+def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
+    """How frames are judged: the config's figures, and the perceiver's own where it leaves them open."""
+    given, own = config.thresholds, Thresholds.of(perceiver.defaults)
+    tile = own.tile if given.tile is None else None if given.tile == "off" else float(given.tile)
+    thresholds = Thresholds(
+        roi=own.roi if given.roi is None else given.roi,
+        scene=own.scene if given.scene is None else given.scene,
+        tile=tile,
+        trav=given.trav,
+        margin=config.call.margin,
+        similarity_margin=config.call.similarity_margin,
+    )
+    roi = config.roi
+    return Settings(
+        region=Box(roi.left, roi.top, roi.right, roi.bottom),
+        thresholds=thresholds,
+        corridor=Corridor(config.corridor.bottom, config.corridor.top),
+        tile_share=roi.tile_share,
+        freshness=config.freshness,
+        votes=config.call.votes,
+        window=config.call.window,
+        scene_every=config.perceiver.scene_every,
+    )
+
+
+def call_numbers(config: Config, judging: Settings) -> Numbers:
+    """The state machine's table of numbers."""
+    call = config.call
+    return Numbers(
+        policy=Policy[call.policy.upper()],
+        judging=judging,
+        votes=call.votes,
+        window=call.window,
+        ok_frames=call.ok_frames,
+        passed_after=call.passed_after,
+        accepted_for=call.accepted_for,
+        accepted_distance=call.accepted_distance,
+        accepted_rise=call.accepted_rise,
+        go_lasts=call.go_lasts,
+        fault_ends_hold=call.fault_ends_hold,
+        px4_hold=call.px4_hold,
+    )
+
+
+def first_values(config: Config, saved: Any = None) -> dict[str, float]:
+    """What the parameters say from the first moment on, before the perceiver is known.
+
+    saved: the settings in the journal, which the ground had set.
+    """
+    sides = {name: getattr(config.roi, side) for side, name in ROI.items()}
+    given = config.thresholds
+    tile = NOT_IN_USE if given.tile == "off" else given.tile
+    thresholds = {THR_ROI: given.roi, THR_SCENE: given.scene, THR_TILE: tile, THR_TRAV: given.trav}
+    of_file = {name: float(value) for name, value in thresholds.items() if value is not None}
+    return kept_settings({**of_file, **sides, **_rates(), BUDGET: config.link.budget}, saved)
+
+
+def first_words(config: Config, saved: Memory | None) -> Preferences:
+    """The words in force as far as the journal tells before the perceiver is known."""
+    if saved is None:
+        return config.preferences
+    return resumed_memory(saved, saved.model_id, config.preferences, lambda word: word)[0].preferences
+
+
+def kept_values(config: Config, judging: Settings) -> dict[str, float]:
+    """The configured value of every parameter that is kept when the ground sets it."""
+    return {**judging_values(judging), **_rates(), BUDGET: config.link.budget}
+
+
+def _rates() -> dict[str, float]:
+    listed = {parameter.name: parameter.value for parameter in build((), {}, {})}
+    return {name: listed[name] for name in (SUMMARY_RATE, NUMBER_RATE)}
+
+
+def restored_policies(config: Config, policy: Policy, saved: Any, now: float) -> PolicyState:
+    """`policy`, unless it was off before the restart; with the off switch that is configured."""
+    call = config.call
+    switch = OffSwitch(call.off_channel, Side(call.off_side), now) if call.off_channel else None
+    policies = PolicyState(policy, switch)
+    policies.restore(saved)
+    return policies

@@ -1,0 +1,161 @@
+"""Parameters that change how frames are judged, and what the ground has set of them. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+from anytraverse.errors import RegionError, SettingsError
+from anytraverse.judging import Settings
+from anytraverse.regions import Box
+from companion.wire import parameters
+from companion.wire.parameters import NOT_IN_USE, ROI, THR_TILE, Parameter, build
+
+SMALLEST_ROI = 0.05
+"""Least width and height, fractions of the image's: a smaller one holds too few cells of a map."""
+THRESHOLDS: Mapping[str, str] = MappingProxyType(
+    {
+        parameters.THR_ROI: "roi",
+        parameters.THR_SCENE: "scene",
+        THR_TILE: "tile",
+        parameters.THR_TRAV: "trav",
+    }
+)
+"""Parameter -> field of `Thresholds`."""
+OF_THE_PERCEIVER = (parameters.THR_ROI, parameters.THR_SCENE, THR_TILE)
+"""What means something only to the perceiver that it was set for."""
+
+
+def judging_values(judging: Settings) -> dict[str, float]:
+    """Parameter name -> value of thresholds and region of interest."""
+    bounds = judging.region.bounds
+    found = {name: getattr(judging.thresholds, field) for name, field in THRESHOLDS.items()}
+    told = {name: NOT_IN_USE if value is None else float(value) for name, value in found.items()}
+    return told | {name: getattr(bounds, side) for side, name in ROI.items()}
+
+
+def tuned(judging: Settings, values: Mapping[str, float]) -> Settings:
+    """`judging` with some parameters' values. Raises SettingsError, with what to do in a few words."""
+    thresholds: dict[str, Any] = {
+        field: None if name == THR_TILE and values[name] == NOT_IN_USE else values[name]
+        for name, field in THRESHOLDS.items()
+        if name in values
+    }
+    sides = {side: values[name] for side, name in ROI.items() if name in values}
+    return replace(
+        judging,
+        thresholds=replace(judging.thresholds, **thresholds),
+        region=_region(judging.region.bounds, sides) if sides else judging.region,
+    )
+
+
+def _region(bounds: Box, sides: Mapping[str, float]) -> Box:
+    box = {side: getattr(bounds, side) for side in ROI} | dict(sides)
+    for low, high in (("left", "right"), ("top", "bottom")):
+        if box[low] >= box[high]:
+            raise SettingsError(f"ROI {low} must be < {high}")
+        if box[high] - box[low] < SMALLEST_ROI - 1e-6:
+            raise SettingsError(f"ROI {low} to {high} under {SMALLEST_ROI:g}")
+    try:
+        return Box(**box)
+    except RegionError as error:
+        raise SettingsError(str(error)) from error
+
+
+class RuntimeSettings:
+    """Parameter name -> value, for what differs from the configured one."""
+
+    def __init__(self, configured: Mapping[str, float], model_id: str) -> None:
+        """configured: of every parameter that is kept. model_id: whom the thresholds are for."""
+        self.configured = {name: round(value, 6) for name, value in configured.items()}
+        self._model_id = model_id
+        self._set: dict[str, float] = {}
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """What counts instead of the configured values."""
+        return dict(self._set)
+
+    def set(self, name: str, value: float) -> None:
+        """The ground set it; back at the configured value, it is none of ours any more."""
+        if value == self.configured[name]:
+            self._set.pop(name, None)
+        else:
+            self._set[name] = value
+
+    def drop(self, *names: str) -> None:
+        """These are as configured again."""
+        for name in names:
+            self._set.pop(name, None)
+
+    def tuned(self, judging: Settings) -> tuple[Settings, list[str]]:
+        """`judging` with them, and what a person should be told of those that do not fit it: they go."""
+        try:
+            return tuned(judging, self._set), []
+        except SettingsError as error:
+            gone = [name for name in self._set if name in judging_values(judging)]
+            self.drop(*gone)
+            return judging, [f"{', '.join(gone)} as configured: {error}"]
+
+    def saved(self) -> dict[str, Any]:
+        """For the journal: JSON values."""
+        values = {name: [value, self.configured[name]] for name, value in self._set.items()}
+        return {"model": self._model_id, "values": values}
+
+    def figures(self) -> dict[str, Any]:
+        """For the status file: what differs from the configuration."""
+        return {
+            name: {"set": value, "configured": self.configured[name]} for name, value in self._set.items()
+        }
+
+    def restore(self, saved: Any) -> list[str]:
+        """Take what `saved` made; what a person should be told of what was left out. Nonsense is left out."""
+        if saved is None:
+            return []
+        if not isinstance(saved, Mapping) or not isinstance(saved.get("values"), Mapping):
+            return ["settings of the ground could not be read: as configured"]
+        allowed = {parameter.name: parameter for parameter in build((), {}, {})}
+        edited, strange, corrupt = [], [], []
+        for name, row in saved["values"].items():
+            read = _read(allowed.get(name), row) if name in self.configured else None
+            if read is None:
+                corrupt.append(str(name))
+            elif name in OF_THE_PERCEIVER and saved.get("model") != self._model_id:
+                strange.append(name)
+            elif read[1] != self.configured[name]:
+                edited.append(name)
+            else:
+                self.set(name, read[0])
+        told = (
+            ("edited in the file, which wins", edited),
+            ("of another model, as configured", strange),
+            ("unreadable, as configured", corrupt),
+        )
+        return [f"{', '.join(names)}: {what}" for what, names in told if names]
+
+
+def kept_settings(known: Mapping[str, float], saved: Any) -> dict[str, float]:
+    """The values in force before the perceiver is loaded: `known` configured ones, and what `saved` made.
+
+    Where the configured value is the perceiver's own, it is taken to be the one that was set over.
+    """
+    rows = saved.get("values") if isinstance(saved, Mapping) else None
+    if not isinstance(rows, Mapping):
+        return dict(known)
+    listed = {parameter.name: parameter for parameter in build((), {}, {})}
+    own = {name: _read(listed[name], rows.get(name)) for name in OF_THE_PERCEIVER}
+    presumed = {name: row[1] for name, row in own.items() if row is not None}
+    overrides = RuntimeSettings({**presumed, **known}, saved.get("model"))
+    overrides.restore(saved)
+    return {**known, **overrides.values}
+
+
+def _read(parameter: Parameter | None, row: Any) -> tuple[float, float] | None:
+    """Value and the configured one that it was set over; None for anything else."""
+    try:
+        value, over = (float(one) for one in row if not isinstance(one, (bool, str)))
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return (value, over) if parameter is not None and parameter.accepts(value) else None

@@ -1,0 +1,251 @@
+"""The parameters of component 191: what each sets, and telling the ground when one changes by itself."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from anytraverse.errors import SettingsError
+from anytraverse.preferences import Preferences
+from companion.answers.handler import AnswerHandler, Heard
+from companion.calls.machine import OperatorCalls
+from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
+from companion.link.link import Link
+from companion.policy.hold_gate import Refuses
+from companion.policy.policy import PolicyState
+from companion.policy.service import PolicyService, WhenKept, at_once
+from companion.policy.shadow import ShadowStatistics
+from companion.settings.runtime import RuntimeSettings, judging_values, tuned
+from companion.vision.client import Applied, Vision
+from companion.wire import notices
+from companion.wire.answers import ForgetWord, Operation, SetWord
+from companion.wire.ids import Policy
+from companion.wire.parameters import (
+    BUDGET,
+    NOT_IN_USE,
+    NUMBER_RATE,
+    POLICY,
+    SHADOW_HOLDS,
+    SUMMARY_RATE,
+    Parameter,
+)
+
+log = logging.getLogger(__name__)
+_RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
+_BUSY = "vision is busy, set it again"
+_OF_THE_LINK = (*_RATES, BUDGET)
+_WARNING = 4
+_ACCEPTED, _LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+_DENIED, _FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+
+
+class SettingsService:
+    """Sets in force what a parameter asks for. What differs from the configuration is kept in `overrides`."""
+
+    def __init__(
+        self,
+        parameters: Sequence[Parameter],
+        link: Link,
+        vision: Vision,
+        calls: OperatorCalls,
+        answer_handler: AnswerHandler,
+        refuses: Refuses,
+        overrides: RuntimeSettings,
+        *,
+        wants_hold: bool = False,
+        policies: PolicyState | None = None,
+        book: ShadowStatistics | None = None,
+    ) -> None:
+        """parameters: as configured. refuses: judges whether the vehicle may be held. overrides: restored.
+
+        wants_hold: the config asks for it. policies: what is in force, by default the state machine's. book:
+        shadow policy's counts.
+        """
+        self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
+        self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
+        self._told = {parameter.name: parameter.value for parameter in parameters}
+        self._told_words: Preferences | None = None
+        self._link = link
+        self._vision = vision
+        self._calls = calls
+        self._answer_handler = answer_handler
+        self.overrides = overrides
+        self.policy = PolicyService(
+            link,
+            calls,
+            policies or PolicyState(calls.policy),
+            refuses=refuses,
+            wants_hold=wants_hold,
+        )
+        self.book = book or ShadowStatistics()
+        self._when_kept: WhenKept = at_once
+
+    @property
+    def vocabulary(self) -> list[str]:
+        """The words that have a parameter."""
+        return list(self._words.values())
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Parameter name -> the value in force, without the words' weights."""
+        return {name: value for name, value in self._told.items() if name not in self._words}
+
+    def when_kept(self, when_kept: WhenKept) -> None:
+        """Where to leave what must not be told before it is in the journal; until then it is told at once."""
+        self._when_kept = self.policy.when_kept = when_kept
+
+    def start(self, now: float) -> None:
+        """Put in force what the ground set of the link, and tell every setting's value and every weight."""
+        weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
+        self._link.set_configured({**self.overrides.configured, **weights})
+        if self._exceeds_the_line(self.overrides.values.get(BUDGET, self._link.most_budget)):
+            log.warning("%s as configured: what the ground set is more than the line carries", BUDGET)
+            self.overrides.drop(BUDGET)
+        values = self.overrides.configured | dict(self.overrides.values)
+        for name, value in {**values, **judging_values(self._calls.numbers.judging)}.items():
+            self._use(name, value, now)
+            self._echo(name, value, now)
+        self._echo(POLICY, float(self._calls.policy), now)
+        for name, word in self._words.items():
+            self._echo(name, self._answer_handler.words.get(word, NOT_IN_USE), now)
+
+    def set(self, request: SetRequest, now: float) -> Heard:
+        """A value, already in range. Words are echoed once the vision process has applied them."""
+        if isinstance(request, ResetRequest):
+            self._reset(request, now)
+        elif isinstance(request, WordsRequest):
+            if not self._answer_handler.set_words(request, request.operations):
+                self._link.acknowledge_words(request, now, accepted=False)
+                self._refuse(_BUSY, now)
+        elif request.name in self._words:
+            self._set_weight(request, self._words[request.name], now)
+        elif request.name == POLICY:
+            _, decisions = self.policy.set(Policy(int(request.value)), request.sender, now)
+            return Heard(decisions=decisions)
+        elif request.name == SHADOW_HOLDS:
+            self._count_anew(request, now)
+        else:
+            self._set_value(request, now)
+        return Heard()
+
+    def answered(self, applied: Applied, now: float) -> None:
+        """The vision process has applied words that were set, or refused them: the echo says which."""
+        request, done = applied.token, applied.error is None
+        if isinstance(request, ParameterRequest):
+            words = applied.memory.preferences
+            self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
+        elif isinstance(request, WordsRequest):
+            self._link.acknowledge_words(request, now, accepted=done)
+        elif isinstance(request, ResetRequest):
+            self._link.acknowledge_command(request, _ACCEPTED if done else _FAILED, now)
+        else:
+            return
+        if applied.outcome is not None and applied.outcome.dropped:
+            self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), _WARNING, now)
+
+    def tell_changes(self, words: Preferences, now: float) -> None:
+        """Tell the ground every weight that changed by itself, and what was counted."""
+        for name, value in self.book.values(self._calls.shadow).items():
+            if value != self._told[name]:
+                self._echo(name, value, now)
+        if words == self._told_words:
+            return
+        self._told_words = words
+        self._link.set_words(words)
+        for name, word in self._words.items():
+            value = words.get(word, NOT_IN_USE)
+            if value != self._told[name]:
+                self._echo(name, value, now)
+
+    def _set_weight(self, request: ParameterRequest, word: str, now: float) -> None:
+        forget = request.value == NOT_IN_USE
+        operation: Operation = ForgetWord(word) if forget else SetWord(word, request.value)
+        if not self._answer_handler.set_words(request, (operation,)):
+            self._echo(request.name, self._told[request.name], now)
+            self._refuse(_BUSY, now)
+
+    def _set_value(self, request: ParameterRequest, now: float) -> None:
+        name, value = request.name, request.value
+        if name == BUDGET and self._exceeds_the_line(value):
+            refusal = notices.value_refused(BUDGET, f"up to {self._link.most_budget:g}")
+        else:
+            refusal = "" if name in _OF_THE_LINK else self._tune({name: value}, name)
+        if refusal:
+            log.warning("%s = %g asked for by %d/%d: %s", name, value, *request.sender, refusal)
+            self._link.say(refusal, _WARNING, now)
+            self._echo(name, self._told[name], now)
+            return
+        log.info("%s = %g, set by %d/%d", name, value, *request.sender)
+        self._use(name, value, now)
+        self._echo_kept(name, value)
+        self.overrides.set(name, value)
+
+    def _tune(self, values: Mapping[str, float], what: str) -> str:
+        """Judge frames by these values from the next one on; why not, or "".
+
+        What would let the vehicle outrun its eyes is refused where hold is in force, or wanted.
+        """
+        judging = self._calls.numbers.judging
+        try:
+            other = tuned(judging, values)
+        except SettingsError as error:
+            return notices.refused(str(error))
+        refusal = self.policy.forbids(other)
+        if refusal is not None:
+            log.warning("%s: %s", what, refusal.why)
+            return notices.kept_for_hold(what, refusal.reason)
+        if not self._vision.tune(other):
+            return notices.refused(_BUSY)
+        self._calls.retune(other)
+        return ""
+
+    def _reset(self, request: ResetRequest, now: float) -> None:
+        """Settings as configured, then the words; asked again it does what is left."""
+        configured = {name: self.overrides.configured[name] for name in self.overrides.values}
+        of_frames = {name: value for name, value in configured.items() if name not in _OF_THE_LINK}
+        refusal = self._tune(of_frames, "Reset")
+        if refusal:
+            self._link.say(refusal, _WARNING, now)
+            self._link.acknowledge_command(request, _DENIED, now)
+            return
+        log.warning("settings and words as configured, asked for by %d/%d", *request.sender)
+        for name, value in configured.items():
+            self._use(name, value, now)
+            self._echo_kept(name, value)
+        self.overrides.drop(*configured)
+        others = [ForgetWord(word) for word in self._answer_handler.words if word not in self._configured]
+        words = [SetWord(word, weight) for word, weight in self._configured.items()]
+        if not self._answer_handler.set_words(request, (*others, *words)):
+            self._link.acknowledge_command(request, _LATER, now)
+
+    def _count_anew(self, request: ParameterRequest, now: float) -> None:
+        if request.value == 0:
+            log.warning("shadow counts begin anew, by %d/%d", *request.sender)
+            self.book.begin_anew(self._calls.shadow, time.time())
+        else:
+            self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
+        self._echo_kept(SHADOW_HOLDS, float(self._calls.shadow.count))
+
+    def _exceeds_the_line(self, budget: float) -> bool:
+        return (budget or math.inf) > self._link.most_budget
+
+    def _use(self, name: str, value: float, now: float) -> None:
+        if name in _RATES:
+            self._link.set_rate(_RATES[name], value)
+        elif name == BUDGET:
+            self._link.set_budget(value, now)
+
+    def _refuse(self, why: str, now: float) -> None:
+        self._link.say(notices.refused(why), _WARNING, now)
+
+    def _echo_kept(self, name: str, value: float) -> None:
+        self._told[name] = value
+        self._when_kept(lambda _, now: self._link.set_parameter(name, value, now))
+
+    def _echo(self, name: str, value: float, now: float) -> None:
+        self._told[name] = value
+        self._link.set_parameter(name, value, now)

@@ -1,0 +1,1 @@
+"""Simulated field, rover and autopilot, the demo, and links without a device."""

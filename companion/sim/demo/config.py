@@ -1,0 +1,103 @@
+"""The configuration that a demo runs with: written out, so that a newcomer can read and change it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+from companion.policy.stopping import ARDUPILOT, fit
+from companion.sim.field.lens import FIELD_OF_VIEW, HEIGHT, PITCH
+from companion.sim.field.rover import Body
+
+_MARK = "# Written by `companion demo`."
+_TEXT = """\
+{mark} config/companion.toml explains every setting.
+[camera]
+source = {camera}
+rate = 10
+{view}
+[vehicle]
+file = ""
+{stopping}
+[link]
+url = {link}
+
+[journal]
+folder = {state}
+
+[pictures]
+keep = 200
+
+[call]
+policy = {policy}
+
+# At 1.5 m/s the rover needs 5.0 m from seeing a thing to standstill: `companion check` has the figures.
+[roi]
+left = 0.35
+top = 0.46
+right = 0.65
+bottom = 0.95
+
+[corridor]
+bottom = 0.3
+top = 0.08
+
+[words]
+"grass" = 1.0
+"dirt path" = 1.0
+"bush" = -1.0
+"tree" = -1.0
+"sky" = -1.0
+"""
+
+
+_STOPPING = """
+# The simulated rover, as it is.
+[mount]
+height = {height:g}
+tilt = {tilt:g}
+front = {front:g}
+
+[stopping]
+speed = {speed:g}
+time_constant = {time_constant:g}
+braking = {braking:g}
+delay = {delay:g}
+"""
+_TO_THE_AUTOPILOT = 0.1
+"""Seconds from an order until the simulated autopilot has taken HOLD, over the loopback."""
+
+
+def written_by_demo(path: Path) -> bool:
+    """Whether this configuration is an earlier demo's, and nobody's work."""
+    return path.is_file() and path.read_bytes().startswith(_MARK.encode())
+
+
+def write_config(out: Path, *, camera: str, link: str, policy: str, speed: float | None = None) -> Path:
+    """companion.toml in `out`, with the state beside it.
+
+    speed: of the simulated rover, m/s; None where it is a camera of one's own, whose mount nobody knows.
+    """
+    path = out / "companion.toml"
+    values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
+    # What JSON makes of a string is a TOML string too, whatever is in a path.
+    quoted = {name: json.dumps(value) for name, value in values.items()}
+    # Frames of the field say when they were captured.
+    view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\nlatency = 0\n"
+    stopping = "" if speed is None else _of_the_field(speed)
+    path.write_text(_TEXT.format(mark=_MARK, view=view, stopping=stopping, **quoted), encoding="utf-8")
+    return path
+
+
+def _of_the_field(speed: float) -> str:
+    body, found = Body(), fit(ARDUPILOT)
+    return _STOPPING.format(
+        height=HEIGHT,
+        tilt=math.degrees(PITCH),
+        front=body.radius,
+        speed=speed,
+        time_constant=found.time_constant,
+        braking=found.braking,
+        delay=_TO_THE_AUTOPILOT,
+    )

@@ -1,0 +1,227 @@
+"""Sets the stage and follows the play: field, daemon and operator over real UDP, told as a story."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from companion.sim.demo.answers import AutoOperator
+from companion.sim.demo.child import Child
+from companion.sim.demo.story import Story
+from companion.sim.demo.tally import Tally, missing
+from companion.sim.field.control import FieldControl
+
+LIMIT = 170.0
+"""Seconds after which the scripted demo gives up."""
+READY_WITHIN = 20.0
+STEP = 0.1
+BEYOND_RETURN = 12.0
+"""Metres into the known meadow that the rover must come without a call for the place."""
+NEAR = 9.0
+"""Metres ahead at which a person would point at a thing."""
+TAKE_OVER_AFTER = 4.0
+"""Seconds that a blocked rover stands before nothing at all until a human takes over."""
+STANDS = 0.2
+"""m/s below which a rover in HOLD all but stands: the last centimetres take it two seconds."""
+REMOVE_AFTER = 1.5
+"""Seconds that a named thing must have kept the rover standing before somebody takes it away."""
+
+
+@dataclass
+class Stage:
+    """The processes and where they leave things."""
+
+    out: Path
+    trail: Child
+    daemon: Child
+    operator: Child
+    control: FieldControl
+    started: float = field(default_factory=time.monotonic)
+
+    def daemon_status(self) -> dict[str, Any]:
+        """The daemon's status file; empty while there is none."""
+        with contextlib.suppress(OSError, ValueError):
+            status = json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8"))
+            return status if isinstance(status, dict) else {}
+        return {}
+
+    def close(self) -> None:
+        """End all processes, the operator first."""
+        for child in (self.operator, self.daemon):
+            child.stop()
+        with contextlib.suppress(Exception):
+            self.control.stop()
+            self.control.close()
+        self.trail.stop()
+
+
+class Director:
+    """Follows field and operator; in the scripted demo also answers, and takes named things away."""
+
+    def __init__(self, stage: Stage, story: Story, *, auto: bool) -> None:
+        self._stage = stage
+        self._story = story
+        self._auto = AutoOperator() if auto else None
+        self._tally = Tally()
+        self._open: dict[int, dict[str, Any]] = {}
+        self._blocked_since: float | None = None
+        self._left_meadow = False
+        self._calls_at_return: int | None = None
+        self._returned_at = 0.0
+        self._seconds = 0.0
+        self.status: dict[str, Any] = {}
+
+    def play(self) -> dict[str, Any]:
+        """Until the rover is back in the known meadow, time is over or the operator quits; the figures."""
+        self._wait_until_ready()
+        self._stage.control.start()
+        started = time.monotonic()
+        try:
+            while not self._over(time.monotonic() - started):
+                self._follow(time.monotonic())
+                time.sleep(STEP)
+        except KeyboardInterrupt:
+            if self._auto is not None:
+                raise  # for a person it is another way to quit
+        self._seconds = time.monotonic() - started
+        self._stage.daemon.stop()
+        self._hear_all()
+        return self._tally.figures(self.status, self._stage.daemon_status(), self._seconds)
+
+    def _wait_until_ready(self) -> None:
+        deadline = time.monotonic() + READY_WITHIN
+        while time.monotonic() < deadline and self._stage.daemon.running:
+            if self._stage.daemon_status().get("state") == "ok":
+                return
+            time.sleep(STEP)
+        raise self._stage.daemon.error("saw nothing that it knows")
+
+    def _over(self, seconds: float) -> bool:
+        if self._auto is None:
+            return not self._stage.operator.running
+        held = bool(self.status) and self.status["mode"] == "HOLD"
+        return (self._tally.returned_without_call and not held) or seconds >= LIMIT
+
+    def _follow(self, now: float) -> None:
+        for child in (self._stage.trail, self._stage.daemon):
+            if not child.running:
+                raise child.error("ended")
+        self.status = self._stage.control.status()
+        self._story.field(self.status, self._clock(now))
+        self._hear_all()
+        self._take_away(now)
+        self._watch_return()
+        if self._auto is not None:
+            for call in list(self._open.values()):
+                self._answer(self._auto, call, now)
+
+    def _hear_all(self) -> None:
+        lines = self._stage.operator.lines()
+        with (self._stage.out / "logs" / "events.jsonl").open("a", encoding="utf-8") as log:
+            log.writelines(line + "\n" for _, line in lines)
+        for at, line in lines:
+            with contextlib.suppress(ValueError):
+                self._hear(json.loads(line), at)
+
+    def _hear(self, event: dict[str, Any], now: float) -> None:
+        self._tally.event(event, now)
+        if self._auto is not None:
+            self._story.event(event, self._clock(now))
+        else:  # the operator's own terminal tells the rest
+            self._story.picture(event, self._stage.out, self._clock(now))
+        if event.get("event") in {"call", "call_changed"}:
+            self._open[event["id"]] = event
+        elif event.get("event") == "closed":
+            self._open.pop(event["id"], None)
+
+    def _answer(self, operator: AutoOperator, call: dict[str, Any], now: float) -> None:
+        thing = self._thing_ahead()
+        kind = str(thing["kind"]) if thing is not None else None
+        line = operator.answer(call, str(self.status["zone"]), kind, now)
+        if line is not None:
+            self._story.tell(self._clock(now), f"operator types: {call['id']} {line}")
+            self._tally.typed(line)
+            self._stage.operator.type(f"{call['id']} {line}")
+
+    def _thing_ahead(self) -> dict[str, Any] | None:
+        ahead = [
+            thing for thing in self.status["things_ahead"] if thing["surprise"] and thing["distance"] < NEAR
+        ]
+        return min(ahead, key=lambda thing: thing["distance"], default=None)
+
+    def _take_away(self, now: float) -> None:
+        """A person takes a named thing away, once it has kept the rover standing for a while.
+
+        Where nothing stands, what is known there was mistaken: the person sees that, and takes over.
+        """
+        thing = self._thing_ahead()
+        standing = self.status["speed"] < STANDS and self.status["mode"] == "HOLD"
+        unknown = any(
+            call["stage"] == "open" and "unknown_object" in call["reasons"] for call in self._open.values()
+        )
+        blocked = self._tally.state == "blocked" and not unknown
+        if not (standing and blocked):
+            self._blocked_since = None
+        elif self._blocked_since is None:
+            self._blocked_since = now
+        elif thing is None:
+            if now - self._blocked_since >= TAKE_OVER_AFTER:
+                self._take_over(now)
+        elif now - self._blocked_since >= REMOVE_AFTER:
+            self._stage.control.remove(thing["id"])
+            self._tally.kept_off += 1
+            self._blocked_since = None
+            self._story.tell(
+                self._clock(now),
+                f"somebody takes the {thing['kind']} away, {thing['distance']:.1f} m before the rover",
+            )
+
+    def _take_over(self, now: float) -> None:
+        self._stage.control.mode("AUTO")
+        self._tally.taken_over += 1
+        self._blocked_since = None
+        self._story.tell(self._clock(now), "nothing is in the way: a human takes over and sets AUTO by hand")
+
+    def _watch_return(self) -> None:
+        status = self.status
+        if status["zone"] != "meadow":
+            self._left_meadow, self._calls_at_return = True, None
+            return
+        if not self._left_meadow:
+            return
+        if self._calls_at_return is None:
+            self._calls_at_return, self._returned_at = self._tally.calls_for_places, status["distance"]
+        if self._tally.calls_for_places > self._calls_at_return:
+            return
+        if status["distance"] - self._returned_at >= BEYOND_RETURN and self._tally.history_matches:
+            if not self._tally.returned_without_call:
+                self._story.tell(
+                    self._clock(time.monotonic()), "back in the meadow, and nobody was asked about it"
+                )
+            self._tally.returned_without_call = True
+
+    def _clock(self, now: float) -> float:
+        return now - self._stage.started
+
+
+def verdict(figures: dict[str, Any], story: Story) -> int:
+    """Say what was shown and what was not; the exit code."""
+    left = missing(figures)
+    story.plain()
+    for name in left:
+        story.plain(f"NOT SHOWN: {name}")
+    if not left:
+        story.plain("All of the job was shown.")
+    return 1 if left else 0
+
+
+def summary(figures: dict[str, Any]) -> str:
+    """One line on what a person's own demo came to."""
+    return (
+        f"{figures['calls']} calls, {figures['holds']} holds, {figures['resumes']} resumes, "
+        f"{figures['history_matches']} places known again, {figures['collisions']} things driven into."
+    )

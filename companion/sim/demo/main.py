@@ -1,0 +1,131 @@
+"""`companion demo`: with the simulated field, or on a camera of your own with --camera."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import json
+import shutil
+import signal
+import sys
+import tempfile
+from pathlib import Path
+
+from companion.sim.demo.child import Child, ChildError
+from companion.sim.demo.config import write_config, written_by_demo
+from companion.sim.demo.director import Director, Stage, summary, verdict
+from companion.sim.demo.operator import start_operator
+from companion.sim.demo.sheet import write_sheet
+from companion.sim.demo.story import Story
+from companion.sim.field.control import FieldControl, FieldError
+
+SPEED = 1.5
+"""m/s that the simulated rover drives."""
+_OLD = ("state", "logs", "contact-sheet.png")
+
+
+def main(options: argparse.Namespace) -> int:
+    """Run the demo; the exit code is 0 only if all that it should show was shown."""
+    out = Path(options.out).absolute() if options.out else Path(tempfile.mkdtemp(prefix="atd-"))
+    try:
+        _make_room(out)
+    except OSError as error:
+        print(f"companion demo: {out}: {(error.strerror or str(error)).lower()}", file=sys.stderr)
+        return 2
+    story = Story(clock=not options.auto)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _end)
+    try:
+        if options.camera:
+            from companion.sim.demo.rehearsal import rehearse
+
+            return rehearse(options.camera, out, story, auto=options.auto)
+        return _play(options, out, story)
+    except (ChildError, FieldError) as error:
+        print(f"companion demo: {error}", file=sys.stderr)
+        return 1
+
+
+def _make_room(out: Path) -> None:
+    """An empty folder `out`, where an earlier demo's may have been; nothing else is overwritten."""
+    out.mkdir(parents=True, exist_ok=True)
+    config = out / "companion.toml"
+    foreign = {path.name for path in out.iterdir()} - {config.name, *_OLD}
+    if foreign or (config.exists() and not written_by_demo(config)):
+        raise OSError(errno.ENOTEMPTY, "holds files that no demo wrote: give another folder")
+    for name in _OLD:
+        path = out / name
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _end(number: int, _frame: object) -> None:
+    raise SystemExit(128 + number)
+
+
+def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
+    stage = set_stage(out, options.seed, auto=options.auto)
+    try:
+        story.plain(_OPENING if options.auto else _OPENING + _YOUR_PART)
+        director = Director(stage, story, auto=options.auto)
+        figures = director.play()
+    finally:
+        stage.close()
+    sheet = write_sheet(out)
+    code = verdict(figures, story) if options.auto else 0
+    if not options.auto:
+        story.plain(summary(figures))
+    if sheet is not None:
+        story.plain(f"Contact sheet of the key frames: {sheet}")
+    if options.auto:
+        story.plain(json.dumps({**figures, "seed": options.seed, "contact_sheet": str(sheet or "")}))
+    return code
+
+
+def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED) -> Stage:
+    """Start field, daemon and operator. speed: m/s that the rover drives. Raises ChildError."""
+    logs = out / "logs"
+    logs.mkdir(exist_ok=True)
+    started: list[Child] = []
+
+    def keep(child: Child) -> Child:
+        started.append(child)
+        return child
+
+    try:
+        field = keep(
+            Child(
+                "field",
+                ["companion.sim.field", "--seed", str(seed), "--speed", str(speed)],
+                logs / "field.log",
+            )
+        )
+        ports = json.loads(field.first_line(20.0))
+        if ports["script"] != "running":
+            print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
+        camera, link = f"field:{ports['frames']}", ports["companion"]
+        config = write_config(out, camera=camera, link=link, policy="hold", speed=speed)
+        daemon = keep(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
+        operator = keep(start_operator(ports["gcs"], logs, auto=auto))
+        host, _, port = ports["control"].rpartition(":")
+        return Stage(out, field, daemon, operator, FieldControl(host, int(port)))
+    except BaseException:
+        for child in reversed(started):
+            child.stop()
+        raise
+
+
+_OPENING = """\
+A rover drives a trail by itself. The daemon on it looks ahead and judges the ground by words and weights:
+grass and dirt path are drivable, bush, tree and sky are not. It was told of this meadow and of nothing else.
+When a place or a thing has no word it holds the rover and calls the operator over MAVLink.
+"""
+
+_YOUR_PART = """\
+You are that operator. At a call look at the picture that it names, and type an answer, for example:
+
+    tap drum -1 go                        what it points at is a drum: wait until it is gone, then drive on
+    gravel: 1; dry grass: 0.3, go         words for a new place: drive on
+    go                                    drive on, over the thing, this once
+
+Lines with [brackets] are told by somebody beside the trail. `help` shows the rest, `quit` ends the demo.
+"""

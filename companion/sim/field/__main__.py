@@ -1,0 +1,93 @@
+"""`python -m companion.sim.field`: the simulated field as a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from companion.sim.field.server import AUTOPILOTS, FieldServer, Options
+
+Number = TypeVar("Number", int, float)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the addresses as one line of JSON, then serve until stopped by the control channel, by SIGTERM or
+    SIGINT, or after --duration seconds."""
+    args = _parser().parse_args(arguments)
+    try:
+        import cv2
+    except ImportError:
+        print("the field draws with OpenCV: pip install 'anytraverse-companion[rover]'", file=sys.stderr)
+        return 2
+    from companion.sim.field.render import Camera
+    from companion.sim.field.things import World
+
+    cv2.setNumThreads(1)
+    world = World(args.seed)
+    camera = Camera(world, width=args.width, height=args.height, seed=args.seed)
+    server = FieldServer(
+        world,
+        camera,
+        Options(args.seed, args.fps, args.speed, args.autostart, args.duration, args.script, args.autopilot),
+    )
+    if server.no_script:
+        print(f"the script on the autopilot is not running: {server.no_script}", file=sys.stderr)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: server.stop())
+    _announce(json.dumps(server.addresses()))
+    server.run()
+    return 0
+
+
+def _announce(line: str) -> None:
+    """Say it once; nobody listening is no reason not to run."""
+    try:
+        print(line, flush=True)
+    except (OSError, ValueError, AttributeError):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m companion.sim.field", description=__doc__)
+    parser.add_argument("--seed", type=_between(int, 0, 2**31), default=1, help="which world (default 1)")
+    parser.add_argument(
+        "--fps", type=_between(float, 0.2, 60), default=12.0, help="frames per second (default 12)"
+    )
+    parser.add_argument(
+        "--speed", type=_between(float, 0, 5), default=2.5, help="cruise speed, m/s (default 2.5)"
+    )
+    parser.add_argument("--width", type=_between(int, 64, 1920), default=320, help="pixels (default 320)")
+    parser.add_argument("--height", type=_between(int, 48, 1080), default=240, help="pixels (default 240)")
+    parser.add_argument(
+        "--autopilot", choices=list(AUTOPILOTS), default="ardupilot", help="whose rover (default ardupilot)"
+    )
+    parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
+    parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")
+    parser.add_argument(
+        "--no-script",
+        dest="script",
+        action="store_false",
+        help="do not run config/ardupilot/anytraverse.lua on the autopilot",
+    )
+    return parser
+
+
+def _between(kind: Callable[[str], Number], low: float, high: float) -> Callable[[str], Number]:
+    def number(text: str) -> Number:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not between {low:g} and {high:g}")
+        return value
+
+    return number
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""The commands that the autopilot obeys, one table; every other one is answered UNSUPPORTED."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+if TYPE_CHECKING:
+    from companion.sim.field.autopilot import Autopilot
+    from companion.sim.field.router import Port
+
+
+ACCEPTED = int(mavlink.MAV_RESULT_ACCEPTED)
+DENIED = int(mavlink.MAV_RESULT_DENIED)
+FAILED = int(mavlink.MAV_RESULT_FAILED)
+UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
+VERSION_4_6_0 = 0x040600FF
+NOTHING = bytes(8)
+MAV_CMD_SCRIPTING = 42701
+SCRIPTING_RESTART = 3
+
+Handler = Callable[["Port", Sequence[float]], int]
+
+
+class Commands:
+    """Runs COMMAND_LONG and COMMAND_INT for an autopilot and acknowledges each to its sender."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+        self._handlers: dict[int, Handler] = {
+            int(mavlink.MAV_CMD_DO_SET_MODE): self.set_mode,
+            int(mavlink.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
+            int(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL): self._set_interval,
+            int(mavlink.MAV_CMD_REQUEST_MESSAGE): self._request,
+            int(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES): self._capabilities,
+            int(mavlink.MAV_CMD_PREFLIGHT_STORAGE): self._store,
+            MAV_CMD_SCRIPTING: self._scripting,
+        }
+
+    def run(self, port: Port, frame: Any) -> None:
+        """Obey the command in `frame`; NaN where a number is needed is DENIED."""
+        handler = self._handlers.get(frame.command)
+        asked = [frame.param1, frame.param2, frame.param3]
+        result = UNSUPPORTED if handler is None else handler(port, asked)
+        for told in self._autopilot.results(frame.command, result):
+            self.acknowledge(port, frame, frame.command, told)
+
+    def acknowledge(self, port: Port, frame: Any, command: int, result: int) -> None:
+        self._autopilot.say(
+            port,
+            mavlink.MAVLink_command_ack_message(
+                command, result, 0, 0, frame.get_srcSystem(), frame.get_srcComponent()
+            ),
+        )
+
+    def set_mode(self, port: Port, asked: Sequence[float]) -> int:
+        """`asked`: base mode, which must carry the custom-mode bit, custom mode and, with some, sub mode."""
+        base, custom = _whole(asked[0]), _whole(asked[1])
+        if base is None or custom is None or not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return DENIED
+        sub = _whole(asked[2]) if len(asked) > 2 else 0
+        mode = self._autopilot.find_mode(custom, sub or 0)
+        if mode is None or not self._autopilot.may_enter(mode):
+            return FAILED
+        self._autopilot.set_mode(mode, by=port.value)
+        return ACCEPTED
+
+    def _arm(self, _port: Port, asked: Sequence[float]) -> int:
+        if asked[0] not in (0.0, 1.0):
+            return DENIED
+        return ACCEPTED if self._autopilot.arm(on=asked[0] == 1.0) else FAILED
+
+    def _set_interval(self, port: Port, asked: Sequence[float]) -> int:
+        number = _whole(asked[0])
+        known = number is not None and self._autopilot.streams[port].set_interval(number, asked[1])
+        return ACCEPTED if known else FAILED
+
+    def _request(self, port: Port, asked: Sequence[float]) -> int:
+        number = _whole(asked[0])
+        if number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            return self._capabilities(port, asked)
+        message = None if number is None else self._autopilot.message(number)
+        if message is None:
+            return FAILED
+        self._autopilot.say(port, message)
+        return ACCEPTED
+
+    def _capabilities(self, port: Port, _asked: Sequence[float]) -> int:
+        able = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+        self._autopilot.say(
+            port,
+            mavlink.MAVLink_autopilot_version_message(
+                able, VERSION_4_6_0, 0, 0, 0, NOTHING, NOTHING, NOTHING, 0, 0, 0
+            ),
+        )
+        return ACCEPTED
+
+    def _scripting(self, _port: Port, asked: Sequence[float]) -> int:
+        script = self._autopilot.script
+        if script is None or asked[0] != SCRIPTING_RESTART:
+            return FAILED
+        script.restart()
+        return ACCEPTED
+
+    def _store(self, _port: Port, _asked: Sequence[float]) -> int:
+        return ACCEPTED
+
+
+def _whole(value: float) -> int | None:
+    return int(value) if math.isfinite(value) else None

@@ -1,0 +1,89 @@
+"""The script that ships for the autopilot, run by the simulated one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from companion.sim.field.modes import Mode
+from companion.sim.field.parameters import REAL32
+from companion.sim.field.scripting import Scripting
+from companion.sim.field.telemetry import RC_CHANNELS
+from companion.system.resources import resource
+
+if TYPE_CHECKING:
+    from companion.sim.field.autopilot import Autopilot
+
+
+SCRIPT = "config/ardupilot/anytraverse.lua"
+BY_SCRIPT = "script"
+MAX_TEXT = 50
+FEED_TIMEOUT = 0.5
+_NO_SENSOR, _NO_DATA, _GOOD = range(3)
+# ModeReason of ArduPilot. What a companion sets looks like what a person at a ground station sets.
+_REASONS = {"companion": 2, "gcs": 2, "hand": 1, BY_SCRIPT: 32}
+_INITIALISED = 26
+
+
+def install(autopilot: Autopilot) -> str:
+    """Let `autopilot` run the shipped script. Returns why it does not, or ""."""
+    try:
+        source = resource(SCRIPT).read_text(encoding="utf-8")
+        steps = int(autopilot.parameters["SCR_VM_I_COUNT"])
+        autopilot.script = Scripting(source, "anytraverse.lua", Onboard(autopilot), vm_steps=steps)
+    except ImportError:
+        return "lupa is missing: pip install 'anytraverse-companion[rover]'"
+    except (OSError, ValueError) as reason:
+        return str(reason)
+    autopilot.parameters.set("SCR_ENABLE", 1)
+    return ""
+
+
+class Onboard:
+    """`scripting.Host` on a simulated autopilot; its clock is the rover's time."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+
+    def millis(self) -> int:
+        return round(self._autopilot.rover.time * 1000)
+
+    def mode(self) -> int:
+        return int(self._autopilot.mode)
+
+    def mode_reason(self) -> int:
+        return _REASONS.get(self._autopilot.mode_by, _INITIALISED)
+
+    def set_mode(self, number: int) -> bool:
+        if number not in {int(mode) for mode in Mode}:
+            return False
+        self._autopilot.set_mode(Mode(number), BY_SCRIPT)
+        return True
+
+    def is_armed(self) -> bool:
+        return self._autopilot.armed
+
+    def send_text(self, severity: int, text: bytes) -> None:
+        self._autopilot.tell(text[:MAX_TEXT], severity)
+
+    def parameter(self, name: str) -> float | None:
+        row = self._autopilot.parameters.find(name)
+        return None if row is None else row.value
+
+    def add_parameter(self, name: str, default: float) -> None:
+        self._autopilot.parameters.add(name, REAL32, default)
+
+    def proximity_sensors(self) -> int:
+        return int(self._autopilot.parameters["PRX1_TYPE"] > 0)
+
+    def proximity_status(self) -> int:
+        if not self.proximity_sensors():
+            return _NO_SENSOR
+        fed_at, now = self._autopilot.obstacles_at, self._autopilot.rover.time
+        return _GOOD if fed_at is not None and now - fed_at <= FEED_TIMEOUT else _NO_DATA
+
+    def switch(self, function: int) -> int | None:
+        for channel in range(1, RC_CHANNELS + 1):
+            if self.parameter(f"RC{channel}_OPTION") == function:
+                pulse = self._autopilot.rover.hand.switches.get(channel, 1500)
+                return 0 if pulse < 1200 else 2 if pulse > 1800 else 1
+        return None

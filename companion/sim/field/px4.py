@@ -1,0 +1,159 @@
+"""A PX4 rover with car steering, as a companion computer and a ground station see it on MAVLink.
+
+What is the same is `Autopilot`'s. Otherwise: modes have a main and a sub mode; a command for a mode is
+acknowledged twice; the heartbeat tells a change when its second is over, CURRENT_MODE sooner where it is
+asked for; LOITER circles back; OFFBOARD wants setpoints before and during it; the loss of the companion is
+said, and changes nothing.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.sim.field.autopilot import COMPANION, Autopilot
+from companion.sim.field.parameters import INT32, REAL32, Row
+from companion.sim.field.router import Port
+from companion.sim.field.rover import Drive
+
+SET_MODE = int(mavlink.MAV_CMD_DO_SET_MODE)
+CURRENT_MODE = int(mavlink.MAVLINK_MSG_ID_CURRENT_MODE)
+SETPOINTS_FIRST = 0.5
+"""s of setpoints until OFFBOARD is accepted."""
+COMPANION_LOST_AFTER = 6.9
+STILL = 0.05
+"""m/s below which a setpoint says stand; no other is modelled."""
+TO_HOLD = 5
+"""COM_OBL_RC_ACT: LOITER instead of RTL when setpoints stop."""
+_BY_ITSELF = "autopilot"
+_VELOCITY_IGNORED = 0b11_1000
+
+
+class Mode(enum.IntEnum):
+    """Value: HEARTBEAT.custom_mode, main mode << 16 | sub mode << 24."""
+
+    MANUAL = 0x0001_0000
+    POSITION = 0x0003_0000
+    LOITER = 0x0304_0000
+    MISSION = 0x0404_0000
+    RTL = 0x0504_0000
+    OFFBOARD = 0x0006_0000
+
+
+PARAMETERS: tuple[Row, ...] = (
+    ("MAV_SYS_ID", INT32, 1, 1, 250),
+    ("MAV_0_FORWARD", INT32, 1, 0, 1),
+    ("MAV_1_FORWARD", INT32, 1, 0, 1),
+    ("COM_OF_LOSS_T", REAL32, 0.5, 0.0, 60.0),
+    ("COM_OBL_RC_ACT", INT32, 0, 0, 7),
+    ("NAV_RCL_ACT", INT32, 1, 0, 6),
+    ("NAV_DLL_ACT", INT32, 0, 0, 6),
+    ("RO_SPEED_LIM", REAL32, 2.5, 0.0, 5.0),
+)
+
+
+class Px4(Autopilot):
+    """Boots disarmed in LOITER. A setpoint other than zero velocity counts as none."""
+
+    modes: ClassVar[type[enum.IntEnum]] = Mode
+    boots_in: ClassVar[enum.IntEnum] = Mode.LOITER
+    mission: ClassVar[enum.IntEnum] = Mode.MISSION
+    parameter_table: ClassVar[Sequence[Row]] = PARAMETERS
+    speeds: ClassVar[tuple[str, ...]] = ("RO_SPEED_LIM",)
+
+    _fed_since = _fed_at = -math.inf
+    _companion_at: float | None = None
+    _acknowledged = 0
+
+    def receive(self, port: Port, frame: Any) -> None:
+        super().receive(port, frame)
+        kind = frame.get_type()
+        if kind == "HEARTBEAT" and frame.get_srcComponent() == COMPANION:
+            self._companion_at = self.rover.time
+        elif kind == "SET_POSITION_TARGET_LOCAL_NED" and _is_still(frame):
+            if not self._fed:
+                self._fed_since = self.rover.time
+            self._fed_at = self.rover.time
+
+    def poll(self, now: float) -> None:
+        if self.mode is Mode.OFFBOARD and not self._fed:
+            to_hold = self.parameters["COM_OBL_RC_ACT"] == TO_HOLD
+            self.set_mode(Mode.LOITER if to_hold else Mode.RTL, _BY_ITSELF)
+        if self._companion_at is not None and self.rover.time - self._companion_at > COMPANION_LOST_AFTER:
+            self._companion_at = None
+            self._warn(b"Connection to mission computer lost")
+        super().poll(now)
+
+    def find_mode(self, custom: int, sub: int) -> enum.IntEnum | None:
+        """By main and sub mode, or, in the old SET_MODE message, as the heartbeat has it."""
+        wanted = custom if custom > 0xFF else custom << 16 | sub << 24
+        return Mode(wanted) if wanted in {int(mode) for mode in Mode} else None
+
+    def may_enter(self, mode: enum.IntEnum) -> bool:
+        fed_for = self.rover.time - self._fed_since
+        return mode is not Mode.OFFBOARD or (self._fed and fed_for >= SETPOINTS_FIRST)
+
+    def restarts_mission(self) -> bool:
+        return False
+
+    def results(self, command: int, result: int) -> list[int]:
+        """A mode's two acknowledgements do not agree, and come now in this order, now in that."""
+        if command != SET_MODE:
+            return [result]
+        self._acknowledged += 1
+        both = [result, int(mavlink.MAV_RESULT_UNSUPPORTED)]
+        return both if self._acknowledged % 2 else both[::-1]
+
+    def periods(self) -> dict[int, float]:
+        return {**super().periods(), CURRENT_MODE: math.inf}
+
+    def message(self, number: int) -> Any:
+        if number == CURRENT_MODE:
+            return mavlink.MAVLink_current_mode_message(0, int(self.mode), int(self.mode))
+        return super().message(number)
+
+    def heartbeat(self) -> Any:
+        bits = int(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        if self.mode in (Mode.MANUAL, Mode.POSITION):
+            bits |= int(mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
+        else:
+            bits |= int(mavlink.MAV_MODE_FLAG_AUTO_ENABLED)
+        if self.armed:
+            bits |= int(mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        status = mavlink.MAV_STATE_ACTIVE if self.armed else mavlink.MAV_STATE_STANDBY
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_PX4, bits, int(self.mode), status, 3
+        )
+
+    def drives(self) -> Drive:
+        return {
+            Mode.MISSION: Drive.FOLLOW,
+            Mode.MANUAL: Drive.HAND,
+            Mode.POSITION: Drive.HAND,
+            Mode.LOITER: Drive.CIRCLE,
+            Mode.RTL: Drive.HOME,
+        }.get(Mode(self.mode), Drive.BRAKE)
+
+    def _beat(self) -> None:
+        """A change waits for the heartbeat's second."""
+
+    def _forward(self, port: Port, frame: Any) -> None:
+        if self.parameters["MAV_0_FORWARD"] and self.parameters["MAV_1_FORWARD"]:
+            super()._forward(port, frame)
+
+    @property
+    def _fed(self) -> bool:
+        return self.rover.time - self._fed_at <= self.parameters["COM_OF_LOSS_T"]
+
+    def _warn(self, text: bytes) -> None:
+        for port in Port:
+            self.say(port, mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, text))
+
+
+def _is_still(frame: Any) -> bool:
+    speed = math.hypot(frame.vx, frame.vy)
+    return frame.type_mask & _VELOCITY_IGNORED == 0 and speed < STILL

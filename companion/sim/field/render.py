@@ -1,0 +1,141 @@
+"""A camera on the simulated rover: frames of the world with true labels, the same for the same moment."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.sim.field import backdrop, sprites
+from companion.sim.field.backdrop import Backdrop
+from companion.sim.field.ground import Ground
+from companion.sim.field.lens import HEIGHT, Lens, relative
+from companion.sim.field.sensor import Sensor
+from companion.sim.field.sprites import Verge
+from companion.sim.field.things import KINDS, Thing, World
+from companion.sim.field.trail import Pose
+
+Bytes = NDArray[np.uint8]
+Seen = tuple[Thing, float, float]  # a thing, metres ahead, metres to the left
+
+LABELS = ("sky", "grass", "dirt path", "gravel", "bush", "tree", "puddle", "drum", "rock", "log")
+
+NEAR, FAR = 0.35, 48.0  # m ahead, between which things are drawn
+VISIBILITY = 85.0  # m at which haze has taken 63 % of a colour
+_GROUND_LABELS = np.array([LABELS.index(name) for name in ("grass", "dirt path", "gravel")], np.uint8)
+_THING_LABELS = {kind: LABELS.index(kind) for kind in KINDS} | {"tuft": LABELS.index("grass")}
+_CROWN = 7.0  # times a trunk's radius, half the width of a tree's crown
+
+
+class Camera:
+    """A pinhole camera that looks along a rover's heading, slightly down, 1 m above the ground.
+
+    Labels are true to the pixel: the nearest thing wins. A forest's floor and the tufts at the verge are
+    "grass", woods in the distance "tree".
+    """
+
+    def __init__(self, world: World, width: int = 320, height: int = 240, seed: int = 0) -> None:
+        if not (16 <= width <= 4096 and 16 <= height <= 4096):
+            raise ValueError(f"no frames of {width} x {height}: give 16 to 4096 pixels a side")
+        self.world, self.width, self.height = world, width, height
+        self.lens = lens = Lens(width, height)
+        self._sensor = Sensor(width, height, seed)
+        self._ground = Ground(world, lens.forward, lens.left, lens.footprint)
+        self._clear = _clear(np.hypot(lens.forward, lens.left))
+        self._haze = ((1 - self._clear)[..., None] * np.asarray(backdrop.HAZE)).astype(np.uint8)
+        self._foot = min(height, lens.horizon + round(lens.focal * 1.3 * HEIGHT / backdrop.NEAREST_FOOT))
+        labels = LABELS.index("sky"), LABELS.index("tree")
+        self._backdrop = Backdrop(world.seed, *lens.directions(self._foot), labels)
+        self._verge = Verge(world)
+        self._sprites = sprites.paint_all(world.seed)
+
+    def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """The frame at a pose and time t in s: RGB (H, W, 3) and labels (H, W), indices into LABELS."""
+        import cv2
+
+        picture = np.empty((self.height, self.width, 3), np.uint8)
+        labels = np.empty((self.height, self.width), np.uint8)
+        self._draw_ground(picture[self.lens.horizon :], labels[self.lens.horizon :], pose)
+        self._backdrop.paint(picture[: self._foot], labels[: self._foot], pose, t, self._ground)
+        for thing, ahead, left in self._in_view(pose):
+            if thing.kind == "puddle":
+                self._draw_puddle(picture, labels, thing, ahead)
+            else:
+                self._draw_thing(picture, labels, thing, pose, math.hypot(ahead, left))
+        soft = np.asarray(cv2.GaussianBlur(picture, (3, 3), 0.55), np.uint8)
+        return self._sensor.expose(soft, self.world.light, t), labels
+
+    def distance_ahead(self, row: int) -> float:
+        """How far ahead (m) the level ground in this row of the picture is; infinite above the horizon."""
+        if row < self.lens.horizon:
+            return math.inf
+        return float(self.lens.forward[min(row, self.height - 1) - self.lens.horizon, 0])
+
+    def _in_view(self, pose: Pose) -> list[Seen]:
+        """The things that may show, puddles first, then from far to near."""
+        slope = self.width / 2 / self.lens.focal
+        seen: list[Seen] = []
+        for thing in [*self.world.things.values(), *self._verge.near(pose)]:
+            ahead, left = relative(pose, thing.x, thing.y)
+            reach = max(thing.radius * (_CROWN if thing.kind == "tree" else 1.5), thing.length / 2)
+            if NEAR < ahead < FAR and abs(left) < ahead * slope + reach * 1.3:
+                seen.append((thing, ahead, left))
+        return sorted(seen, key=lambda one: (one[0].kind != "puddle", -math.hypot(one[1], one[2])))
+
+    def _draw_ground(self, picture: Bytes, labels: Bytes, pose: Pose) -> None:
+        import cv2
+
+        colours, kinds, light = self._ground.look(pose)
+        scale = np.clip(light * self._clear * 128, 0, 255).astype(np.uint8)
+        lit = cv2.multiply(np.ascontiguousarray(colours), cv2.merge([scale, scale, scale]), scale=1 / 128)
+        picture[:] = cv2.add(lit, self._haze)
+        labels[:] = _GROUND_LABELS[kinds]
+
+    def _draw_puddle(self, picture: Bytes, labels: Bytes, thing: Thing, ahead: float) -> None:
+        """Water that mirrors the backdrop, in a wet rim, ragged at the shore."""
+        found = np.flatnonzero(np.abs(self.lens.forward[:, 0] - ahead) < thing.radius * 1.4)
+        if len(found) == 0:
+            return
+        rows = slice(found[0], found[-1] + 1)
+        x, y = (
+            at[rows] - np.float32(centre)
+            for at, centre in zip(self._ground.points, (thing.x, thing.y), strict=True)
+        )
+        angle = np.arctan2(y, x)
+        shore = 0.9 + 0.06 * np.sin(3 * angle + thing.look) + 0.04 * np.sin(5 * angle)
+        out = np.hypot(x, y) / (shore * thing.radius)
+        water, rim = out < 1, out < 1.18
+        mirror = np.clip(
+            self.lens.horizon - 1 - np.arange(rows.start, rows.stop), 0, max(0, self.lens.horizon - 1)
+        )
+        sheen = picture[mirror].astype(np.float32) * 0.62 + np.array([58, 64, 70], np.float32)
+        under = picture[self.lens.horizon :][rows]
+        under[rim] = (under[rim] * 0.72).astype(np.uint8)
+        under[water] = sheen[water].astype(np.uint8)
+        labels[self.lens.horizon :][rows][water] = _THING_LABELS["puddle"]
+
+    def _draw_thing(self, picture: Bytes, labels: Bytes, thing: Thing, pose: Pose, distance: float) -> None:
+        """A painted sheet that faces the camera, over what is behind it."""
+        column, foot, depth = self.lens.project(pose, thing.x, thing.y)
+        if depth < NEAR:
+            return
+        width = 2 * thing.radius
+        if thing.length:
+            turn = thing.heading - math.atan2(thing.y - pose.y, thing.x - pose.x)
+            width += (thing.length - width) * abs(math.sin(turn))
+        pixels = self.lens.focal / depth
+        at, size = (column, foot + 0.02 * pixels), (width * pixels, thing.height * pixels)
+        light = self._ground.light_on(thing.x, thing.y)
+        looks = self._sprites[thing.kind]
+        drawn = looks[thing.look % len(looks)].draw(
+            picture, at, size, light, backdrop.HAZE, float(_clear(np.float32(distance)))
+        )
+        if drawn:
+            where, opacity = drawn
+            labels[where][opacity > 127] = _THING_LABELS[thing.kind]
+
+
+def _clear(distance: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
+    """How much of a colour the air lets through from a distance in m."""
+    return np.asarray(np.exp(-np.minimum(distance, FAR) / VISIBILITY), np.float32)

@@ -1,0 +1,107 @@
+"""What the control channel can ask for: one table of requests, each checked before anything changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from companion.sim.field.autopilot import HAND
+from companion.sim.field.control import FieldError
+from companion.sim.field.simulation import Simulation
+from companion.sim.field.telemetry import RC_CHANNELS
+
+Request = dict[str, Any]
+MAX_HAND_SECONDS = 60.0
+FIRST_SWITCH = 5  # the channels below are the sticks
+
+
+class RequestDispatcher:
+    """Carries out requests on a simulation; `status`, `freeze` and `stop` belong to the process around it."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        *,
+        status: Callable[[], dict[str, Any]],
+        freeze: Callable[[bool], None],
+        stop: Callable[[], None],
+    ) -> None:
+        self._simulation = simulation
+        self._status = status
+        self._known: dict[str, Callable[[Request], None]] = {
+            "arm": lambda request: self._arm(on=_flag(request, "on")),
+            "freeze_camera": lambda request: freeze(_flag(request, "on")),
+            "light": lambda request: simulation.light(_number(request, "level", 0.0, 1.0)),
+            "mode": self._mode,
+            "move": self._move,
+            "remove": lambda request: simulation.remove(self._thing(request)),
+            "rc": self._rc,
+            "start": lambda _: self.start(),
+            "stop": lambda _: stop(),
+            "throttle": self._throttle,
+        }
+
+    def handle(self, request: Request) -> dict[str, Any]:
+        """The answer to one request; FieldError says what is wrong with it."""
+        do = request["do"]
+        if do == "status":
+            return self._status()
+        if do not in self._known:
+            raise FieldError(f"no request {do!r}; there are status, {', '.join(self._known)}")
+        self._known[do](request)
+        return {"ok": True}
+
+    def start(self) -> None:
+        """Arm and drive the trail, by hand."""
+        self._arm(on=True)
+        autopilot = self._simulation.autopilot
+        autopilot.set_mode(autopilot.mission, HAND)
+
+    def _arm(self, *, on: bool) -> None:
+        if not self._simulation.autopilot.arm(on=on):
+            raise FieldError("the script on the autopilot forbids arming: it wants a companion (ATS_NEED)")
+
+    def _mode(self, request: Request) -> None:
+        name = request.get("mode")
+        modes = self._simulation.autopilot.modes.__members__
+        if not isinstance(name, str) or name not in modes:
+            raise FieldError(f'"mode" is one of {", ".join(modes)}')
+        self._simulation.autopilot.set_mode(modes[name], HAND)
+
+    def _move(self, request: Request) -> None:
+        thing = self._thing(request)
+        self._simulation.move(thing, _number(request, "x", -1e4, 1e4), _number(request, "y", -1e4, 1e4))
+
+    def _throttle(self, request: Request) -> None:
+        self._simulation.take_the_stick(
+            _number(request, "throttle", -1.0, 1.0, default=0.0),
+            _number(request, "steering", -1.0, 1.0, default=0.0),
+            _number(request, "seconds", 0.0, MAX_HAND_SECONDS, default=2.0),
+        )
+
+    def _rc(self, request: Request) -> None:
+        channel = round(_number(request, "channel", FIRST_SWITCH, RC_CHANNELS))
+        pulse = round(_number(request, "pwm", 800, 2200))
+        self._simulation.rover.hand.switches[channel] = pulse
+
+    def _thing(self, request: Request) -> str:
+        thing = request.get("id")
+        things = self._simulation.world.things
+        if not isinstance(thing, str) or thing not in things:
+            surprises = sorted(name for name, known in things.items() if known.surprise)
+            raise FieldError(f'"id" is the id of a thing, such as {", ".join(surprises[:8])}')
+        return thing
+
+
+def _flag(request: Request, name: str) -> bool:
+    value = request.get(name)
+    if not isinstance(value, bool):
+        raise FieldError(f'"{name}" is true or false')
+    return value
+
+
+def _number(request: Request, name: str, low: float, high: float, *, default: float | None = None) -> float:
+    value = request.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise FieldError(f'"{name}" is a number from {low:g} to {high:g}')
+    return float(value)

@@ -1,0 +1,238 @@
+"""The rover: a body with mass that follows the trail and, like a real one, does not stop at once.
+
+A kinematic bicycle under force-limited longitudinal dynamics. Along the trail it steers by pure pursuit
+(Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm", CMU-RI-TR-92-01, 1992).
+Lengths in m, angles in rad (counter-clockwise, 0 along x), times in s, forces in N.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from companion.sim.field.trail import Pose, Trail
+
+
+STEP = 0.02
+STANDSTILL = 0.02  # m/s; slower counts as standing
+OVERRUN = 2.5  # m that it runs on before it turns back to a point
+RETURN_SPEED = 1.0
+ARRIVED = 0.5  # m
+
+
+class Drive(enum.Enum):
+    """What the autopilot asks of the motors."""
+
+    FOLLOW = "follow"  # along the trail at cruise speed
+    HOLD = "hold"  # to standstill as ArduPilot's HOLD does it, and stay
+    BRAKE = "brake"  # to standstill as hard as it can, and stay
+    CIRCLE = "circle"  # run on, then back to where it was asked for, and stay
+    HOME = "home"  # straight to the start of the trail, and stay
+    HAND = "hand"  # the hand's throttle and steering
+    OFF = "off"  # motors off: coast
+
+
+@dataclass(frozen=True)
+class Body:
+    """Default: 1 m/s2 of acceleration. `Drive.BRAKE` stops it from 2.5 m/s within about 2.6 m.
+
+    `Drive.HOLD` slows it down by `easing` of its speed each second, and by `easing_rest`: within 2 % the ways
+    of ArduPilot Rover 4.7-dev in its own simulation (companion.policy.stopping.ARDUPILOT).
+    """
+
+    mass: float = 80.0  # kg
+    drive_force: float = 112.0
+    brake_force: float = 80.0
+    rolling_force: float = 32.0
+    easing: float = 0.5  # 1/s
+    easing_rest: float = 0.035  # m/s2
+    top_speed: float = 5.0
+    wheelbase: float = 0.6
+    max_steering: float = 0.6
+    steering_rate: float = 1.5
+    reaction: float = 0.15
+    radius: float = 0.6
+
+
+@dataclass
+class Hand:
+    """A person at the transmitter: both sticks in [-1, 1], steering left positive, and switches (channel ->
+    pulse width in us)."""
+
+    throttle: float = 0.0
+    steering: float = 0.0
+    switches: dict[int, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Order:
+    """One command to the actuators; it acts `Body.reaction` after it was given."""
+
+    force: float = 0.0
+    brake: bool = False
+    ease: bool = False
+    steering: float | None = None  # None: leave the wheels as they are
+
+
+class Rover:
+    """The state of the body, stepped in virtual time: `step` is the only thing that moves it."""
+
+    def __init__(self, trail: Trail, *, cruise_speed: float = 2.5, body: Body | None = None) -> None:
+        self.body = body or Body()
+        self.cruise_speed = cruise_speed
+        self._drive = Drive.OFF
+        self._circled_from: tuple[float, float] | None = None
+        self._ran_on = False
+        self.hand = Hand()
+        self._trail = trail
+        start = trail.pose(trail.start)
+        self.x, self.y, self.heading = start.x, start.y, start.heading
+        self.speed = 0.0
+        self.s = trail.start
+        self.distance = 0.0
+        self.standstill = 0.0
+        self.time = 0.0
+        self._progress = 0.0
+        self._wheels = 0.0
+        self._rejoining = False
+        self._unstepped = 0.0
+        delay = max(0, round(self.body.reaction / STEP))
+        self._orders: deque[Order] = deque([Order()] * delay)
+
+    @property
+    def pose(self) -> Pose:
+        from companion.sim.field.trail import Pose
+
+        return Pose(self.x, self.y, self.heading)
+
+    @property
+    def drive(self) -> Drive:
+        """What it is asked to do now."""
+        return self._drive
+
+    @drive.setter
+    def drive(self, drive: Drive) -> None:
+        if drive is not self._drive:
+            self._circled_from, self._ran_on = (self.x, self.y), self.speed < STANDSTILL
+        self._drive = drive
+
+    @property
+    def laps(self) -> int:
+        """Whole rounds of the trail driven so far, never negative."""
+        return max(0, int(self._progress // self._trail.length))
+
+    def restart_mission(self) -> None:
+        """From where it stands, straight to the start of the trail, then along it once more."""
+        self._rejoining = True
+        self._progress = 0.0
+
+    def step(self, dt: float) -> None:
+        """Let `dt` seconds pass, in substeps of `STEP`; what is left over is kept for the next call."""
+        self._unstepped += dt
+        while self._unstepped >= STEP - 1e-9:
+            self._unstepped -= STEP
+            self._substep()
+
+    def _substep(self) -> None:
+        self._orders.append(self._order())
+        order = self._orders.popleft()
+        self._accelerate(order)
+        if order.steering is not None:
+            turn = self.body.steering_rate * STEP
+            wanted = _clamp(order.steering, self.body.max_steering)
+            self._wheels += _clamp(wanted - self._wheels, turn)
+        self.heading = _wrapped(
+            self.heading + self.speed * math.tan(self._wheels) / self.body.wheelbase * STEP
+        )
+        self.x += self.speed * math.cos(self.heading) * STEP
+        self.y += self.speed * math.sin(self.heading) * STEP
+        self._keep_the_log()
+
+    def _accelerate(self, order: Order) -> None:
+        body = self.body
+        speed = self.speed + order.force / body.mass * STEP
+        slower = (body.rolling_force + (body.brake_force if order.brake else 0.0)) / body.mass
+        if order.ease:  # the motors drive against the rolling friction, so that it is no harsher
+            slower = body.easing * abs(speed) + body.easing_rest
+        self.speed = math.copysign(max(0.0, abs(speed) - slower * STEP), speed)
+
+    def _keep_the_log(self) -> None:
+        self.time += STEP
+        self.distance += abs(self.speed) * STEP
+        if abs(self.speed) < STANDSTILL:
+            self.standstill += STEP
+        s, _ = self._trail.nearest(self.x, self.y)
+        length = self._trail.length
+        moved = (s - self.s + length / 2) % length - length / 2
+        self.s = s
+        if not self._rejoining:
+            self._progress += moved
+
+    def _order(self) -> Order:
+        if self.drive is Drive.FOLLOW:
+            return Order(force=self._force_for(self.cruise_speed), steering=self._pursuit())
+        if self.drive is Drive.HOLD:
+            return Order(ease=True)
+        if self.drive is Drive.BRAKE:
+            return Order(brake=True)
+        if self.drive is Drive.CIRCLE:
+            return self._circle()
+        if self.drive is Drive.HOME:
+            home = self._trail.pose(self._trail.start)
+            return self._towards(home.x, home.y, self.cruise_speed)
+        if self.drive is Drive.HAND:
+            hand, body = self.hand, self.body
+            spent = hand.throttle * self.speed > 0 and abs(self.speed) >= body.top_speed
+            force = 0.0 if spent else hand.throttle * body.drive_force
+            return Order(force=force, steering=hand.steering * body.max_steering)
+        return Order()
+
+    def _circle(self) -> Order:
+        """As a rover with car steering loiters: it cannot turn on the spot, so it passes the point first."""
+        x, y = self._circled_from or (self.x, self.y)
+        if not self._ran_on:
+            self._ran_on = math.hypot(x - self.x, y - self.y) >= OVERRUN
+            return Order(force=self._force_for(max(RETURN_SPEED, self.speed - 1.0)), steering=0.0)
+        return self._towards(x, y, RETURN_SPEED)
+
+    def _towards(self, x: float, y: float, speed: float) -> Order:
+        """To a point, and stay there; once there it does not set out again."""
+        if math.hypot(x - self.x, y - self.y) < ARRIVED:
+            self._circled_from = self.x, self.y
+            return Order(brake=True)
+        slowly = min(speed, max(ARRIVED, math.hypot(x - self.x, y - self.y)))
+        return Order(force=self._force_for(slowly), steering=self._steering_to(x, y, 2.4))
+
+    def _force_for(self, wanted: float) -> float:
+        body = self.body
+        hold_speed = body.rolling_force if wanted > 0 else 0.0
+        force = 2.0 * body.mass * (wanted - self.speed) + hold_speed
+        return min(body.drive_force, max(-body.brake_force, force))
+
+    def _pursuit(self) -> float:
+        ahead = 1.2 + 0.4 * abs(self.speed)
+        goal = self._trail.pose((self.s + ahead) % self._trail.length)
+        if self._rejoining:
+            goal = self._trail.pose(self._trail.start)
+            if math.hypot(goal.x - self.x, goal.y - self.y) < ahead:
+                self._rejoining = False
+        return self._steering_to(goal.x, goal.y, 2.0 * ahead)
+
+    def _steering_to(self, x: float, y: float, longest: float) -> float:
+        bearing = _wrapped(math.atan2(y - self.y, x - self.x) - self.heading)
+        reach = max(0.5, math.hypot(x - self.x, y - self.y))
+        # A goal behind the rover has no arc in front of it: turn as hard as the wheels allow.
+        bearing = _clamp(bearing, math.pi / 2)
+        return math.atan2(2.0 * self.body.wheelbase * math.sin(bearing), min(reach, longest))
+
+
+def _clamp(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, math.tau)

@@ -1,0 +1,162 @@
+"""ArduPilot's scripting: one Lua script on bindings like the real ones, with their limits, in virtual time.
+
+Needs lupa with Lua 5.3, the version that ArduPilot carries; numbers are wider here (64 bits, there 32).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import Any, Protocol
+
+from companion.sim.field.rawframes import raw_frames
+
+MAX_AUTHORISERS = 3
+MAX_NAME = 16
+_BINDINGS = Path(__file__).with_name("bindings.lua")
+# As ArduPilot's: once the steps are used up every further one fails, so that pcall cannot catch it.
+_HOOK = b"""
+local function stop() debug.sethook(stop, "", 1) error("exceeded time limit", 0) end
+return stop
+"""
+
+
+class Host(Protocol):
+    """The autopilot as its scripts see it. Mode numbers, reasons and switches are ArduPilot's.
+
+    `millis` never goes back; scripts see its lower 32 bits.
+    """
+
+    def millis(self) -> int: ...
+    def mode(self) -> int: ...
+    def mode_reason(self) -> int: ...
+    def set_mode(self, number: int) -> bool: ...
+    def is_armed(self) -> bool: ...
+    def send_text(self, severity: int, text: bytes) -> None: ...
+    def parameter(self, name: str) -> float | None: ...
+    def add_parameter(self, name: str, default: float) -> None: ...
+    def proximity_sensors(self) -> int: ...
+    def proximity_status(self) -> int: ...
+    def switch(self, function: int) -> int | None: ...
+
+
+class Scripting:
+    """One script: `hear` what comes in on any port, `poll` often; `ended` says why it runs no more.
+
+    A script that takes more than `vm_steps` instructions in one run is ended, and nothing in it can prevent
+    that; so does an error that it lets out. As in ArduPilot up to 4.6, `restart` does not give back the
+    places of those who may forbid arming.
+    """
+
+    def __init__(self, source: str, name: str, host: Host, *, vm_steps: int = 10_000) -> None:
+        """Raises ImportError without lupa, ValueError where `source` is no Lua."""
+        self._source, self._name, self._host, self._steps = source, name, host, vm_steps
+        self._authorisers: list[str | None] = []
+        self._crowded = False
+        self._tables: dict[int, str] = {}
+        self._depth = self._places = 0
+        self._ids: set[int] = set()
+        self._queue: deque[tuple[bytes, int, int]] = deque()
+        self.restart()
+
+    def restart(self) -> None:
+        """As MAV_CMD_SCRIPTING does it: the script forgets everything, and what waits for it stays."""
+        from lupa import lua53
+
+        self.ended = ""
+        lua = lua53.LuaRuntime(encoding=None, register_eval=False, register_builtins=False)
+        self._error: type[Exception] = lua53.LuaError
+        self._set_hook = lua.eval(b"debug.sethook")
+        self._hook = lua.execute(_HOOK)
+        load = lua.eval(b"function(text, name, env) return load(text, name, 't', env) end")
+        bindings = load(_BINDINGS.read_bytes(), b"=bindings.lua", lua.globals())
+        sandbox = bindings(lua.table_from(self._offered()))
+        chunk = load(self._source.encode(), f"={self._name}".encode(), sandbox)
+        if isinstance(chunk, tuple):
+            raise ValueError(f"this is no Lua: {chunk[1].decode(errors='replace')}")
+        self._next: Any = chunk
+        self._due = self._host.millis()
+
+    def forbids_arming(self) -> str:
+        """Why the script lets nobody arm; "" when it does."""
+        if self._crowded:
+            return "Too many auxiliary authorisers"
+        return next((why for why in self._authorisers if why), "")
+
+    def hear(self, datagram: bytes, channel: int) -> None:
+        """Queue the frames that the script asked for; what finds the queue full is lost."""
+        for number, structure in raw_frames(datagram):
+            if number in self._ids and len(self._queue) < self._depth:
+                self._queue.append((structure, channel, self._host.millis()))
+
+    def poll(self) -> None:
+        """Run the script if it is due."""
+        if self.ended or self._host.millis() < self._due:
+            return
+        self._set_hook(self._hook, b"", self._steps)
+        try:
+            again = self._next()
+        except self._error as problem:
+            self._end(str(problem).splitlines()[0])
+            return
+        finally:
+            self._set_hook()
+        if not isinstance(again, tuple) or len(again) != 2:
+            self._end(f"{self._name} did not return a function and a delay")
+            return
+        self._next, delay = again
+        self._due = self._host.millis() + int(delay)
+
+    def _end(self, why: str) -> None:
+        self.ended = why
+        self._host.send_text(2, f"Lua: {why}".encode())
+
+    def _offered(self) -> dict[bytes, Any]:
+        host = self._host
+        plain = (
+            "millis mode mode_reason set_mode is_armed send_text proximity_sensors proximity_status switch"
+        )
+        return {
+            **{name.encode(): getattr(host, name) for name in plain.split()},
+            b"parameter": lambda name: host.parameter(name.decode()),
+            b"add_table": self._add_table,
+            b"add_parameter": self._add_parameter,
+            b"open_queue": self._open_queue,
+            b"register": self._register,
+            b"receive": lambda: self._queue.popleft() if self._queue else None,
+            b"get_auth": self._get_auth,
+            b"set_auth": self._set_auth,
+        }
+
+    def _open_queue(self, depth: int, places: int) -> None:
+        if not self._depth:
+            self._depth, self._places = depth, places
+
+    def _register(self, number: int) -> bool:
+        if number in self._ids:
+            return False
+        if len(self._ids) >= self._places:
+            raise RuntimeError("no registrations free")
+        self._ids.add(number)
+        return True
+
+    def _add_table(self, key: int, prefix: bytes, _size: int) -> bool:
+        return self._tables.setdefault(key, prefix.decode()) == prefix.decode()
+
+    def _add_parameter(self, key: int, _index: int, name: bytes, default: float) -> bool:
+        full = self._tables.get(key, "") + name.decode()
+        if key not in self._tables or len(full) > MAX_NAME:
+            return False
+        self._host.add_parameter(full, float(default))
+        return True
+
+    def _get_auth(self) -> int | None:
+        if len(self._authorisers) >= MAX_AUTHORISERS:
+            self._crowded = True
+            return None
+        self._authorisers.append("Waiting for auxiliary authorisation")
+        return len(self._authorisers) - 1
+
+    def _set_auth(self, place: int, why: bytes | None) -> None:
+        if place < len(self._authorisers):
+            self._authorisers[place] = None if why is None else why.decode(errors="replace")

@@ -1,0 +1,176 @@
+"""The running field: one loop for physics, autopilot and control; one thread that draws."""
+
+from __future__ import annotations
+
+import selectors
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.cameras.frame_socket import CapturedFrame, FrameServer
+from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.control import ControlServer
+from companion.sim.field.onboard import install
+from companion.sim.field.ports import UdpPort
+from companion.sim.field.px4 import Px4
+from companion.sim.field.requests import RequestDispatcher
+from companion.sim.field.router import Port
+from companion.sim.field.simulation import Simulation
+
+if TYPE_CHECKING:
+    from companion.sim.field.things import World
+    from companion.sim.field.trail import Pose
+
+
+TICK = 0.02
+AUTOPILOTS: Mapping[str, type[Autopilot]] = {"ardupilot": Autopilot, "px4": Px4}
+
+
+class Renders(Protocol):
+    """A camera: pose and rover time in; rgb (H, W, 3) uint8 and labels (H, W) uint8 out."""
+
+    def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]: ...
+
+
+@dataclass(frozen=True)
+class Options:
+    """`fps` of the camera, `speed` in m/s; `duration` in s, None: until told to stop; `script`: whether the
+    autopilot runs the shipped script; `autopilot` is one of `AUTOPILOTS`."""
+
+    seed: int = 1
+    fps: float = 12.0
+    speed: float = 2.5
+    autostart: bool = False
+    duration: float | None = None
+    script: bool = True
+    autopilot: str = "ardupilot"
+
+
+class FieldServer:
+    """Binds everything to ephemeral ports of 127.0.0.1 when made; `run` serves until stopped."""
+
+    def __init__(self, world: World, camera: Renders, options: Options) -> None:
+        self._options = options
+        self._camera = camera
+        self._stopping = threading.Event()
+        self._frozen = threading.Event()
+        self._failure: Exception | None = None
+        self._drawn = 0
+        self._ports = {port: UdpPort() for port in Port}
+        self._simulation = Simulation(
+            world, self._send, cruise_speed=options.speed, autopilot=AUTOPILOTS[options.autopilot]
+        )
+        self.no_script = "--no-script"
+        if options.autopilot == "px4":
+            self.no_script = "PX4 runs none"
+        elif options.script:
+            self.no_script = install(self._simulation.autopilot)
+        self._frames = FrameServer()
+        self._selector = selectors.DefaultSelector()
+        requests = RequestDispatcher(
+            self._simulation, status=self.status, freeze=self._freeze, stop=self.stop
+        )
+        self._control = ControlServer(self._selector, requests.handle)
+        for port, udp in self._ports.items():
+            self._selector.register(udp.socket, selectors.EVENT_READ, lambda _, at=port: self._listen(at))
+        if options.autostart:
+            requests.start()
+
+    def addresses(self) -> dict[str, Any]:
+        """Where everything is, as the process prints it."""
+        return {
+            "companion": f"udpout:127.0.0.1:{self._ports[Port.COMPANION].number}",
+            "gcs": f"udpout:127.0.0.1:{self._ports[Port.GCS].number}",
+            "frames": "{}:{}".format(*self._frames.address),
+            "control": "{}:{}".format(*self._control.address),
+            "script": f"not running: {self.no_script}" if self.no_script else "running",
+            "seed": self._options.seed,
+        }
+
+    def stop(self) -> None:
+        """End `run`; may be called from a signal handler or another thread."""
+        self._stopping.set()
+
+    def run(self) -> None:
+        """Serve until `stop` or the duration is over, then close every socket. Raises what the camera raised:
+        a field without pictures is none."""
+        begun = last = time.monotonic()
+        artist = threading.Thread(target=self._draw, name="camera", daemon=True)
+        artist.start()
+        try:
+            while not self._stopping.is_set():
+                events = self._selector.select(max(0.0, last + TICK - time.monotonic()))
+                now = time.monotonic()
+                # What has happened meanwhile happened under the old orders.
+                self._simulation.advance(now - last)
+                last = now
+                for key, mask in events:
+                    key.data(mask)
+                self._simulation.autopilot.poll(now)
+                if self._options.duration is not None and now - begun >= self._options.duration:
+                    self.stop()
+        finally:
+            self.stop()
+            artist.join(timeout=2.0)
+            self.close()
+        if self._failure is not None:
+            raise self._failure
+
+    def close(self) -> None:
+        self._control.close()
+        self._frames.close()
+        for udp in self._ports.values():
+            udp.close()
+        self._selector.close()
+
+    def status(self) -> dict[str, Any]:
+        """The simulation's status, with the bytes on both ports, the frames drawn and this machine's time."""
+        counts = {port.value: {"in": udp.bytes_in, "out": udp.bytes_out} for port, udp in self._ports.items()}
+        counts[Port.GCS.value]["from_companion"] = self._simulation.autopilot.bytes_from_companion
+        return {
+            **self._simulation.status(),
+            "bytes": counts,
+            "frames": self._drawn,
+            "camera_frozen": self._frozen.is_set(),
+            "monotonic": time.monotonic(),
+        }
+
+    def _send(self, port: Port, frame: bytes) -> bool:
+        return self._ports[port].send(frame)
+
+    def _listen(self, port: Port) -> None:
+        autopilot = self._simulation.autopilot
+        for frame in self._ports[port].read(lambda datagram: autopilot.overhear(port, datagram)):
+            autopilot.receive(port, frame)
+
+    def _freeze(self, on: bool) -> None:
+        if on:
+            self._frozen.set()
+        else:
+            self._frozen.clear()
+
+    def _draw(self) -> None:
+        period = 1.0 / self._options.fps
+        due = time.monotonic()
+        try:
+            while not self._stopping.wait(max(0.0, due - time.monotonic())):
+                # A slow renderer drops frames instead of falling behind.
+                due = max(due + period, time.monotonic())
+                if not self._frozen.is_set():
+                    self._draw_one()
+        except Exception as reason:
+            self._failure = reason
+            self.stop()
+
+    def _draw_one(self) -> None:
+        rover = self._simulation.rover
+        with self._simulation.lock:
+            captured_at = time.monotonic()
+            rgb, _ = self._camera.render(rover.pose, rover.time)
+        self._drawn += 1
+        self._frames.publish(CapturedFrame(self._drawn, captured_at, rgb))

@@ -1,0 +1,137 @@
+"""The whole scene in virtual time: world, rover and autopilot together, and what has happened so far."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.rover import STEP, Rover
+
+if TYPE_CHECKING:
+    from companion.sim.field.router import Port
+    from companion.sim.field.things import World
+
+
+AHEAD = 20.0
+BESIDE = 2.0
+MAX_CONTACTS = 500
+LONGEST_GAP = 0.5
+
+
+class Simulation:
+    """`advance` moves it; nothing here sleeps or reads a clock.
+
+    Whoever draws `world` from another thread holds `lock`; changes to it are made under `lock`.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        send: Callable[[Port, bytes], bool],
+        *,
+        cruise_speed: float = 2.5,
+        autopilot: type[Autopilot] = Autopilot,
+    ) -> None:
+        self.world = world
+        self.lock = threading.Lock()
+        self.rover = Rover(world.trail, cruise_speed=cruise_speed)
+        self.autopilot = autopilot(self.rover, send)
+        self.contacts: deque[dict[str, Any]] = deque(maxlen=MAX_CONTACTS)
+        self._touching: set[str] = set()
+        self._places: dict[tuple[str, float, float], tuple[float, float]] = {}
+        self._hand_until = 0.0
+
+    def advance(self, dt: float) -> None:
+        """Let `dt` s pass. After a gap longer than `LONGEST_GAP` (a suspended process) the world waited."""
+        left = min(dt, LONGEST_GAP)
+        while left > 0:
+            self.rover.step(min(left, STEP))
+            left -= STEP
+            self._note_contacts()
+        if self.rover.time >= self._hand_until:
+            self.rover.hand.throttle = self.rover.hand.steering = 0.0
+
+    def take_the_stick(self, throttle: float, steering: float, seconds: float) -> None:
+        """The hand's throttle and steering, [-1, 1], for so long; then it lets go. They act in MANUAL."""
+        self.rover.hand.throttle, self.rover.hand.steering = throttle, steering
+        self._hand_until = self.rover.time + seconds
+
+    def remove(self, thing: str) -> None:
+        with self.lock:
+            self.world.remove(thing)
+
+    def move(self, thing: str, x: float, y: float) -> None:
+        with self.lock:
+            self.world.move(thing, x, y)
+
+    def light(self, level: float) -> None:
+        with self.lock:
+            self.world.light = level
+
+    def status(self) -> dict[str, Any]:
+        """What an onlooker sees; JSON types only. Lengths in m, angles in rad, times in s of rover time."""
+        rover, autopilot = self.rover, self.autopilot
+        return {
+            "t": round(rover.time, 3),
+            "s": rover.s,
+            "x": rover.x,
+            "y": rover.y,
+            "heading": rover.heading,
+            "zone": self.world.trail.zone(rover.s),
+            "speed": rover.speed,
+            "mode": autopilot.mode.name,
+            "armed": autopilot.armed,
+            "laps": rover.laps,
+            "distance": rover.distance,
+            "standstill": round(rover.standstill, 3),
+            "contacts": list(self.contacts),
+            "mode_log": [
+                {"t": round(change.t, 3), "mode": change.mode.name, "by": change.by}
+                for change in autopilot.mode_log
+            ],
+            "things_ahead": self.things_ahead(),
+        }
+
+    def things_ahead(self) -> list[dict[str, Any]]:
+        """Things whose rim is within `BESIDE` m of the path's middle in the next `AHEAD` m, nearest first."""
+        found = []
+        for thing in self.world.things.values():
+            s, lateral = self._place(thing.id, thing.x, thing.y)
+            distance = (s - self.rover.s) % self.world.trail.length
+            if distance <= AHEAD and abs(lateral) - thing.radius <= BESIDE:
+                found.append(
+                    {
+                        "id": thing.id,
+                        "kind": thing.kind,
+                        "surprise": thing.surprise,
+                        "distance": distance,
+                        "lateral": lateral,
+                    }
+                )
+        return sorted(found, key=lambda entry: float(entry["distance"]))
+
+    def _place(self, thing: str, x: float, y: float) -> tuple[float, float]:
+        key = (thing, x, y)
+        if key not in self._places:
+            if len(self._places) > 4 * len(self.world.things):
+                self._places.clear()
+            self._places[key] = self.world.trail.nearest(x, y)
+        return self._places[key]
+
+    def _note_contacts(self) -> None:
+        rover = self.rover
+        touched = set(self.world.contact(rover.x, rover.y, rover.body.radius))
+        for thing in sorted(touched - self._touching):
+            self.contacts.append(
+                {
+                    "t": round(rover.time, 3),
+                    "id": thing,
+                    "kind": self.world.things[thing].kind,
+                    "speed": round(math.fabs(rover.speed), 3),
+                }
+            )
+        self._touching = touched

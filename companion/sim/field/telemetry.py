@@ -1,0 +1,131 @@
+"""What the autopilot says unasked: its heartbeat and a few streams, each port at its own rates."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.sim.field.modes import Mode, base_mode, system_status
+
+if TYPE_CHECKING:
+    from companion.sim.field.rover import Rover
+
+
+HEARTBEAT_PERIOD = 1.0
+ORIGIN_LATITUDE = 47.0
+ORIGIN_LONGITUDE = 8.0
+METRES_PER_DEGREE = 111_320.0
+RC_CHANNELS = 16
+SLOWEST_PERIOD = 60.0
+FASTEST_PERIOD = 0.02
+
+
+def heartbeat(mode: Mode, *, armed: bool) -> Any:
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_GROUND_ROVER,
+        mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        base_mode(mode, armed=armed),
+        int(mode),
+        system_status(mode),
+        3,
+    )
+
+
+def position(rover: Rover) -> Any:
+    latitude = ORIGIN_LATITUDE + rover.y / METRES_PER_DEGREE
+    longitude = ORIGIN_LONGITUDE + rover.x / (METRES_PER_DEGREE * math.cos(math.radians(ORIGIN_LATITUDE)))
+    return mavlink.MAVLink_global_position_int_message(
+        _boot_ms(rover),
+        round(latitude * 1e7),
+        round(longitude * 1e7),
+        450_000,
+        0,
+        round(100 * rover.speed * math.sin(rover.heading)),
+        round(100 * rover.speed * math.cos(rover.heading)),
+        0,
+        round(math.degrees(_yaw(rover)) * 100) % 36_000,
+    )
+
+
+def attitude(rover: Rover) -> Any:
+    return mavlink.MAVLink_attitude_message(
+        _boot_ms(rover), 0.0, 0.0, math.remainder(_yaw(rover), math.tau), 0.0, 0.0, 0.0
+    )
+
+
+def battery(rover: Rover) -> Any:
+    left = max(0, 100 - int(rover.time / 120))
+    return mavlink.MAVLink_sys_status_message(0, 0, 0, 150, 12_400, 350, left, 0, 0, 0, 0, 0, 0)
+
+
+def clock(rover: Rover) -> Any:
+    return mavlink.MAVLink_system_time_message(int(time.time() * 1e6), _boot_ms(rover))
+
+
+def vfr_hud(rover: Rover) -> Any:
+    return mavlink.MAVLink_vfr_hud_message(
+        abs(rover.speed), abs(rover.speed), round(math.degrees(_yaw(rover))) % 360, 0, 450.0, 0.0
+    )
+
+
+def rc_channels(rover: Rover) -> Any:
+    """Steering on channel 1 (right is more), throttle on 3, switches where the hand has set them."""
+    pulses = [1500] * RC_CHANNELS
+    pulses[0] = round(1500 - 500 * rover.hand.steering)
+    pulses[2] = round(1500 + 500 * rover.hand.throttle)
+    for channel, pulse in rover.hand.switches.items():
+        pulses[channel - 1] = pulse
+    return mavlink.MAVLink_rc_channels_message(_boot_ms(rover), RC_CHANNELS, *pulses, *[0] * 2, 254)
+
+
+MESSAGES: dict[int, tuple[Callable[[Rover], Any], float]] = {
+    int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT): (position, 0.25),
+    int(mavlink.MAVLINK_MSG_ID_ATTITUDE): (attitude, 0.25),
+    int(mavlink.MAVLINK_MSG_ID_SYS_STATUS): (battery, 0.5),
+    int(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME): (clock, 0.5),
+    int(mavlink.MAVLINK_MSG_ID_VFR_HUD): (vfr_hud, 0.5),
+    int(mavlink.MAVLINK_MSG_ID_RC_CHANNELS): (rc_channels, 1.0),
+}
+
+
+class Streams:
+    """When each message is due on one port."""
+
+    def __init__(self, periods: Mapping[int, float]) -> None:
+        """periods: s of every message there is, when nobody has asked for another; inf: only when asked."""
+        self._defaults = dict(periods)
+        self._periods = {number: period for number, period in periods.items() if math.isfinite(period)}
+        self._due = dict.fromkeys(periods, 0.0)
+
+    def set_interval(self, number: int, microseconds: float) -> bool:
+        """MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops the message, 0 is its default rate. False: refused."""
+        if number not in self._defaults or not math.isfinite(microseconds):
+            return False
+        if microseconds < 0:
+            self._periods.pop(number, None)
+        elif microseconds == 0:
+            self._periods[number] = self._defaults[number]
+        else:
+            self._periods[number] = min(SLOWEST_PERIOD, max(FASTEST_PERIOD, microseconds / 1e6))
+        self._due[number] = 0.0
+        return True
+
+    def due(self, now: float) -> list[int]:
+        """Ids to send now; each is then due again one period later."""
+        ready = [number for number in self._periods if self._due[number] <= now]
+        for number in ready:
+            self._due[number] = now + self._periods[number]
+        return ready
+
+
+def _yaw(rover: Rover) -> float:
+    """Clockwise from north, [0, 2 pi); the field's x points east, its y north."""
+    return (math.pi / 2 - rover.heading) % math.tau
+
+
+def _boot_ms(rover: Rover) -> int:
+    return int(rover.time * 1000) & 0xFFFFFFFF

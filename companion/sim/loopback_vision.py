@@ -1,0 +1,89 @@
+"""A vision process without a process, for tests and benches: real messages, the caller's time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from anytraverse.memory import Memory
+from companion.cameras.newest import CameraStatus
+from companion.vision.codec import Splitter, decode_trusted, encode
+from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start, update_from
+from companion.vision.worker import Worker, weak_in_use
+
+_REMEMBERED = 256
+
+
+class Loopback:
+    """A `Child` that does what it was asked when `work` is called, and not while it is `hung`."""
+
+    idle = True
+
+    def __init__(self, engine: Callable[[Memory | None], AnyTraverse], step: float = 0.02) -> None:
+        """engine: makes one on a memory, None: none was ever kept. step: seconds that a step takes."""
+        self._make = engine
+        self._step = step
+        self._splitter = Splitter()
+        self._requests: list[bytes] = []
+        self._reports: list[bytes] = []
+        self._begun: Start | None = None
+        self._worker: Worker | None = None
+        self.hung = False
+        self.death = ""
+        self.requests: deque[object] = deque(maxlen=_REMEMBERED)
+        """What it was asked last, oldest first."""
+
+    def fileno(self) -> int | None:
+        return None
+
+    def send(self, message: bytes) -> bool:
+        self._requests += self._splitter.feed(message)
+        return True
+
+    def receive(self) -> list[bytes]:
+        taken, self._reports = self._reports, []
+        return taken
+
+    def ended(self) -> str:
+        return self.death
+
+    def close(self) -> None:
+        self.death = self.death or "closed"
+
+    def work(self) -> None:
+        """Do what waits."""
+        while self._requests and not self.hung and not self.death:
+            request = decode_trusted(self._requests.pop(0))
+            self.requests.append(request)
+            if isinstance(request, Scenes) and self._begun is not None:
+                request = self._begun.joined(request.entries)
+            if isinstance(request, Start):
+                self._begun = request
+                if not request.more:
+                    self._start(request)
+            elif self._worker is not None:
+                for report in self._worker.handle(request):
+                    self.report(report)
+
+    def look(self, frame: Frame) -> None:
+        """Judge a frame."""
+        if self._worker is not None and not self.hung and not self.death:
+            self.report(self._worker.look(frame))
+
+    def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
+        """Give a sign of life."""
+        if not self.hung and not self.death:
+            self.report(Alive(camera, delivered_at))
+
+    def report(self, report: Report) -> None:
+        """Send anything to the supervisor."""
+        self._reports += Splitter().feed(encode(report))
+
+    def _start(self, start: Start) -> None:
+        engine, revision = self._make(start.memory), start.revision + 1
+        self._worker = Worker(engine, revision)
+        memory = engine.memory
+        update = update_from(start.memory, memory, revision, start.revision, weak_in_use(engine, memory))
+        self.report(Ready(Model.of(engine.perceiver), engine.settings, update, (), self._step))

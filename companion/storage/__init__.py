@@ -1,0 +1,9 @@
+"""What must survive a restart, a full disk and a pulled plug: one SQLite file."""
+
+from __future__ import annotations
+
+from companion.storage.batch import Batch, CallRecord, Row
+from companion.storage.database import JournalError
+from companion.storage.journal import Journal
+
+__all__ = ["Batch", "CallRecord", "Journal", "JournalError", "Row"]

@@ -1,0 +1,135 @@
+"""Files and pictures of calls, for people and for the ground."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from companion.system.atomic_write import write_whole
+
+PATTERN = "[0-9]*.j*"
+"""What may be seen of the folder."""
+KEPT = 50
+"""Calls whose files are kept; the oldest go."""
+ANSWERS = 32
+"""Answers told of a call, the newest ones."""
+_NAME = re.compile(r"\.?([0-9]{1,5})(-large)?\.(json|jpg)(\.part)?\Z", re.ASCII)
+"""Also of one that was never whole, because the companion was killed."""
+
+
+class CallFiles:
+    """A folder that `companion.storage.served_files.Folder` can serve as it is. All of it raises OSError."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._record: dict[str, Any] = {}
+        self._pictured = 0
+        """The call or hold whose pictures are there."""
+
+    def pictures(self, number: int, small: bytes, large: Path) -> None:
+        """Those of a call or hold. small: JPEG sized for a radio. large: the album's."""
+        self._write(f"{number}.jpg", small)
+        target = self._folder / f"{number}-large.jpg"
+        target.unlink(missing_ok=True)
+        try:
+            os.link(large, target)
+        except OSError:  # a file system without links
+            self._write(target.name, large.read_bytes())
+        self._pictured = number
+        if number == self._record.get("id"):
+            self._record |= _addresses(number)
+            self._write_record()
+        self._prune(number)
+
+    def opened(
+        self, number: int, figures: Mapping[str, Any], answers: Sequence[Mapping[str, Any]] = ()
+    ) -> None:
+        """Write all of a call. figures: of `record_of`. answers: those of before."""
+        self._record = {
+            "id": number,
+            **figures,
+            **(_addresses(number) if number == self._pictured else {}),
+            "outcome": None,
+            "closed": None,
+            "answers": [dict(answer) for answer in answers][-ANSWERS:],
+        }
+        self._write_record()
+        self._prune(number)
+
+    def answered(self, call_id: int, answer: Mapping[str, Any]) -> None:
+        """One more answer to the newest call."""
+        if call_id == self._record.get("id"):
+            self._record["answers"] = [*self._record["answers"], dict(answer)][-ANSWERS:]
+            self._write_record()
+
+    def closed(self, call_id: int, reasons: Sequence[str], outcome: str, at: float) -> None:
+        """The newest call is over. at: seconds since 1970."""
+        if call_id == self._record.get("id"):
+            self._record |= {"reasons": list(reasons), "outcome": outcome, "closed": round(at, 2)}
+            self._write_record()
+
+    def _write_record(self) -> None:
+        self._write(f"{self._record['id']}.json", json.dumps(self._record, separators=(",", ":")).encode())
+
+    def _write(self, name: str, content: bytes) -> None:
+        write_whole(self._folder / name, content)
+
+    def _prune(self, newest: int) -> None:
+        """By their ids, counted back from the newest: a clock may have been wrong."""
+        found: dict[int, list[Path]] = {}
+        for path in self._folder.iterdir():
+            if named := _NAME.match(path.name):
+                found.setdefault(newest - int(named[1]) & 0xFFFF, []).append(path)
+        for age in sorted(found)[KEPT:]:
+            for path in found[age]:
+                path.unlink(missing_ok=True)
+
+
+def address(name: str) -> str:
+    """Where the ground finds a file of the folder."""
+    return f"/calls/{name}"
+
+
+def _addresses(number: int) -> dict[str, str]:
+    return {"picture": address(f"{number}.jpg"), "large": address(f"{number}-large.jpg")}
+
+
+class PictureArchive:
+    """A folder of at most `keep` pictures; the oldest goes."""
+
+    def __init__(self, folder: Path, keep: int) -> None:
+        self._folder = folder
+        self._keep = keep
+        self._count = max(map(_number, self._pictures()), default=0)
+        for torn in folder.glob(".[0-9]*.part"):
+            with contextlib.suppress(OSError):
+                torn.unlink()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether it keeps any picture at all."""
+        return self._keep > 0
+
+    def add(self, picture: bytes, title: str) -> Path:
+        """Store a JPEG; where it lies. Raises OSError."""
+        self._count += 1
+        slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
+        path = self._folder / f"{self._count:05d}-{slug}.jpg"
+        write_whole(path, picture)
+        for old in self._pictures()[: -self._keep]:
+            old.unlink(missing_ok=True)
+        return path
+
+    def _pictures(self) -> list[Path]:
+        """The oldest first, also beyond 99,999."""
+        return sorted((path for path in self._folder.glob("[0-9]*-*.jpg") if _number(path)), key=_number)
+
+
+def _number(path: Path) -> int:
+    number = path.name.partition("-")[0]
+    return int(number) if number.isdecimal() else 0

@@ -1,0 +1,199 @@
+"""The SQLite file: opened, checked, and written in transactions that survive kill -9 and a pulled plug."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+
+class JournalError(Exception):
+    """The journal cannot be opened or written; what was kept before stays. The text tells what to do."""
+
+
+class Damaged(JournalError):  # noqa: N818
+    """The file is no journal any more."""
+
+
+VERSION = 3
+_OURS = 0x41547251
+"""application_id: tells our files from other programs' ones."""
+_PAGE = 4096
+_WAIT = 1.0
+_TROUBLE = (sqlite3.Error, UnicodeDecodeError)
+"""The second where SQLite's words about a torn file quote what is in it."""
+_TORN = ("no such column", "Could not decode")
+
+_FRAME = "only INTEGER PRIMARY KEY CHECK (only = 1), frame_id INTEGER NOT NULL, png BLOB NOT NULL"
+_TABLES = {
+    "memory": "only INTEGER PRIMARY KEY CHECK (only = 1), model_id TEXT NOT NULL, clock INTEGER NOT NULL,"
+    " scenes INTEGER NOT NULL, reference BLOB",
+    "entries": "stamp INTEGER PRIMARY KEY, matched INTEGER NOT NULL, call_id INTEGER NOT NULL,"
+    " embedding BLOB NOT NULL, latitude REAL, longitude REAL, heading REAL, time REAL,"
+    " roll REAL, pitch REAL, yaw REAL",
+    "words": "owner INTEGER NOT NULL, position INTEGER NOT NULL, word TEXT NOT NULL, weight REAL NOT NULL,"
+    " stamp INTEGER NOT NULL, PRIMARY KEY (owner, position)",
+    "vectors": "id INTEGER PRIMARY KEY, model_id TEXT NOT NULL, vector BLOB NOT NULL,"
+    " UNIQUE (model_id, vector)",
+    "examples": "owner INTEGER NOT NULL, word TEXT NOT NULL, position INTEGER NOT NULL,"
+    " vector INTEGER NOT NULL REFERENCES vectors, PRIMARY KEY (owner, word, position)",
+    "settled": "word TEXT PRIMARY KEY, stamp INTEGER NOT NULL",
+    "supervision": "only INTEGER PRIMARY KEY CHECK (only = 1), state TEXT NOT NULL",
+    "calls": "number INTEGER PRIMARY KEY, id INTEGER NOT NULL, closed_at REAL NOT NULL,"
+    " outcome TEXT NOT NULL, record TEXT NOT NULL",
+    "answers": "number INTEGER PRIMARY KEY, call_id INTEGER NOT NULL, answered_at REAL NOT NULL,"
+    " record TEXT NOT NULL",
+    "frame": _FRAME,
+}
+"""`owner` of words and examples: the stamp of an entry, or one of rows.IN_FORCE and rows.CONFIGURED."""
+FRAME_SINCE = 3
+"""The version from which on the frame of the open call is in this file."""
+_SINCE = {
+    2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw")),
+    FRAME_SINCE: (f"CREATE TABLE frame ({_FRAME})",),
+}
+"""What makes a file of the version before one of this version."""
+_LATER = {"frame"}
+"""Tables that an older file does not have."""
+_MOST_LOGGED = 4 << 20
+"""Bytes of the write-ahead log from which `tidy` takes it into the file."""
+
+
+class Database:
+    """One file, one process, one thread at a time. A second process is refused: two daemons must not steer
+    one rover.
+
+    found_version: whose file it was when it was opened, 0: nobody's. Raises JournalError when it cannot be
+    opened, Damaged when its content is torn.
+    """
+
+    def __init__(self, path: Path, largest: int) -> None:
+        """largest: bytes that the file may reach; beyond, writing fails as on a full disk."""
+        self.path = path
+        self._was_empty = path.is_file() and path.stat().st_size == 0
+        try:
+            self._connection = sqlite3.connect(
+                path, timeout=_WAIT, isolation_level=None, check_same_thread=False
+            )
+        except sqlite3.Error as error:
+            raise JournalError(
+                f"{path} cannot be opened ({error}): check that the folder is writable"
+            ) from error
+        try:
+            self._open(largest)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Give the file back; more than once is fine."""
+        with suppress(sqlite3.Error):
+            self._connection.close()
+
+    @contextmanager
+    def writing(self) -> Iterator[sqlite3.Connection]:
+        """All or nothing, and on disk when the block is left. Raises JournalError: nothing has changed."""
+        try:
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._connection
+                self._connection.execute("COMMIT")
+            except BaseException:
+                with suppress(sqlite3.Error):
+                    self._connection.execute("ROLLBACK")
+                raise
+        except _TROUBLE as error:
+            raise self._trouble(error) from error
+
+    def tidy(self) -> None:
+        """Take what the write-ahead log holds into the file, where it has grown long. Raises JournalError.
+
+        Not as a part of a commit, which is on disk before and should not wait for it.
+        """
+        try:
+            if Path(f"{self.path}-wal").stat().st_size >= _MOST_LOGGED:
+                self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+        except OSError as error:
+            raise JournalError(f"{self.path}-wal cannot be read: {error}") from error
+        except _TROUBLE as error:
+            raise self._trouble(error) from error
+
+    def rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        """What a query finds. Raises JournalError, Damaged."""
+        try:
+            return self._connection.execute(query, values).fetchall()
+        except _TROUBLE as error:
+            raise self._trouble(error) from error
+
+    def _open(self, largest: int) -> None:
+        try:
+            self._set_up(largest)
+        except _TROUBLE as error:
+            raise self._trouble(error) from error
+
+    def _set_up(self, largest: int) -> None:
+        execute = self._connection.execute
+        for pragma in (
+            f"page_size = {_PAGE}",
+            "locking_mode = EXCLUSIVE",
+            "journal_mode = WAL",
+            "synchronous = FULL",
+            "wal_autocheckpoint = 0",
+            "foreign_keys = ON",
+            f"max_page_count = {max(1, largest // _PAGE)}",
+        ):
+            execute(f"PRAGMA {pragma}").fetchall()
+        (ours,), (version,) = (
+            execute(f"PRAGMA {name}").fetchone() for name in ("application_id", "user_version")
+        )
+        self.found_version = int(version)
+        found = {name for (name,) in execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if self._was_empty:  # and nobody is about to fill it: the lock is ours by now
+            raise Damaged("the file is empty")
+        if not found and version == 0:
+            self._create()
+            return
+        if ours != _OURS:
+            raise JournalError(
+                f"{self.path} belongs to another program: move it away, or choose another folder"
+            )
+        if version > VERSION:
+            raise JournalError(
+                f"{self.path} was written by a newer companion (its version {version}, ours {VERSION}): "
+                "install that one again, or move the file away to begin afresh"
+            )
+        wanted = _TABLES.keys() - (_LATER if version < VERSION else set())
+        if not found >= wanted:
+            raise Damaged(f"tables are missing: {', '.join(sorted(wanted - found))}")
+        complaints = [text for (text,) in execute("PRAGMA quick_check(1)")]
+        if complaints != ["ok"]:
+            raise Damaged(str(complaints[0]))
+        if version < VERSION:
+            self._bring_up_from(version)
+
+    def _create(self) -> None:
+        with self.writing() as connection:
+            for name, columns in _TABLES.items():
+                connection.execute(f"CREATE TABLE {name} ({columns})")
+            connection.execute(f"PRAGMA application_id = {_OURS}")
+            connection.execute(f"PRAGMA user_version = {VERSION}")
+
+    def _bring_up_from(self, version: int) -> None:
+        with self.writing() as connection:
+            for newer in range(version + 1, VERSION + 1):
+                for statement in _SINCE.get(newer, ()):
+                    connection.execute(statement)
+            connection.execute(f"PRAGMA user_version = {VERSION}")
+
+    def _trouble(self, error: sqlite3.Error | UnicodeDecodeError) -> JournalError:
+        # What else went wrong is said by subclasses of DatabaseError.
+        torn = type(error) in (sqlite3.DatabaseError, UnicodeDecodeError)
+        if torn or str(error).startswith(_TORN):
+            return Damaged(f"{error}: start again, which sets it aside")
+        if "locked" in str(error):
+            return JournalError(f"{self.path} is in use: another companion runs here; stop it first")
+        if "full" in str(error):
+            return JournalError(f"{self.path} cannot be written ({error}): make room on the disk")
+        return JournalError(f"{self.path} cannot be used ({error}): check the disk and who may write there")

@@ -1,0 +1,208 @@
+"""The journal: one SQLite file in a folder of its own."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import sqlite3
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from anytraverse.memory import Memory
+from companion.calls.decisions import Call
+from companion.storage.batch import Batch, CallRecord, Row, as_json
+from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalError
+from companion.storage.memory_rows import read_memory, write_memory
+from companion.system.atomic_write import sync_folder
+
+_log = logging.getLogger(__name__)
+
+LARGEST = 64 << 20
+MAX_CALLS = 1000
+"""Closed calls, and answers, that are kept; the oldest go."""
+
+MAX_DAMAGED = 3
+"""Damaged journals that are kept beside it, the newest ones."""
+
+_Opened = tuple[Database, Memory | None, str | None]
+
+
+class Journal:
+    """What must survive a restart. One thread at a time; what it was told to keep is on disk when it returns.
+
+    recovered_from: where a damaged journal was set aside when this one was opened; None: it was whole.
+    """
+
+    def __init__(self, folder: Path, largest: int = LARGEST) -> None:
+        """Open or begin the journal in `folder`; largest: bytes that it may grow to.
+
+        A damaged one is set aside under another name, with a warning, and a fresh one begun. Raises
+        JournalError when the folder cannot be used, another companion uses it, or a newer one wrote it.
+        """
+        self._folder = folder
+        self._path = self._folder / "journal.db"
+        self.recovered_from: Path | None = None
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise JournalError(
+                f"folder {self._folder} cannot be made ({error.strerror}): check [journal] folder"
+            ) from error
+        try:
+            opened = self._open(largest)
+        except Damaged as damage:
+            self.recovered_from = self._set_aside(damage)
+            opened = self._open(largest)
+        self._database, self._memory, self._state = opened
+        self._take_in_old_frame()
+
+    def close(self) -> None:
+        """Give the file back; more than once is fine."""
+        self._database.close()
+
+    def commit(self, batch: Batch) -> None:
+        """Keep all of it, or nothing: then JournalError is raised, and what was kept before stays."""
+        with self._database.writing() as connection:
+            if batch.memory is not None:
+                write_memory(connection, batch.memory, self._memory)
+            if batch.state is not None:
+                connection.execute("REPLACE INTO supervision VALUES (1, ?)", (batch.state,))
+            if batch.frame is not None:
+                connection.execute("REPLACE INTO frame VALUES (1, ?, ?)", batch.frame)
+            for row in batch.rows:
+                _append(connection, row)
+        self._memory = batch.memory or self._memory
+        self._state = batch.state or self._state
+
+    def tidy(self) -> None:
+        """What should be done now and then, and nobody waits for. Raises JournalError."""
+        self._database.tidy()
+
+    def save_memory(self, memory: Memory) -> None:
+        """Keep what the algorithm must not lose; only changed rows are written. Raises JournalError."""
+        self.commit(Batch(memory=memory))
+
+    def load_memory(self) -> Memory | None:
+        """The memory kept last, or None."""
+        return self._memory
+
+    def save_supervision(self, state: Mapping[str, Any]) -> None:
+        """Keep the state of the open call and the hold: JSON values. Raises JournalError."""
+        self.commit(Batch(state=as_json(state)))
+
+    def load_supervision(self) -> dict[str, Any] | None:
+        """The state kept last, or None."""
+        return None if self._state is None else _table(self._state)
+
+    def save_frame(self, frame_id: int, png: bytes) -> None:
+        """Keep the frame of the open call in place of the one before. Raises JournalError."""
+        self.commit(Batch(frame=(frame_id, png)))
+
+    def load_frame(self, frame_id: int) -> bytes | None:
+        """The PNG of this frame; None when another one was kept last, or none at all. Raises JournalError."""
+        found = self._database.rows("SELECT png FROM frame WHERE frame_id = ?", frame_id)
+        return bytes(found[0][0]) if found else None
+
+    def record_call(self, call: Call, at: float | None = None) -> None:
+        """Keep what a closed call was about. at: seconds since 1970, by default now. Raises JournalError."""
+        self.commit(Batch(rows=(Row.of_call(call, at or time.time()),)))
+
+    def record_answer(self, call_id: int, record: Mapping[str, Any], at: float | None = None) -> None:
+        """Keep what was answered to a call: JSON values. at: as for a call. Raises JournalError."""
+        self.commit(Batch(rows=(Row.of_answer(call_id, record, at or time.time()),)))
+
+    def calls(self, limit: int = 20) -> list[CallRecord]:
+        """The calls closed last, the newest first. Raises JournalError."""
+        found = self._database.rows(
+            "SELECT id, closed_at, outcome, record FROM calls ORDER BY number DESC LIMIT ?", limit
+        )
+        return [
+            CallRecord(number, closed_at, outcome, json.loads(record), self.answers(number))
+            for number, closed_at, outcome, record in found
+        ]
+
+    def answers(self, call_id: int) -> tuple[Mapping[str, Any], ...]:
+        """What was answered to a call, in order. Raises JournalError."""
+        query = "SELECT record FROM answers WHERE call_id = ? ORDER BY number"
+        return tuple(json.loads(record) for (record,) in self._database.rows(query, call_id))
+
+    def _open(self, largest: int) -> _Opened:
+        """Open the file and read all that a start needs, so that damage shows now and not later."""
+        database = Database(self._path, largest)
+        try:
+            return database, read_memory(database.rows), _read_state(database)
+        except BaseException:
+            database.close()
+            raise
+
+    def _take_in_old_frame(self) -> None:
+        """Versions 1 and 2 kept it as a file without an id: the frame of the call that they left open."""
+        old = self._folder / "call.png"
+        try:
+            call = (self.load_supervision() or {}).get("call")
+            if self._database.found_version < FRAME_SINCE and isinstance(call, dict) and old.exists():
+                self.save_frame(int(call["frame_id"]), old.read_bytes())
+            old.unlink(missing_ok=True)
+        except (OSError, JournalError, LookupError, TypeError, ValueError) as error:
+            _log.warning("the frame of the open call is lost: %s", error)
+
+    def _set_aside(self, damage: Damaged) -> Path:
+        before = sorted(self._folder.glob("journal.damaged-*.db"), key=_number)
+        number = _number(before[-1]) + 1 if before else 1
+        aside = self._folder / f"journal.damaged-{number}.db"
+        try:
+            for suffix in ("-shm", "-wal", ""):
+                part = Path(f"{self._path}{suffix}")
+                if part.exists():
+                    os.replace(part, f"{aside}{suffix}")
+            sync_folder(self._folder)
+        except OSError as error:
+            raise JournalError(
+                f"{self._path} is damaged ({damage}) and cannot be moved ({error.strerror}): move it by hand"
+            ) from error
+        self._forget_damaged([*before, aside])
+        _log.warning("the journal was damaged (%s): set aside as %s, begun afresh", damage, aside)
+        return aside
+
+    def _forget_damaged(self, aside: list[Path]) -> None:
+        """All but the newest: a card that fails again and again must not fill up with them."""
+        for old in aside[:-MAX_DAMAGED]:
+            for suffix in ("-shm", "-wal", ""):
+                with suppress(OSError):
+                    Path(f"{old}{suffix}").unlink(missing_ok=True)
+
+
+def _number(aside: Path) -> int:
+    number = aside.stem.rpartition("-")[2]
+    return int(number) if number.isdecimal() else 0
+
+
+def _append(connection: sqlite3.Connection, row: Row) -> None:
+    marks = ", ".join("?" * len(row.values))
+    connection.execute(f"INSERT INTO {row.table} ({row.columns}) VALUES ({marks})", row.values)
+    connection.execute(
+        f"DELETE FROM {row.table} WHERE number <= (SELECT max(number) FROM {row.table}) - ?", (MAX_CALLS,)
+    )
+
+
+def _table(state: str) -> dict[str, Any]:
+    kept = json.loads(state)
+    if not isinstance(kept, dict):
+        raise Damaged("the state of the calls is no table")
+    return kept
+
+
+def _read_state(database: Database) -> str | None:
+    found = database.rows("SELECT state FROM supervision")
+    if not found:
+        return None
+    try:
+        state = str(found[0][0])
+        _table(state)
+    except (ValueError, TypeError) as error:
+        raise Damaged(f"the state of the calls cannot be read: {error}") from error
+    return state

@@ -1,0 +1,182 @@
+"""What the ground may read: folders of the disk, the newest maps, and /state.json."""
+
+from __future__ import annotations
+
+import heapq
+import json
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.assessment import Assessment, Map
+from companion.storage.call_files import PATTERN
+from companion.storage.file_reader import Reader
+from companion.storage.log_file import FOLDER, NAME
+from companion.storage.served_tree import (
+    Document,
+    Documents,
+    MissingError,
+    Opened,
+    Tree,
+    open_in,
+    presentable,
+)
+
+MAX_FILES = 500
+_MAX_SCANNED = 5000
+
+
+class Folder:
+    """Files of `path` whose names match `pattern` (as in a shell); of too many the newest 500.
+
+    The folder need not exist yet, and may be a link itself: whoever configures it says where it is.
+    """
+
+    def __init__(self, path: Path, pattern: str = "*", reader: Reader | None = None) -> None:
+        self._path = path
+        self._pattern = pattern
+        self._reader = reader or Reader()
+
+    def sizes(self) -> Mapping[str, int]:
+        return self._reader.read((self._path, ""), self._sizes)
+
+    def open(self, name: str) -> Opened:
+        if not self._shows(name):
+            raise MissingError(name)
+        return self._reader.read((self._path, name), partial(self._open, name))
+
+    def _sizes(self) -> Mapping[str, int]:
+        with self._directory() as directory, os.scandir(directory) as found:
+            seen = []
+            for entry in islice(found, _MAX_SCANNED):
+                with suppress(FileNotFoundError):  # a log turned over, an old call cleared away
+                    if self._shows(entry.name) and entry.is_file(follow_symlinks=False):
+                        seen.append((entry.stat(follow_symlinks=False), entry.name))
+        newest = heapq.nlargest(MAX_FILES, seen, key=lambda file: file[0].st_mtime)
+        return {name: status.st_size for status, name in newest}
+
+    def _open(self, name: str) -> Opened:
+        with self._directory() as directory:
+            return open_in(directory, name)
+
+    def _shows(self, name: str) -> bool:
+        return presentable(name) and fnmatchcase(name, self._pattern)
+
+    @contextmanager
+    def _directory(self) -> Iterator[int]:
+        try:
+            descriptor = os.open(self._path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except OSError as error:
+            raise MissingError(self._path.name) from error
+        try:
+            yield descriptor
+        finally:
+            os.close(descriptor)
+
+
+WIDTH = 64
+LEVELS = 16
+"""Steps of grey: fewer bytes, and nobody sees more."""
+
+
+class NewestMaps:
+    """traversability.png and uncertainty.png, made at most once a frame, and only when asked for."""
+
+    def __init__(self, newest: Callable[[], Assessment | None]) -> None:
+        self._newest = newest
+        self._seen: Assessment | None = None
+        self._made: dict[str, bytes] = {}
+
+    def documents(self) -> Documents:
+        """As a folder."""
+        return Documents(self._sizes, self._make)
+
+    def _sizes(self) -> Mapping[str, int]:
+        seen = self._newest()
+        if seen is not self._seen:
+            maps = seen.maps if seen is not None else None
+            self._seen, self._made = seen, {}
+            if maps is not None:
+                self._made["traversability.png"] = grey_png(maps.traversability, unknown=0.0)
+                self._made["uncertainty.png"] = grey_png(maps.uncertainty, unknown=1.0)
+        return {name: len(content) for name, content in self._made.items()}
+
+    def _make(self, name: str) -> bytes:
+        if name not in self._made:
+            raise MissingError(name)
+        return self._made[name]
+
+
+def grey_png(values: Map, unknown: float) -> bytes:
+    """A map in [0, 1], at most 64 pixels wide, in 16 steps. unknown: what stands for a value that is none."""
+    known = np.where(np.isfinite(values), values, unknown).astype(np.float32)
+    height, width = known.shape
+    if width > WIDTH:
+        known = _averaged(known, max(1, round(height * WIDTH / width)), WIDTH)
+    steps = np.round(known.clip(0, 1) * (LEVELS - 1)) * (255 / (LEVELS - 1))
+    return _png(steps.astype(np.uint8))
+
+
+def _averaged(values: Map, height: int, width: int) -> Map:
+    """The mean of each of height x width blocks of pixels."""
+    rows, columns = (
+        np.linspace(0, size, count + 1).astype(np.intp)[:-1]
+        for size, count in zip(values.shape, (height, width), strict=True)
+    )
+    sums = np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1)
+    tall, wide = np.diff(rows, append=values.shape[0]), np.diff(columns, append=values.shape[1])
+    means: Map = (sums / np.outer(tall, wide)).astype(np.float32)
+    return means
+
+
+def _png(grey: NDArray[np.uint8]) -> bytes:
+    """PNG (ISO/IEC 15948) of (height, width) grey pixels: the supervisor has no OpenCV."""
+    height, width = grey.shape
+    rows = np.zeros((height, width + 1), np.uint8)  # each row begins with its filter: none
+    rows[:, 1:] = grey
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        for kind, body in chunks
+    )
+
+
+class ServedFiles:
+    """/state.json, /calls, /maps and /logs."""
+
+    def __init__(self, folder: Path, reader: Reader | None = None) -> None:
+        """folder: where the companion keeps what must survive. reader: of what lies on the disk."""
+        self.calls = folder / "calls"
+        with suppress(OSError):  # whoever writes there says what is wrong
+            self.calls.mkdir(parents=True, exist_ok=True)
+        self._figures: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
+        self._newest: Callable[[], Assessment | None] = lambda: None
+        self.tree = Tree(
+            {
+                "state.json": Document(self._state),
+                "calls": Folder(self.calls, PATTERN, reader),
+                "maps": NewestMaps(self._newest_frame).documents(),
+                "logs": Folder(folder / FOLDER, f"{NAME}*", reader),
+            }
+        )
+
+    def show(self, figures: Callable[[], Mapping[str, Any]], newest: Callable[[], Assessment | None]) -> None:
+        """It looks now. figures: asked for what /state.json tells. newest: for the newest frame."""
+        self._figures, self._newest = figures, newest
+
+    def _newest_frame(self) -> Assessment | None:
+        return self._newest()
+
+    def _state(self) -> bytes:
+        return json.dumps(self._figures(), separators=(",", ":")).encode()

@@ -1,0 +1,1 @@
+"""What the companion tells: summaries, the active alert, figures of its status."""

@@ -1,0 +1,167 @@
+"""What the companion is doing, as figures: for the status file, and for /state.json."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from statistics import median
+from typing import Any
+
+from anytraverse.release import own_version
+from companion.answers.handler import AnswerHandler
+from companion.calls.machine import OperatorCalls
+from companion.daemon.persistence import Persistence
+from companion.daemon.test_call import TestCall
+from companion.link.link import Link
+from companion.settings.service import SettingsService
+from companion.telemetry.summary import current_data
+from companion.vehicle.position import place_figures
+from companion.vehicle.state import VehiclePosition
+from companion.vision.client import Vision
+from companion.vision.messages import Model
+from companion.wire.ids import VERSION
+from companion.wire.payloads import CallData
+
+_NEWEST = 25
+"""Frames whose latency is told."""
+
+
+class Status:
+    """Looks at the parts and changes none.
+
+    took: s that the newest frame took to judge. latencies: s of the newest, from capture until judged.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        vision: Vision,
+        calls: OperatorCalls,
+        answer_handler: AnswerHandler,
+        desk: SettingsService,
+        trial: TestCall,
+        model: Model,
+    ) -> None:
+        self._link = link
+        self._vision = vision
+        self._calls = calls
+        self._answer_handler = answer_handler
+        self._desk = desk
+        self._trial = trial
+        self._model = model
+        self.took = 0.0
+        self.latencies: deque[float] = deque(maxlen=_NEWEST)
+
+    def figures(self, now: float) -> dict[str, Any]:
+        """All of it as JSON values."""
+        newest, camera = self._calls.sight.newest, self._vision.camera
+        return {
+            "state": self._calls.state(now).name.lower(),
+            "reasons": sorted(reason.value for reason in self._calls.reasons(now)),
+            "current_id": self._calls.current_id,
+            "policy": self._calls.policy.name.lower(),
+            "held_by": _held_by(self._calls),
+            "switches": self._desk.policy.figures(),
+            "shadow": self._desk.book.figures(self._calls.shadow),
+            "words": self._answer_handler.words.format(),
+            "set_by_ground": self._desk.overrides.figures(),
+            "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
+            "similarity": newest.similarity if newest else None,
+            "perceiver": {
+                "model": self._model.id,
+                "precision": self._model.precision,
+                "why": self._model.why,
+                "step_ms": round(1e3 * self.took, 1),
+                "scene_age": round(newest.scene_age, 3) if newest else None,
+            },
+            "latency_ms": round(1e3 * median(self.latencies), 1) if self.latencies else None,
+            "test_call": self._trial.status,
+            "hold_refused": self._desk.policy.hold_refused,
+            "vision": {"trouble": self._vision.trouble, "restarts": self._vision.restarted},
+            "camera": {
+                "state": camera.state.value,
+                "reason": camera.reason,
+                "read": camera.read,
+                "dropped": camera.dropped,
+            },
+            "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
+        }
+
+
+def _held_by(calls: OperatorCalls) -> str | None:
+    script = calls.holding.script_holds
+    if script is not None:
+        return f"script: {script.why}"
+    return "companion" if calls.hold is not None and calls.hold.standing else None
+
+
+_DIGITS = 4
+_OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
+
+
+class State:
+    """Looks at the parts and changes none."""
+
+    def __init__(
+        self,
+        status: Callable[[], Mapping[str, Any]],
+        calls: OperatorCalls,
+        answer_handler: AnswerHandler,
+        desk: SettingsService,
+        persistence: Persistence,
+        whereabouts: VehiclePosition,
+    ) -> None:
+        """status: the figures of the status file."""
+        self._status = status
+        self._calls = calls
+        self._answer_handler = answer_handler
+        self._desk = desk
+        self._persistence = persistence
+        self._whereabouts = whereabouts
+        self._release = own_version()
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as JSON values."""
+        status, words, place = self._status(), self._answer_handler.words, self._whereabouts.place()
+        picture = self._persistence.picture_of(self._calls.current_id)
+        told = current_data(self._calls, words, place, picture, time.monotonic())
+        return {
+            "version": self._release,
+            "protocol": VERSION,
+            "model": status["perceiver"]["model"],
+            "state": status["state"],
+            "policy": status["policy"],
+            "hold_refused": status["hold_refused"],
+            "reasons": status["reasons"],
+            "held_by": status["held_by"],
+            "latency_ms": status["latency_ms"],
+            "open": None if told is None else _open(told),
+            "words": {word: round(words[word], _DIGITS) for word in words},
+            "vocabulary": self._desk.vocabulary,
+            "settings": {name: round(value, _DIGITS) for name, value in self._desk.settings.items()},
+            "set_by_ground": sorted(status["set_by_ground"]),
+            "place": place_figures(place),
+            "link": {name: status["link"][name] for name in _OF_THE_LINK},
+        }
+
+
+def _open(told: CallData) -> dict[str, Any]:
+    figures = {
+        "roi_uncertainty": told.roi_uncertainty,
+        "worst_tile": told.worst_tile,
+        "drivable_share": told.drivable_share,
+        "similarity": told.similarity,
+    }
+    return {
+        "id": told.id,
+        "kind": told.kind.name.lower(),
+        "stage": told.stage.name.lower(),
+        "holding": told.holding,
+        "age": told.age_s,
+        "frame_id": told.frame_id,
+        "worst_tile_box": told.worst_tile_box and [round(side, _DIGITS) for side in told.worst_tile_box],
+        **{name: value and round(value, _DIGITS) for name, value in figures.items()},
+        "picture": told.picture,
+    }

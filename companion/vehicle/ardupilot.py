@@ -1,0 +1,60 @@
+"""ArduPilot Rover."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from companion.vehicle.autopilot import Autopilot, ModeCommand
+
+MAV_AUTOPILOT = 3
+AUTO, GUIDED, HOLD, INITIALISING = 10, 15, 4, 16
+_CUSTOM = 1
+"""MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
+
+
+class ScriptHold(NamedTuple):
+    """What the script on the autopilot holds the vehicle for, and the mode that a human sets to drive on."""
+
+    why: str
+    mode: str
+
+
+_SCRIPT_HOLD = re.compile(r"HOLD(?:: | since )([a-z ]{1,20})(?:\. |: set )([A-Z]{3,8}) ")
+
+
+def script_hold(text: str) -> ScriptHold | None:
+    """What a STATUSTEXT of the autopilot tells of a hold of its script's; None: it tells of none."""
+    found = _SCRIPT_HOLD.match(text)
+    return ScriptHold(*found.groups()) if found is not None else None
+
+
+def _command(mode: int) -> ModeCommand:
+    return _CUSTOM, mode, 0
+
+
+ROVER = Autopilot(
+    name="ArduPilot",
+    holdable=frozenset({AUTO, GUIDED}),
+    hold_mode=HOLD,
+    rest_mode=HOLD,
+    command=_command,
+    loses_target=frozenset({GUIDED}),
+    booting=frozenset({INITIALISING}),
+    names={
+        0: "MANUAL",
+        1: "ACRO",
+        3: "STEERING",
+        HOLD: "HOLD",
+        5: "LOITER",
+        6: "FOLLOW",
+        7: "SIMPLE",
+        8: "DOCK",
+        9: "CIRCLE",
+        AUTO: "AUTO",
+        11: "RTL",
+        12: "SMART_RTL",
+        GUIDED: "GUIDED",
+        INITIALISING: "INITIALISING",
+    },
+)

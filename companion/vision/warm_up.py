@@ -1,0 +1,118 @@
+"""An engine that is ready for the first frame: perceiver, memory, and all that is slow only once done."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.errors import AnyTraverseError
+from anytraverse.frame import Frame
+from anytraverse.memory import Memory, first_memory, resumed_memory
+from anytraverse.pace import Pace
+from anytraverse.perception import Perceiver, Prompt, make_perceiver
+from anytraverse.synonyms import meaning_of
+from companion.config import Config
+from companion.config.schema import LONGEST_FRESHNESS
+from companion.settings.mapping import judging_settings
+
+log = logging.getLogger(__name__)
+
+_SIZE = (480, 640)
+_STEPS = 5
+_LONG_ENOUGH = 5.0
+"""Seconds of warming up after which two steps must do."""
+_WORDS = 64
+"""Words prepared beside those in force, at most ..."""
+_AT_ONCE = 8
+"""... and so many at once: their maps take memory."""
+
+
+@dataclass(frozen=True)
+class Ready:
+    """notices: what a person should be told of the memory. step: seconds, the median of a whole step."""
+
+    engine: AnyTraverse
+    notices: list[str]
+    step: float
+
+
+def get_ready(config: Config, saved: Memory | None) -> Ready:
+    """`load_engine`, warmed up."""
+    engine, notices = load_engine(config, saved)
+    remembered = [word for entry in engine.memory.history for word in entry.preferences]
+    return Ready(engine, notices, warm_up(engine, (*config.vocabulary, *remembered)))
+
+
+def load_engine(config: Config, saved: Memory | None) -> tuple[AnyTraverse, list[str]]:
+    """The perceiver, loaded, with what was saved fitted to it, and notices as of `Ready`. Takes seconds.
+
+    Raises AnyTraverseError for a perceiver that cannot be made, or words that it cannot ground.
+    """
+    perceiver = make_perceiver(config.perceiver.name, config.perceiver.runtime)
+    memory, notices = _remembered(saved, config, perceiver)
+    return AnyTraverse(perceiver, judging_settings(config, perceiver), memory), notices
+
+
+def warm_up(engine: AnyTraverse, words: Iterable[str] = ()) -> float:
+    """Run whole steps until none is slow for being the first; the median of their seconds.
+
+    words: those that may come into force without being typed; they are prepared too. The engine stays as it
+    is. A perceiver that fails on frames is only logged: each frame that it fails on will be a fault, which is
+    seen on the ground and holds the vehicle where it may; a companion that does not start can do neither.
+    """
+    image = np.random.default_rng(0).integers(0, 256, (*_SIZE, 3), dtype=np.uint8)
+    frame = Frame(0, 0.0, image)
+    try:
+        _prepare(engine, frame, words)
+    except AnyTraverseError as error:
+        log.error("the perceiver fails on its first frame: %s", error)
+    began, steps = time.monotonic(), list[float]()
+    while len(steps) < _STEPS and (len(steps) < 2 or time.monotonic() - began < _LONG_ENOUGH):
+        started = time.monotonic()
+        try:
+            engine.judge(engine.observe(frame), 0.0)
+        except AnyTraverseError as error:
+            log.debug("warming up: %s", error)
+        steps.append(time.monotonic() - started)
+    return median(steps)
+
+
+def too_slow(pace: Pace) -> str:
+    """Why policy hold is refused, and what to do."""
+    enough = math.ceil(10.0 * pace.worst_age) / 10.0
+    longer = f", or set [call] freshness = {enough:g}" if enough <= LONGEST_FRESHNESS else ""
+    return (
+        f"policy hold is refused: a frame takes {pace.step:.2f} s, so that what is known of the trail may be "
+        f"{pace.worst_age:.2f} s old, more than T = {pace.freshness:.2f} s. Make the perceiver faster (a "
+        "bundle of a smaller --size, or with an int8 that `anytraverse bundle check` passed), lower "
+        f"[camera] rate, which T follows up to 2 s{longer}"
+    )
+
+
+def _prepare(engine: AnyTraverse, frame: Frame, words: Iterable[str]) -> None:
+    perceiver, seen = engine.perceiver, engine.observe(frame)
+    others = [word for word in dict.fromkeys(words) if word not in engine.memory.preferences]
+    known = [word for word in others if meaning_of(word, perceiver.meaning) is not None]
+    for start in range(0, min(_WORDS, len(known)), _AT_ONCE):
+        perceiver.attend(seen.features, [Prompt(word) for word in known[start : start + _AT_ONCE]])
+    engine.judge(seen, 0.0)
+
+
+def _remembered(saved: Memory | None, config: Config, perceiver: Perceiver) -> tuple[Memory, list[str]]:
+    """What was saved, fitted to model and config, and what a person should be told about it."""
+    if saved is None:
+        return first_memory(perceiver.model_id, config.preferences, config.journal.scenes), []
+    return resumed_memory(
+        saved,
+        perceiver.model_id,
+        config.preferences,
+        perceiver.meaning,
+        history_limit=config.journal.scenes,
+    )

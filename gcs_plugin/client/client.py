@@ -1,0 +1,211 @@
+"""The operator's end of the protocol: decoded messages in, messages to send and events out.
+
+No I/O and no clock: it runs under a terminal, inside a ground station and in a test's virtual time alike.
+Call `receive` with every message of the link, then send what `outgoing` returns, at least ten times a second.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Operation
+from companion.wire.ids import (
+    ANSWER_COMMAND,
+    AUTOPILOT_COMPONENT_ID,
+    COMPONENT_ID,
+    TUNNEL_ACKNOWLEDGEMENT,
+    TUNNEL_CALL,
+    TUNNEL_SUMMARY,
+    Motion,
+    Policy,
+    Result,
+)
+from companion.wire.packing import PayloadError
+from companion.wire.payloads import CallData, Summary
+from companion.wire.signing import is_signed
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.delivery import Pending, PolicyOnItsWay, Status
+from gcs_plugin.client.fetch import Fetch
+from gcs_plugin.client.outbox import Outbox
+from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.vehicle import read_vehicle
+
+MAX_ROVERS = 16
+MAX_EVENTS = 1024
+MAX_PROBLEMS = 8
+_TO_ONE = frozenset({"COMMAND_ACK", "FILE_TRANSFER_PROTOCOL"})
+
+
+def _random_transaction() -> int:
+    return secrets.randbelow(0xFFFFFFFF) + 1
+
+
+class OperatorClient:
+    """Follows every rover of a link and brings answers to them.
+
+    transactions: gives a new random id in 1..2^32-1 for each answer. ids: the system and component id that
+    its messages leave with, None while not known: what is told to others on the same radio is not for us.
+    """
+
+    def __init__(self, transactions: Callable[[], int] = _random_transaction) -> None:
+        self.ids: tuple[int, int] | None = None
+        self._rovers: dict[int, Rover] = {}
+        self._events: deque[ev.Event] = deque(maxlen=MAX_EVENTS)
+        self._outbox = Outbox(transactions, self._events.append)
+        self._problems: set[tuple[int, str]] = set()
+
+    @property
+    def rovers(self) -> dict[int, Rover]:
+        """By system id: those whose companion was heard."""
+        return {system: rover for system, rover in sorted(self._rovers.items()) if rover.known}
+
+    @property
+    def unsettled(self) -> list[Pending]:
+        """Answers that are still on their way, oldest first."""
+        return self._outbox.unsettled
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer, a policy or a file is still on its way."""
+        return self._outbox.busy
+
+    def receive(self, message: Any, now: float) -> None:
+        """Take in one decoded message of any dialect. Never raises for what it holds."""
+        component = message.get_srcComponent()
+        if component not in (COMPONENT_ID, AUTOPILOT_COMPONENT_ID):
+            return
+        kind = message.get_type()
+        rover = self._rover(message.get_srcSystem(), companion=component == COMPONENT_ID)
+        if rover is None or kind == "BAD_DATA":
+            return
+        if component == AUTOPILOT_COMPONENT_ID:
+            if kind == "HEARTBEAT":
+                vehicle = read_vehicle(message.autopilot, message.base_mode, message.custom_mode)
+                self._events.extend(rover.hear_vehicle(vehicle))
+            elif kind == "STATUSTEXT":
+                self._events.extend(rover.hear_vehicle_text(message.severity, message.text, now))
+            return
+        frame = bytes(message.get_msgbuf() or b"")
+        rover.counters.bytes += len(frame)
+        rover.signs = is_signed(frame)
+        try:
+            told = self._understand(rover, kind, message, now)
+        except ValueError as error:
+            self._not_understood(rover, str(error))
+        else:
+            closed = {event.call.id for event in told if isinstance(event, ev.CallClosed)}
+            self._outbox.close(rover.system, closed, now)
+            self._events.extend(told)
+
+    def outgoing(self, now: float) -> list[Any]:
+        """Messages to send now; also notices who fell silent and which answers ran out of time."""
+        for rover in self._rovers.values():
+            self._events.extend(rover.check_link(now))
+        self._outbox.settle(now)
+        heard = (rover.system for rover in self._rovers.values() if rover.alive(now))
+        messages = (self._outbox.next(system, now) for system in heard)
+        return [message for message in messages if message is not None]
+
+    def events(self) -> list[ev.Event]:
+        """What happened since the last time it was asked."""
+        told = list(self._events)
+        self._events.clear()
+        return told
+
+    def answer(
+        self, system: int, target: int, motion: Motion, operations: Sequence[Operation], now: float
+    ) -> Pending:
+        """Bring an answer to call or hold `target` (0: words alone) of the rover `system`.
+
+        It leaves with the next `outgoing` calls, once the rover is heard; answers to one rover keep their
+        order. Raises PayloadError when it cannot be told on the wire.
+        """
+        return self._outbox.answer(system, target, motion, operations, now, heard=self._hears(system, now))
+
+    def set_policy(self, system: int, policy: Policy, now: float) -> PolicyOnItsWay:
+        """Ask for a policy, in place of one asked for before; it leaves once the rover is heard."""
+        return self._outbox.set_policy(system, policy, now, heard=self._hears(system, now))
+
+    def fetch(self, system: int, path: str, now: float) -> Fetch:
+        """Fetch a file of the rover's companion, in place of one on its way; look at what becomes of it."""
+        return self._outbox.fetch(system, path, now)
+
+    def request_parameters(self, system: int) -> None:
+        """Ask the rover's companion for its list, as soon as it is heard."""
+        self._outbox.request_parameters(system)
+
+    def _hears(self, system: int, now: float) -> bool:
+        rover = self._rovers.get(system)
+        return rover is not None and rover.alive(now)
+
+    def _rover(self, system: int, *, companion: bool) -> Rover | None:
+        if system not in self._rovers and 0 < system < 256:
+            if companion:
+                self._make_room()
+            if len(self._rovers) < MAX_ROVERS:
+                self._rovers[system] = Rover(system)
+        return self._rovers.get(system)
+
+    def _make_room(self) -> None:
+        """Of too many vehicles the first without a companion gives its place to one that has."""
+        without = next((system for system, rover in self._rovers.items() if not rover.known), None)
+        if without is not None and len(self._rovers) >= MAX_ROVERS:
+            del self._rovers[without]
+
+    def _understand(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
+        if kind == "HEARTBEAT":
+            self._events.extend(rover.hear_alive(now))
+            return rover.hear_state(message.custom_mode, now)
+        if kind == "STATUSTEXT":
+            return rover.hear_text(message.severity, message.text, now)
+        if kind == "PARAM_VALUE":
+            return rover.hear_parameter(message.param_id, message.param_value)
+        if kind == "TUNNEL":
+            return self._unwrap(rover, message, now)
+        if kind in _TO_ONE and not self._is_for_us(message):
+            return []
+        if kind == "FILE_TRANSFER_PROTOCOL":
+            self._outbox.hear_file(rover.system, bytes(message.payload), now)
+        if kind == "COMMAND_ACK" and message.command == ANSWER_COMMAND:
+            self._outbox.hear_policy(rover.system, granted=message.result == mavlink.MAV_RESULT_ACCEPTED)
+        return []
+
+    def _is_for_us(self, message: Any) -> bool:
+        """An acknowledgement of MAVLink 1 says not for whom it is: it may be ours."""
+        to = message.target_system, message.target_component
+        return self.ids is None or all(said in (0, own) for said, own in zip(to, self.ids, strict=True))
+
+    def _unwrap(self, rover: Rover, message: Any, now: float) -> list[ev.Event]:
+        if message.payload_length > MAX_PAYLOAD:
+            raise PayloadError(f"payload length {message.payload_length} is over {MAX_PAYLOAD}")
+        payload = bytes(message.payload[: message.payload_length])
+        if message.payload_type == TUNNEL_SUMMARY:
+            return rover.hear_summary(Summary.unpack(payload), now)
+        if message.payload_type == TUNNEL_CALL:
+            return rover.hear_call(CallData.unpack(payload), now)
+        if message.payload_type == TUNNEL_ACKNOWLEDGEMENT:
+            return self._acknowledged(rover, Acknowledgement.unpack(payload), now)
+        return []
+
+    def _acknowledged(self, rover: Rover, ack: Acknowledgement, now: float) -> list[ev.Event]:
+        pending = self._outbox.sent(rover.system, ack.transaction)
+        if pending is None:
+            return []
+        if pending.status is Status.ACKNOWLEDGED:
+            rover.counters.duplicate_acknowledgements += 1
+            return []
+        if pending.settled and ack.result is Result.BUSY:
+            return []
+        pending.acknowledge(ack, final=ack.result is not Result.BUSY)
+        return [ev.Acknowledged(rover.system, ack), *rover.hear_acknowledgement(ack, now)]
+
+    def _not_understood(self, rover: Rover, problem: str) -> None:
+        rover.counters.rubbish += 1
+        if (rover.system, problem) not in self._problems and len(self._problems) < MAX_PROBLEMS:
+            self._problems.add((rover.system, problem))
+            self._events.append(ev.NotUnderstood(rover.system, problem))

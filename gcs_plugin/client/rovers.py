@@ -1,0 +1,256 @@
+"""What is known of one rover, from what was heard of its companion and its autopilot. No I/O, no clock."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from dataclasses import dataclass, field, replace
+
+from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
+
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Kind, Outcome, Policy, Result, Stage, State, read_heartbeat_mode
+from companion.wire.parameters import WORD_PREFIX
+from companion.wire.payloads import CallData, Summary
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.vehicle import Vehicle
+
+FRESH_S = 3.0
+"""The companion is there when its heartbeat is younger than this."""
+ANEW_S = 10.0
+"""A hold that was announced so much later than the known one of its id is another: the rover began anew."""
+ECHO_S = 5.0
+"""The autopilot's script says a text again within this."""
+MAX_CALLS = 64
+MAX_PARAMETERS = 64
+MAX_LATENCIES = 4096
+MAX_SUMMARIES_A_SECOND = 20
+_NAME = re.compile(r"[A-Z0-9_]{1,16}\Z", re.ASCII)
+"""Of a parameter: what else came through the air would reach a terminal."""
+_TELLS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED, Result.STALE)
+
+
+@dataclass
+class Call:
+    """A call or hold: what was said of it last, and when that was heard. told_at: when it was told here."""
+
+    data: CallData
+    opened_at: float
+    heard_at: float
+    serial: int = 0
+    """Counts what this rover has opened; an id may begin anew."""
+    presumed_closed: bool = False
+    """Only the heartbeat said so: a later message that calls it open is believed."""
+    told_at: float = 0.0
+
+    @property
+    def open(self) -> bool:
+        return self.data.stage is not Stage.CLOSED
+
+    def age(self, now: float) -> float:
+        """Seconds since it was announced."""
+        return self.data.age_s + now - self.heard_at
+
+
+@dataclass
+class Counters:
+    """What came from the companion, for the end's figures."""
+
+    bytes: int = 0
+    rubbish: int = 0
+    summaries: int = 0
+    summaries_lost: int = 0
+    duplicate_acknowledgements: int = 0
+    latencies_ms: deque[int] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
+    latency_max_ms: int = 0
+
+    def latency(self, milliseconds: int) -> None:
+        self.latencies_ms.append(milliseconds)
+        self.latency_max_ms = max(self.latency_max_ms, milliseconds)
+
+
+class Rover:
+    """One system. Every `hear_...` takes what came and `now`, and returns the events that it makes."""
+
+    def __init__(self, system: int) -> None:
+        self.system = system
+        self.state: State | None = None
+        self.current_id = 0
+        self.policy: Policy | None = None
+        self.signs = False
+        """Its companion signs, and so believes nothing that is not signed."""
+        self.vehicle: Vehicle | None = None
+        self.summary: Summary | None = None
+        self.calls: dict[int, Call] = {}
+        self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
+        self.parameters: dict[str, float] = {}
+        self.counters = Counters()
+        self._heard_at: float | None = None
+        self._up = False
+        self._current_since = 0.0
+        self._idle_since: float | None = None
+        self._serial = 0
+        self._summary_at = 0.0
+
+    def alive(self, now: float) -> bool:
+        """A heartbeat of its companion is younger than 3 s."""
+        return self._heard_at is not None and now - self._heard_at < FRESH_S
+
+    @property
+    def known(self) -> bool:
+        """Its companion was heard at least once."""
+        return self._heard_at is not None
+
+    def silence(self, now: float) -> float:
+        """Seconds since the companion's last heartbeat; infinite before the first."""
+        return math.inf if self._heard_at is None else now - self._heard_at
+
+    def open_calls(self) -> list[Call]:
+        """In the order of their ids."""
+        return [call for _, call in sorted(self.calls.items()) if call.open]
+
+    def told_for(self, number: int, now: float) -> float:
+        """Seconds for which an operator could have read of this call or hold."""
+        call = self.calls.get(number)
+        return now - (self._current_since if call is None else call.told_at)
+
+    def words(self) -> dict[str, float]:
+        """Words in use with their weights, spelled as their parameters' names allow."""
+        prefix = len(WORD_PREFIX)
+        return {
+            name[prefix:].replace("_", " ").lower(): value
+            for name, value in sorted(self.parameters.items())
+            if name.startswith(WORD_PREFIX) and -1.0 <= value <= 1.0
+        }
+
+    def hear_vehicle(self, vehicle: Vehicle) -> list[ev.Event]:
+        if vehicle == self.vehicle:
+            return []
+        self.vehicle = vehicle
+        return [ev.VehicleChanged(self.system, vehicle.mode, vehicle.armed)]
+
+    def hear_alive(self, now: float) -> list[ev.Event]:
+        """A heartbeat of the companion, whatever it holds."""
+        self._heard_at = now
+        return self.check_link(now)
+
+    def check_link(self, now: float) -> list[ev.Event]:
+        """Has the companion come or gone?"""
+        if self.alive(now) == self._up:
+            return []
+        self._up = not self._up
+        return [ev.LinkChanged(self.system, self._up)]
+
+    def hear_state(self, custom_mode: int, now: float) -> list[ev.Event]:
+        """Raises ValueError for a state that this version does not know."""
+        state, current_id, self.policy = read_heartbeat_mode(custom_mode)
+        told: list[ev.Event] = []
+        if (state, current_id) != (self.state, self.current_id):
+            told.append(ev.StateChanged(self.system, state, current_id))
+        if current_id != self.current_id:
+            self._current_since = now
+        self.state, self.current_id = state, current_id
+        return told + self._close_forgotten(now)
+
+    def hear_summary(self, summary: Summary, now: float) -> list[ev.Event]:
+        """Counts what the sequence says was lost; a jump that no time explains is a restart, not a loss."""
+        counters = self.counters
+        if self.summary is not None:
+            gap = (summary.sequence - self.summary.sequence) & 0xFFFF
+            if gap == 0:
+                return []
+            if gap - 1 <= MAX_SUMMARIES_A_SECOND * (1 + now - self._summary_at):
+                counters.summaries_lost += gap - 1
+        counters.summaries += 1
+        counters.latency(summary.frame_age_ms)
+        self.summary, self._summary_at = summary, now
+        return [ev.SummaryHeard(self.system, summary)]
+
+    def hear_call(self, data: CallData, now: float) -> list[ev.Event]:
+        """A repeat says nothing new."""
+        known = self.calls.get(data.id)
+        if known is not None and not _begins_anew(known, data, now):
+            return self._hear_again(known, data, now)
+        self._make_room()
+        self._serial += 1
+        self.calls[data.id] = Call(data, now - data.age_s, now, self._serial, told_at=now)
+        return [] if data.stage is Stage.CLOSED else [ev.CallOpened(self.system, data)]
+
+    def hear_acknowledgement(self, ack: Acknowledgement, now: float) -> list[ev.Event]:
+        """Where the call stands by an answer's acknowledgement, ahead of the call's own next message.
+
+        A refused answer's says nothing of it; a stale one's says that it is over.
+        """
+        call = self.calls.get(ack.target)
+        if call is None or not call.open or ack.result not in _TELLS_STAGE or ack.stage is call.data.stage:
+            return []
+        if ack.stage is not Stage.CLOSED:
+            call.data = replace(call.data, stage=ack.stage)
+            return [ev.CallChanged(self.system, call.data)]
+        if ack.outcome is not Outcome.NONE or ack.result is Result.STALE:
+            call.presumed_closed = ack.outcome is Outcome.NONE
+            return [self._close(call, ack.outcome, now)]
+        return []
+
+    def hear_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
+        self.texts.append((now, severity, text))
+        return [ev.TextHeard(self.system, severity, text)]
+
+    def hear_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
+        """The autopilot's WARNING or worse; its script says the companion's texts again, which is no news."""
+        echo = any(told == text and now - at < ECHO_S for at, _, told in self.texts)
+        if severity > MAV_SEVERITY_WARNING or echo:
+            return []
+        return [ev.VehicleTextHeard(self.system, severity, text)]
+
+    def hear_parameter(self, name: str, value: float) -> list[ev.Event]:
+        if not _NAME.match(name) or not math.isfinite(value) or self.parameters.get(name) == value:
+            return []
+        if name not in self.parameters and len(self.parameters) >= MAX_PARAMETERS:
+            return []
+        self.parameters[name] = value
+        return [ev.ParameterHeard(self.system, name, value)]
+
+    def _hear_again(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
+        if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):
+            return []
+        before, known.data, known.heard_at = known.data, data, now
+        if known.presumed_closed:
+            known.presumed_closed, known.told_at = False, now
+            return [ev.CallOpened(self.system, data)]
+        if data.stage is Stage.CLOSED:
+            return [ev.CallClosed(self.system, data, now - known.opened_at)]
+        if (before.stage, before.reasons, before.holding) != (data.stage, data.reasons, data.holding):
+            return [ev.CallChanged(self.system, data)]
+        return []
+
+    def _close_forgotten(self, now: float) -> list[ev.Event]:
+        """For 3 s nothing is current: the closing messages were lost."""
+        if self.current_id:
+            self._idle_since = None
+            return []
+        if self._idle_since is None:
+            self._idle_since = now
+        told: list[ev.Event] = []
+        for call in self.open_calls():
+            if call.heard_at < self._idle_since <= now - FRESH_S:
+                call.presumed_closed = True
+                told.append(self._close(call, Outcome.NONE, now))
+        return told
+
+    def _close(self, call: Call, outcome: Outcome, now: float) -> ev.Event:
+        call.data = replace(call.data, stage=Stage.CLOSED, outcome=outcome, holding=False)
+        return ev.CallClosed(self.system, call.data, now - call.opened_at)
+
+    def _make_room(self) -> None:
+        if len(self.calls) >= MAX_CALLS:
+            by_use = sorted(self.calls.values(), key=lambda call: (call.open, call.heard_at))
+            del self.calls[by_use[0].data.id]
+
+
+def _begins_anew(known: Call, data: CallData, now: float) -> bool:
+    """A call keeps its frame for life; a hold changes its own once blocked, but was announced only once."""
+    if known.data.kind is Kind.CALL and data.kind is Kind.CALL:
+        return known.data.frame_id != data.frame_id
+    return now - data.age_s > known.opened_at + ANEW_S

@@ -1,0 +1,1 @@
+"""The terminal operator, and what it shares with the MAVProxy module."""

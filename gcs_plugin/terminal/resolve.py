@@ -1,0 +1,111 @@
+"""From what was typed to what is sent: which rover, which call, which frame is tapped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
+from companion.wire.ids import Motion
+from gcs_plugin.client.rovers import Call, Rover
+from gcs_plugin.terminal.commands import (
+    Change,
+    CommandError,
+    Episode,
+    Forget,
+    ForgetAnswer,
+    Picture,
+    Reply,
+    Tap,
+    Word,
+)
+
+READ_S = 2.0
+"""An answer without an id may be meant for the call before one that was told less than this ago."""
+
+
+@dataclass(frozen=True)
+class Addressed:
+    """An answer that can be sent. target 0: words that belong to no call."""
+
+    system: int
+    target: int
+    motion: Motion
+    operations: tuple[Operation, ...]
+
+
+def choose_rover(rovers: Mapping[int, Rover], named: int | None, selected: int | None = None) -> Rover:
+    """The rover a line means: the one it names, the selected one, or the only one. Raises CommandError."""
+    wanted = selected if named is None else named
+    if wanted is not None:
+        if wanted not in rovers:
+            heard = ", ".join(map(str, rovers)) or "none"
+            raise CommandError(f"rover {wanted} is not heard (heard: {heard})")
+        return rovers[wanted]
+    if not rovers:
+        raise CommandError("no rover is heard yet: is the link right, and does the companion run?")
+    if len(rovers) > 1:
+        first = next(iter(rovers))
+        raise CommandError(f"rovers {', '.join(map(str, rovers))} are heard: write it as `rover {first} go`")
+    return next(iter(rovers.values()))
+
+
+def current_call(rover: Rover) -> int:
+    """The id that an answer without one means; 0 when nothing is open."""
+    if rover.current_id:
+        return rover.current_id
+    waiting = rover.open_calls()
+    return waiting[-1].data.id if waiting else 0
+
+
+def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
+    """Path on the rover and name here of a call's picture. Raises CommandError when none is open."""
+    number = picture.call_id or current_call(rover)
+    if not number:
+        raise CommandError("no call is open: name one, `picture 7`")
+    call = rover.calls.get(number)
+    if call is not None and call.open and not call.data.picture:
+        raise CommandError(f"{number} has no picture: it is a fault, or `[pictures] keep` is 0 on the rover")
+    large = "-large" * picture.large
+    return f"/calls/{number}{large}.jpg", f"rover{rover.system}-call{number}{large}.jpg"
+
+
+def address(reply: Reply, rover: Rover, now: float) -> Addressed:
+    """`reply` for `rover`. Raises CommandError when it fits nothing that is open, or what nobody has read."""
+    target = current_call(rover) if reply.call_id is None else reply.call_id
+    call = rover.calls.get(target)
+    if reply.call_id is not None and call is not None and not call.open:
+        raise CommandError(f"call {target} is closed already: type `calls` for what is open")
+    if reply.call_id is None and target and rover.told_for(target, now) < READ_S:
+        raise CommandError(f"{target} is new, so nothing was sent: read it, then type that again")
+    if not target and reply.motion is not Motion.NONE:
+        raise CommandError("no call is open, so nothing waits for this; words alone are taken: `bush: -1`")
+    operations = tuple(_operation(change, target, call) for change in reply.changes)
+    return Addressed(rover.system, target, reply.motion, operations)
+
+
+def _operation(change: Change, target: int, call: Call | None) -> Operation:
+    match change:
+        case Word(word, weight):
+            return SetWord(word, weight)
+        case Tap():
+            return _tap(change, target, call)
+        case Forget(word):
+            return ForgetWord(word)
+        case ForgetAnswer(call_id):
+            return ForgetCall(call_id)
+        case Episode():
+            return NewEpisode()
+
+
+def _tap(tap: Tap, target: int, call: Call | None) -> TapBox:
+    if not target:
+        raise CommandError(f"no call is open, so there is no picture to tap; a word works: `{tap.word}: -1`")
+    if call is None:
+        raise CommandError(f"call {target} is not told in full yet: wait a moment, or use `{tap.word}: -1`")
+    box = tap.box or call.data.worst_tile_box
+    if box is None:
+        raise CommandError(
+            f"call {target} points at no place: give the box, `tap {tap.word} -1 0.4 0.5 0.6 0.8`"
+        )
+    return TapBox(call.data.frame_id, box, tap.word, tap.weight)

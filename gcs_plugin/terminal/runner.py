@@ -1,0 +1,129 @@
+"""A client on a link of its own: heartbeat out, messages in, answers out; and lines from standard input."""
+
+from __future__ import annotations
+
+import os
+import select
+import stat
+from typing import TextIO
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.terminal.connection import Connection
+from gcs_plugin.terminal.signing import Signing
+
+MAX_WAITING = 65536
+
+
+class Keyboard:
+    """Reads a terminal, a pipe or a file. `ended` is true after its end, and never for /dev/null: a program
+    in the background has nobody who types, and goes on."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self.ended = False
+        self._descriptor = descriptor
+        self._waiting = b""
+
+    @classmethod
+    def of(cls, stream: TextIO | None) -> Keyboard:
+        """The stream's descriptor, unless nobody can type there."""
+        try:
+            descriptor = -1 if stream is None else stream.fileno()
+            mode = os.fstat(descriptor).st_mode
+        except (OSError, ValueError):
+            return cls(None)
+        return cls(None if stat.S_ISCHR(mode) and not os.isatty(descriptor) else descriptor)
+
+    def descriptors(self) -> list[int]:
+        """To wait on."""
+        return [] if self._descriptor is None or self.ended else [self._descriptor]
+
+    def lines(self) -> list[str]:
+        """The lines that are complete; at the end also an unfinished one."""
+        if not self.descriptors() or not select.select(self.descriptors(), [], [], 0)[0]:
+            return []
+        assert self._descriptor is not None
+        try:
+            read = os.read(self._descriptor, 4096)
+        except OSError:
+            read = b""
+        self.ended = not read
+        *complete, self._waiting = (self._waiting + read).split(b"\n")
+        if self.ended or len(self._waiting) > MAX_WAITING:
+            complete.append(self._waiting)
+            self._waiting = b""
+        return [line.decode(errors="replace") for line in complete]
+
+
+HEARTBEAT_S = 1.0
+MAX_BUFFER = 65536
+
+
+class Runner:
+    """Owns the connection. Call `step` often; `wait` sleeps until there is something to read.
+
+    system, component: ours; a ground station is 255/190 by custom. An autopilot sends nothing to one that
+    only listens, so our heartbeat goes out from the first step on.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        client: OperatorClient,
+        system: int = 255,
+        component: int = 190,
+        signing: Signing | None = None,
+    ) -> None:
+        self.client = client
+        client.ids = system, component
+        self._signing = signing
+        self._connection = connection
+        self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._mavlink.robust_parsing = True
+        self._heartbeat_at = float("-inf")
+
+    def step(self, now: float) -> None:
+        """Read what waits, then send what is due."""
+        for message in self._mavlink.parse_buffer(self._connection.read()) or []:
+            if self._signing is None or self._believes(self._signing, message):
+                self.client.receive(message, now)
+        self._forget_parsed()
+        if now - self._heartbeat_at >= HEARTBEAT_S:
+            self._heartbeat_at = now
+            self._send(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+                )
+            )
+        for message in self.client.outgoing(now):
+            self._send(message)
+        if self._signing is not None:
+            self._signing.tick(now)
+
+    def wait(self, timeout: float, *others: int) -> None:
+        """Until the link or one of `others` (file descriptors) can be read, `timeout` seconds at most."""
+        own = self._connection.fileno()
+        select.select([*others, *([] if own is None else [own])], [], [], timeout)
+
+    def close(self) -> None:
+        """Close the connection, and keep what signing must not forget."""
+        self._connection.close()
+        if self._signing is not None:
+            self._signing.close()
+
+    def _send(self, message: mavlink.MAVLink_message) -> None:
+        frame = bytes(message.pack(self._mavlink))
+        if self._signing is not None:
+            frame = self._signing.sign(frame, message)
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        self._connection.write(frame)
+
+    def _believes(self, signing: Signing, message: mavlink.MAVLink_message) -> bool:
+        return message.get_msgId() >= 0 and signing.hears(message)
+
+    def _forget_parsed(self) -> None:
+        """A stream that never pauses between frames would fill the parser's buffer for ever."""
+        if self._mavlink.buf_index > MAX_BUFFER:
+            self._mavlink.buf = self._mavlink.buf[self._mavlink.buf_index :]
+            self._mavlink.buf_index = 0

@@ -1,0 +1,186 @@
+"""Answers by a table, for demonstrations and tests. Pure: calls and the time in, lines to type out.
+
+A rule is an object; the first one that fits a call, is due and has uses left answers it:
+
+    answer    the line, as an operator would type it (without rover and id)
+    when      stage it answers: "open" (default), "answered" or "clear"
+    kind      "call" or "hold"
+    reasons   all of these are among the call's: "unknown_scene", "unknown_object", "blocked", "fault"
+    holding   true or false: whether the vehicle stands because of it
+    nth       only the n-th call that fits the rest of the rule, from 1
+    times     how often it may be used; without it, without end
+    after     seconds to wait, from when the call reached this stage
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from companion.wire.ids import Kind, Reasons, Stage
+from companion.wire.payloads import CallData
+from gcs_plugin.client.rovers import Call
+from gcs_plugin.terminal.commands import CommandError, Reply, parse
+
+EXAMPLE = '[{"reasons": ["unknown_object"], "answer": "tap drum -1 go"}, {"when": "clear", "answer": "go"}]'
+MAX_RULES = 200
+MAX_WAIT_S = 3600
+_STAGES = {"open": Stage.OPEN, "answered": Stage.ANSWERED, "clear": Stage.CLEAR}
+_KINDS = {"call": Kind.CALL, "hold": Kind.HOLD}
+_REASONS = {reason.name.lower(): reason for reason in Reasons if reason.name}
+
+
+_Key = tuple[int, int]  # system, serial number of the call
+
+
+class ScriptError(ValueError):
+    """A table that cannot be used; the text names the rule and the remedy."""
+
+
+@dataclass
+class Rule:
+    """One row of the table."""
+
+    answer: str
+    when: Stage = Stage.OPEN
+    kind: Kind | None = None
+    reasons: Reasons = Reasons.NONE
+    holding: bool | None = None
+    nth: int | None = None
+    times: int | None = None
+    after: float = 0.0
+    used: int = 0
+    _fitted: dict[_Key, int] = field(default_factory=dict)
+
+    def fits(self, key: _Key, call: CallData) -> bool:
+        """Whether it is for this call at its stage; counts the calls that it fits."""
+        if (
+            call.stage is not self.when
+            or (self.kind is not None and call.kind is not self.kind)
+            or call.reasons & self.reasons != self.reasons
+            or (self.holding is not None and call.holding is not self.holding)
+        ):
+            return False
+        ordinal = self._fitted.setdefault(key, len(self._fitted) + 1)
+        return self.nth is None or ordinal == self.nth
+
+    @property
+    def left(self) -> bool:
+        """It may be used again."""
+        return self.times is None or self.used < self.times
+
+
+@dataclass
+class _Visit:
+    """A call at one stage: since when, and which rules have answered it there."""
+
+    stage: Stage
+    since: float
+    tried: set[int] = field(default_factory=set)
+
+
+class Script:
+    """Decides which line answers which open call. Each rule answers a call once while it stays at a stage,
+    so that an answer that did not cover the thing leaves the call to the next rule."""
+
+    def __init__(self, rules: list[Rule]) -> None:
+        self._rules = rules
+        self._visits: dict[_Key, _Visit] = {}
+
+    @classmethod
+    def parse(cls, text: str) -> Script:
+        """Read a JSON list of rules. Raises ScriptError."""
+        try:
+            table = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise ScriptError(f"the script is not JSON ({error}): write it as {EXAMPLE}") from error
+        if not isinstance(table, list) or not 0 < len(table) <= MAX_RULES:
+            raise ScriptError(f"a script is a list of 1 to {MAX_RULES} rules: {EXAMPLE}")
+        return cls([_rule(number, row) for number, row in enumerate(table, 1)])
+
+    def answer(self, system: int, call: Call, now: float) -> str | None:
+        """The line to type for this open call now, if any."""
+        key, stage = (system, call.serial), call.data.stage
+        visit = self._visits.get(key)
+        if visit is None or visit.stage is not stage:
+            visit = self._visits[key] = _Visit(stage, now)
+        for number, rule in enumerate(self._rules):
+            if not rule.fits(key, call.data) or number in visit.tried or not rule.left:
+                continue
+            if now - visit.since < rule.after:
+                return None
+            rule.used += 1
+            visit.tried.add(number)
+            return rule.answer
+        return None
+
+
+def _rule(number: int, row: Any) -> Rule:
+    known = ("answer", "when", "kind", "reasons", "holding", "nth", "times", "after")
+    if not isinstance(row, dict):
+        raise ScriptError(f"rule {number} is not an object: write it as {EXAMPLE}")
+    unknown = sorted(set(row) - set(known))
+    if unknown:
+        raise ScriptError(f'rule {number}: "{unknown[0]}" is unknown, it can hold {", ".join(known)}')
+    return Rule(
+        answer=_answer(number, row.get("answer")),
+        when=_choice(number, "when", row.get("when", "open"), _STAGES),
+        kind=None if "kind" not in row else _choice(number, "kind", row["kind"], _KINDS),
+        reasons=_reasons(number, row.get("reasons", [])),
+        holding=_typed(number, row, "holding", (bool,)),
+        nth=_counted(number, row, "nth"),
+        times=_counted(number, row, "times"),
+        after=_seconds(number, row, "after"),
+    )
+
+
+def _answer(number: int, line: Any) -> str:
+    try:
+        command = parse(line) if isinstance(line, str) else None
+    except CommandError as error:
+        raise ScriptError(f"rule {number}: {error}") from error
+    if not isinstance(command, Reply) or command.call_id is not None or command.rover is not None:
+        raise ScriptError(f'rule {number}: "answer" is a line without rover and id: "tap drum -1 go"')
+    return str(line)
+
+
+def _choice(number: int, name: str, value: Any, choices: Mapping[str, Any]) -> Any:
+    if not isinstance(value, str) or value not in choices:
+        raise ScriptError(f'rule {number}: "{name}" is {value!r}, it can be {", ".join(choices)}')
+    return choices[value]
+
+
+def _reasons(number: int, names: Any) -> Reasons:
+    if not isinstance(names, list):
+        raise ScriptError(f'rule {number}: "reasons" is a list: ["unknown_object"]')
+    reasons = Reasons.NONE
+    for name in names:
+        reasons |= _choice(number, "reasons", name, _REASONS)
+    return reasons
+
+
+def _counted(number: int, row: Mapping[str, Any], name: str) -> int | None:
+    value: int | None = _typed(number, row, name, (int,))
+    if value is not None and value < 1:
+        raise ScriptError(f'rule {number}: "{name}" counts from 1, not {value}')
+    return value
+
+
+def _seconds(number: int, row: Mapping[str, Any], name: str) -> float:
+    value = _typed(number, row, name, (int, float))
+    if value is not None and not 0 <= value <= MAX_WAIT_S:
+        raise ScriptError(f'rule {number}: "{name}" is {value!r}, it can be 0 to {MAX_WAIT_S} seconds')
+    return float(value or 0.0)
+
+
+def _typed(number: int, row: Mapping[str, Any], name: str, kinds: tuple[type, ...]) -> Any:
+    value = row.get(name)
+    if name not in row:
+        return None
+    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+        raise ScriptError(
+            f'rule {number}: "{name}" is {value!r}, not {" or ".join(k.__name__ for k in kinds)}'
+        )
+    return value

@@ -1,0 +1,208 @@
+"""One operator at work: typed lines and events in, answers and lines to show out. No I/O of its own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from statistics import median
+from typing import Any
+
+from companion.wire.ids import Result
+from companion.wire.packing import PayloadError
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.delivery import Status
+from gcs_plugin.client.fetch import Fetch, Fetched
+from gcs_plugin.client.rovers import Rover
+from gcs_plugin.terminal import wording
+from gcs_plugin.terminal.commands import CommandError, Picture, Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.terminal.output import Output, plain
+from gcs_plugin.terminal.resolve import address, choose_rover, picture_of
+from gcs_plugin.terminal.script import Script
+
+
+class SessionStatistics:
+    """Take in every event; `record` gives the figures."""
+
+    def __init__(self) -> None:
+        self._calls = 0
+        self._by_reason: Counter[str] = Counter()
+        self._by_outcome: Counter[str] = Counter()
+        self._sent = 0
+        self._acknowledged = 0
+
+    def add(self, event: ev.Event) -> None:
+        """Count it."""
+        match event:
+            case ev.CallOpened():
+                self._calls += 1
+                self._by_reason.update(plain(event.call.reasons))
+            case ev.CallClosed():
+                self._by_outcome[plain(event.call.outcome)] += 1
+            case ev.AnswerMoved() if event.status is Status.SENT:
+                self._sent += 1
+            case ev.Acknowledged() if event.acknowledgement.result is not Result.BUSY:
+                self._acknowledged += 1
+            case _:
+                pass
+
+    def record(self, rovers: Mapping[int, Rover], seconds: float) -> dict[str, Any]:
+        """As an object. latency_ms: capture to sending, as the rovers measured it."""
+        counters = [rover.counters for rover in rovers.values()]
+        latencies = [latency for counter in counters for latency in counter.latencies_ms]
+        return {
+            "event": "end",
+            "seconds": round(seconds, 3),
+            "summaries_received": sum(counter.summaries for counter in counters),
+            "summaries_lost": sum(counter.summaries_lost for counter in counters),
+            "calls": self._calls,
+            "calls_by_reason": dict(self._by_reason),
+            "answers_sent": self._sent,
+            "answers_acknowledged": self._acknowledged,
+            "closed_by_outcome": dict(self._by_outcome),
+            "bytes_from_companion": sum(counter.bytes for counter in counters),
+            "not_understood": sum(counter.rubbish for counter in counters),
+            "latency_ms": {
+                "p50": median(latencies) if latencies else None,
+                "max": max((counter.latency_max_ms for counter in counters if latencies), default=None),
+            },
+        }
+
+
+PROGRESS_S = 3.0
+HELP = """\
+  go                       drive on; the thing in the call is accepted once
+  stay                     keep standing, stop the alarm; teaches nothing
+  look                     look again
+  bush: -1                 a word and its weight: 1 drive over it, -1 never. Several: bush: -1; grass: 1
+  tap drum -1              what the call points at is a "drum"; with a box: tap drum -1 0.40 0.55 0.60 0.80
+  forget bush              take a word out of use; `forget call 7`: what call 7 taught; `new episode`: all
+  bush: -1, go             any change, and drive on; also `tap drum -1 go`
+  policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
+  picture                  fetch what the call saw, to tap in it; `picture 7`, and `picture 7 large`
+  7 go                     for call 7 instead of the current one; `rover 2 go`, or `rover 2` to stay there
+  status, calls, words, help, quit""".splitlines()
+
+
+class Session:
+    """Ties a client to an output; `script` answers beside the person.
+
+    keep: stores a fetched picture under a name, and says where it lies.
+    """
+
+    def __init__(
+        self,
+        client: OperatorClient,
+        output: Output,
+        script: Script | None = None,
+        keep: Callable[[str, bytes], str] | None = None,
+    ) -> None:
+        self.quit = False
+        self.totals = SessionStatistics()
+        self._client = client
+        self._output = output
+        self._script = script
+        self._keep = keep
+        self._fetches: dict[str, Fetch] = {}
+        self._told_at = 0.0
+        self._selected: int | None = None
+        self._asked: set[int] = set()
+
+    def step(self, now: float) -> None:
+        """Tell what happened, then let the script answer."""
+        rovers = self._client.rovers
+        for event in self._client.events():
+            self.totals.add(event)
+            self._output.event(event, now, several=len(rovers) > 1)
+            if isinstance(event, ev.LinkChanged) and event.up and event.system not in self._asked:
+                self._asked.add(event.system)
+                self._client.request_parameters(event.system)
+        for name, fetch in list(self._fetches.items()):
+            self._follow(name, fetch, now)
+        for rover in rovers.values():
+            if self._script is not None and rover.alive(now):
+                self._answer_by(self._script, rover, now)
+
+    def type(self, line: str, now: float) -> None:
+        """Obey one typed line, or say why not."""
+        try:
+            command = parse(line)
+            match command:
+                case Reply():
+                    self._reply(command, now)
+                case Select():
+                    self._selected = choose_rover(self._client.rovers, command.rover).system
+                    self._output.say([f"lines now mean rover {self._selected}"])
+                case SetPolicy():
+                    rover = choose_rover(self._client.rovers, command.rover, self._selected)
+                    self._client.set_policy(rover.system, command.policy, now)
+                case Picture():
+                    self._fetch(command, now)
+                case Show():
+                    self._show(command, now)
+        except (CommandError, PayloadError) as error:
+            self._output.problem(str(error))
+
+    def _reply(self, reply: Reply, now: float) -> None:
+        rover = choose_rover(self._client.rovers, reply.rover, self._selected)
+        answer = address(reply, rover, now)
+        self._client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
+
+    def _fetch(self, picture: Picture, now: float) -> None:
+        if self._keep is None:
+            raise CommandError("pictures are not fetched here: `ftp get /calls/7.jpg` does it")
+        rover = choose_rover(self._client.rovers, picture.rover, self._selected)
+        path, name = picture_of(picture, rover)
+        same = [one for one, fetch in self._fetches.items() if fetch.system == rover.system]
+        for replaced in same:
+            del self._fetches[replaced]
+        self._fetches[name] = self._client.fetch(rover.system, path, now)
+        self._told_at = now
+        self._output.say([f"{path} is asked for"])
+
+    def _follow(self, name: str, fetch: Fetch, now: float) -> None:
+        if fetch.status is Fetched.DONE and self._keep is not None:
+            try:
+                self._output.say([f"picture  {self._keep(name, fetch.content)}"])
+            except OSError as error:
+                self._output.problem(f"the picture cannot be kept: {error}")
+        elif fetch.status is Fetched.FAILED:
+            self._output.problem(f"{fetch.path} did not come: {fetch.problem}")
+        elif now - self._told_at >= PROGRESS_S:
+            self._told_at = now
+            size = "" if fetch.size is None else f" of {fetch.size}"
+            self._output.say([f"{fetch.path}: {fetch.received}{size} bytes"])
+        if fetch.settled:
+            del self._fetches[name]
+
+    def _show(self, show: Show, now: float) -> None:
+        if show.what == "quit":
+            self.quit = True
+        elif show.what == "help":
+            self._output.say(HELP)
+        else:
+            self._output.say(self._lines(show, now))
+
+    def _lines(self, show: Show, now: float) -> list[str]:
+        rovers = self._client.rovers
+        chosen = list(rovers.values()) if show.rover is None else [choose_rover(rovers, show.rover)]
+        if not chosen:
+            return ["no rover is heard yet"]
+        if show.what == "calls":
+            return [line for rover in chosen for line in wording.calls_lines(rover, now)]
+        if show.what == "words":
+            for rover in chosen:
+                self._client.request_parameters(rover.system)
+            return [line for rover in chosen for line in wording.words_lines(rover)]
+        return [line for rover in chosen for line in wording.status_lines(rover, now)]
+
+    def _answer_by(self, script: Script, rover: Rover, now: float) -> None:
+        busy = {pending.target for pending in self._client.unsettled if pending.system == rover.system}
+        for call in rover.open_calls():
+            if call.data.id in busy:
+                continue
+            line = script.answer(rover.system, call, now)
+            if line is not None:
+                typed = f"rover {rover.system} {call.data.id} {line}"
+                self._output.typed(typed)
+                self.type(typed, now)

@@ -1,0 +1,256 @@
+"""What a person reads: what was seen, why it calls, which answers fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Outcome, Policy, Reasons, Result, Stage, State, words_hash
+from companion.wire.packing import Fractions
+from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
+from companion.wire.payloads import CallData
+from companion.wire.texts import name, percent
+from gcs_plugin.client.delivery import PolicyRequested
+from gcs_plugin.client.rovers import Rover
+
+_STATES = {
+    State.STARTING: "starting",
+    State.OK: "ok",
+    State.CALLING: "CALLING",
+    State.HOLDING: "HOLDING the vehicle",
+    State.BLOCKED: "way blocked",
+    State.FAULT: "FAULT: it cannot judge",
+    State.OFF: "OFF: nobody watches the trail",
+}
+_MEANS = {
+    Policy.REPORT: "it calls, and holds nothing",
+    Policy.SHADOW: "it calls, holds nothing, and counts what it would have held",
+    Policy.HOLD: "it holds the vehicle, and drives on only after a go",
+    Policy.OFF: "nobody watches the trail, and a hold is let go",
+}
+_HELD = {True: "vehicle held", False: "vehicle not held"}
+_LATER = {
+    Reasons.UNKNOWN_OBJECT: "an unknown thing ahead",
+    Reasons.UNKNOWN_SCENE: "a new place",
+    Reasons.BLOCKED: "blocked by what it knows",
+    Reasons.FAULT: "no picture that can be judged",
+}
+_STAGES = {Stage.ANSWERED: "answered, waits until the way is clear", Stage.CLEAR: "clear now, go?"}
+_OUTCOMES = {
+    Outcome.NONE: "over (how was lost on the way)",
+    Outcome.ANSWERED: "answered",
+    Outcome.ACCEPTED: "accepted",
+    Outcome.PASSED: "passed by itself",
+    Outcome.TAKEN_OVER: "a human took over",
+    Outcome.RECOVERED: "fault is gone",
+    Outcome.SWITCHED_OFF: "companion switched off",
+}
+_TEST_OUTCOMES = {
+    Outcome.ANSWERED: "answered, the way there and back works",
+    Outcome.PASSED: "nobody answered it",
+}
+_RESULTS = {
+    Result.APPLIED: "done",
+    Result.APPLIED_NOT_REMEMBERED: "done, but not remembered after a restart",
+    Result.NOT_COVERED: "taken, but it does not cover what was seen",
+    Result.STALE: "too late: it is not open",
+    Result.REFUSED: "REFUSED, nothing changed",
+    Result.DENIED: "DENIED: this ground station may not",
+    Result.BUSY: "busy, will be sent again",
+}
+
+
+def clean(text: str) -> str:
+    """What came through the air, without what would move a terminal's cursor."""
+    return "".join(character if character.isprintable() else " " for character in text).strip()
+
+
+def why(call: CallData) -> str:
+    """All its reasons with their figures: `unknown thing ahead, 38% unexplained, most at the right`."""
+    return "; ".join(_reasons(call)) or "no reason given"
+
+
+def _reasons(call: CallData) -> Iterator[str]:
+    if call.test:
+        yield "TEST, nothing is wrong"
+    if call.reasons & Reasons.UNKNOWN_OBJECT:
+        worst = (
+            f", most {where(call.worst_tile_box)} ({percent(call.worst_tile)})" if call.worst_tile_box else ""
+        )
+        yield f"unknown thing ahead, {percent(call.roi_uncertainty)} unexplained{worst}"
+    if call.reasons & Reasons.UNKNOWN_SCENE:
+        known = "" if call.similarity is None else f", {call.similarity:.2f} like a known one"
+        yield f"new place{known}"
+    if call.reasons & Reasons.BLOCKED:
+        yield f"blocked by what it knows, {percent(call.drivable_share)} of the known ground drivable"
+    if call.reasons & Reasons.FAULT:
+        yield "fault: no picture that can be judged"
+
+
+def where(box: Fractions) -> str:
+    """In which third of the picture the middle of a box lies."""
+    middle = (box[0] + box[2]) / 2
+    return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"
+
+
+def fitting_answers(call: CallData, before: str = "") -> list[str]:
+    """Lines that make sense as an answer to this call now; `before`: what is typed before each."""
+    return [before + line for line in _fitting_lines(call)]
+
+
+def _fitting_lines(call: CallData) -> list[str]:
+    if call.test:
+        return ["go", "stay"]
+    if call.stage is not Stage.OPEN:
+        return ["go", "stay", "look"]
+    if call.reasons & Reasons.UNKNOWN_OBJECT:
+        tap = ["tap drum -1 go"] if call.worst_tile_box else []
+        return [*tap, "drum: -1, go", "go", "stay", "look"]
+    if call.reasons & Reasons.UNKNOWN_SCENE:
+        return ["grass: 1, go", "go", "stay", "look"]
+    if call.reasons & Reasons.FAULT:
+        return ["look", "stay"]
+    return ["go", "stay", "look"]
+
+
+def headline(call: CallData, age: float) -> str:
+    """One line: the id, whether the vehicle stands, why, and the age."""
+    stands = _HELD[call.holding]
+    asks = _STAGES.get(call.stage, why(call))
+    return f"{name(call.kind, call.id)} {asks} [{stands}, {duration(age)}]"
+
+
+def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
+    """The headline, the box to look at, whether a picture can be fetched, and the answers that fit."""
+    lines = [headline(call, age)]
+    if call.worst_tile_box and call.stage is Stage.OPEN:
+        lines.append("  look at  " + " ".join(f"{side:.2f}" for side in call.worst_tile_box))
+    if call.picture:
+        lines.append(f"  picture  {before}picture {call.id}")
+    lines.append("  answer   " + "  |  ".join(fitting_answers(call, before)))
+    return lines
+
+
+def changed(call: CallData, age: float, before: str = "") -> str:
+    """An open call at another stage, or with more reasons."""
+    answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call, before))}"
+    return headline(call, age) + answers
+
+
+def also(call: CallData, added: Reasons, before: str = "") -> str:
+    """Reasons that came later; the call's figures are its own frame's, and say nothing of them."""
+    named = " and ".join(text for reason, text in _LATER.items() if added & reason)
+    return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call, before))}"
+
+
+def stands(call: CallData) -> str:
+    """Only whether the vehicle is held because of it has changed."""
+    return f"{name(call.kind, call.id)} {_HELD[call.holding]}"
+
+
+def closed(call: CallData, after_s: float) -> str:
+    """A call that is over."""
+    if call.test:
+        how = _TEST_OUTCOMES.get(call.outcome, "over")
+        return f"{name(call.kind, call.id)} TEST closed: {how}, after {duration(after_s)}"
+    return f"{name(call.kind, call.id)} closed: {_OUTCOMES[call.outcome]}, after {duration(after_s)}"
+
+
+def acknowledged(ack: Acknowledgement) -> str:
+    """What became of an answer, with the figures of the call's frame judged again."""
+    subject = f"answer to {ack.target or 'no call'}"
+    figures = []
+    if ack.roi_uncertainty is not None:
+        figures.append(f"now {percent(ack.roi_uncertainty)} unexplained")
+    if ack.worst_tile is not None:
+        figures.append(f"worst tile {percent(ack.worst_tile)}")
+    told = f": {clean(ack.text)}" if clean(ack.text) else ""
+    return f"{subject}: {_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
+
+
+def given_up(target: int) -> str:
+    """An answer that was on its way when the program ended."""
+    return f"answer to {target or 'no call'} is not acknowledged, and given up"
+
+
+def state(value: State, current_id: int) -> str:
+    """The companion's state. A hold without an id is not the companion's own: its text says whose."""
+    if value is State.HOLDING and not current_id:
+        return "companion sees; the vehicle is HELD, not by the companion: its text says by whom"
+    about = f" ({current_id})" if current_id else ""
+    return f"companion {_STATES[value]}{about}"
+
+
+def policy(value: Policy, status: PolicyRequested) -> str:
+    """A policy that was asked for, and what became of it."""
+    became = {
+        PolicyRequested.WAITING: "waits: the companion is not heard",
+        PolicyRequested.SENT: "asked for",
+        PolicyRequested.GRANTED: f"is in force: {_MEANS[value]}",
+        PolicyRequested.REFUSED: "REFUSED: its text says why",
+        PolicyRequested.EXPIRED: "LOST: no word within 60 s",
+    }
+    return f"policy {value.name.lower()} {became[status]}"
+
+
+def status_lines(rover: Rover, now: float) -> list[str]:
+    """All that is known of a rover, on a few lines."""
+    heard = "heard" if rover.alive(now) else f"NOT HEARD for {duration(rover.silence(now))}"
+    drives = "vehicle unknown" if rover.vehicle is None else rover.vehicle.text
+    doing = "state unknown" if rover.state is None else state(rover.state, rover.current_id)
+    lines = [f"rover {rover.system}: {heard}, {doing}, {drives}"]
+    if rover.policy is not None:
+        lines.append(f"  policy   {rover.policy.name.lower()}")
+    summary, counters = rover.summary, rover.counters
+    if summary is not None:
+        place = "" if summary.similarity is None else f", {summary.similarity:.2f} like the known place"
+        drivable, unknown = percent(summary.roi_traversability), percent(summary.roi_uncertainty)
+        lines.append(f"  ahead    {drivable} drivable, {unknown} unexplained{place}")
+        lines.append(
+            f"  link     {counters.summaries} summaries, {counters.summaries_lost} lost; "
+            f"picture {summary.frame_age_ms} ms old when sent"
+        )
+    if rover.parameters.get(SHADOW_HOLDS) or rover.parameters.get(SHADOW_HOURS):
+        lines.append(f"  shadow   {shadow(rover)}")
+    return lines
+
+
+def shadow(rover: Rover) -> str:
+    """What shadow policy would have held, as far as the rover's parameters tell."""
+    told = rover.parameters
+    holds, hours = told.get(SHADOW_HOLDS, 0.0), told.get(SHADOW_HOURS, 0.0)
+    rate = f", {holds / hours:.1f} an hour" if hours else ""
+    counts = {reason.replace("_", " "): told.get(name, 0.0) for reason, name in SHADOW_REASONS.items()}
+    named = ", ".join(f"{reason} {count:.0f}" for reason, count in counts.items() if count)
+    return f"{holds:.0f} would-be holds in {hours:.1f} h{rate}" + (f" ({named})" if named else "")
+
+
+def words_lines(rover: Rover) -> list[str]:
+    """The words in use, as far as parameters tell; whether there are others the newest summary knows."""
+    words = rover.words()
+    if not words:
+        return [f"rover {rover.system}: its words are not told yet, ask again in a few seconds"]
+    told = "; ".join(f"{word}: {value:g}" for word, value in words.items())
+    lines = [f"rover {rover.system}: {told}"]
+    if rover.summary is not None and rover.summary.words != words_hash(words):
+        lines.append("  these are not all, or spelled otherwise there: ask again in a few seconds;")
+        lines.append("  words that no parameter holds are in its /state.json")
+    return lines
+
+
+def calls_lines(rover: Rover, now: float) -> list[str]:
+    """What is open, one line each, or that nothing is. The heartbeat may tell of a call before its data."""
+    waiting = [headline(call.data, call.age(now)) for call in rover.open_calls()]
+    if waiting or not rover.current_id:
+        return waiting or [f"rover {rover.system}: nothing is open"]
+    return [f"rover {rover.system}: {rover.current_id} is open; what it is about is told again within 10 s"]
+
+
+def duration(seconds: float) -> str:
+    """`12 s`, `3 min` or `2 h`."""
+    if not math.isfinite(seconds):
+        return "ever"
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"

@@ -1,0 +1,285 @@
+"""The demo's operator, its counts and its story, on events as the operator's side prints them."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import pytest
+
+from companion.sim.demo.answers import GROUND, THINK, WORDS_FOR_PLACE, AutoOperator
+from companion.sim.demo.director import verdict
+from companion.sim.demo.story import Story
+from companion.sim.demo.tally import Tally, missing
+from companion.sim.field.trail import ZONES
+
+
+def call(**changed: Any) -> dict[str, Any]:
+    """A call for an unknown thing."""
+    return {
+        "event": "call",
+        "id": 3,
+        "kind": "call",
+        "stage": "open",
+        "reasons": ["unknown_object"],
+        "frame_id": 41,
+        "roi_uncertainty": 0.25,
+        "worst_tile": 0.9,
+        "similarity": 0.97,
+    } | changed
+
+
+def answers(operator: AutoOperator, event: dict[str, Any], place: str, thing: str | None) -> list[str]:
+    """What is typed within a minute."""
+    typed = (operator.answer(event, place, thing, tick / 10) for tick in range(600))
+    return [line for line in typed if line is not None]
+
+
+def test_a_call_is_looked_at_before_it_is_answered() -> None:
+    operator = AutoOperator()
+    assert operator.answer(call(), "meadow", "drum", 10.0) is None
+    assert operator.answer(call(), "meadow", "drum", 10.0 + THINK / 2) is None
+    assert operator.answer(call(), "meadow", "drum", 10.0 + THINK) == "tap drum -1 go"
+
+
+@pytest.mark.parametrize("place", ZONES)
+@pytest.mark.parametrize("thing", ["drum", None])
+@pytest.mark.parametrize("kind", ["call", "hold"])
+@pytest.mark.parametrize("stage", ["open", "clear"])
+@pytest.mark.parametrize(
+    "reasons", [["unknown_scene"], ["unknown_object"], ["unknown_object", "unknown_scene"]]
+)
+def test_every_call_is_answered(
+    place: str, thing: str | None, kind: str, stage: str, reasons: list[str]
+) -> None:
+    assert answers(AutoOperator(), call(kind=kind, stage=stage, reasons=reasons), place, thing)
+
+
+@pytest.mark.parametrize("place", ZONES)
+def test_a_thing_ahead_is_never_waved_through(place: str) -> None:
+    typed = answers(AutoOperator(), call(), place, "drum")
+    assert typed == ["tap drum -1 go"] * 3
+    both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), place, "drum")
+    assert both == [f"{WORDS_FOR_PLACE[place]}, go", "tap drum -1 go", "tap drum -1 go"]
+
+
+@pytest.mark.parametrize("place", ZONES)
+def test_a_call_for_nothing_teaches_that_it_is_ground_before_it_is_waved_through(place: str) -> None:
+    typed = answers(AutoOperator(), call(), place, None)
+    assert typed[0] == f"tap {GROUND[place]} 1 go"
+    assert set(typed[1:]) == {"go"}
+    both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), place, None)
+    assert both[0] == f"{WORDS_FOR_PLACE[place]}, go"
+    assert set(both[1:]) == {"go"}
+
+
+def test_a_call_that_became_clear_gets_one_go() -> None:
+    operator = AutoOperator()
+    answers(operator, call(), "meadow", "drum")
+    assert answers(operator, call(stage="clear"), "meadow", None) == ["go"]
+
+
+def test_answered_and_blocked_calls_are_left_alone() -> None:
+    assert answers(AutoOperator(), call(stage="answered"), "meadow", "drum") == []
+
+
+FIELD = {
+    "mode_log": [
+        {"mode": "AUTO", "by": "operator"},
+        {"mode": "HOLD", "by": "companion"},
+        {"mode": "AUTO", "by": "companion"},
+    ],
+    "contacts": [],
+    "bytes": {"gcs": {"from_companion": 2000}},
+}
+DAEMON = {"frames": 20, "recent": [[number, number / 10, number / 10 + 0.02] for number in range(21)]}
+
+
+def full_tally() -> Tally:
+    """All events that a good demo has."""
+    tally = Tally()
+    events = [
+        call(id=1),
+        call(id=2, reasons=["unknown_scene"]),
+        call(id=3, kind="hold", reasons=["blocked"]),
+        {"event": "ack", "result": "applied", "text": ""},
+        {"event": "ack", "result": "not_covered", "text": ""},
+        {"event": "ack", "result": "busy", "text": ""},
+        {"event": "closed", "id": 1, "kind": "call", "outcome": "answered"},
+        {"event": "closed", "id": 3, "kind": "hold", "outcome": "answered"},
+        {"event": "text", "text": "Known place again: words of C2"},
+        {"event": "text", "text": "C1 holding"},
+        {"event": "state", "state": "blocked", "current_id": 1},
+        {"event": "state", "state": "blocked", "current_id": 2},
+        {"event": "state", "state": "ok", "current_id": 0},
+        {"event": "summary", "frame_id": 5},
+        {"event": "summary", "frame_id": 15},
+        {"event": "summary", "frame_id": 99},
+    ]
+    for event in events:
+        tally.event(event, at=0.6 if event.get("frame_id") == 5 else 1.7)
+    tally.typed("1 tap drum -1 go")
+    tally.typed("grass: 1, go")
+    tally.typed("go")
+    return tally
+
+
+def test_the_tally_counts_what_was_heard() -> None:
+    figures = full_tally().figures(FIELD, DAEMON, seconds=10.0)
+    assert figures == {
+        "frames": 20,
+        "fps": 10.0,
+        "calls": 2,
+        "calls_unknown_object": 1,
+        "calls_unknown_scene": 1,
+        "answers": 2,
+        "answers_by_tap": 1,
+        "answers_by_words": 1,
+        "closed_unanswered": 0,
+        "history_matches": 1,
+        "returned_without_call": False,
+        "holds": 1,
+        "resumes": 1,
+        "taken_over": 0,
+        "blocked": 1,
+        "kept_off_named_things": 0,
+        "collisions": 0,
+        "bytes_per_s": 200.0,
+        "summaries_received": 3,
+        "latency_ms_p50": 150.0,
+        "latency_ms_max": 200.0,
+        "seconds": 10.0,
+    }
+
+
+def test_a_hold_that_a_human_ended_by_driving_on_counts_as_resumed_and_is_named() -> None:
+    modes = [
+        ("AUTO", "hand"),
+        ("HOLD", "companion"),
+        ("AUTO", "companion"),
+        ("HOLD", "companion"),
+        ("AUTO", "hand"),
+    ]
+    field = {**FIELD, "mode_log": [{"t": 0.0, "mode": mode, "by": by} for mode, by in modes]}
+    tally = full_tally()
+    tally.taken_over = 1
+    figures = tally.figures(field, DAEMON, seconds=10.0)
+    assert (figures["holds"], figures["resumes"], figures["taken_over"]) == (2, 2, 1)
+
+
+def test_a_tally_of_nothing_has_figures_and_lacks_nearly_all() -> None:
+    empty = {"mode_log": [], "contacts": [], "bytes": {"gcs": {"from_companion": 0}}}
+    figures = Tally().figures(empty, {}, seconds=0.0)
+    assert figures["latency_ms_p50"] is None
+    shown = {"as many resumes as holds", "no contact with anything", "at most 300 bytes per second"}
+    assert len(missing(figures)) == 12
+    assert not shown & set(missing(figures))
+
+
+GOOD = {
+    "calls": 2,
+    "calls_unknown_object": 1,
+    "calls_unknown_scene": 1,
+    "answers": 2,
+    "answers_by_tap": 1,
+    "answers_by_words": 1,
+    "holds": 2,
+    "resumes": 2,
+    "kept_off_named_things": 1,
+    "returned_without_call": True,
+    "history_matches": 1,
+    "collisions": 0,
+    "fps": 8.0,
+    "bytes_per_s": 300.0,
+    "summaries_received": 1,
+}
+
+
+def test_a_demo_that_showed_all_ends_with_0() -> None:
+    stream = io.StringIO()
+    assert verdict(GOOD, Story(stream)) == 0
+    assert "All of the job was shown." in stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        (name, type(value)(value - 1))
+        for name, value in GOOD.items()
+        if name not in {"collisions", "bytes_per_s"}
+    ]
+    + [("collisions", 1), ("bytes_per_s", 301.0)],
+)
+def test_each_figure_that_falls_short_is_named(name: str, value: float) -> None:
+    stream = io.StringIO()
+    assert verdict({**GOOD, name: value}, Story(stream)) == 1
+    assert stream.getvalue().count("NOT SHOWN: ") == (1 if name != "holds" else 2)
+
+
+def told(event: dict[str, Any]) -> str:
+    """The line of an event, "" for none."""
+    stream = io.StringIO()
+    story = Story(stream)
+    story.where = "meadow 3 m"
+    story.event(event, 12.34)
+    return stream.getvalue().rstrip("\n").removeprefix("  12.3 s  meadow 3 m     ")
+
+
+@pytest.mark.parametrize(
+    ("event", "line"),
+    [
+        (
+            call(),
+            "CALL 3: something here fits none of its words"
+            " (uncertainty 0.25, worst tile 0.90, similarity 0.97, frame 41)",
+        ),
+        (
+            call(roi_uncertainty=None, worst_tile=None, similarity=None, reasons=["unknown_scene"]),
+            "CALL 3: this place looks like none that it was told about (no figures, frame 41)",
+        ),
+        (call(kind="hold", reasons=["fault"]), "HOLD 3: it cannot see"),
+        (call(kind="hold", reasons=[]), "HOLD 3: not OK"),
+        (call(event="call_changed", stage="clear"), "3: the way is clear now; it asks for a go"),
+        (call(event="call_changed", stage="answered"), ""),
+        (
+            {"event": "closed", "kind": "call", "id": 3, "outcome": "taken_over"},
+            "call 3 is closed: taken over",
+        ),
+        ({"event": "closed", "kind": "hold", "id": 3, "outcome": "answered"}, ""),
+        ({"event": "ack", "result": "not_covered", "text": "C3 open"}, "answer not covered: C3 open"),
+        (
+            {"event": "text", "text": "Known place again: words of C2"},
+            "no call: Known place again: words of C2",
+        ),
+        ({"event": "text", "text": "C3 holding"}, ""),
+        ({"event": "state", "state": "blocked"}, "state BLOCKED: what it knows here is not drivable"),
+        ({"event": "state", "state": "ok"}, ""),
+        ({"event": "summary"}, ""),
+        ({}, ""),
+    ],
+)
+def test_a_newcomer_reads_what_matters_in_a_line(event: dict[str, Any], line: str) -> None:
+    assert told(event) == line
+
+
+def test_a_change_of_mode_is_told_once_with_who_did_it() -> None:
+    stream = io.StringIO()
+    story = Story(stream)
+    status = {"zone": "forest", "distance": 41.6, "mode": "HOLD", "speed": 0.04} | {
+        "mode_log": [{"mode": "HOLD", "by": "companion"}],
+        "contacts": [],
+    }
+    story.field(status, 3.0)
+    story.field(status, 4.0)
+    assert stream.getvalue() == "   3.0 s  forest 42 m    rover: HOLD (by companion), 0.0 m/s\n"
+
+
+def test_what_is_driven_into_is_told_once() -> None:
+    stream = io.StringIO()
+    story = Story(stream)
+    status = {"zone": "forest", "distance": 41.6, "mode": "", "speed": 0.04, "mode_log": []} | {
+        "contacts": [{"kind": "drum", "speed": 1.25}]
+    }
+    story.field(status, 3.0)
+    story.field(status, 4.0)
+    assert stream.getvalue() == "   3.0 s  forest 42 m    THE ROVER DROVE INTO THE DRUM, 1.2 m/s\n"

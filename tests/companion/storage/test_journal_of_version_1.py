@@ -1,0 +1,79 @@
+"""A journal that an older companion wrote: its scenes come back, and new ones get what it did not know."""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from anytraverse.history import Entry, History, Place
+from anytraverse.memory import first_memory
+from anytraverse.preferences import Preferences
+from companion.storage import Journal
+
+WORDS = Preferences.parse("grass: 1")
+OLD = Place(47.0, 8.0, 90.0, 1_790_000_000.0)
+NEW = Place(47.1, 8.1, 91.0, 1_790_000_001.0, (1.0, -2.0, 91.0))
+
+
+def entry(order: int, place: Place) -> Entry:
+    embedding = np.zeros(4, np.float32)
+    embedding[order % 4] = 1.0
+    return Entry(embedding, WORDS, order, order, call_id=order, place=place)
+
+
+def made_old(folder: Path) -> None:
+    """As version 1 had it."""
+    with sqlite3.connect(folder / "journal.db") as connection:
+        for column in ("roll", "pitch", "yaw"):
+            connection.execute(f"ALTER TABLE entries DROP COLUMN {column}")
+        connection.execute("DROP TABLE frame")
+        connection.execute("PRAGMA user_version = 1")
+    connection.close()
+
+
+def test_an_older_journal_comes_back_and_takes_attitudes_from_then_on(tmp_path: Path) -> None:
+    memory = replace(first_memory("m", WORDS), history=History([entry(1, OLD)]), clock=5)
+    journal = Journal(tmp_path)
+    journal.save_memory(memory)
+    journal.close()
+    made_old(tmp_path)
+    journal = Journal(tmp_path)
+    assert journal.recovered_from is None
+    found = journal.load_memory()
+    assert found is not None
+    assert [one.place for one in found.history] == [OLD]
+    journal.save_memory(replace(found, history=found.history.added(entry(2, NEW))))
+    journal.close()
+    for _ in range(2):
+        journal = Journal(tmp_path)
+        found = journal.load_memory()
+        assert found is not None
+        assert [one.place for one in found.history] == [OLD, NEW]
+        journal.close()
+
+
+def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_another_is_kept(
+    tmp_path: Path,
+) -> None:
+    journal = Journal(tmp_path)
+    journal.save_supervision({"call": {"frame_id": 41}})
+    journal.close()
+    with sqlite3.connect(tmp_path / "journal.db") as connection:
+        connection.execute("DROP TABLE frame")
+        connection.execute("PRAGMA user_version = 2")
+    connection.close()
+    (tmp_path / "call.png").write_bytes(b"a picture")
+    for _ in range(2):
+        journal = Journal(tmp_path)
+        assert journal.recovered_from is None
+        assert (journal.load_frame(41), journal.load_frame(42)) == (b"a picture", None)
+        journal.save_supervision({"call": {"frame_id": 42}})
+        journal.close()
+    journal = Journal(tmp_path)
+    journal.save_frame(42, b"another")
+    assert (journal.load_frame(41), journal.load_frame(42)) == (None, b"another")
+    assert not (tmp_path / "call.png").exists()
+    journal.close()

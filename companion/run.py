@@ -23,6 +23,7 @@ from companion.daemon.daemon import Daemon, stop_on_signals
 from companion.daemon.persistence import Persistence
 from companion.daemon.restore import first_parameters, first_policy, open_book, open_id, restore_calls, whole
 from companion.daemon.startup import load
+from companion.daemon.status import State as StateFile
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.policy.hold_gate import HoldGate, require_checkable
@@ -37,7 +38,6 @@ from companion.storage.log_file import logbook
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import SLOW, Writer
 from companion.tasks import VISION, Liveness, tasks
-from companion.telemetry.status import State as StateFile
 from companion.vision.child import COMMAND, VisionChild
 from companion.vision.client import Vision
 from companion.vision.messages import Ready

@@ -2,6 +2,14 @@
 
 A source is named like a URL, `kind:place`: `video:drive.mp4`, `folder:pictures`, `field:127.0.0.1:5600`.
 A kind's module, and the vendor's software that it needs, is imported only when the kind is chosen.
+
+Errors:
+
+CameraError                 the camera must be opened anew; its text tells what to do
+├── SourceError             no camera can ever be made of this source: mend the config
+├── NoFrameYet              none in time; reading again is fine
+├── BadFrame                this one is torn or misshapen; reading again is fine
+└── EndOfFrames             the file has ended; no more will come
 """
 
 from __future__ import annotations
@@ -10,8 +18,6 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
-
-from companion.cameras.errors import BadFrame, CameraError, EndOfFrames, NoFrameYet, SourceError
 
 if TYPE_CHECKING:
     from anytraverse.frame import Image
@@ -29,6 +35,27 @@ __all__ = [
     "open_camera",
     "split_source",
 ]
+
+
+class CameraError(Exception):
+    """The camera is absent or lost: open it anew. The text tells what to look at."""
+
+
+class SourceError(CameraError, ValueError):
+    """A source that names no camera, or one whose software is not installed."""
+
+
+class NoFrameYet(CameraError):  # noqa: N818
+    """No frame came in the time given; the camera stays open."""
+
+
+class BadFrame(CameraError):  # noqa: N818
+    """One frame was torn, misshapen or unreadable; the camera stays open."""
+
+
+class EndOfFrames(CameraError):  # noqa: N818
+    """The last frame of a file was read; no more will come."""
+
 
 KINDS: dict[str, tuple[str, str]] = {
     "video": ("companion.cameras.video", "VideoFile"),

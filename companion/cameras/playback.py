@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from companion.cameras.errors import NoFrameYet
+from companion.cameras import NoFrameYet
 
 
 class Pace:

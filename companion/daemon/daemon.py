@@ -15,6 +15,7 @@ from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
 from companion.daemon.persistence import Persistence
 from companion.daemon.startup import wait
+from companion.daemon.status import Status
 from companion.daemon.test_call import TestCall
 from companion.link import inbound as radio
 from companion.link.inbound import AnswerRequest, ModeAck, PolicyRequest, Pulses, VehicleHeard
@@ -24,7 +25,6 @@ from companion.settings.service import SettingsService
 from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness
 from companion.telemetry.active_alert import ActiveAlert
-from companion.telemetry.status import Status
 from companion.telemetry.summary import summary
 from companion.vehicle import known_autopilot
 from companion.vehicle.ardupilot import ScriptHold
@@ -80,7 +80,7 @@ class Daemon:
         persistence.stamp = self.whereabouts.clock.stamp
         self._error_guard = ErrorGuard(lambda now: link.say(notices.unexpected_error(), ERROR, now))
         self._watch = HealthMonitor(liveness, link, vision, calls, persistence)
-        self._shadow = ShadowReporter(desk.book, calls, link, persistence)
+        self._shadow = ShadowReporter(desk.book, calls, link, persistence.picture)
         self._acting = DecisionExecutor(
             link,
             calls,

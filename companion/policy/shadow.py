@@ -6,19 +6,18 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from typing import Any
 
-from anytraverse.assessment import Reason
+from anytraverse.assessment import Assessment, Reason
 from companion.calls.decisions import WouldHold, WouldResume
 from companion.calls.machine import OperatorCalls
 from companion.calls.shadow import Shadow
-from companion.daemon.persistence import Persistence
 from companion.link.link import Link
 from companion.wire import notices
-from companion.wire.ids import Policy
+from companion.wire.ids import Policy, State
 from companion.wire.parameters import MANY, SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 
 log = logging.getLogger(__name__)
@@ -246,12 +245,17 @@ class ShadowReporter:
     """Writes the book, and tells of it within bounds."""
 
     def __init__(
-        self, book: ShadowStatistics, calls: OperatorCalls, link: Link, persistence: Persistence
+        self,
+        book: ShadowStatistics,
+        calls: OperatorCalls,
+        link: Link,
+        picture: Callable[[Assessment, State, str], None],
     ) -> None:
+        """picture: keeps a picture of a judged frame, with a title."""
         self._book = book
         self._calls = calls
         self._link = link
-        self._persistence = persistence
+        self._picture = picture
         self._text_at = -math.inf
         self._logged = self._told = calls.shadow.watched
 
@@ -265,7 +269,7 @@ class ShadowReporter:
             self._link.say(text, WARNING, now)
         newest = self._calls.sight.newest
         if newest is not None and self._calls.call is None:
-            self._persistence.picture(newest, self._calls.state(now), text)
+            self._picture(newest, self._calls.state(now), text)
 
     def ended(self, hold: WouldResume) -> None:
         """It is over."""

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from anytraverse.judging import Settings, Thresholds
+from anytraverse.judging import Settings
 from anytraverse.memory import Memory, resumed_memory
-from anytraverse.perception import Perceiver
 from anytraverse.preferences import Preferences
-from anytraverse.regions import Box
-from anytraverse.roi import Corridor
 from companion.calls.numbers import Numbers
 from companion.config import Config
 from companion.policy.policy import OffSwitch, PolicyState, Side
@@ -27,31 +24,6 @@ from companion.wire.parameters import (
     THR_TRAV,
     build,
 )
-
-
-def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
-    """How frames are judged: the config's figures, and the perceiver's own where it leaves them open."""
-    given, own = config.thresholds, Thresholds.of(perceiver.defaults)
-    tile = own.tile if given.tile is None else None if given.tile == "off" else float(given.tile)
-    thresholds = Thresholds(
-        roi=own.roi if given.roi is None else given.roi,
-        scene=own.scene if given.scene is None else given.scene,
-        tile=tile,
-        trav=given.trav,
-        margin=config.call.margin,
-        similarity_margin=config.call.similarity_margin,
-    )
-    roi = config.roi
-    return Settings(
-        region=Box(roi.left, roi.top, roi.right, roi.bottom),
-        thresholds=thresholds,
-        corridor=Corridor(config.corridor.bottom, config.corridor.top),
-        tile_share=roi.tile_share,
-        freshness=config.freshness,
-        votes=config.call.votes,
-        window=config.call.window,
-        scene_every=config.perceiver.scene_every,
-    )
 
 
 def call_numbers(config: Config, judging: Settings) -> Numbers:

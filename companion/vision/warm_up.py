@@ -14,13 +14,15 @@ import numpy as np
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Memory, first_memory, resumed_memory
 from anytraverse.pace import Pace
 from anytraverse.perception import Perceiver, Prompt, make_perceiver
+from anytraverse.regions import Box
+from anytraverse.roi import Corridor
 from anytraverse.synonyms import meaning_of
 from companion.config import Config
 from companion.config.schema import LONGEST_FRESHNESS
-from companion.settings.mapping import judging_settings
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +50,31 @@ def get_ready(config: Config, saved: Memory | None) -> Ready:
     engine, notices = load_engine(config, saved)
     remembered = [word for entry in engine.memory.history for word in entry.preferences]
     return Ready(engine, notices, warm_up(engine, (*config.vocabulary, *remembered)))
+
+
+def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
+    """How frames are judged: the config's figures, and the perceiver's own where it leaves them open."""
+    given, own = config.thresholds, Thresholds.of(perceiver.defaults)
+    tile = own.tile if given.tile is None else None if given.tile == "off" else float(given.tile)
+    thresholds = Thresholds(
+        roi=own.roi if given.roi is None else given.roi,
+        scene=own.scene if given.scene is None else given.scene,
+        tile=tile,
+        trav=given.trav,
+        margin=config.call.margin,
+        similarity_margin=config.call.similarity_margin,
+    )
+    roi = config.roi
+    return Settings(
+        region=Box(roi.left, roi.top, roi.right, roi.bottom),
+        thresholds=thresholds,
+        corridor=Corridor(config.corridor.bottom, config.corridor.top),
+        tile_share=roi.tile_share,
+        freshness=config.freshness,
+        votes=config.call.votes,
+        window=config.call.window,
+        scene_every=config.perceiver.scene_every,
+    )
 
 
 def load_engine(config: Config, saved: Memory | None) -> tuple[AnyTraverse, list[str]]:

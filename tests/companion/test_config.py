@@ -16,7 +16,8 @@ from anytraverse.perception import DefaultThresholds, Perceiver
 from anytraverse.perception.runtime import Runtime
 from companion.config import Config, ConfigError, Problem, format_config, load_config
 from companion.config.schema import SECTIONS
-from companion.settings.mapping import call_numbers, judging_settings
+from companion.settings.mapping import call_numbers
+from companion.vision.warm_up import judging_settings
 from companion.wire.ids import Policy
 
 _OWN = cast(Perceiver, SimpleNamespace(defaults=DefaultThresholds(roi=0.31, scene=0.86, tile=0.41)))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import development as mavlink
 
-if TYPE_CHECKING:
-    from companion.sim.field.autopilot import Autopilot
-    from companion.sim.field.router import Port
-
+from companion.sim.field.router import Port
+from companion.sim.field.telemetry import Streams
 
 ACCEPTED = int(mavlink.MAV_RESULT_ACCEPTED)
 DENIED = int(mavlink.MAV_RESULT_DENIED)
@@ -22,13 +20,35 @@ NOTHING = bytes(8)
 MAV_CMD_SCRIPTING = 42701
 SCRIPTING_RESTART = 3
 
-Handler = Callable[["Port", Sequence[float]], int]
+Handler = Callable[[Port, Sequence[float]], int]
+
+
+class Script(Protocol):
+    """What a command may do to the autopilot's script."""
+
+    def restart(self) -> None: ...
+
+
+class Commanded(Protocol):
+    """What commands ask of an autopilot."""
+
+    streams: dict[Port, Streams]
+
+    @property
+    def script(self) -> Script | None: ...
+    def say(self, port: Port, message: Any) -> None: ...
+    def results(self, command: int, result: int, /) -> list[int]: ...
+    def find_mode(self, custom: int, sub: int, /) -> Any: ...
+    def may_enter(self, mode: Any, /) -> bool: ...
+    def set_mode(self, mode: Any, by: str) -> None: ...
+    def arm(self, *, on: bool) -> bool: ...
+    def message(self, number: int) -> Any: ...
 
 
 class Commands:
     """Runs COMMAND_LONG and COMMAND_INT for an autopilot and acknowledges each to its sender."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
+    def __init__(self, autopilot: Commanded) -> None:
         self._autopilot = autopilot
         self._handlers: dict[int, Handler] = {
             int(mavlink.MAV_CMD_DO_SET_MODE): self.set_mode,

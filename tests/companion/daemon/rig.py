@@ -28,6 +28,7 @@ from companion.config.schema import Stopping
 from companion.daemon.daemon import Daemon
 from companion.daemon.persistence import Persistence
 from companion.daemon.restore import open_book, restore_calls
+from companion.daemon.status import State
 from companion.policy.hold_gate import HoldGate
 from companion.policy.policy import OffSwitch, PolicyState, Side
 from companion.settings.mapping import kept_values
@@ -40,7 +41,6 @@ from companion.storage.call_files import CallFiles, PictureArchive
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.tasks import VISION, Liveness, tasks
-from companion.telemetry.status import State
 from companion.vision.client import Vision
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode

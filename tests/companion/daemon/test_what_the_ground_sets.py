@@ -15,9 +15,9 @@ from companion import run
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
 from companion.daemon.test_call import REQUEST
-from companion.settings.mapping import judging_settings
 from companion.sim.loopback_link import FileClient
 from companion.vision.messages import Model, Ready, update_from
+from companion.vision.warm_up import judging_settings
 from companion.wire.ids import Motion, Policy
 from companion.wire.parameters import NOT_IN_USE, ROI
 from tests.anytraverse.conftest import Painted

@@ -7,41 +7,34 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
-from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from bench.link.synthetic_frames import GRASS, Plates, picture
-from companion.answers.handler import AnswerHandler
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraState, CameraStatus
-from companion.config import Config
-from companion.daemon.daemon import Daemon
-from companion.daemon.persistence import Persistence
+from companion.config import Config, schema
+from companion.daemon.composition import Opened, compose
 from companion.link.link import Link
 from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Transport
-from companion.policy.hold_gate import HoldGate
-from companion.policy.shadow import ShadowStatistics
-from companion.settings.mapping import kept_values
-from companion.settings.runtime import RuntimeSettings
-from companion.settings.service import SettingsService
 from companion.sim.loopback_vision import Loopback
 from companion.storage import Journal
-from companion.storage.call_files import CallFiles, PictureArchive
+from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
-from companion.tasks import VISION, Liveness, tasks
+from companion.tasks import VISION
 from companion.vision.client import Vision
-from companion.wire.ids import Motion, Policy, Result
+from companion.wire.ids import Motion, Result
 from companion.wire.parameters import build
 
 FRAME_PERIOD = 0.25
@@ -103,34 +96,24 @@ class Companion:
         """vision: ready. settings: to judge by, by default as it is configured."""
         now, ready = time.monotonic(), vision.ready
         assert ready is not None
-        words, judging, model = vision.memory.preferences, settings or ready.settings, ready.model
-        listed = build(list(words), words, {})
+        words = vision.memory.preferences
+        config = Config(
+            words=dict(words),
+            vocabulary=tuple(words),
+            camera=schema.Camera(rate=1.0 / FRAME_PERIOD),
+            journal=schema.Journal(folder=str(folder)),
+            pictures=schema.Pictures(keep=0),
+        )
         self.journal = Journal(folder)
-        self.link = Link(LinkSettings(_NOWHERE), listed, now, openers={MAIN: opener})
-        self.calls = CountedCalls(Numbers(policy=Policy.REPORT, judging=judging), now)
-        self._vision = vision
-        answer_handler = AnswerHandler(self.calls, vision, words)
-        album, files = PictureArchive(folder / "pictures", 0), CallFiles(folder / "calls")
         self.writer = Writer(self.journal)
-        persistence = Persistence(self.journal, self.writer, album, files, vision, folder / "status.json")
-        book, _ = ShadowStatistics.restored(None, self.calls.shadow, model.id, now, time.time())
-        judge = HoldGate(Config(), Pace(0.02, FRAME_PERIOD, judging.freshness))
-        desk = SettingsService(
-            listed,
-            self.link,
-            vision,
-            self.calls,
-            answer_handler,
-            judge.refuses,
-            RuntimeSettings(kept_values(Config(), judging), model.id),
-            book=book,
-        )
-        desk.start(now)
-        liveness = Liveness(tasks(self.calls.numbers), now)
-        self._daemon = Daemon(
-            self.link, vision, self.calls, persistence, answer_handler, desk, liveness, model
-        )
-        vision.tune(judging)
+        listed = build(list(words), words, {})
+        self.link = Link(LinkSettings(_NOWHERE), listed, now, openers={MAIN: opener})
+        self._vision = vision
+        opened = Opened(self.link, vision, self.journal, self.writer, ServedFiles(folder), {})
+        if settings is not None:
+            ready = replace(ready, settings=settings)
+        self._daemon = compose(config, opened, ready, [], state_machine=CountedCalls)
+        self.calls = cast(CountedCalls, self._daemon.calls)
 
     def turn(self) -> None:
         """One round of the daemon's loop; what it wants kept is on disk before the next."""

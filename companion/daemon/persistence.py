@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -56,10 +55,11 @@ class Persistence:
         files: CallFiles,
         vision: Vision,
         status: Path,
+        stamp: Callable[[], float],
         frame_id: int = 0,
         replies: Sequence[StoredReply] = (),
     ) -> None:
-        """journal: read until the daemon's first turn. vision: draws.
+        """journal: read until the daemon's first turn. vision: draws. stamp: seconds since 1970.
 
         frame_id: of the last picture to tap in, over all restarts. replies: those kept before it.
         """
@@ -85,8 +85,7 @@ class Persistence:
         self._replies: deque[StoredReply] = deque(replies, _REPLIES)
         self._frame_lost = False
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
-        self.stamp: Callable[[], float] = time.time
-        """Asked for the time that calls and answers get, seconds since 1970."""
+        self._stamp = stamp
         self._shown = 0, ""
         """The call or hold that has a picture, and where the ground finds it."""
         self._shown_frame: Assessment | None = None
@@ -178,7 +177,7 @@ class Persistence:
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,
         }
-        at = self.stamp()
+        at = self._stamp()
         self._keep(lambda: Batch(rows=(Row.of_answer(target, record, at),)))
         told = {"at": round(at, 2), **record}
         if target == self._answers[0]:
@@ -204,7 +203,7 @@ class Persistence:
 
     def call_closed(self, call: Call) -> None:
         """Nothing is asked any more."""
-        at = self.stamp()
+        at = self._stamp()
         self._keep(lambda: Batch(rows=(Row.of_call(call, at),)))
         reasons = sorted(reason.value for reason in call.reasons)
         self._writer.write(

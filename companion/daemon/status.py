@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from statistics import median
 from typing import Any
@@ -24,6 +22,8 @@ from companion.vision.messages import Model
 from companion.wire.ids import VERSION
 from companion.wire.payloads import CallData
 
+_DIGITS = 4
+_OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
 _NEWEST = 25
 """Frames whose latency is told."""
 
@@ -42,6 +42,8 @@ class Status:
         answer_handler: AnswerHandler,
         desk: SettingsService,
         trial: TestCall,
+        persistence: Persistence,
+        position: VehiclePosition,
         model: Model,
     ) -> None:
         self._link = link
@@ -50,12 +52,15 @@ class Status:
         self._answer_handler = answer_handler
         self._desk = desk
         self._trial = trial
+        self._persistence = persistence
+        self._position = position
         self._model = model
+        self._release = own_version()
         self.took = 0.0
         self.latencies: deque[float] = deque(maxlen=_NEWEST)
 
     def figures(self, now: float) -> dict[str, Any]:
-        """All of it as JSON values."""
+        """All of it, for the status file: JSON values."""
         newest, camera = self._calls.sight.newest, self._vision.camera
         return {
             "state": self._calls.state(now).name.lower(),
@@ -89,44 +94,11 @@ class Status:
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
         }
 
-
-def _held_by(calls: OperatorCalls) -> str | None:
-    script = calls.holding.script_holds
-    if script is not None:
-        return f"script: {script.why}"
-    return "companion" if calls.hold is not None and calls.hold.standing else None
-
-
-_DIGITS = 4
-_OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
-
-
-class State:
-    """Looks at the parts and changes none."""
-
-    def __init__(
-        self,
-        status: Callable[[], Mapping[str, Any]],
-        calls: OperatorCalls,
-        answer_handler: AnswerHandler,
-        desk: SettingsService,
-        persistence: Persistence,
-        whereabouts: VehiclePosition,
-    ) -> None:
-        """status: the figures of the status file."""
-        self._status = status
-        self._calls = calls
-        self._answer_handler = answer_handler
-        self._desk = desk
-        self._persistence = persistence
-        self._whereabouts = whereabouts
-        self._release = own_version()
-
-    def figures(self) -> dict[str, Any]:
-        """All of it as JSON values."""
-        status, words, place = self._status(), self._answer_handler.words, self._whereabouts.place()
+    def state_file(self, now: float) -> dict[str, Any]:
+        """What counts, for /state.json: JSON values, some 2 kB."""
+        status, words, place = self.figures(now), self._answer_handler.words, self._position.place()
         picture = self._persistence.picture_of(self._calls.current_id)
-        told = current_data(self._calls, words, place, picture, time.monotonic())
+        told = current_data(self._calls, words, place, picture, now)
         return {
             "version": self._release,
             "protocol": VERSION,
@@ -145,6 +117,13 @@ class State:
             "place": place_figures(place),
             "link": {name: status["link"][name] for name in _OF_THE_LINK},
         }
+
+
+def _held_by(calls: OperatorCalls) -> str | None:
+    script = calls.holding.script_holds
+    if script is not None:
+        return f"script: {script.why}"
+    return "companion" if calls.hold is not None and calls.hold.standing else None
 
 
 def _open(told: CallData) -> dict[str, Any]:

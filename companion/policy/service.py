@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -27,11 +26,6 @@ WhenKept = Callable[[Callable[[bool, float], None]], None]
 """Where to leave what is to be said once it is in the journal: see `Persistence.when_kept`."""
 
 
-def at_once(say: Callable[[bool, float], None]) -> None:
-    """Where there is no journal."""
-    say(True, time.monotonic())  # noqa: FBT003
-
-
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
 
 
@@ -43,6 +37,7 @@ class PolicyService:
         link: Link,
         calls: OperatorCalls,
         policies: PolicyState,
+        when_kept: WhenKept,
         *,
         refuses: Refuses,
         wants_hold: bool,
@@ -56,7 +51,7 @@ class PolicyService:
         self._refusal = refuses(*self._judged)
         self._wants_hold = wants_hold
         self._lost = False
-        self.when_kept: WhenKept = at_once
+        self._when_kept = when_kept
         if policies.switch is not None:
             link.ask_for_pulses()
 
@@ -107,7 +102,7 @@ class PolicyService:
         """The same by command."""
         accepted, decisions = self.set(request.policy, request.sender, now)
         result = _ACCEPTED if accepted else _FAILED
-        self.when_kept(lambda _, now: self._link.acknowledge_command(request, result, now))
+        self._when_kept(lambda _, now: self._link.acknowledge_command(request, result, now))
         return decisions
 
     def reckon(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
@@ -162,5 +157,5 @@ class PolicyService:
         if said:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
             self._link.say(notices.policy(policy, who), _WARNING, now)
-        self.when_kept(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
+        self._when_kept(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
         return decisions

@@ -15,9 +15,7 @@ from companion.answers.handler import AnswerHandler, Heard
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
-from companion.policy.hold_gate import Refuses
-from companion.policy.policy import PolicyState
-from companion.policy.service import PolicyService, WhenKept, at_once
+from companion.policy.service import PolicyService, WhenKept
 from companion.policy.shadow import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
 from companion.vision.client import Applied, Vision
@@ -53,17 +51,14 @@ class SettingsService:
         vision: Vision,
         calls: OperatorCalls,
         answer_handler: AnswerHandler,
-        refuses: Refuses,
+        policy: PolicyService,
         overrides: RuntimeSettings,
-        *,
-        wants_hold: bool = False,
-        policies: PolicyState | None = None,
-        book: ShadowStatistics | None = None,
+        book: ShadowStatistics,
+        when_kept: WhenKept,
     ) -> None:
-        """parameters: as configured. refuses: judges whether the vehicle may be held. overrides: restored.
+        """parameters: as configured. overrides: what the ground has set. book: shadow policy's counts.
 
-        wants_hold: the config asks for it. policies: what is in force, by default the state machine's. book:
-        shadow policy's counts.
+        when_kept: where to leave what must not be told before it is in the journal.
         """
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
@@ -74,15 +69,9 @@ class SettingsService:
         self._calls = calls
         self._answer_handler = answer_handler
         self.overrides = overrides
-        self.policy = PolicyService(
-            link,
-            calls,
-            policies or PolicyState(calls.policy),
-            refuses=refuses,
-            wants_hold=wants_hold,
-        )
-        self.book = book or ShadowStatistics()
-        self._when_kept: WhenKept = at_once
+        self.policy = policy
+        self.book = book
+        self._when_kept = when_kept
 
     @property
     def vocabulary(self) -> list[str]:
@@ -93,10 +82,6 @@ class SettingsService:
     def settings(self) -> dict[str, float]:
         """Parameter name -> the value in force, without the words' weights."""
         return {name: value for name, value in self._told.items() if name not in self._words}
-
-    def when_kept(self, when_kept: WhenKept) -> None:
-        """Where to leave what must not be told before it is in the journal; until then it is told at once."""
-        self._when_kept = self.policy.when_kept = when_kept
 
     def start(self, now: float) -> None:
         """Put in force what the ground set of the link, and tell every setting's value and every weight."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,35 +14,21 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
-from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
-from anytraverse.pace import Pace
 from anytraverse.preferences import Preferences
-from anytraverse.regions import Box
-from companion.answers.handler import AnswerHandler
-from companion.answers.store import read_replies
-from companion.calls.machine import OperatorCalls
-from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.schema import Stopping
-from companion.daemon.daemon import Daemon
-from companion.daemon.persistence import Persistence
-from companion.daemon.restore import open_book, restore_calls
-from companion.daemon.status import State
-from companion.policy.hold_gate import HoldGate
-from companion.policy.policy import OffSwitch, PolicyState, Side
-from companion.settings.mapping import kept_values
-from companion.settings.runtime import RuntimeSettings
-from companion.settings.service import SettingsService
+from companion.daemon.composition import Opened, compose
 from companion.sim.loopback_link import Rehearsal
 from companion.sim.loopback_vision import Loopback
 from companion.storage import Journal
-from companion.storage.call_files import CallFiles, PictureArchive
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
-from companion.tasks import VISION, Liveness, tasks
+from companion.tasks import VISION
 from companion.vision.client import Vision
+from companion.vision.warm_up import judging_settings
+from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
 from companion.wire.parameters import ROI, build
@@ -125,82 +112,45 @@ class Rig:
         if forget_frame:
             forget(self.folder)
         now = self.clock.now
-        self.listed = build(["grass", "rock", "drum"], WORDS, dict(zip(ROI.values(), self.roi, strict=True)))
-        self.offer = ServedFiles(self.folder)
-        self.stage = Rehearsal(parameters=self.listed, tree=self.offer.tree)
+        config = self._config()
+        self.served = ServedFiles(self.folder)
+        listed = build(config.vocabulary, config.words, dict(zip(ROI.values(), self.roi, strict=True)))
+        self.stage = Rehearsal(parameters=listed, tree=self.served.tree)
         self.stage.mode = mode
         self.stage.now = now
         self.journal = Journal(self.folder)
-        supervision = self.journal.load_supervision() or {}
+        saved = self.journal.load_supervision() or {}
         self.perceiver = Painted()
-        configured = Settings(region=Box(*self.roi))
-        overrides = RuntimeSettings(kept_values(self.config, configured), self.perceiver.model_id)
-        self.left_out = overrides.restore(supervision.get("settings"))
-        judging, _ = overrides.tuned(configured)
-        self.policies = PolicyState(
-            self.policy, None if self.switch is None else OffSwitch(7, Side.HIGH, now)
-        )
-        self.policies.restore(supervision.get("policy"))
-        self.calls = OperatorCalls(Numbers(policy=self.policies.in_force, judging=judging), now)
-        notices: list[str] = []
-        if supervision:
-            restore_calls(self.calls, supervision, now, notices)
-        book = open_book(self.perceiver.model_id, self.calls, supervision.get("shadow"), now, notices)
-        assert notices == []
-        replies = read_replies(supervision.get("replies"))
-        album = PictureArchive(self.folder / "pictures", self.pictures)
-        last_frame = int(supervision.get("frame_id", 0))
-        files = CallFiles(self.offer.calls)
         self.writer = Writer(self.journal)
         self.camera = PlayedCamera()
-        self.judging = judging
-        memory = self.journal.load_memory()
-        self.vision = Vision(self._launch, self.config, memory, VISION, first_frame=last_frame + 1)
+        memory, first_frame = self.journal.load_memory(), int(saved.get("frame_id", 0)) + 1
+        self.vision = Vision(self._launch, config, memory, VISION, first_frame=first_frame)
         for _ in range(2):
             self.vision.poll(now)
             self.child.work()
         self.vision.poll(now)
         assert self.vision.ready is not None
-        status = self.folder / "status.json"
-        self.persistence = Persistence(
-            self.journal, self.writer, album, files, self.vision, status, last_frame, replies
+        news: list[str] = []
+        opened = Opened(self.stage.link, self.vision, self.journal, self.writer, self.served, saved)
+        self.daemon = compose(config, opened, self.vision.ready, news)
+        self.left_out = [notice for notice in news if notice != notices.stopping_unchecked()]
+        self.calls, self.persistence = self.daemon.calls, self.daemon.persistence
+        self.answer_handler, self.settings = self.daemon.answer_handler, self.daemon.settings
+
+    def _config(self) -> Config:
+        left, top, right, bottom = self.roi
+        return replace(
+            self.config,
+            words=dict(WORDS),
+            vocabulary=("grass", "rock", "drum"),
+            camera=replace(self.config.camera, rate=1.0 / PERIOD),
+            roi=replace(self.config.roi, left=left, top=top, right=right, bottom=bottom),
+            call=replace(
+                self.config.call, policy=self.policy.name.lower(), off_channel=7 * (self.switch is not None)
+            ),
+            journal=replace(self.config.journal, folder=str(self.folder)),
+            pictures=replace(self.config.pictures, keep=self.pictures),
         )
-        self.answer_handler = AnswerHandler(self.calls, self.vision, self.vision.memory.preferences, replies)
-        self.desk = SettingsService(
-            self.listed,
-            self.stage.link,
-            self.vision,
-            self.calls,
-            self.answer_handler,
-            HoldGate(self.config, Pace(self.step_time, PERIOD, judging.freshness)).refuses,
-            overrides,
-            wants_hold=self.policy is Policy.HOLD,
-            policies=self.policies,
-            book=book,
-        )
-        self.desk.start(now)
-        liveness = Liveness(tasks(self.calls.numbers), now)
-        self.daemon = Daemon(
-            self.stage.link,
-            self.vision,
-            self.calls,
-            self.persistence,
-            self.answer_handler,
-            self.desk,
-            liveness,
-            self.vision.ready.model,
-        )
-        state = State(
-            self.daemon.status,
-            self.calls,
-            self.answer_handler,
-            self.desk,
-            self.persistence,
-            self.daemon.whereabouts,
-        )
-        self.offer.show(state.figures, lambda: self.calls.sight.newest)
-        self.vision.tune(judging)
-        self.persistence.restore_call_frame(self.calls)
 
     def _launch(self) -> Loopback:
         self.child = Loopback(self._make_engine, self.step_time)
@@ -208,7 +158,7 @@ class Rig:
 
     def _make_engine(self, memory: Memory | None) -> AnyTraverse:
         known = memory or first_memory(self.perceiver.model_id, WORDS)
-        self.engine = AnyTraverse(self.perceiver, self.judging, known)
+        self.engine = AnyTraverse(self.perceiver, judging_settings(self._config(), self.perceiver), known)
         return self.engine
 
     def kill(self) -> None:

@@ -231,8 +231,8 @@ CLOSE = Config(
 def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4(make: MakePx4) -> None:
     rig = make("loiter", CLOSE)
     assert rig.told_policy is Policy.REPORT
-    assert rig.desk.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes, 0.0 fits"
-    assert rig.desk.policy.hold_refused in rig.texts
+    assert rig.settings.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes, 0.0 fits"
+    assert rig.settings.policy.hold_refused in rig.texts
     assert rig.echoes("AT_POLICY")[-1] == Policy.REPORT
     rig.see(5.0, "drum")
     assert rig.modes == [("MISSION", "hand")], "it is not held"
@@ -244,7 +244,7 @@ def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4
 def test_a_px4_that_brakes_at_once_may_be_held(make: MakePx4) -> None:
     rig = make("offboard", CLOSE)
     assert rig.told_policy is Policy.HOLD
-    assert rig.desk.policy.hold_refused == ""
+    assert rig.settings.policy.hold_refused == ""
     assert not any("HOLD refused" in text for text in rig.texts)
 
 

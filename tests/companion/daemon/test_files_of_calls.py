@@ -29,7 +29,7 @@ from tests.companion.daemon.rig import MakeRig, Rig
 
 
 def fetched(rig: Rig, path: str) -> bytes:
-    opened = rig.offer.tree.open(path)
+    opened = rig.served.tree.open(path)
     return opened.read(0, opened.size)
 
 
@@ -49,7 +49,7 @@ def written(folder: Path) -> Iterator[Writer]:
 
 
 def names(rig: Rig, folder: str) -> dict[str, int | None]:
-    return dict(rig.offer.tree.entries(folder))
+    return dict(rig.served.tree.entries(folder))
 
 
 def place(rig: Rig) -> None:
@@ -271,7 +271,7 @@ def test_a_computer_without_a_clock_stamps_with_the_autopilots_time(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = make_rig()
-    monkeypatch.setattr(rig.daemon.whereabouts.clock, "_wall", lambda: 1000.0)
+    monkeypatch.setattr(rig.daemon.position.clock, "_wall", lambda: 1000.0)
     rig.stage.send(mavlink.MAVLink_system_time_message(1_790_000_000_000_000, 0), (1, 1))
     rig.see(3.0, "drum")
     rig.answer(1, Motion.GO, SetWord("drum", 1.0))

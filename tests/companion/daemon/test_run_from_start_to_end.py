@@ -22,7 +22,7 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion import run
 from companion.config import Config, load_config
-from companion.daemon.restore import first_policy
+from companion.daemon.composition import first_policy
 from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.settings import LinkError

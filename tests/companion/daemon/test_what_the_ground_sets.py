@@ -11,9 +11,9 @@ from pymavlink.mavftp import MAVFTP
 
 from anytraverse.memory import first_memory
 from anytraverse.regions import Box
-from companion import run
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
+from companion.daemon.composition import restore_settings
 from companion.daemon.test_call import REQUEST
 from companion.sim.loopback_link import FileClient
 from companion.vision.messages import Model, Ready, update_from
@@ -228,7 +228,7 @@ def test_a_start_takes_up_what_was_set_and_tells_what_it_left_out(
     ready = Ready(Model.of(perceiver), settings, update_from(None, memory, 1, 0, ()), (), 0.02)
     values = {TOP: [0.5, 0.6], LEFT: [0.2, 0.3], "AT_SUM_HZ": [2.0, 1.0]}
     saved = {"model": perceiver.model_id, "values": values}
-    overrides, judging = run._restore_settings(config, ready, saved, news)
+    overrides, judging = restore_settings(config, ready, saved, news)
     assert judging.region.bounds == Box(0.333, 0.5, 0.667, 0.95)
     assert overrides.values == {TOP: 0.5, "AT_SUM_HZ": 2.0}
     assert news == [f"{LEFT}: edited in the file, which wins"]
@@ -250,9 +250,9 @@ def test_a_budget_beyond_a_serial_line_is_refused_and_one_kept_from_another_line
     rig.see(0.3)
     rig.restart()
     rig.stage.link.most_budget = 320.0  # as for 9600 baud, of which asked_budget takes 160 B/s
-    rig.desk.start(rig.clock.now)
+    rig.settings.start(rig.clock.now)
     rig.see(0.3)
-    assert rig.desk.overrides.values == {}
+    assert rig.settings.overrides.values == {}
     assert rig.echoes("AT_BUDGET")[-1] == 300
     for value in (330, 0, 310):
         rig.set("AT_BUDGET", value)
@@ -265,6 +265,6 @@ def test_a_weight_that_was_told_before_the_perceiver_was_loaded_and_is_not_in_fo
     rig: Rig,
 ) -> None:
     rig.stage.link.set_parameter("AT_W_DRUM", -0.5, rig.clock.now)
-    rig.desk.start(rig.clock.now)
+    rig.settings.start(rig.clock.now)
     rig.see(1.0)
     assert rig.echoes("AT_W_DRUM")[-1] == NOT_IN_USE

@@ -51,6 +51,7 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
     imported = set(done.stdout.split())
     allowed = {
         "companion",
+        "companion.system",
         "companion.system.atomic_write",
         "anytraverse",
         "anytraverse.release",

@@ -287,7 +287,7 @@ def test_a_vision_process_that_dies_is_started_again_and_judges_on(
 def test_an_error_after_the_vision_process_was_started_leaves_nothing_running(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run, "SettingsDesk", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("companion.daemon.composition.SettingsService", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         start(config, until(lambda: False))
     assert (children(), threads()) == ([], set())

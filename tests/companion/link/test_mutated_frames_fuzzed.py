@@ -27,7 +27,7 @@ def test_mutated_frames_let_nothing_escape_and_nobody_in() -> None:
 
 
 def test_a_link_that_believed_a_stranger_would_be_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("companion.link.access_control.Guard.may_change", lambda *_: True)
+    monkeypatch.setattr("companion.link.access_control.AccessControl.may_change", lambda *_: True)
     with pytest.raises(Broken, match="not from one that may"):
         Fuzz(1).run(5000)
 

@@ -11,7 +11,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.answers.store import StoredReply
+from companion.answers.store import AnswerStore, StoredReply
 from companion.calls.decisions import Call, CallClosed, Decision, GoLapsed
 from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
@@ -109,19 +109,18 @@ class AnswerHandler:
     """
 
     def __init__(
-        self, calls: OperatorCalls, vision: Vision, words: Preferences, replies: Iterable[StoredReply] = ()
+        self, calls: OperatorCalls, vision: Vision, words: Preferences, replies: AnswerStore
     ) -> None:
-        """replies: those kept before a restart."""
         self._calls = calls
         self._vision = vision
         self.words = words
         """The words in force, as far as the vision process has told."""
         self._asked = self._applied = self._overruled = 0
-        self._replies = {(kept.sender, kept.transaction): kept for kept in replies}
+        self._replies = replies
 
     def hear(self, request: AnswerRequest, now: float) -> Heard:
         """An operator's answer."""
-        kept = self._replies.get((request.sender, request.transaction or 0))
+        kept = self._replies.before_restart(request)
         if kept is not None:
             return self._again(request, kept)
         target = self._calls.resolve(request.target, now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ from companion.link.inbound import AnswerRequest
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Result
 
+_REPLIES = 16
 _DONE = {Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED}
 
 
@@ -27,24 +29,38 @@ class StoredReply:
         return [*self.sender, self.transaction, self.target, int(self.result), self.text]
 
 
-def stored_reply(request: AnswerRequest, acknowledgement: Acknowledgement) -> StoredReply | None:
-    """None for what changed nothing, and for a command: without a transaction it is always a new wish."""
-    if request.transaction is None or acknowledgement.result not in _DONE:
-        return None
-    return StoredReply(
-        request.sender,
-        request.transaction,
-        acknowledgement.target,
-        acknowledgement.result,
-        acknowledgement.text,
-    )
+class AnswerStore:
+    """The newest replies that changed something, which survive a restart: 16 of them.
 
+    An answer that is asked again after a restart is applied once, not twice.
+    """
 
-def read_replies(saved: Any) -> list[StoredReply]:
-    """What `StoredReply.saved` made. Whatever else it is counts for nothing."""
-    if not isinstance(saved, list):
-        return []
-    return [kept for row in saved if (kept := _read(row)) is not None]
+    def __init__(self, saved: Any) -> None:
+        """saved: what `saved` made before the restart; whatever else it is counts for nothing."""
+        rows = saved if isinstance(saved, list) else []
+        self._before = {(one.sender, one.transaction): one for row in rows if (one := _read(row)) is not None}
+        self._replies = deque(self._before.values(), _REPLIES)
+
+    def before_restart(self, request: AnswerRequest) -> StoredReply | None:
+        """What was answered to it before the restart. The link itself knows what was answered since."""
+        return self._before.get((request.sender, request.transaction or 0))
+
+    def add(self, request: AnswerRequest, acknowledgement: Acknowledgement) -> None:
+        """Not what changed nothing, nor a command: without a transaction it is always a new wish."""
+        if request.transaction is not None and acknowledgement.result in _DONE:
+            self._replies.append(
+                StoredReply(
+                    request.sender,
+                    request.transaction,
+                    acknowledgement.target,
+                    acknowledgement.result,
+                    acknowledgement.text,
+                )
+            )
+
+    def saved(self) -> list[list[Any]]:
+        """For the journal: JSON values."""
+        return [reply.saved() for reply in self._replies]
 
 
 def _read(row: Any) -> StoredReply | None:

@@ -12,7 +12,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.pace import Pace
 from companion.answers.handler import AnswerHandler
-from companion.answers.store import read_replies
+from companion.answers.store import AnswerStore
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.calls.snapshot import restore
@@ -79,7 +79,7 @@ def compose(
     if saved:
         restore_calls(calls, saved, now, news)
     book = open_book(model.id, calls, saved.get("shadow"), now, news)
-    replies = read_replies(saved.get("replies"))
+    replies = AnswerStore(saved.get("replies"))
     position = VehiclePosition(lambda: link.vehicle)
     persistence = Persistence(
         journal,
@@ -89,8 +89,8 @@ def compose(
         vision,
         folder / "status.json",
         position.clock.stamp,
-        whole(saved.get("frame_id")),
         replies,
+        whole(saved.get("frame_id")),
     )
     answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, replies)
     keep = persistence.when_kept

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 from anytraverse.assessment import Assessment
 from anytraverse.memory import Memory
 from companion.answers.handler import Reply
-from companion.answers.store import StoredReply, stored_reply
+from companion.answers.store import AnswerStore
 from companion.calls.acceptance import Acceptance
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
@@ -33,7 +33,6 @@ log = logging.getLogger(__name__)
 
 _CALL_FRAME = object()
 _RECENT = 1200
-_REPLIES = 16
 _RESERVED = 4
 _MOST_IDS = 0xFFFF
 
@@ -56,12 +55,12 @@ class Persistence:
         vision: Vision,
         status: Path,
         stamp: Callable[[], float],
-        frame_id: int = 0,
-        replies: Sequence[StoredReply] = (),
+        replies: AnswerStore,
+        frame_id: int,
     ) -> None:
         """journal: read until the daemon's first turn. vision: draws. stamp: seconds since 1970.
 
-        frame_id: of the last picture to tap in, over all restarts. replies: those kept before it.
+        frame_id: of the last picture to tap in, over all restarts.
         """
         self._journal = journal
         self._writer = writer
@@ -82,7 +81,7 @@ class Persistence:
         self._last_id = 0
         self._frames = 0
         self._frame_id = frame_id
-        self._replies: deque[StoredReply] = deque(replies, _REPLIES)
+        self._replies = replies
         self._frame_lost = False
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
         self._stamp = stamp
@@ -131,7 +130,7 @@ class Persistence:
             **beside,
             "last_id": _reserved(calls.last_id),
             "frame_id": self._frame_id,
-            "replies": [kept.saved() for kept in self._replies],
+            "replies": self._replies.saved(),
         }
         if state != self._state:
             self._state = state
@@ -164,9 +163,7 @@ class Persistence:
     def answered(self, reply: Reply) -> None:
         """Have an answer that changed something kept, and its reply."""
         request, acknowledgement = reply.request, reply.acknowledgement
-        kept = stored_reply(request, acknowledgement)
-        if kept is not None:
-            self._replies.append(kept)
+        self._replies.add(request, acknowledgement)
         target = acknowledgement.target
         if target == 0:
             return

@@ -96,18 +96,24 @@ _COMMAND_RESULTS = {
 }
 
 
+_TAKEN = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
+
+
 @dataclass
-class _AnswerCase:
-    """An answer that was handed on at `at`; `reply` once it is decided."""
+class _Case:
+    """An answer that was handed on at `at`.
+
+    reply: once it is decided: an Acknowledgement; of a command MAV_RESULT; of AT_ANSWER whether it was taken.
+    """
 
     at: float
     reply: Any = None
 
 
 class AnswerService:
-    """TUNNEL 45003 and the answer command in; AnswerRequest out, once for each transaction.
+    """TUNNEL 45003, the answer command and AT_ANSWER in; AnswerRequest out, once for each answer.
 
-    A transaction that comes again gets the stored acknowledgement; while it is undecided, silence.
+    What comes again gets the stored acknowledgement; while it is undecided, silence.
     """
 
     def __init__(
@@ -118,7 +124,7 @@ class AnswerService:
         self._guard = guard
         self._parameters = parameters
         self._assembly = Reassembly()
-        self._cases: SenderCache[_AnswerCase] = SenderCache()
+        self._cases: SenderCache[_Case] = SenderCache()
 
     def tunnel(self, sender: Sender, payload: bytes, now: float) -> AnswerRequest | None:
         """An answer's payload, or one part of it."""
@@ -145,7 +151,7 @@ class AnswerService:
             return None
         if whole is None:
             return None
-        self._cases.put((sender, part.transaction), _AnswerCase(now))
+        self._cases.put((sender, part.transaction), _Case(now))
         return AnswerRequest(sender, whole.transaction, whole.target, whole.motion, whole.operations)
 
     def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | PolicyRequest | None:
@@ -167,11 +173,42 @@ class AnswerService:
         again = getattr(message, "confirmation", 0) > 0
         if self._known((sender, request), now, repeat_within=REPEAT_WITHIN if again else 0.0):
             return None
-        self._cases.put((sender, request), _AnswerCase(now))
+        self._cases.put((sender, request), _Case(now))
         return request
+
+    def parameter(self, request: ParameterRequest, now: float) -> AnswerRequest | None:
+        """AT_ANSWER, an answer without words from any parameter editor: id x 10 + motion. 0 says nothing.
+
+        The echo carries what was taken, 0 what was not; later reads give 0. A parameter cannot say that it
+        is a repetition. So the same go or look again within 5 s is one, whether it names the id or not.
+        "Stay" is handed on each time: it may have come after a go. What named no id and was stale is a
+        repetition, too: ground stations set a refused parameter again by themselves, and would answer a call
+        that nobody has read.
+        """
+        sender, value = request.sender, request.value
+        target, code = divmod(int(value), 10)
+        if not 1 <= code <= max(Motion):
+            if value:
+                self._guard.rejected["range"] += 1
+                self._speaker.refuse(notices.answer_refused(), now)
+            self._parameters.echo(ANSWER, 0.0, sender, now)
+            return None
+        key = (sender, target, Motion(code))
+        case = self._cases.get(key)
+        if case is not None and code != Motion.STAY:
+            if case.reply is None and now - case.at <= self._guard.undecided_for:
+                return None
+            if case.reply is not None and now - case.at <= REPEAT_WITHIN:
+                self._parameters.echo(ANSWER, value if case.reply else 0.0, sender, now)
+                return None
+        self._cases.put(key, _Case(now))
+        return AnswerRequest(sender, None, target, Motion(code), (), value)
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """Tell the asker, and remember it for repetitions, unless it says "send it again"."""
+        if request.value is not None:
+            self._acknowledge_parameter(request, ack, now)
+            return
         if request.transaction is None:
             key: tuple[Any, ...] = (request.sender, request)
             reply: Any = _COMMAND_RESULTS[ack.result]
@@ -184,7 +221,18 @@ class AnswerService:
         if ack.result == Result.BUSY:
             self._cases.pop(key)
         else:
-            self._cases.put(key, _AnswerCase(now, reply))
+            self._cases.put(key, _Case(now, reply))
+
+    def _acknowledge_parameter(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
+        """As echo and as text. What was not taken may be asked again at once."""
+        taken = ack.result in _TAKEN
+        self._speaker.answer(ack.text, now, taken=taken)
+        self._parameters.echo(ANSWER, (request.value or 0.0) if taken else 0.0, request.sender, now)
+        for target in (request.target, ack.target):
+            key = (request.sender, target, request.motion)
+            self._cases.pop(key)
+            if taken or (ack.result is Result.STALE and request.target == 0):
+                self._cases.put(key, _Case(now, taken))
 
     def _known(self, key: tuple[Any, ...], now: float, repeat_within: float = math.inf) -> bool:
         case = self._cases.get(key)
@@ -236,64 +284,3 @@ def _refusal(part: AnswerMessage, result: Result, text: str) -> Acknowledgement:
     return Acknowledgement(
         part.transaction, part.target, result, Stage.CLOSED, Outcome.NONE, None, None, Reasons.NONE, 0, text
     )
-
-
-_TAKEN = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
-
-
-@dataclass
-class _ParameterCase:
-    """A wish that was handed on at `at`, or decided then; taken: None while it is not."""
-
-    at: float
-    taken: bool | None = None
-
-
-class AnswerParameter:
-    """The echo carries what was taken, 0 what was not; later reads give 0.
-
-    A parameter cannot say that it is a repetition, so the same go or look again within 5 s is one, whether it
-    names the id or not. "Stay" is handed on each time: it may have come after a go. What named no id and was
-    stale is a repetition too: ground stations set a refused parameter again by themselves, and would answer a
-    call that nobody has read.
-    """
-
-    def __init__(self, speaker: TextSender, guard: AccessControl, parameters: ParameterServer) -> None:
-        self._speaker = speaker
-        self._guard = guard
-        self._parameters = parameters
-        self._cases: SenderCache[_ParameterCase] = SenderCache()
-
-    def hear(self, request: ParameterRequest, now: float) -> AnswerRequest | None:
-        """A value in range: id x 10 + motion. 0 says nothing."""
-        sender, value = request.sender, request.value
-        target, code = divmod(int(value), 10)
-        if not 1 <= code <= max(Motion):
-            if value:
-                self._guard.rejected["range"] += 1
-                self._speaker.refuse(notices.answer_refused(), now)
-            self._parameters.echo(ANSWER, 0.0, sender, now)
-            return None
-        key = (sender, target, Motion(code))
-        case = self._cases.get(key)
-        if case is not None and code != Motion.STAY and self._repeats(case, now):
-            if case.taken is not None:
-                self._parameters.echo(ANSWER, value if case.taken else 0.0, sender, now)
-            return None
-        self._cases.put(key, _ParameterCase(now))
-        return AnswerRequest(sender, None, target, Motion(code), (), value)
-
-    def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
-        """What became of it, as echo and as text. What was not taken may be asked again at once."""
-        taken = ack.result in _TAKEN
-        value = request.value if taken and request.value is not None else 0.0
-        self._speaker.answer(ack.text, now, taken=taken)
-        self._parameters.echo(ANSWER, value, request.sender, now)
-        for target in (request.target, ack.target):
-            key = (request.sender, target, request.motion)
-            self._cases.pop(key)
-            if taken or (ack.result is Result.STALE and request.target == 0):
-                self._cases.put(key, _ParameterCase(now, taken))
-
-    def _repeats(self, case: _ParameterCase, now: float) -> bool:
-        return now - case.at <= (self._guard.undecided_for if case.taken is None else REPEAT_WITHIN)

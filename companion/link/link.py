@@ -10,7 +10,7 @@ from typing import Any
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import ERROR, AlertRepeater, TextSender
-from companion.link.answers import AnswerParameter, AnswerService
+from companion.link.answers import AnswerService
 from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
@@ -69,8 +69,7 @@ class Link:
         self._error_guard = ErrorGuard(lambda now: self.say(notices.unexpected_error(), ERROR, now))
         self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
         self._texts = TextParameters(self._outbox, self._speaker, self._guard, self._parameters)
-        self._answers = AnswerParameter(self._speaker, self._guard, self._parameters)
-        self._desk = AnswerService(self._outbox, self._speaker, self._guard, self._parameters)
+        self._answers = AnswerService(self._outbox, self._speaker, self._guard, self._parameters)
         self._commands = CommandService(self._outbox, self._speaker, self._guard, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
         served = (tree or Tree()).beside(PARAMETERS, ParameterFile(self._parameters.packed))
@@ -80,7 +79,6 @@ class Link:
             self._parameters,
             self._texts,
             self._answers,
-            self._desk,
             self._commands,
             self._files,
         )
@@ -208,7 +206,7 @@ class Link:
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """What became of an answer, to the asker; kept for when it asks again."""
-        (self._desk if request.value is None else self._answers).acknowledge(request, ack, now)
+        self._answers.acknowledge(request, ack, now)
 
     def acknowledge_words(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
         """Whether words that were set as text are in force, to the asker."""

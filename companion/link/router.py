@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.access_control import AccessControl
 from companion.link.alerts import WARNING, TextSender
-from companion.link.answers import AnswerParameter, AnswerService
+from companion.link.answers import AnswerService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
 from companion.link.ftp.server import FtpServer
@@ -83,8 +83,7 @@ class RequestDispatcher:
         guard: AccessControl,
         parameters: ParameterServer,
         texts: TextParameters,
-        answers: AnswerParameter,
-        desk: AnswerService,
+        answers: AnswerService,
         commands: CommandService,
         files: FtpServer,
     ) -> None:
@@ -92,7 +91,6 @@ class RequestDispatcher:
         self._parameters = parameters
         self._texts = texts
         self._answers = answers
-        self._desk = desk
         self._commands = commands
         self._files = files
 
@@ -118,7 +116,7 @@ class RequestDispatcher:
         elif kind == "TUNNEL":
             return self._hear_answer(sender, message, now)
         elif message.command == ANSWER_COMMAND:
-            return self._desk.command(sender, message, now)
+            return self._answers.command(sender, message, now)
         else:
             return self._commands.hear(sender, message, now)
         return None
@@ -126,14 +124,14 @@ class RequestDispatcher:
     def _set(self, sender: Sender, message: Any, now: float) -> Heard | None:
         request = self._parameters.set(sender, message, now)
         if request is not None and request.name == ANSWER:
-            return self._answers.hear(request, now)
+            return self._answers.parameter(request, now)
         return request
 
     def _hear_answer(self, sender: Sender, message: Any, now: float) -> Heard | None:
         if message.payload_length > len(message.payload):
             self._guard.rejected["payload"] += 1
             return None
-        return self._desk.tunnel(sender, bytes(message.payload[: message.payload_length]), now)
+        return self._answers.tunnel(sender, bytes(message.payload[: message.payload_length]), now)
 
 
 class MessageRouter:

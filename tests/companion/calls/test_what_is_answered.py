@@ -12,6 +12,7 @@ from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from companion.answers.handler import AnswerHandler, Heard
+from companion.answers.store import AnswerStore
 from companion.link.inbound import AnswerRequest
 from companion.vision.client import Applied, Vision
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
@@ -71,7 +72,9 @@ class Talk:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.eyes = Queue(scene)
-        self.answer_handler = AnswerHandler(scene.calls, cast(Vision, self.eyes), Preferences.of(scene.words))
+        self.answer_handler = AnswerHandler(
+            scene.calls, cast(Vision, self.eyes), Preferences.of(scene.words), AnswerStore(None)
+        )
         self.said: list[Acknowledgement] = []
 
     def say(self, target: int, motion: Motion = Motion.NONE, **words: float) -> None:

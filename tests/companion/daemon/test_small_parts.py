@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.answers.store import StoredReply, read_replies
+from companion.answers.store import AnswerStore, StoredReply
 from companion.calls.numbers import Numbers
 from companion.storage.call_files import PictureArchive
 from companion.system.error_guard import ErrorGuard
@@ -109,9 +109,9 @@ def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogC
     )
 )
 def test_a_kept_reply_comes_back_as_it_was(kept: StoredReply) -> None:
-    assert read_replies([kept.saved()]) == [kept]
+    assert AnswerStore([kept.saved()]).saved() == [kept.saved()]
 
 
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists))
 def test_whatever_else_stands_in_the_journal_counts_for_nothing(saved: Any) -> None:
-    assert isinstance(read_replies(saved), list)
+    assert isinstance(AnswerStore(saved).saved(), list)

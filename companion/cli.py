@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import logging
 import os
 import sys
@@ -16,6 +17,7 @@ from anytraverse.release import own_version
 if TYPE_CHECKING:
     from companion.config import Config
 
+_SCHEMA = "companion.schema.json"
 _SHIPPED = (
     "companion.toml",
     "vehicles/rover.toml",
@@ -81,6 +83,8 @@ def _parser() -> argparse.ArgumentParser:
     check = actions.add_parser("check", help="say what is wrong with it, or what is in force")
     check.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
     check.set_defaults(run=_check)
+    schema = actions.add_parser("schema", help="print its JSON schema, by which editors complete and check")
+    schema.set_defaults(run=_schema)
     return parser
 
 
@@ -122,6 +126,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _init(options: argparse.Namespace) -> int:
+    from companion.config import json_schema
     from companion.system.resources import resource
 
     folder = Path(options.folder)
@@ -135,6 +140,9 @@ def _init(options: argparse.Namespace) -> int:
                 print(f"{path}: written")
             except FileExistsError:
                 print(f"{path}: is there already, left as it is")
+        schema = folder / _SCHEMA
+        schema.write_text(json.dumps(json_schema(), indent=1) + "\n", encoding="utf-8")
+        print(f"{schema}: written, by which an editor completes and checks")
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise UserError(f"{error.filename or folder}: {why}: name a folder that you may write") from error
@@ -162,6 +170,13 @@ def _check(options: argparse.Namespace) -> int:
     except (AnyTraverseError, SigningKeyError) as error:
         raise UserError(f"{options.file}: {error}") from error
     print(f"# perceiver: {runs}\n{format_config(config)}", end="")
+    return 0
+
+
+def _schema(_options: argparse.Namespace) -> int:
+    from companion.config import json_schema
+
+    print(json.dumps(json_schema(), indent=1))
     return 0
 
 

@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
-Check = Callable[[object], Any]
+Schema = Mapping[str, Any]
+"""Part of a JSON schema (draft 2020-12), for editors."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Takes a value of the file and gives it as the configuration has it; ValueError for a wrong one.
+
+    schema: what an editor may say of it beforehand, where no more is right than `take` takes.
+    """
+
+    take: Callable[[object], Any]
+    schema: Schema
+
+    def __call__(self, value: object) -> Any:
+        return self.take(value)
 
 
 class NestedError(ValueError):
@@ -32,7 +47,8 @@ def number(low: float, high: float, *, above: bool = False, word: str | None = N
             raise ValueError(f"give a number {least} to {high:g}{other}")
         return float(value)
 
-    return check
+    numbers = {"type": "number", "exclusiveMinimum" if above else "minimum": low, "maximum": high}
+    return Check(check, {"anyOf": [numbers, {"const": word}]} if word else numbers)
 
 
 def whole(low: int, high: int) -> Check:
@@ -43,23 +59,27 @@ def whole(low: int, high: int) -> Check:
             raise ValueError(f"give a whole number from {low} to {high}")
         return value
 
-    return check
+    return Check(check, {"type": "integer", "minimum": low, "maximum": high})
 
 
-def flag(value: object) -> bool:
-    """true or false."""
+def _flag(value: object) -> bool:
     if not isinstance(value, bool):
         raise ValueError("give true or false, without quotes")
     return value
 
 
-def text(value: object) -> str:
-    """A printable string; it may be empty."""
+def _text(value: object) -> str:
     if not isinstance(value, str):
         raise ValueError('give a text in quotes, "like this"')
     if not value.isprintable():
         raise ValueError("the text holds characters that cannot be printed: leave them out")
     return value
+
+
+flag = Check(_flag, {"type": "boolean"})
+"""true or false."""
+text = Check(_text, {"type": "string"})
+"""A printable string; it may be empty."""
 
 
 def choice(*options: str) -> Check:
@@ -70,7 +90,7 @@ def choice(*options: str) -> Check:
             raise ValueError(f"choose one of {', '.join(options)}")
         return value
 
-    return check
+    return Check(check, {"enum": list(options)})
 
 
 def listing(check_one: Check, least: int, most: int) -> Check:
@@ -82,18 +102,18 @@ def listing(check_one: Check, least: int, most: int) -> Check:
             raise ValueError(f"give a list of {count} values")
         return tuple(check_one(one) for one in value)
 
-    return check
+    return Check(check, {"type": "array", "items": check_one.schema, "minItems": least, "maxItems": most})
 
 
 def checked(parse: Callable[[str], object]) -> Check:
     """A text that `parse` takes without a ValueError; kept as it was written."""
 
     def check(value: object) -> str:
-        written = text(value)
+        written = _text(value)
         parse(written)
         return written
 
-    return check
+    return Check(check, text.schema)
 
 
 Complaint = tuple[tuple[str, ...], str]
@@ -103,6 +123,20 @@ Complaint = tuple[tuple[str, ...], str]
 def setting(default: Any, check: Check, meaning: str, *, tables: bool = False) -> Any:
     """A field of a section. tables: its value is pairs of a name and the section below it."""
     return field(default=default, metadata={"check": check, "meaning": meaning, "tables": tables})
+
+
+def section_schema(section: type[Section]) -> Schema:
+    """A table as JSON schema: what each setting means, may be, and is where the file does not say."""
+    properties = {}
+    for one in fields(section):
+        default = {} if one.default is None or one.metadata["tables"] else {"default": one.default}
+        properties[one.name] = {
+            "description": one.metadata["meaning"],
+            **default,
+            **one.metadata["check"].schema,
+        }
+    meaning = (section.__doc__ or "").partition("\n\n")[0]
+    return {"type": "object", "description": meaning, "properties": properties, "additionalProperties": False}
 
 
 @dataclass(frozen=True)

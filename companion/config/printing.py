@@ -1,13 +1,15 @@
-"""A configuration as TOML: what is in force, for a person to read."""
+"""A configuration as TOML: what is in force, for a person to read. And its JSON schema, for an editor."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
+from typing import Any
 
-from companion.config.checks import Section
+from companion.config.checks import Section, number, section_schema, text
 from companion.config.schema import SECTIONS, Config
+from companion.config.words import WORDS_OFFERED
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -15,6 +17,30 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 def format_config(config: Config) -> str:
     """TOML that loads as `config`, with what each setting means. The vehicle's file is merged into it."""
     return "\n".join(_lines(config)) + "\n"
+
+
+def json_schema() -> dict[str, Any]:
+    """What the files may hold, as JSON schema (draft 2020-12).
+
+    An editor that knows schemas for TOML completes and checks by it. What only holds between settings, or
+    between words, is checked by `load_config` alone.
+    """
+    word_tables = {
+        "words": {"description": "word -> weight", "schema": number(-1, 1).schema},
+        "aliases": {"description": "word -> its parameter's name less AT_W_", "schema": text.schema},
+    }
+    properties: dict[str, Any] = {name: section_schema(section) for name, section in SECTIONS.items()}
+    properties["vocabulary"] = {"description": "words offered to ground stations", **WORDS_OFFERED.schema}
+    for name, told in word_tables.items():
+        table = {"type": "object", "additionalProperties": told["schema"]}
+        properties[name] = {"description": told["description"], **table}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "AnyTraverse companion",
+        "type": "object",
+        "properties": properties,
+        "additionalProperties": False,
+    }
 
 
 def _lines(config: Config) -> Iterator[str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config.checks import (
+    Check,
     Complaint,
     NestedError,
     Section,
@@ -16,6 +17,7 @@ from companion.config.checks import (
     flag,
     listing,
     number,
+    section_schema,
     setting,
     text,
     whole,
@@ -93,6 +95,13 @@ def _checked(key: str, value: object) -> Any:
     return checks[key](value)
 
 
+_MORE = {
+    "type": "object",
+    "maxProperties": 3,
+    "additionalProperties": {**section_schema(Connection), "required": ["url"]},
+}
+
+
 @dataclass(frozen=True)
 class Link(Connection):
     """MAVLink: the first connection, and what holds for all."""
@@ -107,7 +116,7 @@ class Link(Connection):
         flag,
         "with a key: whether the autopilot's telemetry is heard unsigned",
     )
-    more: Connections = setting((), _connections, "further connections, at most 3", tables=True)  # noqa: RUF009
+    more: Connections = setting((), Check(_connections, _MORE), "further connections, at most 3", tables=True)  # noqa: RUF009
 
     def complaints(self) -> Iterator[Complaint]:
         if self.unsigned_autopilot and not self.signing_key:

@@ -11,7 +11,7 @@ from companion.config.checks import Check, listing, number, text
 from companion.config.toml_file import Layer, Problem
 from companion.wire.parameters import MAX_WORDS, build, word_parameter
 
-_vocabulary = listing(text, 0, MAX_WORDS)
+WORDS_OFFERED = listing(text, 0, MAX_WORDS)
 
 
 class Words(NamedTuple):
@@ -45,7 +45,7 @@ def read_words(layers: Sequence[Layer], problems: list[Problem]) -> Words:
 
 
 def _cleaned(listed: object) -> tuple[str, ...]:
-    return tuple(clean_word(word) for word in _vocabulary(listed))
+    return tuple(clean_word(word) for word in WORDS_OFFERED(listed))
 
 
 def _table(layer: Layer, name: str, check: Check, problems: list[Problem]) -> dict[str, Any]:

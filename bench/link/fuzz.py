@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
 from companion.link.inbound import (
     AnswerRequest,
-    Heard,
+    InboundEvent,
     ModeAck,
     ParameterRequest,
     PolicyRequest,
@@ -178,7 +178,7 @@ class Fuzz:
         )
         return mode, [self._link._parameters.value(one.name) for one in self._listed]
 
-    def _grant(self, event: Heard) -> None:
+    def _grant(self, event: InboundEvent) -> None:
         if isinstance(event, VehicleHeard | Pulses | ModeAck | ScriptHold):
             return
         if not ALLOWED[0] <= event.sender[0] <= ALLOWED[1]:
@@ -198,7 +198,7 @@ class Fuzz:
                 link.acknowledge_command(event, mavlink.MAV_RESULT_ACCEPTED, now)
 
 
-def well_formed(event: Heard, names: set[str]) -> bool:
+def well_formed(event: InboundEvent, names: set[str]) -> bool:
     """Whether the daemon can believe what it is asked."""
     match event:
         case AnswerRequest(transaction=transaction, target=target, motion=motion, operations=operations):

@@ -158,8 +158,8 @@ class Rover(Companion):
     @property
     def clear(self) -> bool:
         """Whether nothing is asked, nothing accepted and all is well: the next thing makes a call."""
-        sight = self.calls.sight
-        return self.calls.current_id == 0 and sight.acceptance is None and sight.ok_run > 0
+        reason_filter = self.calls.reason_filter
+        return self.calls.current_id == 0 and reason_filter.acceptance is None and reason_filter.ok_run > 0
 
 
 def _make_engine(memory: Memory | None) -> AnyTraverse:

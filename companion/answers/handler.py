@@ -51,7 +51,7 @@ class Reply:
 
 
 @dataclass
-class Heard:
+class Handled:
     """What came of something heard: decisions to carry out first, then replies."""
 
     decisions: list[Decision] = field(default_factory=list)
@@ -118,7 +118,7 @@ class AnswerHandler:
         self._asked = self._applied = self._overruled = 0
         self._replies = replies
 
-    def hear(self, request: AnswerRequest, now: float) -> Heard:
+    def hear(self, request: AnswerRequest, now: float) -> Handled:
         """An operator's answer."""
         kept = self._replies.before_restart(request)
         if kept is not None:
@@ -137,7 +137,7 @@ class AnswerHandler:
         heard.decisions[:0] = decisions
         return heard
 
-    def _apply(self, request: AnswerRequest, target: int | None, now: float) -> Heard:
+    def _apply(self, request: AnswerRequest, target: int | None, now: float) -> Handled:
         try:
             changes = changes_of(request.operations)
         except AnyTraverseError as error:
@@ -155,7 +155,7 @@ class AnswerHandler:
 
     def _ask(
         self, request: AnswerRequest, target: int, changes: Changes, subject: Call | Hold | None, now: float
-    ) -> Heard:
+    ) -> Handled:
         """Have the vision process apply an answer. subject: what it is about, None: words alone."""
         call = subject if isinstance(subject, Call) else None
         observation = subject.seen.observation if subject is not None and subject.seen is not None else None
@@ -171,20 +171,20 @@ class AnswerHandler:
         if not self._vision.answer(asked, changes, frame_id=frame_id, call_id=number, go=go, place=place):
             return self._reply(request, target, Result.BUSY, _VISION_BUSY)
         self._asked = asked.number
-        return Heard()
+        return Handled()
 
     def set_words(self, request: SetRequest, operations: Iterable[Operation]) -> bool:
         """Words and weights without a call. False when too many wait, or vision hangs."""
         changes = replace(changes_of(operations), missing_ok=True)
         return self._vision.answer(request, changes)
 
-    def applied(self, applied: Applied, now: float) -> Heard:
+    def applied(self, applied: Applied, now: float) -> Handled:
         """The vision process has applied an answer, or refused it."""
         self.words = applied.memory.preferences
         if isinstance(applied.token, SetRequest):
-            return Heard(refused=str(applied.error or ""))
+            return Handled(refused=str(applied.error or ""))
         if not isinstance(applied.token, _Asked):
-            return Heard()
+            return Handled()
         asked = applied.token
         self._applied = asked.number
         if isinstance(applied.error, VisionLostError):
@@ -222,7 +222,7 @@ class AnswerHandler:
         heard.decisions = decisions
         return heard
 
-    def kept(self, reply: Reply, *, remembered: bool, now: float) -> Heard:
+    def kept(self, reply: Reply, *, remembered: bool, now: float) -> Handled:
         """What a reply says is on disk, or could not be put there: its go counts now, and it may leave."""
         acknowledgement = reply.acknowledgement if remembered else unremembered(reply.acknowledgement)
         decisions: list[Decision] = []
@@ -235,20 +235,20 @@ class AnswerHandler:
                 void = texts.go_taken_back if taken_back else texts.go_lapsed
                 text = void(self._calls.kind, target) if target == self._calls.current_id else over
                 acknowledgement = replace(acknowledgement, text=text)
-        return Heard(decisions, [Reply(reply.request, acknowledgement)])
+        return Handled(decisions, [Reply(reply.request, acknowledgement)])
 
     def _go(self, request: AnswerRequest, at: float) -> float | None:
         """When the go was given that the hold waits to fulfil since this request."""
         return at if request.motion is Motion.GO and self._calls.go_at == at else None
 
-    def _again(self, request: AnswerRequest, kept: StoredReply) -> Heard:
+    def _again(self, request: AnswerRequest, kept: StoredReply) -> Handled:
         """What was answered before the restart, which a go that was not fulfilled did not survive."""
         void = request.motion is Motion.GO and self._calls.go_at is None
         void = void and 0 != kept.target == self._calls.current_id
         text = texts.go_lapsed(self._calls.kind, kept.target) if void else kept.text
         return self._reply(request, kept.target, kept.result, text)
 
-    def _stale(self, request: AnswerRequest) -> Heard:
+    def _stale(self, request: AnswerRequest) -> Handled:
         current = self._calls.current_id
         if request.target == 0 and current:
             text = texts.just_announced(self._calls.kind, current)
@@ -256,7 +256,7 @@ class AnswerHandler:
             text = texts.stale(request.target)
         return self._reply(request, request.target, Result.STALE, text)
 
-    def _moved(self, request: AnswerRequest, target: int, now: float) -> Heard:
+    def _moved(self, request: AnswerRequest, target: int, now: float) -> Handled:
         """Motion alone, where no frame needs to be judged again."""
         result, decisions = self._calls.answered(
             target,
@@ -266,7 +266,7 @@ class AnswerHandler:
             now,
             go_at=now,
         )
-        newest = self._calls.sight.newest
+        newest = self._calls.reason_filter.newest
         text = self._outcome_text(target, result, decisions, None, newest, None)
         changed, go = result is not Result.STALE, self._go(request, now)
         heard = self._reply(
@@ -287,7 +287,7 @@ class AnswerHandler:
         newest: Assessment | None = None,
         changed: bool = False,
         go: float | None = None,
-    ) -> Heard:
+    ) -> Handled:
         closed = _closed(decisions, target)
         roi, tile = (call_frame.roi, call_frame.tile) if call_frame is not None else (None, None)
         current = target and target == self._calls.current_id
@@ -303,7 +303,7 @@ class AnswerHandler:
             words=words_hash(self.words),
             text=text,
         )
-        return Heard(replies=[Reply(request, acknowledgement, changed, go)])
+        return Handled(replies=[Reply(request, acknowledgement, changed, go)])
 
     def _outcome_text(
         self,

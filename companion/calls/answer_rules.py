@@ -14,7 +14,7 @@ from companion.wire.ids import Motion, Result
 
 def answer_call(
     call: Call,
-    sight: ReasonFilter,
+    reason_filter: ReasonFilter,
     motion: Motion,
     changed: bool,
     outcome: AnswerOutcome | None,
@@ -37,18 +37,20 @@ def answer_call(
         if not call.answered:
             call.answered = call.accepted = True
             if not changed:
-                sight.accept(call.reasons, _scope(call, sight, now, travelled), now, travelled)
-            sight.look_afresh(now)
+                reason_filter.accept(
+                    call.reasons, _scope(call, reason_filter, now, travelled), now, travelled
+                )
+            reason_filter.look_afresh(now)
         return Result.APPLIED
     if call.accepted:
         call.answered = call.accepted = False
-        sight.acceptance = None
+        reason_filter.acceptance = None
     if outcome is None or outcome.call is None:
         return Result.NOT_COVERED if changed else Result.APPLIED
     call.seen = outcome.call
     covered = not _left(call)
     if covered and not call.answered:
-        sight.look_afresh(now)
+        reason_filter.look_afresh(now)
     call.answered, call.tried = covered, changed and not covered
     return Result.NOT_COVERED if call.tried else Result.APPLIED
 
@@ -61,17 +63,19 @@ def _left(call: Call) -> frozenset[Reason]:
     return (seen.reasons & call.reasons) - ({Reason.UNKNOWN_SCENE} if call.learnt else set())
 
 
-def _scope(call: Call, sight: ReasonFilter, now: float, travelled: float | None) -> Acceptance | None:
+def _scope(call: Call, reason_filter: ReasonFilter, now: float, travelled: float | None) -> Acceptance | None:
     if call.scope is None and call.seen is not None:
-        return Acceptance.of(call.seen, frozenset(call.reasons), sight.numbers, now, travelled)
+        return Acceptance.of(call.seen, frozenset(call.reasons), reason_filter.numbers, now, travelled)
     return call.scope
 
 
-def accept_taken_over(call: Call | None, sight: ReasonFilter, now: float, travelled: float | None) -> None:
+def accept_taken_over(
+    call: Call | None, reason_filter: ReasonFilter, now: float, travelled: float | None
+) -> None:
     """Whoever drives on by hand has seen what is there, and where; a fault cannot be accepted."""
-    newest = sight.newest
+    newest = reason_filter.newest
     asked = call.reasons if call is not None and not call.answered else set[Reason]()
-    reasons = (sight.reasons(now) | asked) - {Reason.FAULT}
+    reasons = (reason_filter.reasons(now) | asked) - {Reason.FAULT}
     if Reason.BLOCKED in reasons and newest is not None and blocked_by_name(newest):
         reasons |= {Reason.UNKNOWN_OBJECT}  # which it may be taken for in the next frame
     scope = call.scope if call is not None else None
@@ -80,7 +84,9 @@ def accept_taken_over(call: Call | None, sight: ReasonFilter, now: float, travel
     if scope is not None and newest is not None:
         scope = replace(scope, scene=scene_of(newest))
         if Reason.BLOCKED in reasons:  # a thing of its own, which no call was for
-            blocked = Acceptance.of(newest, frozenset({Reason.BLOCKED}), sight.numbers, now, travelled)
+            blocked = Acceptance.of(
+                newest, frozenset({Reason.BLOCKED}), reason_filter.numbers, now, travelled
+            )
             scope = scope.joined(blocked)
-    sight.accept(reasons, scope, now, travelled)
-    sight.look_afresh(now)
+    reason_filter.accept(reasons, scope, now, travelled)
+    reason_filter.look_afresh(now)

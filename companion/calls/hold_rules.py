@@ -204,16 +204,16 @@ class HoldController:
             self.go_counts, self._first_go_at = False, at
         self.go_at = at
 
-    def go_kept(self, at: float, sight: ReasonFilter) -> None:
+    def go_kept(self, at: float, reason_filter: ReasonFilter) -> None:
         """The go heard at `at` counts unless it was taken back; OK frames from now on fulfil it."""
         if self.hold is None or self.go_at is None or self.go_counts or at < self._first_go_at:
             return
         self.go_counts = True
         if self.hold.stage is not HoldStage.RESUMING:
-            sight.ok_run = 0
+            reason_filter.ok_run = 0
 
     def settle(
-        self, reasons: frozenset[Reason], sight: ReasonFilter, asking: bool, now: float
+        self, reasons: frozenset[Reason], reason_filter: ReasonFilter, asking: bool, now: float
     ) -> list[Decision]:
         """What is to be done now. asking: a call is open, so that the hold is not a fault's alone."""
         hold = self.hold
@@ -222,11 +222,11 @@ class HoldController:
         decisions: list[Decision] = []
         hold.only_fault = hold.only_fault and not asking and reasons <= {Reason.FAULT}
         if hold.seen is None and not asking and Reason.BLOCKED in reasons:
-            decisions += self._show(hold, sight.newest)
-        if self.go_at is not None and self._lapsed(self.go_at, sight, now):
+            decisions += self._show(hold, reason_filter.newest)
+        if self.go_at is not None and self._lapsed(self.go_at, reason_filter, now):
             self.go_at = None
             decisions.append(GoLapsed(hold.id))
-        ready = not reasons and self._ready(hold, sight, now)
+        ready = not reasons and self._ready(hold, reason_filter, now)
         if hold.stage is HoldStage.RESUMING and not ready:
             hold.call_back(now)
         elif hold.stage is not HoldStage.RESUMING and ready:
@@ -260,17 +260,17 @@ class HoldController:
             return self.heard(now) and self.vehicle.autopilot is not None
         return mode == hold.mode and self.drives_itself(now)
 
-    def _ready(self, hold: Hold, sight: ReasonFilter, now: float) -> bool:
+    def _ready(self, hold: Hold, reason_filter: ReasonFilter, now: float) -> bool:
         if not self.vehicle.armed or not self.heard(now) or self.silent(now):
             return False
-        if sight.ok_run < self.numbers.ok_frames:
+        if reason_filter.ok_run < self.numbers.ok_frames:
             return False
         if self.vehicle.mode not in (hold.mode, hold.mode_before):
             return False
         given = self.go_at is not None and self.go_counts
         return given or (self.numbers.fault_ends_hold and hold.only_fault)
 
-    def _lapsed(self, go_at: float, sight: ReasonFilter, now: float) -> bool:
+    def _lapsed(self, go_at: float, reason_filter: ReasonFilter, now: float) -> bool:
         """A go is for now: it does not wait long for a clear view, nor for arming or a lost autopilot."""
-        too_old = sight.bad_at - go_at > self.numbers.go_lasts
+        too_old = reason_filter.bad_at - go_at > self.numbers.go_lasts
         return too_old or not self.vehicle.armed or not self.heard(now)

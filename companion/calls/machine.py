@@ -37,7 +37,7 @@ class OperatorCalls:
         self.numbers = numbers
         self.policy = numbers.policy
         self.last_id = last_id
-        self.sight = ReasonFilter(numbers, now)
+        self.reason_filter = ReasonFilter(numbers, now)
         self.holding = HoldController(numbers)
         self.call: Call | None = None
         self._reasons: frozenset[Reason] = frozenset()
@@ -45,7 +45,7 @@ class OperatorCalls:
 
     def assessed(self, seen: Assessment, now: float, *, settled: bool = True) -> list[Decision]:
         """A frame was judged. settled: under a memory that is kept; else it may hold, not let drive on."""
-        self.sight.take(seen, now, self.autopilot.travelled, settled=settled)
+        self.reason_filter.take(seen, now, self.autopilot.travelled, settled=settled)
         if self.call is not None:
             self.call.add(seen)
             if self.call.scope is not None:
@@ -88,7 +88,7 @@ class OperatorCalls:
             return []
         decisions: list[Decision] = [*self.shadow.leave(now)]
         if self.policy is Policy.OFF:
-            self.sight.acceptance = None
+            self.reason_filter.acceptance = None
         self.policy = policy
         if policy is not Policy.HOLD:
             self.holding.leave(now)
@@ -109,7 +109,7 @@ class OperatorCalls:
     def retune(self, judging: Settings) -> None:
         """Other thresholds from now on."""
         self.numbers = replace(self.numbers, judging=judging)
-        self.sight.numbers = self.holding.numbers = self.numbers
+        self.reason_filter.numbers = self.holding.numbers = self.numbers
 
     def resolve(self, target: int, now: float) -> int | None:
         """The id that an answer to `target` means (0: the current one), or None when it is stale.
@@ -142,21 +142,28 @@ class OperatorCalls:
         result, clear = Result.APPLIED, self.stage() is Stage.CLEAR
         if self.call is not None:
             result = answer_call(
-                self.call, self.sight, motion, changed, outcome, now, self.autopilot.travelled, clear=clear
+                self.call,
+                self.reason_filter,
+                motion,
+                changed,
+                outcome,
+                now,
+                self.autopilot.travelled,
+                clear=clear,
             )
         if motion is Motion.LOOK_AGAIN:
-            self.sight.look_again()
+            self.reason_filter.look_again()
         if outcome is not None and outcome.newest is not None:
-            self.sight.judge_again(outcome.newest, now)
+            self.reason_filter.judge_again(outcome.newest, now)
         at = now if go_at is None else go_at
         self.holding.answer(motion if result is Result.APPLIED else Motion.NONE, at)
         if go_at is None:
-            self.holding.go_kept(at, self.sight)
+            self.holding.go_kept(at, self.reason_filter)
         return result, self._settle(now)
 
     def go_kept(self, at: float, now: float) -> list[Decision]:
         """The go that was heard at `at` is kept: it counts from now on, where nothing took it back."""
-        self.holding.go_kept(at, self.sight)
+        self.holding.go_kept(at, self.reason_filter)
         return self._settle(now)
 
     @property
@@ -199,13 +206,19 @@ class OperatorCalls:
             return Stage.OPEN
         if self.go_at is not None:
             return Stage.ANSWERED
-        if self.hold is not None and not self._reasons and self.sight.ok_run >= self.numbers.ok_frames:
+        if (
+            self.hold is not None
+            and not self._reasons
+            and self.reason_filter.ok_run >= self.numbers.ok_frames
+        ):
             return Stage.CLEAR
         return Stage.ANSWERED if answered else Stage.OPEN
 
     def reasons(self, now: float) -> frozenset[Reason]:
         """What is told to be wrong now. A silent autopilot is only told: nothing is commanded over it."""
-        return self.sight.reasons(now) | ({Reason.FAULT} if self.autopilot_silent(now) else frozenset())
+        return self.reason_filter.reasons(now) | (
+            {Reason.FAULT} if self.autopilot_silent(now) else frozenset()
+        )
 
     def autopilot_silent(self, now: float) -> bool:
         """Whether the rover is to be held, and its autopilot, heard once, is silent."""
@@ -224,7 +237,7 @@ class OperatorCalls:
             return State.BLOCKED
         if self.hold is not None or reasons or self.holding.script_holds is not None:
             return State.HOLDING
-        return State.OK if self.sight.was_ok else State.STARTING
+        return State.OK if self.reason_filter.was_ok else State.STARTING
 
     def _announced_at(self) -> float:
         if self.call is not None:
@@ -232,8 +245,8 @@ class OperatorCalls:
         return self.hold.started_at if self.hold is not None else 0.0
 
     def _settle(self, now: float) -> list[Decision]:
-        self.sight.pass_time(now)
-        self._reasons = reasons = self.sight.reasons(now)
+        self.reason_filter.pass_time(now)
+        self._reasons = reasons = self.reason_filter.reasons(now)
         handed_over = self.holding.hand_over(now)
         if self.policy is Policy.OFF:
             return handed_over
@@ -243,20 +256,20 @@ class OperatorCalls:
         if self.policy is Policy.HOLD and reasons and self.hold is None and self.holding.drives_itself(now):
             number = self.call.id if self.call is not None else self._next_id()
             decisions.append(self.holding.start(number, reasons, now))
-        return decisions + self.holding.settle(reasons, self.sight, self.call is not None, now)
+        return decisions + self.holding.settle(reasons, self.reason_filter, self.call is not None, now)
 
     def _settle_call(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
         decisions: list[Decision] = []
         asking = reasons & CALLS_FOR_WORDS
         if self.call is not None and self.call.answered and (asking or self.hold is None):
             decisions.append(self._close(self.call.answered_outcome))
-        if self.call is None and asking and self.sight.newest is not None:
-            decisions += self._open(asking, self.sight.newest, now)
+        if self.call is None and asking and self.reason_filter.newest is not None:
+            decisions += self._open(asking, self.reason_filter.newest, now)
         call = self.call
         if call is None or call.answered:
             return decisions
         call.reasons |= asking
-        if asking or Reason.FAULT in reasons or self.sight.newest is None:
+        if asking or Reason.FAULT in reasons or self.reason_filter.newest is None:
             call.gone_since = None
         elif call.gone_since is None:
             call.gone_since = now
@@ -272,7 +285,7 @@ class OperatorCalls:
             now,
             watching=self.autopilot.mode is None or drives,
             taken=self.holding.heard(now) and not drives,
-            clear=self.sight.ok_run >= self.numbers.ok_frames,
+            clear=self.reason_filter.ok_run >= self.numbers.ok_frames,
         )
 
     def _end_hold(self, event: HoldEvent, now: float) -> list[Decision]:
@@ -281,7 +294,7 @@ class OperatorCalls:
         assert hold is not None
         decisions: list[Decision] = [HoldMoved(hold, event)]
         if event is HoldEvent.TAKEN_OVER:
-            accept_taken_over(call, self.sight, now, self.autopilot.travelled)
+            accept_taken_over(call, self.reason_filter, now, self.autopilot.travelled)
             if call is not None:
                 decisions.append(self._close(Outcome.TAKEN_OVER))
         elif call is not None:

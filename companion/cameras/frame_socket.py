@@ -144,9 +144,9 @@ class FrameServer:
         self._newest: tuple[int, bytes] | None = None
         self._closed = False
         self._slots = threading.BoundedSemaphore(max_clients)
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._listener.settimeout(POLL)
-        self.address: tuple[str, int] = self._listener.getsockname()
+        self._router = socket.create_server(("127.0.0.1", 0))
+        self._router.settimeout(POLL)
+        self.address: tuple[str, int] = self._router.getsockname()
         threading.Thread(target=self._accept, name="frames", daemon=True).start()
 
     def publish(self, frame: CapturedFrame) -> None:
@@ -160,12 +160,12 @@ class FrameServer:
         with self._news:
             self._closed = True
             self._news.notify_all()
-        self._listener.close()
+        self._router.close()
 
     def _accept(self) -> None:
         while not self._closed:
             try:
-                client, _ = self._listener.accept()
+                client, _ = self._router.accept()
             except TimeoutError:
                 continue
             except OSError:

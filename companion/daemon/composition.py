@@ -78,7 +78,7 @@ def compose(
     calls = state_machine(replace(numbers, policy=policies.in_force), now)
     if saved:
         restore_calls(calls, saved, now, news)
-    book = open_book(model.id, calls, saved.get("shadow"), now, news)
+    statistics = open_book(model.id, calls, saved.get("shadow"), now, news)
     replies = AnswerStore(saved.get("replies"))
     position = VehiclePosition(lambda: link.vehicle)
     persistence = Persistence(
@@ -96,11 +96,13 @@ def compose(
     keep = persistence.when_kept
     policy = PolicyService(link, calls, policies, keep, refuses=hold_gate.refuses, wants_hold=wants_hold)
     listed = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
-    settings = SettingsService(listed, link, vision, calls, answer_handler, policy, overrides, book, keep)
+    settings = SettingsService(
+        listed, link, vision, calls, answer_handler, policy, overrides, statistics, keep
+    )
     settings.start(now)
     view = round(config.camera.view)
     daemon = Daemon(link, vision, calls, persistence, answer_handler, settings, position, model, view=view)
-    served.show(daemon.state_file, lambda: calls.sight.newest)
+    served.show(daemon.state_file, lambda: calls.reason_filter.newest)
     vision.tune(judging)
     persistence.restore_call_frame(calls)
     return daemon
@@ -172,11 +174,11 @@ def restore_calls(calls: OperatorCalls, saved: Mapping[str, Any], now: float, ne
 
 def open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowStatistics:
     """The counts of shadow policy as they were left; what stood under another policy stands no more."""
-    book, notice = ShadowStatistics.restored(saved, calls.shadow, model, now, time.time())
+    statistics, notice = ShadowStatistics.restored(saved, calls.shadow, model, now, time.time())
     if notice:
         log.warning("%s", notice)
         news.append(notice)
     if calls.policy is not Policy.SHADOW:
         for over in calls.shadow.leave(now):
-            book.ended(over)
-    return book
+            statistics.ended(over)
+    return statistics

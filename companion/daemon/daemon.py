@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from anytraverse.preferences import Preferences
-from companion.answers.handler import AnswerHandler, Heard, Reply
+from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.machine import OperatorCalls
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
@@ -81,7 +81,7 @@ class Daemon:
         self._odometer = Odometer()
         self._error_guard = ErrorGuard(lambda now: link.say(notices.unexpected_error(), ERROR, now))
         self._health = HealthMonitor(Liveness(tasks(calls.numbers), now), link, vision, calls, persistence)
-        self._shadow = ShadowReporter(settings.book, calls, link, persistence.picture)
+        self._shadow = ShadowReporter(settings.statistics, calls, link, persistence.picture)
         self._executor = DecisionExecutor(
             link,
             calls,
@@ -166,7 +166,7 @@ class Daemon:
         wait(self._link, self._vision, min(TICK, self._link.wait(time.monotonic())))
         self._turned_at = time.monotonic()
 
-    def _hear(self, heard: radio.Heard, now: float) -> None:
+    def _hear(self, heard: radio.InboundEvent, now: float) -> None:
         match heard:
             case VehicleHeard(vehicle):
                 self._hear_vehicle(vehicle, now)
@@ -250,7 +250,7 @@ class Daemon:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
             self.persistence.call_judged_again(call, self.calls.state(now), title)
 
-    def _take(self, heard: Heard, now: float) -> None:
+    def _take(self, heard: Handled, now: float) -> None:
         """Carry out what an answer led to; an acknowledgement waits until all that it says is on disk."""
         self._executor.carry_out(heard.decisions, now)
         for reply in heard.replies:
@@ -269,7 +269,7 @@ class Daemon:
         beside = {
             "policy": self.settings.policy.saved(),
             "settings": self.settings.overrides.saved(),
-            "shadow": self.settings.book.saved(self.calls.shadow, now),
+            "shadow": self.settings.statistics.saved(self.calls.shadow, now),
         }
         self.persistence.save_calls(self.calls, beside, now)
         open_id = self.calls.current_id or self._test_call.id

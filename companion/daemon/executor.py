@@ -150,7 +150,7 @@ class DecisionExecutor:
                 self._link.say(texts.resumed(kind, hold.id, self._mode_name(hold.mode_before)), NOTICE, now)
                 if autopilot is not None and hold.mode_before in autopilot.loses_target:
                     self._link.say(texts.send_target_again(), ERROR, now)
-                newest = self._calls.sight.newest
+                newest = self._calls.reason_filter.newest
                 if newest is not None:
                     title = f"{texts.name(kind, hold.id)} drives on"
                     self._persistence.picture(newest, self._calls.state(now), title)

@@ -100,7 +100,7 @@ class HealthMonitor:
         others = [AUTOPILOT_SILENT] if self._autopilot_silent else []
         if self._vision.trouble:
             return [self._vision.trouble, *others]
-        newest = self._calls.sight.newest
+        newest = self._calls.reason_filter.newest
         silent = self._liveness.silent(now + (max(0.0, newest.age) if newest is not None else 0.0))
         if "vision" in silent:  # of the camera nothing is known then
             return ["vision hangs", *others]
@@ -178,9 +178,9 @@ class HealthMonitor:
             self._link.say(notices.unknown_autopilot(), WARNING, now)
 
     def _look_at_faults(self, now: float) -> None:
-        if Reason.FAULT in self._calls.sight.reasons(now):
+        if Reason.FAULT in self._calls.reason_filter.reasons(now):
             if self._faulty_at is None:
-                why = fault_name(self._calls.sight.newest, self.silent(now))
+                why = fault_name(self._calls.reason_filter.newest, self.silent(now))
                 log.error("fault: %s", ": ".join(filter(None, (why, self._vision.camera.reason))))
                 if self._calls.current_id == 0:
                     self._link.say(texts.companion_fault(why), ERROR, now)

@@ -50,7 +50,7 @@ class Persistence:
         self,
         journal: Journal,
         writer: Writer,
-        album: PictureArchive,
+        pictures: PictureArchive,
         files: CallFiles,
         vision: Vision,
         status: Path,
@@ -64,7 +64,7 @@ class Persistence:
         """
         self._journal = journal
         self._writer = writer
-        self._pictures_kept = album
+        self._pictures_kept = pictures
         self._files = files
         self._status = status
         self._vision = vision

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.errors import AnyTraverseError
 from companion.link.inbound import (
     AnswerRequest,
-    Heard,
+    InboundEvent,
     ParameterRequest,
     PolicyRequest,
     ResetRequest,
@@ -58,7 +58,7 @@ def wait(link: Link, vision: Vision, seconds: float) -> None:
         time.sleep(seconds)
 
 
-def _put_off(heard: Heard, link: Link, now: float) -> None:
+def _put_off(heard: InboundEvent, link: Link, now: float) -> None:
     """Whoever wants something is told to ask again."""
     match heard:
         case AnswerRequest():

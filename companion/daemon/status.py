@@ -40,7 +40,7 @@ class Status:
         vision: Vision,
         calls: OperatorCalls,
         answer_handler: AnswerHandler,
-        desk: SettingsService,
+        settings: SettingsService,
         trial: TestCall,
         persistence: Persistence,
         position: VehiclePosition,
@@ -50,8 +50,8 @@ class Status:
         self._vision = vision
         self._calls = calls
         self._answer_handler = answer_handler
-        self._desk = desk
-        self._trial = trial
+        self._settings = settings
+        self._test_call = trial
         self._persistence = persistence
         self._position = position
         self._model = model
@@ -61,17 +61,17 @@ class Status:
 
     def figures(self, now: float) -> dict[str, Any]:
         """All of it, for the status file: JSON values."""
-        newest, camera = self._calls.sight.newest, self._vision.camera
+        newest, camera = self._calls.reason_filter.newest, self._vision.camera
         return {
             "state": self._calls.state(now).name.lower(),
             "reasons": sorted(reason.value for reason in self._calls.reasons(now)),
             "current_id": self._calls.current_id,
             "policy": self._calls.policy.name.lower(),
             "held_by": _held_by(self._calls),
-            "switches": self._desk.policy.figures(),
-            "shadow": self._desk.book.figures(self._calls.shadow),
+            "switches": self._settings.policy.figures(),
+            "shadow": self._settings.statistics.figures(self._calls.shadow),
             "words": self._answer_handler.words.format(),
-            "set_by_ground": self._desk.overrides.figures(),
+            "set_by_ground": self._settings.overrides.figures(),
             "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
             "similarity": newest.similarity if newest else None,
             "perceiver": {
@@ -82,8 +82,8 @@ class Status:
                 "scene_age": round(newest.scene_age, 3) if newest else None,
             },
             "latency_ms": round(1e3 * median(self.latencies), 1) if self.latencies else None,
-            "test_call": self._trial.status,
-            "hold_refused": self._desk.policy.hold_refused,
+            "test_call": self._test_call.status,
+            "hold_refused": self._settings.policy.hold_refused,
             "vision": {"trouble": self._vision.trouble, "restarts": self._vision.restarted},
             "camera": {
                 "state": camera.state.value,
@@ -111,8 +111,8 @@ class Status:
             "latency_ms": status["latency_ms"],
             "open": None if told is None else _open(told),
             "words": {word: round(words[word], _DIGITS) for word in words},
-            "vocabulary": self._desk.vocabulary,
-            "settings": {name: round(value, _DIGITS) for name, value in self._desk.settings.items()},
+            "vocabulary": self._settings.vocabulary,
+            "settings": {name: round(value, _DIGITS) for name, value in self._settings.settings.items()},
             "set_by_ground": sorted(status["set_by_ground"]),
             "place": place_figures(place),
             "link": {name: status["link"][name] for name in _OF_THE_LINK},

@@ -130,7 +130,7 @@ class TestCall:
             else:
                 self.status = {"asked": asked, "id": 0, "state": "refused", "text": text}
             return
-        number, newest = self._calls.take_id(), self._calls.sight.newest
+        number, newest = self._calls.take_id(), self._calls.reason_filter.newest
         data = call_data(
             None,
             self._calls.numbers.judging.region,

@@ -117,13 +117,13 @@ class AnswerService:
     """
 
     def __init__(
-        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: ParameterServer
+        self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: ParameterServer
     ) -> None:
         self._outbox = outbox
-        self._speaker = speaker
-        self._guard = guard
+        self._text_sender = text_sender
+        self._access = access
         self._parameters = parameters
-        self._assembly = Reassembly()
+        self._reassembly = Reassembly()
         self._cases: SenderCache[_Case] = SenderCache()
 
     def tunnel(self, sender: Sender, payload: bytes, now: float) -> AnswerRequest | None:
@@ -132,21 +132,21 @@ class AnswerService:
             part = AnswerMessage.unpack(payload)
         except PayloadError:
             other = bool(payload) and payload[0] != VERSION
-            self._guard.rejected["version" if other else "payload"] += 1
+            self._access.rejected["version" if other else "payload"] += 1
             if other:
-                self._speaker.refuse(notices.other_version(), now)
+                self._text_sender.refuse(notices.other_version(), now)
             return None
-        if not self._guard.may_change(sender):
-            self._guard.rejected["sender"] += 1
-            self._speaker.refuse_sender(sender, now)
+        if not self._access.may_change(sender):
+            self._access.rejected["sender"] += 1
+            self._text_sender.refuse_sender(sender, now)
             self._reply(sender, _refusal(part, Result.DENIED, "this sender may not answer"), now)
             return None
         if self._known((sender, part.transaction), now):
             return None
         try:
-            whole = self._assembly.add(sender, part, now)
+            whole = self._reassembly.add(sender, part, now)
         except PayloadError as error:
-            self._guard.rejected["parts"] += 1
+            self._access.rejected["parts"] += 1
             self._reply(sender, _refusal(part, Result.REFUSED, str(error)), now)
             return None
         if whole is None:
@@ -156,18 +156,18 @@ class AnswerService:
 
     def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | PolicyRequest | None:
         """The answer command; always acknowledged, by the daemon or here."""
-        if not self._guard.may_change(sender):
-            self._guard.rejected["sender"] += 1
-            self._speaker.refuse_sender(sender, now)
+        if not self._access.may_change(sender):
+            self._access.rejected["sender"] += 1
+            self._text_sender.refuse_sender(sender, now)
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
             return None
         if message.param2 == SET_POLICY and (policy := _whole(message.param3, 0, max(Policy))) is not None:
             return PolicyRequest(sender, Policy(policy))
         request = self._read_command(sender, message)
         if request is None:
-            self._guard.rejected["command"] += 1
+            self._access.rejected["command"] += 1
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
-            self._speaker.refuse(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), now)
+            self._text_sender.refuse(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), now)
             return None
         # The same command once more is a new wish, unless it says that it is a repetition.
         again = getattr(message, "confirmation", 0) > 0
@@ -189,14 +189,14 @@ class AnswerService:
         target, code = divmod(int(value), 10)
         if not 1 <= code <= max(Motion):
             if value:
-                self._guard.rejected["range"] += 1
-                self._speaker.refuse(notices.answer_refused(), now)
+                self._access.rejected["range"] += 1
+                self._text_sender.refuse(notices.answer_refused(), now)
             self._parameters.echo(ANSWER, 0.0, sender, now)
             return None
         key = (sender, target, Motion(code))
         case = self._cases.get(key)
         if case is not None and code != Motion.STAY:
-            if case.reply is None and now - case.at <= self._guard.undecided_for:
+            if case.reply is None and now - case.at <= self._access.undecided_for:
                 return None
             if case.reply is not None and now - case.at <= REPEAT_WITHIN:
                 self._parameters.echo(ANSWER, value if case.reply else 0.0, sender, now)
@@ -212,7 +212,7 @@ class AnswerService:
         if request.transaction is None:
             key: tuple[Any, ...] = (request.sender, request)
             reply: Any = _COMMAND_RESULTS[ack.result]
-            self._speaker.answer(ack.text, now, taken=reply == mavlink.MAV_RESULT_ACCEPTED)
+            self._text_sender.answer(ack.text, now, taken=reply == mavlink.MAV_RESULT_ACCEPTED)
             self._command_ack(request.sender, reply, now)
         else:
             key = (request.sender, request.transaction)
@@ -226,7 +226,7 @@ class AnswerService:
     def _acknowledge_parameter(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """As echo and as text. What was not taken may be asked again at once."""
         taken = ack.result in _TAKEN
-        self._speaker.answer(ack.text, now, taken=taken)
+        self._text_sender.answer(ack.text, now, taken=taken)
         self._parameters.echo(ANSWER, (request.value or 0.0) if taken else 0.0, request.sender, now)
         for target in (request.target, ack.target):
             key = (request.sender, target, request.motion)
@@ -239,7 +239,7 @@ class AnswerService:
         if case is None:
             return False
         if case.reply is None:
-            return now - case.at < self._guard.undecided_for
+            return now - case.at < self._access.undecided_for
         if now - case.at > repeat_within or repeat_within == 0.0:
             return False
         self._cases.put(key, case)

@@ -68,7 +68,7 @@ class Channel:
         self.sender = Sender(
             self._connection, settings, now, system_id=system_id, signing=signing, link_id=link_id
         )
-        self.telling = PeriodicTelemetry(self.sender, now)
+        self.periodic = PeriodicTelemetry(self.sender, now)
         self._waits = settings.waits_for_vehicle
         self._opened = 0
         self._clash_at: float | None = None
@@ -101,7 +101,7 @@ class Channel:
             trouble=self.trouble,
             mavlink=1 if self.sender.version.is_1 else 2,
             sent=dict(self.sender.sent),
-            dropped_summaries=self.telling.dropped,
+            dropped_summaries=self.periodic.dropped,
             lost=self.sender.lost,
             left_out=self.sender.left_out,
             bad=self._parser.bad,
@@ -148,7 +148,7 @@ class Channel:
             self._opened = self._connection.opened
             self._parser.forget()
             self.sender.version.forget()
-            self.telling.hurry()
+            self.periodic.hurry()
 
     def hear_ourselves(self, now: float) -> bool:
         """Somebody else spoke under our ids here; True when that is new."""
@@ -187,7 +187,7 @@ class Channel:
         if not self._speaks:
             return
         if not self.clash:
-            self.telling.tick(now, calling=calling)
+            self.periodic.tick(now, calling=calling)
         self.sender.tick(now)
 
 

@@ -38,11 +38,11 @@ class CommandService:
     """What only reads is for all; what changes something is for allowed senders, and denied to the rest."""
 
     def __init__(
-        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: ParameterServer
+        self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: ParameterServer
     ) -> None:
         self._outbox = outbox
-        self._speaker = speaker
-        self._guard = guard
+        self._text_sender = text_sender
+        self._access = access
         self._parameters = parameters
         self._version = encode.autopilot_version(own_version())
 
@@ -76,10 +76,10 @@ class CommandService:
         self._acknowledge(request.sender, command, result, now)
 
     def _may(self, sender: Sender, now: float) -> bool:
-        if self._guard.may_change(sender):
+        if self._access.may_change(sender):
             return True
-        self._guard.rejected["sender"] += 1
-        self._speaker.refuse_sender(sender, now)
+        self._access.rejected["sender"] += 1
+        self._text_sender.refuse_sender(sender, now)
         return False
 
     def _tell(self, message_id: float, to: Sender, now: float) -> int:
@@ -90,12 +90,12 @@ class CommandService:
         elif channel is None:
             return LATER
         elif message_id == _HEARTBEAT:
-            told, row = [channel.telling.newest_heartbeat()], "heartbeat asked"
+            told, row = [channel.periodic.newest_heartbeat()], "heartbeat asked"
         elif message_id == _SUMMARY:
-            summary = channel.telling.newest_summary(to, now)
+            summary = channel.periodic.newest_summary(to, now)
             told, row = [] if summary is None else [summary], "summary asked"
         elif message_id == _NUMBER:
-            told, row = channel.telling.newest_numbers(now), "number asked"
+            told, row = channel.periodic.newest_numbers(now), "number asked"
         else:
             return UNSUPPORTED
         for index, message in enumerate(told):

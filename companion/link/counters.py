@@ -32,7 +32,9 @@ class Counters:
     connections: Mapping[str, ChannelCounters]
 
 
-def count(channels: Iterable[Channel], outbox: Outbox, speaker: TextSender, guard: AccessControl) -> Counters:
+def count(
+    channels: Iterable[Channel], outbox: Outbox, text_sender: TextSender, access: AccessControl
+) -> Counters:
     """As they stand now."""
     each = {channel.name: channel.counters for channel in channels}
     return Counters(
@@ -40,8 +42,8 @@ def count(channels: Iterable[Channel], outbox: Outbox, speaker: TextSender, guar
         dropped_summaries=sum(one.dropped_summaries for one in each.values()),
         lost=sum(one.lost for one in each.values()),
         bad=sum(one.bad for one in each.values()),
-        unsaid=speaker.unsaid,
-        rejected=dict(guard.rejected.items()),
+        unsaid=text_sender.unsaid,
+        rejected=dict(access.rejected.items()),
         autopilot=outbox.home,
         connections=each,
     )

@@ -99,4 +99,4 @@ class ModeAck:
 
 
 SetRequest = ParameterRequest | WordsRequest | ResetRequest
-Heard = VehicleHeard | AnswerRequest | SetRequest | PolicyRequest | Pulses | ModeAck | ScriptHold
+InboundEvent = VehicleHeard | AnswerRequest | SetRequest | PolicyRequest | Pulses | ModeAck | ScriptHold

@@ -15,7 +15,7 @@ from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import AnswerRequest, Heard, PolicyRequest, ResetRequest, WordsRequest
+from companion.link.inbound import AnswerRequest, InboundEvent, PolicyRequest, ResetRequest, WordsRequest
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import FOLDER as PARAMETERS
 from companion.link.parameter_server import ParameterFile, ParameterServer
@@ -63,30 +63,30 @@ class Link:
         self._signing = signing
         self._clock = clock
         self._channels = channels_of(settings, now, openers=openers or {}, signing=signing)
-        self._guard = AccessControl(settings.allowed_senders, signing)
-        self._outbox = Outbox(self._channels, self._guard.share)
-        self._speaker = TextSender(self._outbox)
+        self._access = AccessControl(settings.allowed_senders, signing)
+        self._outbox = Outbox(self._channels, self._access.share)
+        self._text_sender = TextSender(self._outbox)
         self._error_guard = ErrorGuard(lambda now: self.say(notices.unexpected_error(), ERROR, now))
-        self._parameters = ParameterServer(self._outbox, self._speaker, self._guard, parameters)
-        self._texts = TextParameters(self._outbox, self._speaker, self._guard, self._parameters)
-        self._answers = AnswerService(self._outbox, self._speaker, self._guard, self._parameters)
-        self._commands = CommandService(self._outbox, self._speaker, self._guard, self._parameters)
+        self._parameters = ParameterServer(self._outbox, self._text_sender, self._access, parameters)
+        self._texts = TextParameters(self._outbox, self._text_sender, self._access, self._parameters)
+        self._answers = AnswerService(self._outbox, self._text_sender, self._access, self._parameters)
+        self._commands = CommandService(self._outbox, self._text_sender, self._access, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
         served = (tree or Tree()).beside(PARAMETERS, ParameterFile(self._parameters.packed))
-        self._files = FtpServer(self._outbox, self._guard, served)
+        self._files = FtpServer(self._outbox, self._access, served)
         requests = RequestDispatcher(
-            self._guard,
+            self._access,
             self._parameters,
             self._texts,
             self._answers,
             self._commands,
             self._files,
         )
-        self._listener = MessageRouter(self._outbox, self._speaker, self._guard, self._tracker, requests)
-        self._announcer = AlertRepeater()
+        self._router = MessageRouter(self._outbox, self._text_sender, self._access, self._tracker, requests)
+        self._alerts = AlertRepeater()
         self._returns = 0
-        self._asking = MessageIntervals(self._outbox, self._listener.receiver)
-        self._modes = ModeCommands(self._outbox, self._guard)
+        self._intervals = MessageIntervals(self._outbox, self._router.remote_control)
+        self._modes = ModeCommands(self._outbox, self._access)
         self._setpoints = Setpoints(self._outbox, now)
 
     @property
@@ -105,7 +105,7 @@ class Link:
     @property
     def counters(self) -> Counters:
         """What was sent and what was turned away."""
-        return count(self._channels, self._outbox, self._speaker, self._guard)
+        return count(self._channels, self._outbox, self._text_sender, self._access)
 
     def filenos(self) -> list[int]:
         """For select: the devices that are there. Ask each time: a reconnect changes them."""
@@ -123,13 +123,13 @@ class Link:
         if self._signing is not None:
             self._signing.close()
 
-    def poll(self, now: float) -> list[Heard]:
+    def poll(self, now: float) -> list[InboundEvent]:
         """What arrived for the daemon; the protocol's own matters are answered here.
 
         Connections are read by turns, for 50 ms and once each at least: none that is flooded keeps another
         unheard. An error over one message is survived and said: nobody ends the companion by a frame.
         """
-        heard: list[Heard] = []
+        heard: list[InboundEvent] = []
         until = self._clock() + READING_FOR
         reads = {channel: channel.poll(now) for channel in self._channels}
         while reads:
@@ -164,31 +164,31 @@ class Link:
             self._announce_due(now)
             self._parameters.tick(now)
             self._texts.tick(now)
-            self._asking.tick(self.vehicle, returns, now)
+            self._intervals.tick(self.vehicle, returns, now)
         if returns != self._returns:
             self._returns = returns
             for channel in speaking:
-                channel.telling.hurry()
+                channel.periodic.hurry()
         for channel in self._channels:
             with self._error_guard.survived(channel.label, now):
-                channel.tick(now, calling=self._announcer.is_open)
+                channel.tick(now, calling=self._alerts.is_open)
         with self._error_guard.survived("files", now):
             self._files.tick(now)
 
     def set_state(self, state: State, current_id: int, policy: Policy) -> None:
         """The heartbeat's state, open id (0 for none) and policy in force."""
         for channel in self._channels:
-            channel.telling.set_state(state, current_id, policy)
+            channel.periodic.set_state(state, current_id, policy)
 
     def summary(self, summary: Summary, now: float) -> None:
         """The newest figures; told at the table's rate; each connection fills in its sequence and drops."""
         for channel in self._channels:
-            channel.telling.summary(summary, now)
+            channel.periodic.summary(summary, now)
 
     def numbers(self, values: Mapping[str, float], now: float) -> None:
         """AT_TRAV, AT_UNC, AT_SIM, AT_CALL, for plots; silent while a call is open."""
         for channel in self._channels:
-            channel.telling.numbers(values, now)
+            channel.periodic.numbers(values, now)
 
     def announce(
         self, call: CallData | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
@@ -198,11 +198,11 @@ class Link:
         A closed one is told three times. quiet: the text repeats, but slowly and without becoming an ALERT.
         None with a text repeats the text alone ("Companion OFF: ...").
         """
-        self._announcer.announce(call, text, now, quiet=quiet, severity=severity)
+        self._alerts.announce(call, text, now, quiet=quiet, severity=severity)
 
     def say(self, text: str, severity: int, now: float) -> None:
         """A text once, MAV_SEVERITY `severity`; the same one not again within 5 s."""
-        self._speaker.say(text, severity, now)
+        self._text_sender.say(text, severity, now)
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """What became of an answer, to the asker; kept for when it asks again."""
@@ -218,7 +218,7 @@ class Link:
 
     def ask_for_pulses(self) -> None:
         """From now on ask the autopilot for RC_CHANNELS, again whenever they stay away."""
-        self._asking.wants_pulses = True
+        self._intervals.wants_pulses = True
 
     def set_parameter(self, name: str, value: float, now: float) -> None:
         """The value now in force: echoed to the asker, or told to all when it changed by itself.
@@ -237,7 +237,7 @@ class Link:
 
     def set_undecided_for(self, seconds: float) -> None:
         """A request that was handed on is decided within so long, and not handed on again before."""
-        self._guard.undecided_for = seconds
+        self._access.undecided_for = seconds
 
     def set_words(self, words: Mapping[str, float]) -> None:
         """The words in force, for who reads them as text."""
@@ -246,7 +246,7 @@ class Link:
     def set_rate(self, name: str, rate: float) -> None:
         """How often a second summaries ("summary") or each of the numbers ("number") are told; 0: never."""
         for channel in self._channels:
-            channel.telling.periods[name] = 1.0 / rate if rate else math.inf
+            channel.periodic.periods[name] = 1.0 / rate if rate else math.inf
 
     def set_budget(self, rate: float, now: float) -> None:
         """B/s of unsolicited traffic on the first connection, 0 unlimited; `most_budget` at most."""
@@ -271,18 +271,18 @@ class Link:
         """A mode that was asked for and waits to be sent is not wanted any more."""
         self._modes.forget()
 
-    def _hear(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[Heard]:
+    def _hear(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:
         for message in messages:
             with self._error_guard.survived(message.get_type(), now):
-                if not self._guard.believes(message, now):
+                if not self._access.believes(message, now):
                     continue
-                event = self._listener.hear(message, channel, now)
+                event = self._router.hear(message, channel, now)
                 if event is not None:
                     yield event
 
     def _announce_due(self, now: float) -> None:
-        while (spoken := self._announcer.text(now)) is not None:
+        while (spoken := self._alerts.text(now)) is not None:
             self._outbox.push("call text", encode.text(spoken.text, spoken.severity), now)
-        call = self._announcer.data(now)
+        call = self._alerts.data(now)
         if call is not None:
             self._outbox.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)

@@ -37,18 +37,18 @@ class ListSender:
         self._outbox = outbox
         self._row = row
         self._count = count
-        self._rounds: dict[str, _Round] = {}
+        self._lists: dict[str, _Round] = {}
 
     def begin(self, sender: Sender) -> None:
         """`sender` asks for all."""
         channel = self._outbox.channel(sender)
         if channel is not None:
-            told = self._rounds.setdefault(channel.name, _Round(sender))
+            told = self._lists.setdefault(channel.name, _Round(sender))
             told.to, told.left = sender, self._count
 
     def due(self) -> Iterator[tuple[int, Sender]]:
         """Index and receiver of what is to be told now: the next one where none of the row waits."""
-        for told in self._rounds.values():
+        for told in self._lists.values():
             if told.left and not self._outbox.waiting(self._row, told.to):
                 yield told.at, told.to
                 told.at = (told.at + 1) % self._count
@@ -85,13 +85,13 @@ class ParameterServer:
     """Answers reads by itself; a set is checked here, applied by the daemon and echoed by `changed`."""
 
     def __init__(
-        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: Sequence[Parameter]
+        self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: Sequence[Parameter]
     ) -> None:
         if len(parameters) > MAX_PARAMETERS:
             raise ParameterError(f"{len(parameters)} parameters, at most {MAX_PARAMETERS}")
         self._outbox = outbox
-        self._speaker = speaker
-        self._guard = guard
+        self._text_sender = text_sender
+        self._access = access
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
         self._asked: dict[str, Sender] = {}
@@ -145,16 +145,16 @@ class ParameterServer:
             self._refuse_unknown(sender, message, -1, now)
             return None
         entry = self._entries[index]
-        if not self._guard.may_change(sender):
-            self._guard.rejected["sender"] += 1
-            self._speaker.refuse_sender(sender, now)
+        if not self._access.may_change(sender):
+            self._access.rejected["sender"] += 1
+            self._text_sender.refuse_sender(sender, now)
             self._tell("echo", index, now, sender)
             return None
         refusal = self._refusal(entry, message.param_value)
         if refusal is not None:
             reason, text = refusal
-            self._guard.rejected[reason] += 1
-            self._speaker.refuse(text, now)
+            self._access.rejected[reason] += 1
+            self._text_sender.refuse(text, now)
             self._tell("echo", index, now, sender)
             return None
         self._asked[entry.name] = sender
@@ -183,7 +183,7 @@ class ParameterServer:
 
     def _refuse_unknown(self, sender: Sender, message: Any, index: int, now: float) -> None:
         """What was asked of everybody may well be another component's."""
-        self._guard.rejected["unknown parameter"] += 1
+        self._access.rejected["unknown parameter"] += 1
         if message.target_component == COMPONENT_ID:
             error = encode.no_parameter(message._param_id_raw, index, sender)
             self._outbox.push(

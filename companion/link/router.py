@@ -13,7 +13,7 @@ from companion.link.answers import AnswerService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import Heard, ModeAck, Sender, VehicleHeard
+from companion.link.inbound import InboundEvent, ModeAck, Sender, VehicleHeard
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
@@ -80,21 +80,21 @@ class RequestDispatcher:
 
     def __init__(
         self,
-        guard: AccessControl,
+        access: AccessControl,
         parameters: ParameterServer,
         texts: TextParameters,
         answers: AnswerService,
         commands: CommandService,
         files: FtpServer,
     ) -> None:
-        self._guard = guard
+        self._access = access
         self._parameters = parameters
         self._texts = texts
         self._answers = answers
         self._commands = commands
         self._files = files
 
-    def hear(self, sender: Sender, message: Any, now: float) -> Heard | None:
+    def hear(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
         """Answer it, or return what the daemon must know."""
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
@@ -106,7 +106,7 @@ class RequestDispatcher:
         elif kind == "PARAM_EXT_REQUEST_READ":
             self._texts.read(sender, message, now)
         elif message.target_component != COMPONENT_ID or message.target_system == 0:
-            self._guard.rejected["target"] += 1
+            self._access.rejected["target"] += 1
         elif kind == FILES:
             self._files.hear(sender, message, now)
         elif kind == "PARAM_SET":
@@ -121,15 +121,15 @@ class RequestDispatcher:
             return self._commands.hear(sender, message, now)
         return None
 
-    def _set(self, sender: Sender, message: Any, now: float) -> Heard | None:
+    def _set(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
         request = self._parameters.set(sender, message, now)
         if request is not None and request.name == ANSWER:
             return self._answers.parameter(request, now)
         return request
 
-    def _hear_answer(self, sender: Sender, message: Any, now: float) -> Heard | None:
+    def _hear_answer(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
         if message.payload_length > len(message.payload):
-            self._guard.rejected["payload"] += 1
+            self._access.rejected["payload"] += 1
             return None
         return self._answers.tunnel(sender, bytes(message.payload[: message.payload_length]), now)
 
@@ -140,21 +140,21 @@ class MessageRouter:
     def __init__(
         self,
         outbox: Outbox,
-        speaker: TextSender,
-        guard: AccessControl,
+        text_sender: TextSender,
+        access: AccessControl,
         tracker: VehicleTracker,
         requests: RequestDispatcher,
     ) -> None:
         self._outbox = outbox
-        self._speaker = speaker
-        self._guard = guard
+        self._text_sender = text_sender
+        self._access = access
         self._tracker = tracker
         self._requests = requests
         self._repeats = Deduplicator()
-        self.receiver = RemoteControl()
+        self.remote_control = RemoteControl()
         """Of the remote control."""
 
-    def hear(self, message: Any, channel: Channel, now: float) -> Heard | None:
+    def hear(self, message: Any, channel: Channel, now: float) -> InboundEvent | None:
         """Answer what came by `channel` here, or return what the daemon must know."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if sender == (self._outbox.system_id, COMPONENT_ID):
@@ -162,7 +162,7 @@ class MessageRouter:
             return None
         channel.believe(sender, now)
         channel.sender.version.hear(message, now)
-        self._guard.hear(sender, now)
+        self._access.hear(sender, now)
         self._outbox.hear(sender, channel, now)
         kind = message.get_type()
         if sender[1] == AUTOPILOT_COMPONENT_ID and kind in TELEMETRY:
@@ -177,13 +177,15 @@ class MessageRouter:
 
     def _hear_ourselves(self, message: Any, channel: Channel, now: float) -> None:
         if self._outbox.is_own(message):
-            self._guard.rejected["echo"] += 1
+            self._access.rejected["echo"] += 1
             return
-        self._guard.rejected["clash"] += 1
+        self._access.rejected["clash"] += 1
         if channel.hear_ourselves(now):
-            self._speaker.say(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
+            self._text_sender.say(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
 
-    def _hear_heartbeat(self, system_id: int, message: Any, channel: Channel, now: float) -> Heard | None:
+    def _hear_heartbeat(
+        self, system_id: int, message: Any, channel: Channel, now: float
+    ) -> InboundEvent | None:
         if not self._tracker.claims(system_id, message, now):
             return None
         if not self._outbox.hear_autopilot(channel, now):
@@ -192,7 +194,7 @@ class MessageRouter:
         self._outbox.system_id = system_id
         return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
 
-    def _hear_autopilot(self, kind: str, system_id: int, message: Any, now: float) -> Heard | None:
+    def _hear_autopilot(self, kind: str, system_id: int, message: Any, now: float) -> InboundEvent | None:
         if (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
             kind == "CURRENT_MODE" and self._tracker.mode(system_id, message, now)
         ):
@@ -202,10 +204,10 @@ class MessageRouter:
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
-            return self.receiver.hear_pulses(message, now)
+            return self.remote_control.hear_pulses(message, now)
         else:
             if kind == "SYS_STATUS" and self._tracker.is_ours(system_id):
-                self.receiver.hear_health(message, now)
+                self.remote_control.hear_health(message, now)
             elif kind == "ATTITUDE":
                 self._tracker.attitude(system_id, message, now)
             elif kind == "SYSTEM_TIME":
@@ -229,9 +231,9 @@ class MessageRouter:
         if kind == "TUNNEL" and message.payload_type != TUNNEL_ANSWER:
             return False  # what other rovers' companions tell everybody
         if self._repeats.is_repeated(message, channel.name, now):
-            self._guard.rejected["repeated"] += 1
+            self._access.rejected["repeated"] += 1
             return False
-        if not self._guard.admits(sender, now, kind=FILES if kind == FILES else ""):
+        if not self._access.admits(sender, now, kind=FILES if kind == FILES else ""):
             return False
         self._repeats.keep(message, channel.name, now)
         return True

@@ -30,11 +30,11 @@ class TextParameters:
     """
 
     def __init__(
-        self, outbox: Outbox, speaker: TextSender, guard: AccessControl, parameters: ParameterServer
+        self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: ParameterServer
     ) -> None:
         self._outbox = outbox
-        self._speaker = speaker
-        self._guard = guard
+        self._text_sender = text_sender
+        self._access = access
         self._parameters = parameters
         self._words_of = parameters.words
         self._names = [WORDS_TEXT, *self._words_of]
@@ -58,7 +58,7 @@ class TextParameters:
         if 0 <= index < len(self._names):
             self._tell("text echo", index, sender, now)
         else:
-            self._guard.rejected["unknown parameter"] += 1
+            self._access.rejected["unknown parameter"] += 1
 
     def set(self, sender: Sender, message: Any, now: float) -> WordsRequest | None:
         """PARAM_EXT_SET; acknowledged here when it is refused."""
@@ -66,7 +66,7 @@ class TextParameters:
         reason: Rejected | None = None
         text = ""
         operations: tuple[Operation, ...] = ()
-        if not self._guard.may_change(sender):
+        if not self._access.may_change(sender):
             reason = "sender"
         elif name not in self._names:
             reason = "unknown parameter"
@@ -79,11 +79,11 @@ class TextParameters:
                 what = "not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error)
                 reason, text = "range", notices.refused(what)
         if reason:
-            self._guard.rejected[reason] += 1
+            self._access.rejected[reason] += 1
             if reason == "sender":
-                self._speaker.refuse_sender(sender, now)
+                self._text_sender.refuse_sender(sender, now)
             elif text:
-                self._speaker.refuse(text, now)
+                self._text_sender.refuse(text, now)
             unsupported = reason == "range"
             result = mavlink.PARAM_ACK_VALUE_UNSUPPORTED if unsupported else mavlink.PARAM_ACK_FAILED
             self._acknowledge(sender, message._param_id_raw, self._value(name), result, now)
@@ -99,7 +99,7 @@ class TextParameters:
 
     def tick(self, now: float) -> None:
         """Feed the lists."""
-        limit = self._guard.undecided_for
+        limit = self._access.undecided_for
         self._pending = {one: since for one, since in self._pending.items() if now - since < limit}
         for index, to in self._lists.due():
             self._tell("text list", index, to, now)

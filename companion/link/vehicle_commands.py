@@ -22,15 +22,15 @@ LIFETIME = 1.0
 class ModeCommands:
     """One at a time: the newest takes the place of one that waits."""
 
-    def __init__(self, outbox: Outbox, guard: AccessControl) -> None:
+    def __init__(self, outbox: Outbox, access: AccessControl) -> None:
         self._outbox = outbox
-        self._guard = guard
+        self._access = access
 
     def ask(self, vehicle: Vehicle | None, custom_mode: int, now: float) -> None:
         """See `Link.set_mode`. An autopilot that is not heard, or not known, is asked for nothing."""
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
         if vehicle is None or autopilot is None:
-            self._guard.rejected["no autopilot for modes"] += 1
+            self._access.rejected["no autopilot for modes"] += 1
             return
         message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
         to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
@@ -85,10 +85,10 @@ _MISSED = 6
 class MessageIntervals:
     """Asks for what stays away, and at once for all when the autopilot is back: it may have rebooted."""
 
-    def __init__(self, outbox: Outbox, receiver: RemoteControl) -> None:
+    def __init__(self, outbox: Outbox, remote_control: RemoteControl) -> None:
         self.wants_pulses = False
         self._outbox = outbox
-        self._receiver = receiver
+        self._remote_control = remote_control
         self._returns = 0
         self._asked_at: dict[int, float] = {}
 
@@ -99,7 +99,7 @@ class MessageIntervals:
         if returns != self._returns:
             self._returns = returns
             self._asked_at.clear()
-            self._receiver.forget()
+            self._remote_control.forget()
         for row, message_id, heard_at in (
             ("position", mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, vehicle.position_at),
             ("attitude", mavlink.MAVLINK_MSG_ID_ATTITUDE, vehicle.attitude_at),
@@ -113,10 +113,10 @@ class MessageIntervals:
         if autopilot is not None and autopilot.tells_late and now - told_at > MODE_SILENCE:
             period = MESSAGES["mode told"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
-        if self.wants_pulses and now - self._receiver.pulses_at > PULSES_SILENCE:
+        if self.wants_pulses and now - self._remote_control.pulses_at > PULSES_SILENCE:
             period = MESSAGES["rc"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_RC_CHANNELS, period, PULSES_PATIENCE, now)
-        if self.wants_pulses and now - self._receiver.health_at > HEALTH_SILENCE:
+        if self.wants_pulses and now - self._remote_control.health_at > HEALTH_SILENCE:
             period = MESSAGES["rc health"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_SYS_STATUS, period, HEALTH_PATIENCE, now)
 

@@ -172,24 +172,24 @@ class ShadowStatistics:
         cls, saved: Any, shadow: Shadow, model: str, now: float, wall: float
     ) -> tuple[ShadowStatistics, str]:
         """The book as `saved` left it, `shadow` with it, and what to say: "" unless it had to begin anew."""
-        book = cls(model=model, since=wall)
+        statistics = cls(model=model, since=wall)
         if saved is None:
-            return book, ""
+            return statistics, ""
         try:
             if saved["model"] != model:
-                return book, f"shadow counts were another model's ({saved['model']}): begun anew"
+                return statistics, f"shadow counts were another model's ({saved['model']}): begun anew"
             counts = {name: _count(saved["counts"].get(name, {})) for name in _REASONS}
             entries = [_entry(entry) for entry in saved["newest"]]
             opened = frozenset(Reason(value) for value in saved["open"])
             since, lasted = _figure(saved["since"]), _figure(saved["lasted"])
             count, watched = int(_figure(saved["count"])), _figure(saved["watched"])
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            return book, f"shadow counts cannot be read ({error!r}): begun anew"
+            return statistics, f"shadow counts cannot be read ({error!r}): begun anew"
         shadow.count, shadow.watched = count, watched
         shadow.open, shadow.began_at = opened, now - lasted
-        book.since, book.counts = since, counts
-        book.newest.extend(entries)
-        return book, ""
+        statistics.since, statistics.counts = since, counts
+        statistics.newest.extend(entries)
+        return statistics, ""
 
 
 def rate(count: int, hours: float) -> float | None:
@@ -246,13 +246,13 @@ class ShadowReporter:
 
     def __init__(
         self,
-        book: ShadowStatistics,
+        statistics: ShadowStatistics,
         calls: OperatorCalls,
         link: Link,
         picture: Callable[[Assessment, State, str], None],
     ) -> None:
         """picture: keeps a picture of a judged frame, with a title."""
-        self._book = book
+        self._book = statistics
         self._calls = calls
         self._link = link
         self._picture = picture
@@ -267,7 +267,7 @@ class ShadowReporter:
         if now - self._text_at >= TEXT_GAP:
             self._text_at = now
             self._link.say(text, WARNING, now)
-        newest = self._calls.sight.newest
+        newest = self._calls.reason_filter.newest
         if newest is not None and self._calls.call is None:
             self._picture(newest, self._calls.state(now), text)
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import SettingsError
 from anytraverse.preferences import Preferences
-from companion.answers.handler import AnswerHandler, Heard
+from companion.answers.handler import AnswerHandler, Handled
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
@@ -53,7 +53,7 @@ class SettingsService:
         answer_handler: AnswerHandler,
         policy: PolicyService,
         overrides: RuntimeSettings,
-        book: ShadowStatistics,
+        statistics: ShadowStatistics,
         when_kept: WhenKept,
     ) -> None:
         """parameters: as configured. overrides: what the ground has set. book: shadow policy's counts.
@@ -70,7 +70,7 @@ class SettingsService:
         self._answer_handler = answer_handler
         self.overrides = overrides
         self.policy = policy
-        self.book = book
+        self.statistics = statistics
         self._when_kept = when_kept
 
     @property
@@ -98,7 +98,7 @@ class SettingsService:
         for name, word in self._words.items():
             self._echo(name, self._answer_handler.words.get(word, NOT_IN_USE), now)
 
-    def set(self, request: SetRequest, now: float) -> Heard:
+    def set(self, request: SetRequest, now: float) -> Handled:
         """A value, already in range. Words are echoed once the vision process has applied them."""
         if isinstance(request, ResetRequest):
             self._reset(request, now)
@@ -110,12 +110,12 @@ class SettingsService:
             self._set_weight(request, self._words[request.name], now)
         elif request.name == POLICY:
             _, decisions = self.policy.set(Policy(int(request.value)), request.sender, now)
-            return Heard(decisions=decisions)
+            return Handled(decisions=decisions)
         elif request.name == SHADOW_HOLDS:
             self._count_anew(request, now)
         else:
             self._set_value(request, now)
-        return Heard()
+        return Handled()
 
     def answered(self, applied: Applied, now: float) -> None:
         """The vision process has applied words that were set, or refused them: the echo says which."""
@@ -134,7 +134,7 @@ class SettingsService:
 
     def tell_changes(self, words: Preferences, now: float) -> None:
         """Tell the ground every weight that changed by itself, and what was counted."""
-        for name, value in self.book.values(self._calls.shadow).items():
+        for name, value in self.statistics.values(self._calls.shadow).items():
             if value != self._told[name]:
                 self._echo(name, value, now)
         if words == self._told_words:
@@ -210,7 +210,7 @@ class SettingsService:
     def _count_anew(self, request: ParameterRequest, now: float) -> None:
         if request.value == 0:
             log.warning("shadow counts begin anew, by %d/%d", *request.sender)
-            self.book.begin_anew(self._calls.shadow, time.time())
+            self.statistics.begin_anew(self._calls.shadow, time.time())
         else:
             self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
         self._echo_kept(SHADOW_HOLDS, float(self._calls.shadow.count))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link import encode
-from companion.link.inbound import Heard, Sender
+from companion.link.inbound import InboundEvent, Sender
 from companion.link.link import Link
 from companion.link.parser import Parser
 from companion.link.settings import MAIN, LinkSettings
@@ -155,7 +155,7 @@ class Rehearsal(Wire):
             self.settings, listed, self.now, openers=openers, tree=tree, signing=signing, clock=lambda: 0.0
         )
         self.vehicle = vehicle
-        self.heard: list[Heard] = []
+        self.heard: list[InboundEvent] = []
         self._heartbeat_at = 0.0
 
     def run(self, seconds: float, step: float = STEP) -> None:

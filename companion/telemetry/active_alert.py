@@ -92,7 +92,7 @@ class ActiveAlert:
         self, number: int, outcome: Outcome, words: Preferences, place: Place, now: float
     ) -> CallData:
         """The last word on a hold, with the figures of the newest frame."""
-        seen = self._calls.sight.newest
+        seen = self._calls.reason_filter.newest
         frame_id = seen.frame.id if seen is not None else 0
         reasons = self._calls.reasons(now)
         return self._closed(Kind.HOLD, number, outcome, reasons, seen, frame_id, words, place, 0.0)

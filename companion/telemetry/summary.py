@@ -81,7 +81,7 @@ def current_data(
     if calls.current_id == 0:
         return None
     call, hold = calls.call, calls.hold
-    seen = call.seen if call is not None else (hold and hold.seen) or calls.sight.newest
+    seen = call.seen if call is not None else (hold and hold.seen) or calls.reason_filter.newest
     since = call.opened_at if call is not None else hold.started_at if hold is not None else now
     place = call.place if call is not None and call.place.latitude is not None else place
     reasons = calls.reasons(now) | (call.reasons if call is not None and not call.answered else set())
@@ -157,7 +157,7 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
     """What a person reads of the open call or hold, "" without one. silent: as of `fault_name`."""
     number, kind, stage = calls.current_id, calls.kind, calls.stage()
     reasons = calls.reasons(now)
-    newest = calls.sight.newest
+    newest = calls.reason_filter.newest
     if number == 0:
         return ""
     if calls.hold is not None and calls.hold.failed:
@@ -168,7 +168,7 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
         return texts.clear(kind, number)
     call = calls.call
     if call is not None and not call.answered and stage is not Stage.ANSWERED:
-        return _asking(number, call.reasons, call.seen, tried=call.tried)
+        return _intervals(number, call.reasons, call.seen, tried=call.tried)
     if Reason.BLOCKED in reasons:
         blocked = newest is not None and Reason.BLOCKED in newest.reasons
         shown = calls.hold.seen if calls.hold is not None and not blocked else None
@@ -199,7 +199,7 @@ def fault_name(newest: Assessment | None, silent: list[str]) -> str:
     return finding.figure if finding is not None else "no fresh frame"
 
 
-def _asking(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, tried: bool) -> str:
+def _intervals(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, tried: bool) -> str:
     uncertainty = seen.roi.uncertainty if seen is not None and seen.roi is not None else None
     similarity = seen.similarity if seen is not None else None
     reasons = frozenset(reasons)

@@ -22,18 +22,18 @@ WALL = 1_800_000_000.0
 
 def counted() -> tuple[ShadowStatistics, Shadow]:
     """Two hours with three would-be holds, of 4 s, of 10 s and one that a human ended."""
-    book, shadow = ShadowStatistics("model", WALL), Shadow(count=3, watched=7200.0)
+    statistics, shadow = ShadowStatistics("model", WALL), Shadow(count=3, watched=7200.0)
     for number, (reasons, lasted, by_hand) in enumerate(
         [(OBJECT, 4.0, False), (BLOCKED, 10.0, False), (OBJECT, 99.0, True)], start=1
     ):
-        book.began(WouldHold(reasons, number), WALL + number)
-        book.ended(WouldResume(reasons, number, lasted, by_hand))
-    return book, shadow
+        statistics.began(WouldHold(reasons, number), WALL + number)
+        statistics.ended(WouldResume(reasons, number, lasted, by_hand))
+    return statistics, shadow
 
 
 def test_the_figures_say_how_many_how_often_and_how_long_for_each_reason() -> None:
-    book, shadow = counted()
-    figures = book.figures(shadow)
+    statistics, shadow = counted()
+    figures = statistics.figures(shadow)
     assert (figures["would_hold"], figures["watched_hours"], figures["per_hour"]) == (3, 2.0, 1.5)
     assert figures["since"] == "2027-01-15T08:00:00+00:00"
     assert figures["by_reason"]["unknown_object"] == {
@@ -57,17 +57,17 @@ def test_a_rate_waits_until_there_is_time_to_count_in() -> None:
 
 
 def test_one_line_and_one_text_sum_it_up() -> None:
-    book, shadow = counted()
-    assert book.line(shadow).startswith(
+    statistics, shadow = counted()
+    assert statistics.line(shadow).startswith(
         "3 would-be holds in 2.00 h (1.5 an hour); unknown_object 3 (1.5 an hour)"
     )
-    assert book.text(shadow) == "Shadow: 3 in 2.0 h (1.5/h), most unknown thing"
+    assert statistics.text(shadow) == "Shadow: 3 in 2.0 h (1.5/h), most unknown thing"
 
 
 def test_the_parameters_carry_the_counts_and_tenths_of_hours() -> None:
-    book, shadow = counted()
+    statistics, shadow = counted()
     shadow.watched += 359.0
-    assert book.values(shadow) == {
+    assert statistics.values(shadow) == {
         "AT_SHD_HOLDS": 3.0,
         "AT_SHD_HOURS": 2.0,
         "AT_SHD_SCENE": 0.0,
@@ -78,50 +78,52 @@ def test_the_parameters_carry_the_counts_and_tenths_of_hours() -> None:
 
 
 def test_the_newest_fifty_are_listed_and_all_are_counted() -> None:
-    book, shadow = ShadowStatistics(), Shadow()
+    statistics, shadow = ShadowStatistics(), Shadow()
     for number in range(1, 81):
-        book.began(WouldHold(OBJECT, number), WALL)
-    assert len(book.figures(shadow)["newest"]) == 50
-    assert book.counts["unknown_object"].holds == 80
+        statistics.began(WouldHold(OBJECT, number), WALL)
+    assert len(statistics.figures(shadow)["newest"]) == 50
+    assert statistics.counts["unknown_object"].holds == 80
 
 
 def test_a_restart_goes_on_counting_and_a_would_be_hold_goes_on_standing() -> None:
-    book, shadow = counted()
+    statistics, shadow = counted()
     shadow.open, shadow.began_at = OBJECT, 500.0
-    saved = json.loads(json.dumps(book.saved(shadow, 507.0)))
+    saved = json.loads(json.dumps(statistics.saved(shadow, 507.0)))
     again = Shadow()
     restored, notice = ShadowStatistics.restored(saved, again, "model", 20.0, WALL + 99)
     assert notice == ""
     assert (again.count, again.watched, again.open, again.began_at) == (3, 7200.0, OBJECT, 13.0)
-    assert restored.figures(again) == book.figures(shadow)
+    assert restored.figures(again) == statistics.figures(shadow)
 
 
 def test_another_model_begins_anew_and_says_so() -> None:
-    book, shadow = counted()
+    statistics, shadow = counted()
     again = Shadow()
-    restored, notice = ShadowStatistics.restored(book.saved(shadow, 0.0), again, "other", 0.0, WALL + 99)
+    restored, notice = ShadowStatistics.restored(
+        statistics.saved(shadow, 0.0), again, "other", 0.0, WALL + 99
+    )
     assert "another model's (model)" in notice
     assert (again.count, restored.since) == (0, WALL + 99)
 
 
 def test_time_alone_is_written_once_a_minute_and_a_would_be_hold_at_once() -> None:
-    book, shadow = counted()
-    first = book.saved(shadow, 0.0)
+    statistics, shadow = counted()
+    first = statistics.saved(shadow, 0.0)
     shadow.watched += 59.0
-    assert book.saved(shadow, 59.0) is first
+    assert statistics.saved(shadow, 59.0) is first
     shadow.watched += 1.0
-    second = book.saved(shadow, 60.0)
+    second = statistics.saved(shadow, 60.0)
     assert second is not first
-    book.began(WouldHold(OBJECT, 4), WALL)
-    assert book.saved(shadow, 61.0) is not second
+    statistics.began(WouldHold(OBJECT, 4), WALL)
+    assert statistics.saved(shadow, 61.0) is not second
 
 
 def test_begun_anew_nothing_is_left() -> None:
-    book, shadow = counted()
-    book.begin_anew(shadow, WALL + 5)
+    statistics, shadow = counted()
+    statistics.begin_anew(shadow, WALL + 5)
     assert (shadow.count, shadow.watched) == (0, 0.0)
-    assert book.figures(shadow)["newest"] == []
-    assert set(book.values(shadow).values()) == {0.0}
+    assert statistics.figures(shadow)["newest"] == []
+    assert set(statistics.values(shadow).values()) == {0.0}
 
 
 VALUES = st.recursive(
@@ -136,10 +138,10 @@ VALUES = st.recursive(
 @example(key="count", value=9e10)
 @given(key=st.sampled_from(sorted(counted()[0].saved(counted()[1], 0.0))), value=VALUES)
 def test_nonsense_in_the_journal_begins_anew_or_makes_sense(key: str, value: object) -> None:
-    book, shadow = counted()
+    statistics, shadow = counted()
     again = Shadow()
     restored, _ = ShadowStatistics.restored(
-        {**book.saved(shadow, 0.0), key: value}, again, "model", 0.0, WALL
+        {**statistics.saved(shadow, 0.0), key: value}, again, "model", 0.0, WALL
     )
     json.dumps(restored.figures(again))
     restored.line(again)

@@ -34,9 +34,9 @@ _BLOCK = 64 * 1024
 class FtpServer:
     """Answers FILE_TRANSFER_PROTOCOL; every request may come twice."""
 
-    def __init__(self, outbox: Outbox, guard: AccessControl, tree: Tree) -> None:
+    def __init__(self, outbox: Outbox, access: AccessControl, tree: Tree) -> None:
         self._outbox = outbox
-        self._guard = guard
+        self._access = access
         self._tree = tree
         self._sessions = Sessions()
         self._lists = Lists(tree)
@@ -53,7 +53,7 @@ class FtpServer:
         try:
             request = FtpPayload.unpack(bytes(message.payload))
         except PayloadError:
-            self._guard.rejected["payload"] += 1
+            self._access.rejected["payload"] += 1
             return
         if (
             request.opcode in (Opcode.ACK, Opcode.NAK)
@@ -61,7 +61,7 @@ class FtpServer:
         ):
             return
         if self._outbox.waiting("file reply", to=sender) >= MAX_REPLIES:
-            self._guard.rejected["file queue"] += 1
+            self._access.rejected["file queue"] += 1
             return
         reply = self._reply(sender, request, now)
         if reply is not None:
@@ -134,7 +134,7 @@ class FtpServer:
 
     def _outranks(self, sender: Sender) -> bool:
         """Whether somebody with less right has made room."""
-        return self._sessions.make_room(by=lambda other: self._guard.outranks(sender, other))
+        return self._sessions.make_room(by=lambda other: self._access.outranks(sender, other))
 
     def _read(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
         session = self._sessions.get(sender, request.session)

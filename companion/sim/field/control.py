@@ -33,20 +33,20 @@ class ControlServer:
         self._selector = selector
         self._handle = handle
         self._clients: dict[socket.socket, _Client] = {}
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._listener.settimeout(0.0)
-        self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
-        self.address: tuple[str, int] = self._listener.getsockname()
+        self._router = socket.create_server(("127.0.0.1", 0))
+        self._router.settimeout(0.0)
+        self._selector.register(self._router, selectors.EVENT_READ, self._accept)
+        self.address: tuple[str, int] = self._router.getsockname()
 
     def close(self) -> None:
         for client in list(self._clients):
             self._drop(client)
-        self._selector.unregister(self._listener)
-        self._listener.close()
+        self._selector.unregister(self._router)
+        self._router.close()
 
     def _accept(self, _events: int) -> None:
         with contextlib.suppress(OSError):
-            client, _ = self._listener.accept()
+            client, _ = self._router.accept()
             if len(self._clients) >= MAX_CLIENTS:
                 client.close()
                 return

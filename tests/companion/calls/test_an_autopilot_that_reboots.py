@@ -43,7 +43,7 @@ def test_the_call_and_its_hold_stay_and_nothing_is_accepted_or_commanded(
     held.run(30.0, DRUM)
     assert held.closed() == []
     assert (held.call.id, held.hold.id) == (1, 1)
-    assert held.calls.sight.acceptance is None
+    assert held.calls.reason_filter.acceptance is None
     assert held.modes() == [HOLD]
     assert held.events().count(HoldEvent.REBOOTED) == 1
     assert HoldEvent.TAKEN_OVER not in held.events()
@@ -99,7 +99,7 @@ def test_the_mode_that_the_transmitters_switch_sets_after_the_boot_is_nobodys(he
     held.human(into, armed=False)
     held.run(5.0, DRUM)
     assert held.closed() == []
-    assert held.calls.sight.acceptance is None
+    assert held.calls.reason_filter.acceptance is None
     assert not held.hold.standing
     held.human(into)
     held.run(1.0, DRUM)

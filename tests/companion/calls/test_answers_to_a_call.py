@@ -104,7 +104,7 @@ def test_words_with_go_resume_after_five_ok_frames(held: Scene) -> None:
     held.run(1.5, DRUM)
     assert held.autopilot.mode == AUTO
     assert held.closed() == [(1, Outcome.ANSWERED)]
-    assert held.calls.sight.acceptance is None
+    assert held.calls.reason_filter.acceptance is None
 
 
 def test_after_words_without_go_the_hold_stands_and_asks_clear_now_go(held: Scene) -> None:
@@ -123,7 +123,7 @@ def test_after_words_without_go_the_hold_stands_and_asks_clear_now_go(held: Scen
 def test_a_go_after_the_words_accepts_nothing_beyond_them(held: Scene) -> None:
     held.answer(words=DRIVABLE)
     held.go()
-    assert held.calls.sight.acceptance is None
+    assert held.calls.reason_filter.acceptance is None
 
 
 def test_go_with_words_that_forbid_the_thing_waits_until_it_is_removed(hold: Scene) -> None:
@@ -177,7 +177,7 @@ def test_an_answer_to_frames_that_are_no_longer_fresh_is_no_sight(report: Scene)
     report.run(0.9)
     report.answer(words=DRIVABLE)
     report.run(0.3)
-    assert Reason.FAULT in report.calls.sight.reasons(report.now)
+    assert Reason.FAULT in report.calls.reason_filter.reasons(report.now)
 
 
 def test_what_cannot_be_judged_again_is_not_covered(held: Scene) -> None:

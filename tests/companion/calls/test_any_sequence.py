@@ -215,7 +215,7 @@ class Calls(RuleBasedStateMachine):
     def an_autopilot_that_falls_silent_is_a_fault_where_the_rover_is_to_be_held(self) -> None:
         calls, heard = self.scene.calls, self.heard_at > float("-inf")
         if calls.policy is not Policy.HOLD or not heard:
-            assert calls.reasons(self.scene.now) == calls.sight.reasons(self.scene.now)
+            assert calls.reasons(self.scene.now) == calls.reason_filter.reasons(self.scene.now)
         elif self.scene.now - self.heard_at > 3.0:
             assert calls.state(self.scene.now) is State.FAULT
 
@@ -238,7 +238,7 @@ class Calls(RuleBasedStateMachine):
         scene.frame += 1
         scene.frames[scene.frame], scene.view = view, view
         seen = scene.judged(scene.frame)
-        acceptance = scene.calls.sight.acceptance
+        acceptance = scene.calls.reason_filter.acceptance
         accepted = acceptance.reasons if acceptance is not None else frozenset()
         self._books(good=seen.reasons <= accepted)
         self._check(scene.calls.assessed(seen, self.scene.now))

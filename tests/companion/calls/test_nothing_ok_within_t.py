@@ -51,7 +51,7 @@ def test_nothing_is_told_to_be_ok_before_a_frame_was(view: View) -> None:
     assert scene.calls.state(scene.now) not in {State.OK, State.STARTING}
     scene.run(3.0, CLEAR)
     scene.show(BROKEN)
-    assert scene.calls.sight.was_ok
+    assert scene.calls.reason_filter.was_ok
 
 
 def test_frames_that_stop_coming_hold_after_t(hold: Scene) -> None:
@@ -67,8 +67,8 @@ def test_frames_that_stop_coming_hold_after_t(hold: Scene) -> None:
 def test_t_counts_from_the_capture_of_the_last_frame_however_late_it_was_judged(latency: float) -> None:
     scene = Scene(Policy.HOLD, latency=latency)
     scene.run(2.0)
-    assert scene.calls.sight.newest is not None
-    captured = scene.calls.sight.newest.frame.captured_at
+    assert scene.calls.reason_filter.newest is not None
+    captured = scene.calls.reason_filter.newest.frame.captured_at
     assert scene.held() == []
     scene.camera = False
     scene.run(2.0)
@@ -82,8 +82,8 @@ def test_t_counts_from_the_capture_of_the_last_ok_frame_while_frames_that_are_no
 ) -> None:
     scene = Scene(Policy.HOLD, latency=latency)
     scene.run(2.0)
-    assert scene.calls.sight.newest is not None
-    captured = scene.calls.sight.newest.frame.captured_at
+    assert scene.calls.reason_filter.newest is not None
+    captured = scene.calls.reason_filter.newest.frame.captured_at
     place = View(turned=60.0, pending=True)
     scene.run(2.0, DRUM, LOG, place, BROKEN)
     held_at = next(at for at, decision in scene.log if isinstance(decision, HoldStarted))
@@ -114,7 +114,7 @@ def test_frames_that_waited_in_a_queue_while_we_were_stalled_are_no_fresh_views(
     held.go()
     for seen in waiting:
         held.keep(held.calls.assessed(seen, held.now))
-    assert held.calls.sight.ok_run == 0
+    assert held.calls.reason_filter.ok_run == 0
     assert held.calls.state(held.now) is State.FAULT
     assert held.modes() == [HOLD]
     held.due = held.now
@@ -131,7 +131,7 @@ def test_old_frames_do_not_outvote_what_blocks_the_way(blocked: Scene) -> None:
     blocked.now += 5.0
     for seen in waiting:
         blocked.keep(blocked.calls.assessed(seen, blocked.now))
-    assert Reason.BLOCKED in blocked.calls.sight.reasons(blocked.now)
+    assert Reason.BLOCKED in blocked.calls.reason_filter.reasons(blocked.now)
 
 
 def test_t_is_the_freshness_limit_of_the_settings() -> None:
@@ -222,7 +222,7 @@ def test_after_a_black_out_five_new_ok_frames_are_needed_not_one() -> None:
     scene.run(2.0)
     scene.camera = False
     scene.run(3.0)
-    assert scene.calls.sight.ok_run == 0
+    assert scene.calls.reason_filter.ok_run == 0
     scene.camera, scene.due = True, scene.now + 1.0
     scene.show(CLEAR, CLEAR, CLEAR, CLEAR)
     assert AUTO not in scene.modes()
@@ -233,7 +233,7 @@ def test_after_a_black_out_five_new_ok_frames_are_needed_not_one() -> None:
 def test_a_gap_that_nobody_was_awake_to_notice_counts_too(hold: Scene) -> None:
     hold.now += 5.0
     hold.show(CLEAR)
-    assert hold.calls.sight.ok_run == 1
+    assert hold.calls.reason_filter.ok_run == 1
 
 
 @pytest.mark.parametrize("also", [DRUM, LOG])

@@ -34,7 +34,7 @@ def test_stay_takes_a_go_back_that_is_not_fulfilled_yet(held: Scene) -> None:
     held.go()
     held.answer(Motion.STAY)
     assert held.calls.go_at is None
-    assert held.calls.sight.acceptance is None
+    assert held.calls.reason_filter.acceptance is None
     held.run(10.0, DRUM)
     assert held.autopilot.mode == HOLD
     assert held.calls.stage() is Stage.OPEN
@@ -60,9 +60,9 @@ def test_look_again_forgets_what_was_seen_before(report: Scene) -> None:
     report.run(1.0, DRUM)
     between = View((Thing(AHEAD, unsure=0.23),))  # clear of the threshold, not by the margin
     report.run(1.0, between)
-    assert report.calls.sight.reasons(report.now) == {Reason.UNKNOWN_OBJECT}
+    assert report.calls.reason_filter.reasons(report.now) == {Reason.UNKNOWN_OBJECT}
     report.answer(Motion.LOOK_AGAIN)
-    assert report.calls.sight.reasons(report.now) == frozenset()
+    assert report.calls.reason_filter.reasons(report.now) == frozenset()
     report.run(5.5)
     assert report.closed() == [(1, Outcome.PASSED)]
 
@@ -87,9 +87,9 @@ def test_to_look_again_and_again_does_not_keep_the_rover_driving() -> None:
 def test_to_look_again_with_broken_eyes_is_no_excuse(hold: Scene) -> None:
     hold.show(BROKEN, BROKEN)
     hold.answer(Motion.LOOK_AGAIN)
-    assert hold.calls.sight.reasons(hold.now) == {Reason.FAULT}
+    assert hold.calls.reason_filter.reasons(hold.now) == {Reason.FAULT}
     hold.show(CLEAR, CLEAR)
-    assert hold.calls.sight.reasons(hold.now) == set()
+    assert hold.calls.reason_filter.reasons(hold.now) == set()
 
 
 def test_look_again_at_a_blocked_way_resumes_nothing(blocked: Scene) -> None:

@@ -136,7 +136,7 @@ def test_a_go_on_a_blocked_way_does_not_drive_over_it(blocked: Scene) -> None:
     blocked.go()
     blocked.run(30.0)
     assert blocked.modes() == [HOLD]
-    assert blocked.calls.sight.acceptance is None
+    assert blocked.calls.reason_filter.acceptance is None
 
 
 def test_a_way_that_is_open_by_less_than_the_margin_is_not_driven_yet(blocked: Scene) -> None:
@@ -145,7 +145,7 @@ def test_a_way_that_is_open_by_less_than_the_margin_is_not_driven_yet(blocked: S
     assert blocked.calls.stage() is Stage.OPEN
     blocked.go()
     blocked.run(10.0, narrow)
-    assert blocked.calls.sight.ok_run > 50
+    assert blocked.calls.reason_filter.ok_run > 50
     assert blocked.modes() == [HOLD]
     blocked.run(1.5, CLEAR)
     assert blocked.autopilot.mode == AUTO

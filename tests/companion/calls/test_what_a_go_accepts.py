@@ -44,7 +44,7 @@ NEARER = (
 
 def ended(scene: Scene) -> bool:
     """Whether nothing is accepted any more."""
-    return scene.calls.sight.acceptance is None
+    return scene.calls.reason_filter.acceptance is None
 
 
 def box_of(accepted: Acceptance | None) -> Box:
@@ -80,14 +80,14 @@ def test_words_with_a_go_at_clear_now_accept_nothing_that_is_back(hold: Scene, w
 def test_the_accepted_thing_does_not_call_again(accepted: Scene) -> None:
     accepted.run(15.0)
     assert accepted.opened() == [1]
-    assert accepted.calls.sight.ok_run > 100
+    assert accepted.calls.reason_filter.ok_run > 100
 
 
 def test_what_is_accepted_grows_and_moves_down_the_image_with_the_thing(accepted: Scene) -> None:
     for box in NEARER:
         accepted.run(0.2, View((Thing(box),)))
     assert accepted.opened() == [1]
-    box = box_of(accepted.calls.sight.acceptance)
+    box = box_of(accepted.calls.reason_filter.acceptance)
     assert box.top > AHEAD.top
     assert box.right - box.left > AHEAD.right - AHEAD.left
 
@@ -248,7 +248,7 @@ def test_place_and_thing_of_one_frame_are_accepted_together_though_they_count_on
 
 def test_an_accepted_thing_and_a_blocked_way_hold_for_the_way(accepted: Scene) -> None:
     accepted.run(1.0, View((Thing(AHEAD), Thing(Box(0.3, 0.85, 0.7, 0.95), "log"))))
-    assert accepted.calls.sight.reasons(accepted.now) == {Reason.BLOCKED}
+    assert accepted.calls.reason_filter.reasons(accepted.now) == {Reason.BLOCKED}
 
 
 def test_after_a_restart_the_frame_of_the_call_says_what_a_go_accepts(held: Scene) -> None:
@@ -320,18 +320,18 @@ def test_a_go_to_a_thing_does_not_open_a_way_that_known_things_close(hold: Scene
     hold.go()
     hold.run(5.0, LOG)
     assert hold.autopilot.mode == HOLD
-    assert hold.calls.sight.reasons(hold.now) == {Reason.BLOCKED}
+    assert hold.calls.reason_filter.reasons(hold.now) == {Reason.BLOCKED}
 
 
 def test_without_tiles_a_go_to_a_thing_does_not_accept_the_known_ground_around_it() -> None:
     scene = Scene(Policy.HOLD, tile=None)
     view = View((Thing(Box(0.333, 0.60, 0.38, 0.95), "log"), Thing(Box(0.5, 0.7, 0.6, 0.8))), haze=0.25)
     scene.run(1.0, view)
-    assert scene.calls.sight.reasons(scene.now) == {Reason.BLOCKED, Reason.UNKNOWN_OBJECT}
+    assert scene.calls.reason_filter.reasons(scene.now) == {Reason.BLOCKED, Reason.UNKNOWN_OBJECT}
     scene.go()
     scene.run(3.0)
     assert scene.autopilot.mode == HOLD
-    assert scene.calls.sight.reasons(scene.now) == {Reason.BLOCKED}
+    assert scene.calls.reason_filter.reasons(scene.now) == {Reason.BLOCKED}
 
 
 @pytest.mark.parametrize("scale", [1, 8, 30])

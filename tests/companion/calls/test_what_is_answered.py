@@ -11,7 +11,7 @@ from anytraverse.errors import UnknownWordError
 from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
-from companion.answers.handler import AnswerHandler, Heard
+from companion.answers.handler import AnswerHandler, Handled
 from companion.answers.store import AnswerStore
 from companion.link.inbound import AnswerRequest
 from companion.vision.client import Applied, Vision
@@ -90,7 +90,7 @@ class Talk:
         """The eyes have applied one answer, and the disk takes what came of it at once, or not at all."""
         self._take(self.answer_handler.applied(self.eyes.apply(), self.scene.now), remembered=remembered)
 
-    def _take(self, heard: Heard, *, remembered: bool = True) -> None:
+    def _take(self, heard: Handled, *, remembered: bool = True) -> None:
         self.scene.keep(heard.decisions)
         for reply in heard.replies:
             if reply.changed:

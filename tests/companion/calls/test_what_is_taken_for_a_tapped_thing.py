@@ -15,7 +15,7 @@ CORNER = Box(0.34, 0.61, 0.44, 0.72)
 
 def ended(scene: Scene) -> bool:
     """Whether nothing is accepted any more."""
-    return scene.calls.sight.acceptance is None
+    return scene.calls.reason_filter.acceptance is None
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_a_tapped_thing_beside_the_one_that_is_asked_about_blocks_after_the_go_a
     hold.go()
     hold.run(5.0, both)
     assert (hold.autopilot.mode, hold.opened()) == (HOLD, [1])
-    assert hold.calls.sight.reasons(hold.now) == {Reason.BLOCKED}
+    assert hold.calls.reason_filter.reasons(hold.now) == {Reason.BLOCKED}
     hold.run(1.0, View((Thing(SLIVER),)))
     assert (hold.autopilot.mode, hold.opened()) == (AUTO, [1])
 
@@ -91,7 +91,7 @@ def test_so_does_one_beside_a_stranger_thing_that_is_larger_than_a_tile(hold: Sc
     hold.go()
     hold.run(5.0)
     assert (hold.autopilot.mode, hold.opened()) == (HOLD, [1])
-    assert hold.calls.sight.reasons(hold.now) == {Reason.BLOCKED}
+    assert hold.calls.reason_filter.reasons(hold.now) == {Reason.BLOCKED}
     hold.run(1.0, View((tuft,)))
     assert (hold.autopilot.mode, hold.opened()) == (AUTO, [1])
 

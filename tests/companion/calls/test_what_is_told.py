@@ -225,7 +225,7 @@ def test_a_call_that_a_restart_found_open_is_told_without_figures(held: Scene) -
 def test_data_survive_whatever_is_not_known_or_too_much(report: Scene) -> None:
     report.show(View(turned=float("nan")))
     made = call_data(
-        report.calls.sight.newest,
+        report.calls.reason_filter.newest,
         report.numbers.judging.region,
         Preferences(),
         Place(),
@@ -247,7 +247,7 @@ def test_data_survive_whatever_is_not_known_or_too_much(report: Scene) -> None:
 @pytest.mark.parametrize("view", [CLEAR, DRUM, LOG, BROKEN, ELSEWHERE])
 def test_a_summary_packs_and_unpacks_for_every_view(report: Scene, view: View) -> None:
     report.run(1.0, view)
-    newest = report.calls.sight.newest
+    newest = report.calls.reason_filter.newest
     assert newest is not None
     state = report.calls.state(report.now)
     made = summary(newest, SECTORS, state, Policy.REPORT, report.calls.current_id, 90, report.now)
@@ -263,7 +263,7 @@ def test_a_summary_packs_and_unpacks_for_every_view(report: Scene, view: View) -
 
 def test_a_frame_judged_after_the_turn_began_is_as_old_as_its_judging_took(report: Scene) -> None:
     report.run(1.0)
-    newest = report.calls.sight.newest
+    newest = report.calls.reason_filter.newest
     assert newest is not None
     began = newest.frame.captured_at - 0.2
     made = summary(newest, SECTORS, State.OK, Policy.REPORT, 0, 90, began)

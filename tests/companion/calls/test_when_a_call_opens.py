@@ -60,9 +60,9 @@ def test_a_changed_place_opens_a_call_for_words(report: Scene) -> None:
 def test_what_is_known_and_not_drivable_is_never_ok_and_no_call(report: Scene) -> None:
     report.run(2.0, LOG)
     assert report.opened() == []
-    assert report.calls.sight.reasons(report.now) == {Reason.BLOCKED}
+    assert report.calls.reason_filter.reasons(report.now) == {Reason.BLOCKED}
     assert report.calls.state(report.now) is State.BLOCKED
-    assert report.calls.sight.ok_run == 0
+    assert report.calls.reason_filter.ok_run == 0
 
 
 def test_broken_maps_are_a_fault_and_no_call(report: Scene) -> None:
@@ -88,17 +88,17 @@ def test_a_reason_ends_a_margin_on_the_good_side_of_its_threshold() -> None:
     scene = mean_only()
     scene.run(0.5, faint(0.31))
     scene.run(10.0, faint(0.29))
-    assert scene.calls.sight.reasons(scene.now) == {OBJECT}
+    assert scene.calls.reason_filter.reasons(scene.now) == {OBJECT}
     scene.run(0.5, faint(0.26))
-    assert scene.calls.sight.reasons(scene.now) == frozenset()
+    assert scene.calls.reason_filter.reasons(scene.now) == frozenset()
 
 
 def test_similarity_has_a_margin_of_its_own(report: Scene) -> None:
     report.run(0.5, View(turned=32.0))  # cosine 0.848, threshold 0.85, margin 0.01
     report.run(1.0, View(turned=31.5))  # 0.853
-    assert report.calls.sight.reasons(report.now) == {PLACE}
+    assert report.calls.reason_filter.reasons(report.now) == {PLACE}
     report.run(1.0, View(turned=30.0))  # 0.866
-    assert report.calls.sight.reasons(report.now) == frozenset()
+    assert report.calls.reason_filter.reasons(report.now) == frozenset()
 
 
 def test_one_call_is_open_at_a_time_and_later_reasons_are_added(report: Scene) -> None:

@@ -26,7 +26,7 @@ def test_without_frames_the_rover_is_held_within_t(rig: Rig) -> None:
 def test_with_half_a_second_of_latency_the_hold_still_comes_at_t_after_the_last_capture(rig: Rig) -> None:
     rig.latency = 0.5
     rig.see(2.0)
-    newest = rig.calls.sight.newest
+    newest = rig.calls.reason_filter.newest
     assert newest is not None
     assert rig.stage.mode == AUTO
     while rig.stage.mode == AUTO:
@@ -75,8 +75,8 @@ def test_a_frame_whose_judging_took_longer_than_t_is_no_fresh_view(
     rig.see(1.0)
     assert rig.state[0] == "FAULT"
     assert rig.stage.mode == HOLD
-    assert rig.calls.sight.newest is not None
-    assert not rig.calls.sight.newest.ok
+    assert rig.calls.reason_filter.newest is not None
+    assert not rig.calls.reason_filter.newest.ok
 
 
 def test_a_fault_that_comes_and_goes_is_said_once(make_rig: MakeRig) -> None:
@@ -236,7 +236,7 @@ def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
 
 
 def test_an_error_in_taking_frames_ends_in_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rig.calls.sight, "take", lambda *_: 1 / 0)
+    monkeypatch.setattr(rig.calls.reason_filter, "take", lambda *_: 1 / 0)
     rig.see(T + 0.5)
     assert rig.state == ("FAULT", 1)
     assert rig.stage.mode == HOLD

@@ -35,9 +35,9 @@ def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path) -> Non
 def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
     (tmp_path / "99999-old.jpg").touch()
     for _ in range(2):
-        album = PictureArchive(tmp_path, 2)
-        album.add(JPEG, "new")
-        album.add(JPEG, "new")
+        pictures = PictureArchive(tmp_path, 2)
+        pictures.add(JPEG, "new")
+        pictures.add(JPEG, "new")
     assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
 
 

@@ -82,7 +82,7 @@ def test_it_holds_nothing_and_teaches_nothing(rig: Rig) -> None:
     assert rig.answer_handler.words == before
     assert rig.engine.memory.history == memory.history
     assert rig.engine.memory.reference is memory.reference
-    assert rig.calls.sight.acceptance is None
+    assert rig.calls.reason_filter.acceptance is None
     assert rig.stage.mode == AUTO
 
 

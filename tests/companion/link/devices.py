@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import Heard
+from companion.link.inbound import InboundEvent
 from companion.link.link import Link
 from companion.link.settings import MAIN, LinkSettings
 from companion.wire.parameters import build
@@ -38,9 +38,9 @@ class Peer:
         return [message.get_type() for message in self.got]
 
 
-def until(link: Link, done: Callable[[], bool], *peers: Peer) -> list[Heard]:
+def until(link: Link, done: Callable[[], bool], *peers: Peer) -> list[InboundEvent]:
     """Let the link live in real time until `done`; fails after 5 s."""
-    heard: list[Heard] = []
+    heard: list[InboundEvent] = []
     end = time.monotonic() + DEADLINE
     while not done():
         assert time.monotonic() < end, "too late"

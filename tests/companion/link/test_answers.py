@@ -215,7 +215,7 @@ def test_more_than_four_parts_are_refused(stage: Rehearsal) -> None:
 def test_halves_of_many_answers_take_bounded_memory(stage: Rehearsal) -> None:
     for number in range(1, 50):
         heard(stage, tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()))
-    assert len(stage.link._answers._assembly._open) <= 8
+    assert len(stage.link._answers._reassembly._open) <= 8
 
 
 def test_a_sender_that_may_not_is_denied_counted_and_told(stage: Rehearsal) -> None:

@@ -219,23 +219,23 @@ said = st.lists(st.tuples(names, st.booleans(), st.floats(0.0, 4.0)), max_size=8
 def test_no_number_of_names_is_admitted_more_than_the_shares_allow(
     heard: list[tuple[tuple[int, int], bool, float]],
 ) -> None:
-    guard, now = AccessControl((245, 255)), 0.0
+    access, now = AccessControl((245, 255)), 0.0
     heard_at: dict[tuple[int, int], float] = {}
     admitted = 0
     for sender, asks, pause in heard:
         now += pause
         kept = [
-            one for one in heard_at if one in guard._shares and one != sender and now - heard_at[one] <= KEPT
+            one for one in heard_at if one in access._shares and one != sender and now - heard_at[one] <= KEPT
         ]
-        guard.hear(sender, now)
+        access.hear(sender, now)
         heard_at[sender] = now
-        assert all(guard.share(one) == one for one in kept), "nobody who was heard lately loses his share"
-        assert len(list(guard._shares)) <= MAX_SHARES
-        assert guard.share(sender) in (sender, OTHERS)
+        assert all(access.share(one) == one for one in kept), "nobody who was heard lately loses his share"
+        assert len(list(access._shares)) <= MAX_SHARES
+        assert access.share(sender) in (sender, OTHERS)
         if asks:
-            admitted += sum(guard.admits(sender, now) for _ in range(70))
+            admitted += sum(access.admits(sender, now) for _ in range(70))
             assert admitted <= (MAX_SHARES + 1) * (REQUESTS_AT_ONCE + REQUESTS_PER_SECOND * now)
-    assert guard.share((9, 9)) == STRANGERS
+    assert access.share((9, 9)) == STRANGERS
     assert {OTHERS, STRANGERS} == CROWDS
 
 

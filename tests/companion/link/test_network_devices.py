@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import AnswerRequest, Heard
+from companion.link.inbound import AnswerRequest, InboundEvent
 from companion.link.parser import Parser
 from companion.link.settings import ConnectionSettings, LinkSettings
 from companion.link.transport import KEPT, Tcp, Udp, open_transport
@@ -35,7 +35,7 @@ def test_udpout_speaks_first_and_hears_answers(ground: socket.socket) -> None:
     peer.send(HEARTBEAT.pack(AUTOPILOT))
     until(link, lambda: link.vehicle is not None, peer)
     peer.send(GO.pack(GROUND))
-    heard: list[Heard] = []
+    heard: list[InboundEvent] = []
     end = time.monotonic() + DEADLINE
     while not heard and time.monotonic() < end:
         heard = [event for event in link.poll(time.monotonic()) if isinstance(event, AnswerRequest)]

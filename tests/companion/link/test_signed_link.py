@@ -202,8 +202,8 @@ def test_an_unsigned_autopilot_is_said_with_what_to_do(tmp_path: Path) -> None:
 def test_an_exempted_autopilot_may_tell_unsigned_but_ask_nothing(tmp_path: Path) -> None:
     stage = Stage(tmp_path, exempt=True)
     pulses = mavlink.MAVLink_rc_channels_message(0, 18, *([1500] * 18), 255)
-    receiver = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-    health = mavlink.MAVLink_sys_status_message(receiver, receiver, 0, *([0] * 10))
+    remote_control = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    health = mavlink.MAVLink_sys_status_message(remote_control, remote_control, 0, *([0] * 10))
     change = mavlink.MAVLink_param_set_message(1, 191, b"AT_POLICY", 3.0, 9)
     stage.autopilot.mav.signing.sign_outgoing = False
     stage.arrive(

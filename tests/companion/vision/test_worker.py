@@ -219,9 +219,9 @@ def test_of_kept_frames_the_oldest_goes(stage: Stage) -> None:
 
 def test_a_frame_that_is_kept_comes_without_loss_and_one_for_the_album_does_not(stage: Stage) -> None:
     looked = stage.look("drum")
-    album = stage.draw(1, keep=False)
-    assert album.panel
-    assert (album.thumbnail, album.png) == (b"", b"")
+    drawn = stage.draw(1, keep=False)
+    assert drawn.panel
+    assert (drawn.thumbnail, drawn.png) == (b"", b"")
     kept = stage.draw(1, keep=True)
     assert kept.thumbnail
     assert (pictures.from_png(kept.png) == looked.assessment.frame.image).all()

@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-stopping bench-vision house clean
+.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-stopping bench-vision bench-mutants house clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -37,6 +37,9 @@ bench-stopping: ready-dev ## stop a rover by faults, 50 of each kind (half an ho
 
 bench-vision: ready-dev ## kill the vision process 200 times between an answer and its acknowledgement; ARGS="--kills 20"
 	@$(PYTHON_IN_VENV) -m bench.vision.kills $(ARGS)
+
+bench-mutants: ready-dev ## put faults into the safety path, 200 one at a time: do the tests notice? (hours)
+	@$(PYTHON_IN_VENV) -m bench.mutants $(ARGS)
 
 house: ready-dev ## how simple the code is: lines, files, floors of imports, and how many files an event passes
 	@$(PYTHON_IN_VENV) -m bench.house

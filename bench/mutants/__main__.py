@@ -1,0 +1,131 @@
+"""Runs the tests against each mutant of the safety path; the last line is one JSON object.
+
+The mutants stand in mutants.json, chosen once by seed: `--choose 200` writes them anew. A result file is
+compared with by `--before`: the exit code is 1 if one that was caught then is not caught now.
+Run: python -m bench.mutants [--jobs 2] [--only 3 17] [--out results.json] [--before results.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from bench.mutants.faults import ROOT, SAFETY_PATH, Mutant, chosen
+
+CHOSEN = Path(__file__).with_name("mutants.json")
+LIMIT = 420.0
+"""Seconds for the tests of one mutant: one that makes them hang is caught, too."""
+_COPIED = ("anytraverse", "companion", "gcs_plugin", "config", "systemd", "tests", "bench", "docs")
+_REAL_TIME = (
+    "tests/companion/daemon/test_clipseg_on_the_field.py",
+    "tests/companion/daemon/test_clipseg_in_the_daemon.py",
+    "tests/anytraverse/training",
+    "tests/anytraverse/export",
+    "tests/anytraverse/clipseg",
+)
+
+
+def main() -> int:
+    given = _arguments()
+    if given.choose:
+        found = [mutant.figures() for mutant in chosen(given.choose, given.seed)]
+        CHOSEN.write_text("[\n" + ",\n".join(json.dumps(one) for one in found) + "\n]\n")
+        print(f"{len(found)} mutants written to {CHOSEN}")
+        return 0
+    mutants = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
+    numbers = given.only or range(len(mutants))
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        houses = [_house(Path(folder) / str(job)) for job in range(given.jobs)]
+        with ThreadPoolExecutor(given.jobs) as pool:
+            shares = [list(numbers)[job :: given.jobs] for job in range(given.jobs)]
+            results = pool.map(lambda work: _try_all(mutants, *work), zip(shares, houses, strict=True))
+            outcomes = {number: outcome for share in results for number, outcome in share.items()}
+    caught = sum(outcome != "survived" for outcome in outcomes.values())
+    told = {"mutants": len(outcomes), "caught": caught, "outcomes": dict(sorted(outcomes.items()))}
+    if given.out:
+        given.out.write_text(json.dumps(told, indent=1) + "\n")
+    print(json.dumps(told))
+    return _lost(outcomes, given.before)
+
+
+def _lost(outcomes: Mapping[int, str], before: Path | None) -> int:
+    """1 where a mutant survives that was caught before."""
+    known = json.loads(before.read_text())["outcomes"] if before else {}
+    lost = [n for n, one in outcomes.items() if one == "survived" and known.get(str(n), one) != "survived"]
+    for number in lost:
+        print(f"mutant {number} was caught before", file=sys.stderr)
+    return 1 if lost else 0
+
+
+def _house(folder: Path) -> Path:
+    """A copy of the project, for one mutant at a time."""
+    for name in _COPIED:
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "CHANGELOG.md", "Makefile", "LICENSE"):
+        shutil.copy(ROOT / name, folder / name)
+    return folder
+
+
+def _try_all(mutants: Sequence[Mutant], numbers: Sequence[int], house: Path) -> dict[int, str]:
+    outcomes = {}
+    for number in numbers:
+        begun = time.monotonic()
+        outcomes[number] = _try(mutants[number], house)
+        one = mutants[number]
+        took = time.monotonic() - begun
+        print(
+            f"{number:3} {outcomes[number]:9} {took:4.0f} s  {one.file} {one.function}: {one.line}",
+            flush=True,
+        )
+    return outcomes
+
+
+def _try(mutant: Mutant, house: Path) -> str:
+    """caught, hung or survived; "gone" where the code is not there any more."""
+    path = house / mutant.file
+    whole = path.read_text()
+    try:
+        path.write_text(mutant.source())
+    except LookupError as error:
+        return f"gone: {error}"
+    try:
+        ignored = [f"--ignore={name}" for name in _REAL_TIME]
+        tests = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", *ignored]
+        environment = {**os.environ, "PYTHONPATH": str(house), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            [*tests, *SAFETY_PATH[mutant.file]],
+            cwd=house,
+            env=environment,
+            capture_output=True,
+            timeout=LIMIT,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return "hung"
+    finally:
+        path.write_text(whole)
+    return "survived" if done.returncode == 0 else "caught"
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m bench.mutants", description=__doc__)
+    parser.add_argument("--choose", type=int, metavar="COUNT", help="choose so many anew, and end")
+    parser.add_argument("--seed", type=int, default=1, help="of the choice (default 1)")
+    parser.add_argument("--jobs", type=int, default=2, help="side by side (default 2)")
+    parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="these alone")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="where the result goes, too")
+    parser.add_argument("--before", type=Path, metavar="FILE", help="an earlier result to compare with")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,167 @@
+"""What a mutant is, where one can be made, and how: a file's syntax tree with one node changed."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import random
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+
+_ALGORITHM = ("tests/anytraverse",)
+_CALLS = ("tests/companion/calls",)
+_DAEMON = ("tests/companion/daemon",)
+_VISION = ("tests/companion/vision",)
+_LINK = ("tests/companion/link",)
+SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
+    "anytraverse/judging.py": _ALGORITHM,
+    "anytraverse/roi.py": _ALGORITHM,
+    "anytraverse/engine.py": _ALGORITHM,
+    "companion/calls/acceptance.py": _CALLS,
+    "companion/calls/answer_rules.py": _CALLS,
+    "companion/calls/hold.py": _CALLS,
+    "companion/calls/hold_rules.py": _CALLS,
+    "companion/calls/machine.py": _CALLS,
+    "companion/calls/reason_filter.py": _CALLS,
+    "companion/calls/snapshot.py": (*_CALLS, *_DAEMON),
+    "companion/policy/policy.py": (*_CALLS, *_DAEMON),
+    "companion/policy/service.py": _DAEMON,
+    "companion/policy/hold_gate.py": _DAEMON,
+    "companion/policy/stopping.py": ("tests/companion/preflight", *_DAEMON),
+    "companion/daemon/executor.py": _DAEMON,
+    "companion/daemon/health.py": _DAEMON,
+    "companion/daemon/persistence.py": _DAEMON,
+    "companion/answers/handler.py": (*_CALLS, *_DAEMON),
+    "companion/vision/checks.py": _VISION,
+    "companion/vision/client.py": _VISION,
+    "companion/vision/freeze_detector.py": (*_DAEMON, *_VISION),
+    "companion/link/vehicle.py": _LINK,
+    "companion/link/vehicle_commands.py": _LINK,
+    "companion/link/access_control.py": _LINK,
+}
+"""File -> the tests that must notice a fault in it, the likeliest first."""
+
+_OPPOSITES: Mapping[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.GtE,
+    ast.LtE: ast.Gt,
+    ast.Gt: ast.LtE,
+    ast.GtE: ast.Lt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+}
+KINDS = ("comparison", "junction", "negation", "truth", "condition", "return")
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault. function: qualified name. nth: of the places of this kind in it, from 0.
+
+    line: the source there when it was chosen, for people. It holds while that function keeps its shape.
+    """
+
+    file: str
+    function: str
+    kind: str
+    nth: int
+    line: str
+
+    def figures(self) -> dict[str, Any]:
+        """As JSON values."""
+        return asdict(self)
+
+    def source(self) -> str:
+        """The file with the fault. Raises LookupError where the function or the place is gone."""
+        tree = ast.parse((ROOT / self.file).read_text())
+        functions = dict(_functions(tree))
+        if self.function not in functions:
+            raise LookupError(f"{self.file} has no function {self.function} any more")
+        places = [node for node in _own_nodes(functions[self.function]) if _fits(node, self.kind)]
+        if self.nth >= len(places):
+            raise LookupError(f"{self.file}: {self.function} has no {self.kind} {self.nth} any more")
+        _break(places[self.nth], self.kind)
+        return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
+
+
+def chosen(count: int, seed: int) -> list[Mutant]:
+    """So many of all that can be made, by turns from each file, without repetition."""
+    chance = random.Random(seed)
+    left = {file: list(_mutants(file)) for file in SAFETY_PATH}
+    for found in left.values():
+        chance.shuffle(found)
+    picked: list[Mutant] = []
+    while len(picked) < count and any(left.values()):
+        picked += [found.pop() for found in left.values() if found]
+    return picked[:count]
+
+
+def _mutants(file: str) -> Iterator[Mutant]:
+    source = (ROOT / file).read_text()
+    lines = source.splitlines()
+    for name, function in _functions(ast.parse(source)):
+        for kind in KINDS:
+            places = [node for node in _own_nodes(function) if _fits(node, kind)]
+            for nth, node in enumerate(places):
+                yield Mutant(file, name, kind, nth, lines[node.lineno - 1].strip())  # type: ignore[attr-defined]
+
+
+def _functions(tree: ast.AST, before: str = "") -> Iterator[tuple[str, ast.FunctionDef]]:
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef):
+            yield before + node.name, node
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            yield from _functions(node, f"{before}{node.name}.")
+
+
+def _own_nodes(function: ast.FunctionDef) -> Iterator[ast.AST]:
+    """Of its body, without those of functions inside it and of annotations."""
+    waiting: list[ast.AST] = list(reversed(function.body))
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if not isinstance(node, ast.FunctionDef):
+            waiting += reversed(list(ast.iter_child_nodes(node)))
+
+
+def _fits(node: ast.AST, kind: str) -> bool:
+    match kind, node:
+        case "comparison", ast.Compare():
+            return True
+        case "junction", ast.BoolOp():
+            return True
+        case "negation", ast.UnaryOp(op=ast.Not()):
+            return True
+        case "truth", ast.Constant(value=bool()):
+            return True
+        case "condition", ast.If():
+            return True
+        case "return", ast.Return(value=ast.expr()):
+            return not isinstance(node.value, ast.Constant)
+    return False
+
+
+def _break(node: ast.AST, kind: str) -> None:
+    """Compare the other way, swap and with or, drop a not, swap true with false, never take a branch,
+    or return nothing.
+    """
+    match kind, node:
+        case "comparison", ast.Compare():
+            node.ops[0] = _OPPOSITES[type(node.ops[0])]()
+        case "junction", ast.BoolOp():
+            node.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+        case "negation", ast.UnaryOp():
+            inner = copy.deepcopy(node.operand)
+            node.op, node.operand = ast.Not(), ast.UnaryOp(op=ast.Not(), operand=inner)
+        case "truth", ast.Constant():
+            node.value = not node.value
+        case "condition", ast.If():
+            node.test = ast.Constant(value=False)
+        case "return", ast.Return():
+            node.value = ast.Constant(value=None)

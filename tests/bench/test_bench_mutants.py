@@ -1,0 +1,39 @@
+"""The mutants of the safety path: each is one fault in a file that still compiles."""
+
+from __future__ import annotations
+
+import ast
+import json
+
+import pytest
+
+from bench.mutants.__main__ import CHOSEN
+from bench.mutants.faults import KINDS, ROOT, SAFETY_PATH, Mutant, chosen
+
+SOME = chosen(60, seed=2)
+
+
+@pytest.mark.parametrize("mutant", SOME, ids=lambda one: f"{one.file}-{one.function}-{one.kind}-{one.nth}")
+def test_a_mutant_differs_from_the_file_and_compiles(mutant: Mutant) -> None:
+    source = mutant.source()
+    compile(source, mutant.file, "exec")
+    assert source != ast.unparse(ast.parse((ROOT / mutant.file).read_text())) + "\n"
+
+
+def test_the_choice_is_the_same_for_the_same_seed_and_takes_from_every_file() -> None:
+    assert chosen(60, seed=2) == SOME
+    assert {one.file for one in SOME} == set(SAFETY_PATH)
+    assert {one.kind for one in chosen(400, seed=1)} == set(KINDS)
+
+
+def test_what_is_gone_is_said() -> None:
+    with pytest.raises(LookupError, match="no function"):
+        Mutant("anytraverse/roi.py", "gone", "condition", 0, "").source()
+    with pytest.raises(LookupError, match="no condition 99"):
+        Mutant(SOME[0].file, SOME[0].function, "condition", 99, "").source()
+
+
+def test_two_hundred_are_fixed_in_a_file() -> None:
+    found = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
+    assert len(set(found)) == 200
+    assert {one.file for one in found} == set(SAFETY_PATH)

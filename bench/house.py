@@ -63,9 +63,9 @@ def main() -> int:
     figures["companion without the simulator"] = _size(daemon)
     for name, (files, lines, short) in figures.items():
         print(f"{name:32} {files:4} files, {short:3} of them under 40 lines {lines:7} lines of code")
-    modules = _imports()
-    rooms = _rooms(modules)
-    figures |= {"floors": _floors(modules), "floors_of_rooms": _floors(rooms), "circles": _circles(rooms)}
+    modules = imports()
+    rooms = rooms_of(modules)
+    figures |= {"floors": _floors(modules), "floors_of_rooms": _floors(rooms), "circles": circles(rooms)}
     print(f"floors of imports: {figures['floors']} of modules, {figures['floors_of_rooms']} of rooms")
     print(f"rooms that import each other: {figures['circles'] or 'none'}")
     for name, (files, own, moves) in _walks().items():
@@ -97,7 +97,7 @@ def _code_lines(path: Path) -> int:
     return len(lines - told)
 
 
-def _imports() -> dict[str, set[str]]:
+def imports() -> dict[str, set[str]]:
     """Module of companion/ -> those that it imports, where and for whatever it does."""
     paths = {_name(path): path for path in sorted((ROOT / "companion").rglob("*.py"))}
     found: dict[str, set[str]] = {}
@@ -115,7 +115,7 @@ def _name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
-def _rooms(modules: Graph) -> dict[str, set[str]]:
+def rooms_of(modules: Graph) -> dict[str, set[str]]:
     """The same for rooms; what stands at companion's root is none."""
     rooms: dict[str, set[str]] = {}
     for module, imported in modules.items():
@@ -141,14 +141,15 @@ def _reached(graph: Graph, start: str) -> set[str]:
     return seen
 
 
-def _circles(graph: Graph) -> list[list[str]]:
+def circles(graph: Graph) -> list[list[str]]:
+    """Those that reach each other, each circle once."""
     reached = {one: _reached(graph, one) for one in graph}
-    circles = {
+    found = {
         tuple(sorted(other for other in reached[one] if one in reached.get(other, ())))
         for one in graph
         if one in reached[one]
     }
-    return [list(circle) for circle in sorted(circles)]
+    return [list(circle) for circle in sorted(found)]
 
 
 def _floors(graph: Graph) -> int:

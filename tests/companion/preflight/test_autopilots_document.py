@@ -16,7 +16,7 @@ from tests.companion.sim.field.stubs import AUTO, Board, driving
 
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 TEXT = (ROOT / "docs/autopilots.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SCRIPTED = {name: value for name, value in Board().parameters.items() if name.startswith("ATS_")}

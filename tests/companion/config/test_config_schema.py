@@ -18,7 +18,7 @@ from companion.config.checks import Section
 from companion.config.schema import SECTIONS
 from companion.config.toml_file import Layer
 
-SHIPPED = Path(__file__).parents[2] / "config"
+SHIPPED = Path(__file__).parents[3] / "config"
 SETTINGS = [(name, one) for name, section in SECTIONS.items() for one in fields(section)]
 VALUES = (
     st.booleans()

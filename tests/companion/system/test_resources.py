@@ -4,7 +4,7 @@ import pytest
 
 from companion.system.resources import resource
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_a_checkout_finds_its_files_at_the_root() -> None:

@@ -1,15 +1,15 @@
-"""Where frames come from: the `Camera` protocol and its kinds, one file a kind.
+"""Opens the camera that a source names: the `Camera` protocol, and one file for each kind of camera.
 
 A source is named like a URL, `kind:place`: `video:drive.mp4`, `folder:pictures`, `field:127.0.0.1:5600`.
 A kind's module, and the vendor's software that it needs, is imported only when the kind is chosen.
 
 Errors:
 
-CameraError                 the camera must be opened anew; its text tells what to do
-├── SourceError             no camera can ever be made of this source: mend the config
-├── NoFrameYet              none in time; reading again is fine
-├── BadFrame                this one is torn or misshapen; reading again is fine
-└── EndOfFrames             the file has ended; no more will come
+CameraError                 the camera must be opened again; the text says what to do
+├── SourceError             this source can never be opened: correct the config
+├── NoFrameYet              no frame came within the time-out; read again
+├── BadFrame                one frame is damaged or has a wrong shape; read again
+└── EndOfFrames             the file has ended; no more frames will come
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ __all__ = [
 
 
 class CameraError(Exception):
-    """The camera is absent or lost: open it anew. The text tells what to look at."""
+    """The camera is absent or lost, and must be opened again. The text says what to check."""
 
 
 class SourceError(CameraError, ValueError):
-    """A source that names no camera, or one whose software is not installed."""
+    """The source names no camera, or the software that this kind needs is not installed."""
 
 
 class NoFrameYet(CameraError):  # noqa: N818
-    """No frame came in the time given; the camera stays open."""
+    """No frame came within the time-out; the camera stays open."""
 
 
 class BadFrame(CameraError):  # noqa: N818
-    """One frame was torn, misshapen or unreadable; the camera stays open."""
+    """One frame was damaged, unreadable or had a wrong shape; the camera stays open."""
 
 
 class EndOfFrames(CameraError):  # noqa: N818
@@ -62,14 +62,14 @@ KINDS: dict[str, tuple[str, str]] = {
     "folder": ("companion.cameras.folder", "PictureFolder"),
     "field": ("companion.cameras.field", "FieldCamera"),
 }
-"""Kind -> (module, class). A new kind is one file and one line here."""
+"""Kind -> (module, class). To add a kind, write one file and add one line here."""
 
 
 class Capture(NamedTuple):
-    """What a camera delivers.
+    """One picture that a camera delivered.
 
-    captured_at: seconds of time.monotonic() when the picture was taken, as close as the camera can tell.
-    image: RGB, (height, width, 3) uint8, the caller's own.
+    captured_at: seconds of time.monotonic() when the picture was taken, as exactly as the camera knows it.
+    image: RGB, (height, width, 3) uint8; the camera never writes to it again.
     """
 
     captured_at: float
@@ -78,36 +78,37 @@ class Capture(NamedTuple):
 
 @dataclass(frozen=True)
 class Playback:
-    """How files are played. rate: frames/s, None for the video's own. loop: start again at the end."""
+    """Says how files are played. rate: frames/s, None: the video's own. loop: start again at the end."""
 
     rate: float | None = None
     loop: bool = False
 
 
 class Camera(Protocol):
-    """An open camera. One thread makes, reads and closes it.
+    """Delivers pictures. One thread creates, reads and closes it.
 
-    Making one opens it, which may block for some seconds, and raises CameraError when it is absent.
+    The constructor opens the device. It may block for some seconds, and raises CameraError when the device
+    is absent.
     """
 
     def read(self, timeout: float) -> Capture:
-        """The next picture; blocks up to `timeout` seconds for it.
+        """Return the next picture; block up to `timeout` seconds for it.
 
-        A live camera gives its newest picture, at most one frame period old when `read` is called often
-        enough; a file gives every picture in turn, paced as if it were live.
-        Raises NoFrameYet and BadFrame, after which reading goes on; EndOfFrames when no more will come;
-        any other CameraError when the camera must be opened anew.
+        A live camera returns its newest picture, at most one frame period old when `read` is called often
+        enough. A file returns every picture in turn, at a fixed rate as if it were live.
+        Raises NoFrameYet and BadFrame, after which the caller may read again; EndOfFrames when no more will
+        come; any other CameraError when the camera must be opened again.
         """
 
     def close(self) -> None:
-        """Give the device back, at once; more than once is fine."""
+        """Release the device at once. May be called more than once."""
 
 
 CameraMaker = Callable[[str, Playback], Camera]
 
 
 def split_source(source: str) -> tuple[str, str]:
-    """(kind, place) of a source. Raises SourceError when there is no such kind, or no place."""
+    """Split a source into (kind, place). Raises SourceError for an unknown kind or a missing place."""
     kind, _, place = source.partition(":")
     if kind not in KINDS:
         known = ", ".join(f"{name}:..." for name in KINDS)
@@ -118,9 +119,9 @@ def split_source(source: str) -> tuple[str, str]:
 
 
 def open_camera(source: str, playback: Playback | None = None) -> Camera:
-    """The opened camera called `source`; may block for some seconds.
+    """Open the camera that `source` names; may block for some seconds.
 
-    Raises SourceError when it can never work, another CameraError when it is not there now.
+    Raises SourceError when the source can never work, another CameraError when the camera is absent now.
     """
     kind, place = split_source(source)
     module, name = KINDS[kind]

@@ -1,4 +1,4 @@
-"""`field:127.0.0.1:PORT`: the simulated field's camera, over loopback TCP."""
+"""Reads the simulated field's camera over loopback TCP: `field:127.0.0.1:PORT`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from companion.cameras.frame_socket import FrameError, FrameStream, FrameTimeout
 
 
 class FieldCamera:
-    """Frames of the simulated field with the capture times that it delivers.
+    """Delivers frames of the simulated field, with the capture times that the simulator set.
 
-    Those are of this computer's monotonic clock, which is why the address must be a loopback one.
+    The capture times are of this computer's monotonic clock, so the address must be a loopback address.
     """
 
     def __init__(self, place: str, _: Playback) -> None:

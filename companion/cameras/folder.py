@@ -1,4 +1,4 @@
-"""`folder:PATH`: a folder of pictures in name order, at a rate."""
+"""Plays a folder of pictures in name order, at a fixed rate: `folder:PATH`."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _USUAL_RATE = 10.0
 
 
 def pictures(folder: Path) -> list[Path]:
-    """The frames of a folder in name order.
+    """List the frames of a folder in name order.
 
-    Hidden files are none, and a png beside a jpg of the same stem is its label.
-    Raises CameraError when the folder cannot be read or holds none.
+    Leaves out hidden files, and each png that has a jpg of the same stem: data sets store labels that way.
+    Raises CameraError when the folder cannot be read or holds no picture.
     """
     try:
         names = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -39,9 +39,9 @@ def pictures(folder: Path) -> list[Path]:
 
 
 class PictureFolder:
-    """Pictures at `rate` (10 a second unless said). `captured_at` is the time at which a picture was due.
+    """Delivers pictures at `rate`, by default 10 a second. `captured_at` is the time when a picture was due.
 
-    With `loop` the folder is listed anew at each lap.
+    With `loop`, the folder is listed again at the start of each lap.
     """
 
     def __init__(self, place: str, playback: Playback) -> None:
@@ -62,12 +62,12 @@ class PictureFolder:
             with path.open("rb") as file:
                 picture = decode(file.read(MAX_BYTES + 1))
         except OSError as error:
-            raise BadFrame(f"{path} cannot be read ({error}): mend or remove it") from error
+            raise BadFrame(f"{path} cannot be read ({error}): repair or remove it") from error
         except PictureTooLargeError as error:
             raise BadFrame(f"{path}: {error}") from error
         if picture is None:
-            raise BadFrame(f"{path} is torn or no picture: mend or remove it")
+            raise BadFrame(f"{path} is damaged or not a picture: repair or remove it")
         return Capture(now, np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8))
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file stays open between two reads."""

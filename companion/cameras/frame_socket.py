@@ -1,9 +1,9 @@
-"""Frames over loopback TCP: the newest one to whoever asks, never a queue.
+"""Sends frames over loopback TCP, from a `FrameServer` to a `FrameStream`; always the newest, never a queue.
 
-The client sends one byte `NEXT` for each frame it wants; the server answers with the newest frame that this
-client has not had, or waits for one. So a slow client gets fewer frames, not older ones. A frame on the wire,
-little-endian: magic b"ATF1", id u32, capture time f64 (s, CLOCK_MONOTONIC), width u16, height u16, then
-height x width x 3 bytes RGB.
+The client sends one byte `NEXT` for each frame that it wants. The server answers with its newest frame, once
+that is another one than this client got last. So a slow client gets fewer frames, not older ones. A frame on
+the wire, little-endian: magic b"ATF1", id u32, capture time f64 (s, CLOCK_MONOTONIC), width u16, height u16,
+then height x width x 3 bytes RGB.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ POLL = 0.2
 
 
 class FrameError(Exception):
-    """No frame. The message says why and what to do."""
+    """No frame could be read. The message says why and what to do."""
 
 
 class FrameTimeout(FrameError):  # noqa: N818
-    """No new frame within the time given; asking again is fine."""
+    """No new frame came within the time-out; read again."""
 
 
 class CapturedFrame(NamedTuple):
-    """`captured_at` in s of time.monotonic(); `rgb` (height, width, 3) uint8."""
+    """One frame. captured_at: s of time.monotonic(). rgb: (height, width, 3) uint8."""
 
     id: int
     captured_at: float
@@ -45,7 +45,7 @@ class CapturedFrame(NamedTuple):
 
 
 def encode(frame: CapturedFrame) -> bytes:
-    """The frame as it goes over the wire; ValueError when it is not a picture."""
+    """Encode a frame for the wire. Raises ValueError when `rgb` is not (height, width, 3) uint8."""
     if frame.rgb.ndim != 3 or frame.rgb.shape[2] != 3 or frame.rgb.dtype != np.uint8:
         raise ValueError(f"a frame is (height, width, 3) uint8, not {frame.rgb.shape} {frame.rgb.dtype}")
     height, width, _ = frame.rgb.shape
@@ -54,12 +54,15 @@ def encode(frame: CapturedFrame) -> bytes:
 
 
 def decode_header(header: bytes, max_pixels: int = MAX_PIXELS) -> tuple[int, float, int, int]:
-    """(id, captured_at, width, height); FrameError when this is not the start of a frame we can take."""
+    """Decode a header into (id, captured_at, width, height).
+
+    Raises FrameError for a wrong magic number, a capture time that is not finite, or too many pixels.
+    """
     magic, number, captured_at, width, height = HEADER.unpack(header)
     if magic != MAGIC:
         raise FrameError(f"expected a frame, got {magic!r}: is this the frame server's address?")
     if not math.isfinite(captured_at):
-        raise FrameError("a frame without a capture time is refused: connect again")
+        raise FrameError("a frame whose capture time is not finite is refused: connect again")
     if not 0 < width * height <= max_pixels:
         raise FrameError(
             f"a frame of {width} x {height} pixels is refused: ask the server for at most {max_pixels}"
@@ -68,11 +71,13 @@ def decode_header(header: bytes, max_pixels: int = MAX_PIXELS) -> tuple[int, flo
 
 
 class FrameStream:
-    """The client's end. Not for several threads at once; after any FrameError but a time-out, connect
-    anew."""
+    """Reads frames from a `FrameServer`. Not thread-safe.
+
+    After any FrameError but FrameTimeout the stream is unusable: connect again.
+    """
 
     def __init__(self, host: str, port: int, timeout: float = 5.0, *, max_pixels: int = MAX_PIXELS) -> None:
-        """Connect; FrameError when nobody answers within `timeout` s."""
+        """Connect. Raises FrameError when no server answers within `timeout` s."""
         self._max_pixels = max_pixels
         self._buffer = bytearray()
         self._asked = False
@@ -92,9 +97,11 @@ class FrameStream:
         self._socket.close()
 
     def read(self, timeout: float = 2.0) -> CapturedFrame:
-        """The newest frame not read before; waits for it up to `timeout` s. Raises FrameTimeout when none
-        came in time (what came so far is kept), FrameError on rubbish, a picture too big or a closed
-        stream."""
+        """Return the newest frame that was not read before; wait up to `timeout` s for it.
+
+        Raises FrameTimeout when no whole frame came in time; the next `read` continues with the bytes that
+        did. Raises FrameError for invalid data, a picture that is too large, or a closed stream.
+        """
         deadline = time.monotonic() + timeout
         if not self._asked:
             self._ask()
@@ -137,40 +144,40 @@ class FrameStream:
 
 
 class FrameServer:
-    """Serves the newest published frame on 127.0.0.1, each client from a thread of its own."""
+    """Serves the newest published frame on 127.0.0.1, with one thread for each client."""
 
     def __init__(self, *, max_clients: int = MAX_CLIENTS) -> None:
-        self._news = threading.Condition()
+        self._published = threading.Condition()
         self._newest: tuple[int, bytes] | None = None
         self._closed = False
-        self._slots = threading.BoundedSemaphore(max_clients)
-        self._router = socket.create_server(("127.0.0.1", 0))
-        self._router.settimeout(POLL)
-        self.address: tuple[str, int] = self._router.getsockname()
+        self._free_clients = threading.BoundedSemaphore(max_clients)
+        self._server_socket = socket.create_server(("127.0.0.1", 0))
+        self._server_socket.settimeout(POLL)
+        self.address: tuple[str, int] = self._server_socket.getsockname()
         threading.Thread(target=self._accept, name="frames", daemon=True).start()
 
     def publish(self, frame: CapturedFrame) -> None:
-        """Replace the newest frame; never waits for a client."""
+        """Replace the newest frame. Never waits for a client."""
         packed = encode(frame)
-        with self._news:
+        with self._published:
             self._newest = (frame.id, packed)
-            self._news.notify_all()
+            self._published.notify_all()
 
     def close(self) -> None:
-        with self._news:
+        with self._published:
             self._closed = True
-            self._news.notify_all()
-        self._router.close()
+            self._published.notify_all()
+        self._server_socket.close()
 
     def _accept(self) -> None:
         while not self._closed:
             try:
-                client, _ = self._router.accept()
+                client, _ = self._server_socket.accept()
             except TimeoutError:
                 continue
             except OSError:
                 return
-            if not self._slots.acquire(blocking=False):
+            if not self._free_clients.acquire(blocking=False):
                 client.close()
                 continue
             threading.Thread(target=self._serve, args=(client,), name="frames-client", daemon=True).start()
@@ -187,10 +194,10 @@ class FrameServer:
                     client.settimeout(SEND_TIMEOUT)
                     client.sendall(packed)
         finally:
-            self._slots.release()
+            self._free_clients.release()
 
     def _is_asked(self, client: socket.socket) -> bool:
-        """Wait for the client to ask; False when it hung up, sent something else, or the server closes."""
+        """Wait for a request. False when the client hung up or sent another byte, or the server closes."""
         client.settimeout(POLL)
         while not self._closed:
             with contextlib.suppress(TimeoutError):
@@ -198,12 +205,12 @@ class FrameServer:
         return False
 
     def _newer_than(self, last: int | None, client: socket.socket) -> tuple[int, bytes] | None:
-        """Wait for a frame other than `last`; None when the client hung up or the server closes."""
-        with self._news:
+        """Wait for a frame other than `last`. None when the client hung up or the server closes."""
+        with self._published:
             while not self._closed and not _hung_up(client):
                 if self._newest is not None and self._newest[0] != last:
                     return self._newest
-                self._news.wait(POLL)
+                self._published.wait(POLL)
         return None
 
 

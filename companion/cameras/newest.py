@@ -1,4 +1,4 @@
-"""One thread that reads a camera, reconnects for ever, and holds only the newest frame."""
+"""Reads a camera in a thread, opens it again whenever it fails, and holds only the newest frame."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrame
 _log = logging.getLogger(__name__)
 
 _LONGEST_REASON = 500
-"""Characters of what a driver says."""
+"""Characters of a driver's error text that are passed on."""
 
 
 class CameraState(Enum):
-    """What the reader is doing."""
+    """Says what the camera thread is doing."""
 
     CONNECTING = "connecting"
     DELIVERING = "delivering"
     FAILED = "failed"
-    """Waiting to connect again; the status says why."""
+    """The thread waits before it connects again; the status says why."""
     ENDED = "ended"
-    """A file has ended; no more will come."""
+    """A file has ended; no more frames will come."""
 
 
 @dataclass(frozen=True)
 class CameraStatus:
-    """The reader at one moment. Counts are since the start.
+    """Describes the camera thread at one moment. Counts are since the start.
 
-    reason: why it failed or ended, until a frame comes. read: good frames; dropped: those of them that were
-    overwritten before anybody took them. refused: torn or misshapen frames. connected: openings.
+    reason: why the camera failed or ended; "" again once a frame comes. read: good frames. dropped: good
+    frames that a newer one replaced before they were taken. refused: bad frames. connected: how often the
+    camera was opened.
     """
 
     state: CameraState = CameraState.CONNECTING
@@ -48,9 +49,12 @@ class CameraStatus:
 
 @dataclass(frozen=True)
 class Patience:
-    """Seconds. wait: the longest read. silence: without a frame, after which the camera is opened anew.
-    first, longest: the wait before connecting again; it doubles from failure to failure. hung: in one call of
-    the camera's driver, after which the reader will not come back."""
+    """Holds the camera thread's time limits, in seconds.
+
+    wait: time-out of one read. silence: time without a good frame after which the camera is opened again.
+    first, longest: the wait before connecting again, which doubles from failure to failure. hung: time in one
+    call of the camera's driver after which the thread counts as hung for good.
+    """
 
     wait: float = 0.5
     silence: float = 5.0
@@ -60,40 +64,40 @@ class Patience:
 
 
 class NewestFrame:
-    """Room for one frame. A newer one replaces it; who takes it empties the room."""
+    """Holds at most one frame. A newer frame replaces it, and `take` removes it."""
 
     def __init__(self) -> None:
-        self._news = threading.Condition()
+        self._changed = threading.Condition()
         self._frame: Frame | None = None
         self._closed = False
 
     def put(self, frame: Frame) -> bool:
-        """Never blocks. True when a frame was overwritten that nobody had taken."""
-        with self._news:
+        """Store a frame; never blocks. True when it replaced one that was not taken."""
+        with self._changed:
             overwritten = self._frame is not None
             self._frame = frame
-            self._news.notify()
+            self._changed.notify()
         return overwritten
 
     def take(self, timeout: float) -> Frame | None:
-        """The newest frame not yet taken; waits up to `timeout` seconds for one. None: none, or closed."""
-        with self._news:
-            self._news.wait_for(lambda: self._frame is not None or self._closed, timeout)
+        """Remove and return the frame; wait up to `timeout` seconds for one. None: none came, or closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._frame is not None or self._closed, timeout)
             frame, self._frame = self._frame, None
         return frame
 
     def close(self) -> None:
-        """Wake who waits."""
-        with self._news:
+        """End every wait in `take`."""
+        with self._changed:
             self._closed = True
-            self._news.notify_all()
+            self._changed.notify_all()
 
 
 class CameraThread:
-    """Reads a camera in a thread of its own. Frame ids rise by one, over reconnects too.
+    """Reads a camera in a thread of its own. Frame ids rise by one, also across reconnects.
 
-    `connect` opens the camera (companion.cameras.open_camera); whatever it or the camera raises is a failure
-    to get over, never the end of the thread.
+    `connect` opens the camera, as `companion.cameras.open_camera` does. After an exception of `connect` or of
+    the camera the thread waits and connects again. Only EndOfFrames and `close` end the thread.
     """
 
     def __init__(
@@ -112,34 +116,34 @@ class CameraThread:
 
     @property
     def status(self) -> CameraStatus:
-        """Never blocks."""
+        """Return the newest status. Never blocks."""
         return self._status
 
     @property
     def delivered_at(self) -> float | None:
-        """Monotonic seconds when the newest good frame came; None before the first."""
+        """Return the monotonic seconds when the newest good frame came; None before the first."""
         return self._delivered_at
 
     @property
     def state(self) -> CameraState:
-        """Never blocks."""
+        """Return the newest status's state. Never blocks."""
         return self._status.state
 
     @property
     def running(self) -> bool:
-        """Whether frames may come, or a file has ended in good order; not while the driver hangs."""
+        """Whether frames may still come, or a file has ended normally. False while the driver hangs."""
         hangs = time.monotonic() - self._turned_at > self._patience.hung
         return (self._thread.is_alive() and not hangs) or self._status.state is CameraState.ENDED
 
     def take(self, timeout: float) -> Frame | None:
-        """The newest frame not yet taken; blocks up to `timeout` seconds for one, whatever the state.
+        """Return the newest frame that was not taken yet; block up to `timeout` seconds for one. None: none.
 
-        It may be as old as the reader found it: look at `captured_at`.
+        The frame's age is not checked here: look at `captured_at`.
         """
         return self._newest.take(timeout)
 
     def close(self, timeout: float = 2.0) -> bool:
-        """Stop reading and give the camera back. False: after `timeout` s the reader still hangs in it."""
+        """Stop the thread and release the camera. False: after `timeout` s the driver still hangs."""
         self._closing.set()
         self._newest.close()
         self._thread.join(timeout)
@@ -158,18 +162,19 @@ class CameraThread:
                 _log.info("%s", end)
                 self._set(state=CameraState.ENDED, reason=str(end))
                 return
-            except Exception as failure:  # A driver may raise anything, and the rover still needs its camera.
+            except Exception as failure:  # a driver may raise anything, and the rover still needs its camera
                 reason = (str(failure) or type(failure).__name__)[:_LONGEST_REASON]
             if self._status.read > read_before:
                 pause = self._patience.first
             if reason != self._status.reason:
+                # Logged once a reason, or a camera that is unplugged would fill the log.
                 _log.warning("no camera: %s; trying again", reason)
             self._set(state=CameraState.FAILED, reason=reason)
             self._closing.wait(pause)
             pause = min(pause * 2, self._patience.longest)
 
     def _deliver(self) -> None:
-        """Read one connection until the thread is closed; raises what ends it."""
+        """Open the camera and read it until the thread is closed. Raises whatever ends the connection."""
         camera = self._connect()
         try:
             self._set(connected=self._status.connected + 1)
@@ -216,8 +221,8 @@ class CameraThread:
 
 
 def _check(capture: Capture) -> None:
-    """Raises BadFrame for what must not reach the algorithm."""
+    """Raise BadFrame for an image or a capture time that the algorithm must not get."""
     if not is_image(capture.image):
         raise BadFrame("not an RGB picture of 8 bits a channel: check the camera's pixel format")
     if not math.isfinite(capture.captured_at) or capture.captured_at > time.monotonic():
-        raise BadFrame(f"captured at {capture.captured_at}, which is no time of the past: check its clock")
+        raise BadFrame(f"captured at {capture.captured_at}, which is not in the past: check its clock")

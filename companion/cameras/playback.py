@@ -1,4 +1,4 @@
-"""Plays files as if they were live."""
+"""Delays the reading of files, so that they play at a fixed rate like a live camera."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from companion.cameras import NoFrameYet
 
 
 class Pace:
-    """Lets a reader through `rate` times a second. A reader that fell behind goes on from now: no burst."""
+    """Lets a reader through `rate` times a second. It never speeds up to make up for lost time."""
 
     def __init__(self, rate: float) -> None:
         self._period = 1.0 / rate
         self._due = time.monotonic()
 
     def wait(self, timeout: float) -> float:
-        """Wait until the next frame is due; returns time.monotonic() then.
+        """Wait until the next frame is due, and return time.monotonic() then.
 
         Raises NoFrameYet when it is not due within `timeout` seconds.
         """

@@ -1,4 +1,4 @@
-"""`video:PATH`: a video file, at its own rate or a given one."""
+"""Plays a video file at its own rate or a given one: `video:PATH`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HIGHEST_RATE = 240.0
 
 
 class VideoFile:
-    """A video file that OpenCV can decode. `captured_at` is the time at which a frame was due."""
+    """Delivers the frames of a video that OpenCV can decode. `captured_at` is when a frame was due."""
 
     def __init__(self, place: str, playback: Playback) -> None:
         self._path = Path(os.path.expanduser(place)).absolute()
@@ -29,7 +29,7 @@ class VideoFile:
     def read(self, timeout: float) -> Capture:
         now = self._pace.wait(timeout)
         if not self._video.grab():
-            self._turn()
+            self._start_again()
         self._read_in_lap += 1
         ok, picture = self._video.retrieve()
         if not ok:
@@ -56,14 +56,14 @@ class VideoFile:
         rate = float(self._video.get(cv2.CAP_PROP_FPS))
         return rate if math.isfinite(rate) and 0.0 < rate <= _HIGHEST_RATE else _USUAL_RATE
 
-    def _turn(self) -> None:
-        """At the end: start again, or say so."""
+    def _start_again(self) -> None:
+        """Start again at the file's end, or raise EndOfFrames."""
         if not self._loop:
             announced = int(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
             torn = f" of {announced} announced" if announced > self._read_in_lap else ""
             raise EndOfFrames(f"{self._path} ended after {self._read_in_lap} frames{torn}")
         self._video.release()
-        # Opened anew, since not every container can be wound back.
+        # The file is opened again, because OpenCV cannot seek to the start of every container.
         self._video = self._open()
         self._read_in_lap = 0
         if not self._video.grab():

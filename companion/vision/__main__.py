@@ -1,4 +1,4 @@
-"""`python -m companion.vision DESCRIPTOR PARENT`: started by the supervisor, never by hand."""
+"""Starts the vision process: `python -m companion.vision DESCRIPTOR PARENT`. Only the supervisor runs it."""
 
 import sys
 

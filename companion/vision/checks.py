@@ -1,4 +1,4 @@
-"""What the vision process says is checked before it is believed: types, sizes, ranges, finite numbers."""
+"""Checks every report of the vision process before it is used: types, sizes, ranges, finite numbers."""
 
 from __future__ import annotations
 
@@ -33,31 +33,31 @@ from companion.vision.messages import (
 )
 
 LARGEST_MAP = 4 << 20
-"""Pixels of one map."""
+"""Pixels of one map, at most."""
 _AHEAD = 0.001
-"""Seconds that a time of the other process may lie ahead, by rounding."""
+"""Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _ROUNDING = 1e-6
 _U32 = 0xFFFFFFFF
 
 
 class BadReportError(Exception):
-    """A report that cannot be true. Whoever said it is not to be relied on."""
+    """A report has an impossible value: the process that sent it can no longer be trusted."""
 
 
 @dataclass
 class Expected:
-    """What the next report is measured by. last_frame: id of the newest frame that was heard of."""
+    """Holds what the next report is compared with. last_frame: id of the newest frame reported so far."""
 
     last_frame: int
 
 
 def checked(message: Any, expected: Expected, now: float) -> Report:
-    """The report, where it can be believed. Raises BadReportError. now: monotonic seconds."""
+    """Check a report and return it. Raises BadReportError. now: monotonic seconds."""
     try:
         _check(message, expected, now)
     except BadReportError:
         raise
-    except Exception as error:  # not even the fields are right, and they may hold anything
+    except Exception as error:  # the fields may hold any type, so that checking them may raise anything
         raise BadReportError(f"wrong: {error!r}") from error
     report: Report = message
     return report

@@ -1,4 +1,4 @@
-"""The vision process as the supervisor holds it: started with a fresh interpreter, killed when it must be."""
+"""Starts the vision process with a fresh interpreter, exchanges bytes with it, and kills it."""
 
 from __future__ import annotations
 
@@ -15,42 +15,42 @@ from companion.vision.codec import Splitter
 
 COMMAND = (sys.executable, "-m", "companion.vision")
 MOST_WAITING = 80 << 20
-"""Bytes of requests that may wait for a process that does not read: a full channel is a lost process."""
+"""Bytes of requests that may wait for a process that does not read. Beyond that it counts as lost."""
 _CHUNK = 1 << 20
 _CHUNKS_PER_POLL = 8
 _BUFFER = 1 << 20
-_REAPED_WITHIN = 0.2
-"""Seconds that a killed process is waited for: one in an uninterruptible call is left to the kernel."""
+_REAP_TIMEOUT = 0.2
+"""Seconds to wait for a killed process. One in an uninterruptible system call is left to the kernel."""
 
 
 class Child(Protocol):
-    """A started vision process and the channel to it. Nothing here waits, but for `close`."""
+    """Talks to one started vision process. No method blocks except `close`."""
 
     def fileno(self) -> int | None:
-        """Readable when reports wait; None without a descriptor."""
+        """Return the descriptor that is readable when reports wait; None after `close`."""
 
     def send(self, message: bytes) -> bool:
-        """Queue a request. False when too much waits already."""
+        """Queue a request. False when too many bytes wait already."""
 
     def receive(self) -> list[bytes]:
-        """The reports that are complete, without their lengths. Raises CodecError."""
+        """Return the complete reports, without their length prefixes. Raises CodecError."""
 
     @property
     def idle(self) -> bool:
         """Whether no request waits to be sent."""
 
     def ended(self) -> str:
-        """How the process ended, in two or three words, "" while it runs."""
+        """Say how the process ended, in two or three words; "" while it runs."""
 
     def close(self) -> None:
-        """Kill it, whatever state it is in, and give its descriptors back; more than once is fine."""
+        """Kill the process in whatever state it is, and close the descriptors. May be called repeatedly."""
 
 
 class VisionChild:
-    """`python -m companion.vision`. Its end of the channel is the one descriptor that it inherits."""
+    """Runs `python -m companion.vision`, which inherits one descriptor: its end of a socket pair."""
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
-        """command: of a program that takes a descriptor and our process id. Raises OSError."""
+        """Start the process. command: gets a descriptor and our process id appended. Raises OSError."""
         self._splitter = Splitter()
         self._waiting = bytearray()
         self._channel, far = socket.socketpair()
@@ -72,7 +72,7 @@ class VisionChild:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """Return the process id."""
         return self._process.pid
 
     def fileno(self) -> int | None:
@@ -97,7 +97,7 @@ class VisionChild:
                 data = self._channel.recv(_CHUNK)
             except (BlockingIOError, InterruptedError):
                 break
-            except OSError:  # a reset: how it ended is asked for elsewhere
+            except OSError:  # a reset: the process died, and `ended` says how
                 break
             if not data:
                 break
@@ -117,8 +117,8 @@ class VisionChild:
     def close(self) -> None:
         if self._process.returncode is None:
             self._process.kill()
-            with contextlib.suppress(subprocess.TimeoutExpired):  # a driver may keep it for a while
-                self._process.wait(_REAPED_WITHIN)
+            with contextlib.suppress(subprocess.TimeoutExpired):  # a camera driver may delay its end
+                self._process.wait(_REAP_TIMEOUT)
         self._channel.close()
 
     def _flush(self) -> None:

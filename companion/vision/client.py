@@ -1,6 +1,6 @@
-"""The supervisor's side of the vision process: it starts, watches and restarts it, and speaks with it.
+"""Starts, watches and restarts the vision process, sends it requests and takes its reports.
 
-Nothing here waits. What the process says is checked before it is believed.
+Nothing here blocks. Each report is checked before it is used.
 """
 
 from __future__ import annotations
@@ -47,33 +47,34 @@ from companion.wire.ids import State
 log = logging.getLogger(__name__)
 
 MAX_JOBS = 8
-"""Answers that may wait for their outcome."""
+"""Answers that may wait for their outcome at once."""
 MAX_DRAWINGS = 16
 KEPT = 2
-"""Frames of the open call and the hold: a restarted process gets back those of which there is a PNG."""
+"""Stored frames, of the open call and the hold. A restarted process gets those that have come as PNG."""
 SILENT_AFTER = 2.0
-"""Seconds without a sign of life, beside those of a step, after which no job is taken: whoever asks must not
-wait in vain."""
+"""Seconds without a sign of life, plus those of one step, after which requests are refused: their sender
+would wait in vain."""
 _STALLED = 1.0
-"""Seconds between two polls after which the supervisor itself stood still: no silence counts then."""
+"""Seconds between two polls after which the supervisor itself was stalled: the silence so far is its own."""
 _SITUATION_EVERY = 0.2
 _SCENES = 64
-"""Remembered scenes in one message: one is encoded in about 0.1 ms."""
+"""Remembered scenes in one message, at most. Encoding one takes about 0.1 ms of the main loop."""
 _DEATHS = 3
 _OFTEN = 600.0
-"""Three deaths in this many seconds: the process is not to be relied on."""
+"""Seconds. After `_DEATHS` deaths within this time the process counts as unreliable."""
 
 
 class VisionLostError(AnyTraverseError):
-    """The vision process died before it said what became of a request: nothing of it remains."""
+    """The vision process died before it reported a request's outcome; the request had no effect."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A new frame was judged.
+    """Reports a new frame's assessment.
 
-    memory: as it is after the frame; changed: by it. at: monotonic seconds when it was done. took: seconds.
-    sectors: drivable share of each image column over the ROI's rows, None where nothing is known.
+    memory: as it is after the frame. changed: whether the frame changed the memory. at: monotonic seconds
+    when judging ended. took: seconds of judging. sectors: drivable share of each image column over the ROI's
+    rows, None where nothing is known.
     """
 
     assessment: Assessment
@@ -86,9 +87,9 @@ class Judged:
 
 @dataclass(frozen=True)
 class Applied:
-    """An answer was applied, or refused with `error`; then nothing has changed.
+    """Reports that an answer was applied, or refused with `error`; then nothing has changed.
 
-    token: the asker's; None: a frame was given back to a new process.
+    token: what the caller of `answer` passed. None: a stored frame was given to a new process.
     """
 
     token: object
@@ -101,10 +102,11 @@ Result = Judged | Applied | Drawn
 
 
 class Vision:
-    """One process at a time. `poll` is called in every turn of the main loop.
+    """Owns the vision process. The main loop calls `poll` in every turn.
 
-    memory: the last accepted copy; a new process starts from it. weak: words in use that it finds badly.
-    camera, delivered_at: as the process told them last. trouble: why nothing is judged, "" while all is well.
+    memory: the newest accepted copy; a restarted process begins with it. weak: words in use that the
+    perceiver recognises badly. camera, delivered_at: as last reported. failed: why the perceiver cannot be
+    loaded, "" otherwise. trouble: why nothing is judged now, "" while all is well. restarted: how often.
     """
 
     def __init__(
@@ -116,7 +118,7 @@ class Vision:
         *,
         first_frame: int = 1,
     ) -> None:
-        """memory: as the journal has it. launch raises OSError. restarts: limits, from the table of tasks."""
+        """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
         self._launch = launch
         self._config = config
         self._restarts = restarts
@@ -124,24 +126,25 @@ class Vision:
         self._revision = 0
         self._expected = Expected(first_frame - 1)
         self._child: Child | None = None
-        self._again_at = float("-inf")
-        self._started_at = self._heard_at = self._polled_at = time.monotonic()
+        self._restart_at = float("-inf")
+        self._started_at = self._reported_at = self._polled_at = time.monotonic()
         self._deaths: deque[float] = deque(maxlen=_DEATHS)
         self._failures = 0
         self._settings: Settings | None = None
         self._numbers = 0
         self._scenes: deque[Entry] = deque()
-        """What a process that was started has still to get."""
-        self._asked: OrderedDict[int, object] = OrderedDict()
+        """Scenes that a restarted process must still get."""
+        self._unanswered: OrderedDict[int, object] = OrderedDict()
         self._drawing: dict[int, int] = {}
-        """Picture -> the frame that is kept for it, 0: none."""
+        """Number of the request -> id of the frame that it stores, 0: none."""
         self._restoring: dict[int, int] = {}
-        """Request -> the frame that it gives back."""
+        """Number of the request -> id of the frame that it gives back."""
         self._suspects = set[int]()
-        """Frames that the last process died over; one that two in a row died over is not given back."""
+        """Ids of frames that were being given back when the last process died. A frame over which two
+        processes in a row died is dropped: it may be what kills them."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
-        self._running = self._full = False
+        self._running = self._overflowed = False
         self.ready: Ready | None = None
         self.failed = ""
         self.weak: tuple[str, ...] = ()
@@ -152,36 +155,36 @@ class Vision:
 
     @property
     def memory(self) -> Memory:
-        """The last accepted copy. Only once it was ready."""
+        """Return the newest accepted copy. Only after the process was ready once, or with a saved memory."""
         assert self._memory is not None
         return self._memory
 
     @property
     def alive_at(self) -> float:
-        """Monotonic seconds of its last sign of life."""
-        return self._heard_at if self._running else float("-inf")
+        """Return the monotonic seconds of the last sign of life; -inf while the process is not ready."""
+        return self._reported_at if self._running else float("-inf")
 
     @property
     def answers_within(self) -> float:
-        """Seconds in which as many answers as may wait have their outcome, or the process counts as lost."""
+        """Return the seconds within which each waiting answer has its outcome, or the process is lost."""
         return (MAX_JOBS + 1) * self._limit()
 
     @property
     def unreliable(self) -> bool:
-        """Whether it died three times within ten minutes."""
+        """Whether the process died three times within ten minutes."""
         return len(self._deaths) == _DEATHS and self._polled_at - self._deaths[0] <= _OFTEN
 
     def fileno(self) -> int | None:
-        """For select; None while there is no process. Ask each time: a restart changes it."""
+        """Return the descriptor for `select`; None while there is no process. A restart changes it."""
         return None if self._child is None else self._child.fileno()
 
     def poll(self, now: float) -> list[Result]:
-        """What has come since the last call, oldest first; of several judgements only the newest."""
+        """Return the results since the last call, oldest first; of several `Judged` only the newest."""
         if now - self._polled_at > _STALLED:
-            self._heard_at = self._started_at = now
+            self._reported_at = self._started_at = now
         self._polled_at = now
         if self._child is None:
-            if now >= self._again_at and not self.failed:
+            if now >= self._restart_at and not self.failed:
                 self._start(now)
             return []
         if self._scenes and self._child.idle:
@@ -191,19 +194,23 @@ class Vision:
             ended = self._child.ended()
             for packed in self._child.receive():
                 report = checked(decode(packed), self._expected, time.monotonic())
-                results += self._hear(report, now)
+                results += self._take_report(report, now)
         except (CodecError, BadReportError) as error:
-            return _newest(results) + self._lose(f"sent nonsense ({error})", "vision sent nonsense", now)
-        if self._full:
-            return _newest(results) + self._lose("does not take what it is sent", "vision hangs", now)
+            return _newest(results) + self._restart_later(
+                f"sent nonsense ({error})", "vision sent nonsense", now
+            )
+        if self._overflowed:
+            return _newest(results) + self._restart_later(
+                "does not take what it is sent", "vision hangs", now
+            )
         if self.failed and self.ready is not None:
             what = f"cannot be loaded ({self.failed})"
-            return _newest(results) + self._lose(what, "vision cannot be loaded", now)
+            return _newest(results) + self._restart_later(what, "vision cannot be loaded", now)
         if ended:
-            return _newest(results) + self._lose(f"ended: {ended}", f"vision died ({ended})", now)
-        silent, limit = now - max(self._heard_at, self._started_at), self._limit()
+            return _newest(results) + self._restart_later(f"ended: {ended}", f"vision died ({ended})", now)
+        silent, limit = now - max(self._reported_at, self._started_at), self._limit()
         if silent > limit:
-            return _newest(results) + self._lose(
+            return _newest(results) + self._restart_later(
                 f"gave no sign of life for {silent:.1f} s", "vision hangs", now
             )
         return _newest(results)
@@ -218,23 +225,26 @@ class Vision:
         go: bool = False,
         place: Place | None = None,
     ) -> bool:
-        """Have an answer applied; an `Applied` with `token` follows.
+        """Request that an answer be applied; an `Applied` with `token` follows.
 
         frame_id: of the call's or hold's frame, 0: words alone. place: the call's, by default the vehicle's.
-        False when too many wait, or the process hangs or is not ready.
+        False when too many answers wait, or the process hangs or is not ready.
         """
         return self._ask(token, lambda number: Answer(number, changes, frame_id, call_id, go, place))
 
     def restore(self, token: object, frame_id: int, png: bytes) -> bool:
-        """Have the frame of a call that was open at a restart judged; an `Applied` follows.
+        """Request that the frame of a call that was open at a restart be judged; an `Applied` follows.
 
-        False as for `answer`.
+        png: the frame as PNG. False as for `answer`.
         """
         self._remember_frame(frame_id, png)
         return self._ask(token, lambda number: self._restore(number, frame_id, png))
 
     def tune(self, settings: Settings) -> bool:
-        """Judge by these settings from the next frame on; the first time, begin to. False as for `answer`."""
+        """Judge frames by these settings from now on. No frame is judged before the first call of `tune`.
+
+        False when the process hangs or is not ready.
+        """
         if not self._takes_jobs():
             return False
         if not self._send(Tune(settings)):
@@ -243,9 +253,9 @@ class Vision:
         return True
 
     def draw(self, frame_id: int, title: str, state: State, *, keep: bool = False) -> bool:
-        """Have a frame that was judged lately drawn; a `Drawn` follows. False: not asked.
+        """Request pictures of a recently judged frame; a `Drawn` follows. False when too many wait.
 
-        keep: it is a call's or hold's, which can be answered and tapped in from now on.
+        keep: store the frame, because it is a call's or hold's: answers and taps may refer to it from now on.
         """
         most = MAX_DRAWINGS + (KEPT if keep else 0)
         if not self._running or len(self._drawing) >= most:
@@ -258,31 +268,31 @@ class Vision:
         return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
-        """Tell where the vehicle is and whether it moves, some five times a second."""
+        """Send where the vehicle is and whether it moves, at most five times a second."""
         ready = self._running and self._child is not None and self._child.idle
         if ready and now - self._situation_at >= _SITUATION_EVERY:
             self._situation_at = now
             self._send(Situation(place, moving))
 
     def holds_frame(self, frame_id: int) -> bool:
-        """Whether this frame can be answered, or was asked to be kept for that."""
+        """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
         return frame_id in self._frames or frame_id in self._drawing.values()
 
     def close(self) -> None:
-        """End the process; the camera is free when this returns, unless a driver keeps it."""
+        """Kill the process. The camera is free when this returns, unless its driver hangs."""
         if self._child is not None:
             self._child.close()
             self._child = None
-        self._running = self._full = False
+        self._running = self._overflowed = False
 
     def _start(self, now: float) -> None:
         try:
             self._child = self._launch()
         except OSError as error:
             self._child = None
-            self._lose(f"cannot be started ({error})", "vision cannot be started", now)
+            self._restart_later(f"cannot be started ({error})", "vision cannot be started", now)
             return
-        self._started_at = self._heard_at = now
+        self._started_at = self._reported_at = now
         memory, first = self._memory, self._expected.last_frame + 1
         if memory is not None:
             self._scenes = deque(memory.history)
@@ -293,13 +303,13 @@ class Vision:
         return tuple(self._scenes.popleft() for _ in range(min(_SCENES, len(self._scenes))))
 
     def _limit(self) -> float:
-        """Seconds of silence after which the process counts as hung."""
+        """Return the seconds of silence after which the process counts as hung."""
         if not self._running or self.ready is None:
             return self._restarts.loading
         return self._restarts.silent_for + 4.0 * self.ready.step
 
-    def _hear(self, report: object, now: float) -> list[Result]:
-        self._heard_at = now
+    def _take_report(self, report: object, now: float) -> list[Result]:
+        self._reported_at = now
         if isinstance(report, (Looked, Done, Drawn)) and not self._running:
             raise BadReportError(f"{type(report).__name__} before it was ready")
         match report:
@@ -310,10 +320,10 @@ class Vision:
             case Failed(text):
                 self.failed = text
             case Ready():
-                self._is_ready(report, now)
+                self._take_ready(report, now)
             case Looked():
                 if report.update is not None:
-                    self._take(report.update)
+                    self._apply_update(report.update)
                 if report.revision != self._revision:
                     raise BadReportError(f"a frame under revision {report.revision}, not {self._revision}")
                 return [
@@ -327,15 +337,15 @@ class Vision:
                     )
                 ]
             case Done():
-                if report.number not in self._asked:
+                if report.number not in self._unanswered:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
                 if report.update is not None:
-                    self._take(report.update)
+                    self._apply_update(report.update)
                 frame_id = self._restoring.pop(report.number, None)
                 if report.error and frame_id is not None:
                     self._frames.pop(frame_id, None)
                 error = AnyTraverseError(report.error) if report.error else None
-                return [Applied(self._asked.pop(report.number), report.outcome, error, self.memory)]
+                return [Applied(self._unanswered.pop(report.number), report.outcome, error, self.memory)]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")
@@ -345,20 +355,20 @@ class Vision:
                 return [report]
         return []
 
-    def _take(self, update: MemoryUpdate) -> None:
-        """The next copy of the memory, where it follows the last one."""
+    def _apply_update(self, update: MemoryUpdate) -> None:
+        """Apply an update to the memory. Raises BadReportError when it is not based on the present copy."""
         if update.base != self._revision or update.revision != self._revision + 1:
             raise BadReportError(f"memory {update.revision} on {update.base}, not on {self._revision}")
         self._memory = updated(self._memory, update)
         self._revision = update.revision
         self.weak = update.weak
 
-    def _is_ready(self, ready: Ready, now: float) -> None:
+    def _take_ready(self, ready: Ready, now: float) -> None:
         first = self.ready
         if first is not None and ready.model.id != first.model.id:
             self.failed = f"it is {ready.model.id} now, not {first.model.id}: restart the companion"
             return
-        self._take(ready.update)
+        self._apply_update(ready.update)
         self._running, self._started_at, self.trouble = True, now, ""
         if first is None:
             self.ready = ready
@@ -369,11 +379,15 @@ class Vision:
         self._send(Tune(self._settings))
         for frame_id, png in self._frames.items():
             self._numbers += 1
-            self._asked[self._numbers] = None
+            self._unanswered[self._numbers] = None
             self._send(self._restore(self._numbers, frame_id, png))
 
-    def _lose(self, what: str, short: str, now: float) -> list[Result]:
-        """The process is lost: killed, and started again after a while. Whoever waits for it is told."""
+    def _restart_later(self, what: str, short: str, now: float) -> list[Result]:
+        """Kill the process and plan its restart. Return the errors of the answers that waited.
+
+        what: for the log. short: for the operator. A perceiver that never loaded is not tried again: the same
+        files would fail again.
+        """
         if self.failed and self.ready is None:
             self.close()
             return []
@@ -386,7 +400,7 @@ class Vision:
         self.failed = ""
         self._failures += 1
         self._deaths.append(now)
-        self._again_at = now + wait
+        self._restart_at = now + wait
         self.trouble = short
         self.restarted += 1
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=what)
@@ -399,8 +413,8 @@ class Vision:
             (number, png) for number, png in self._frames.items() if png and number not in spoilt
         )
         error = VisionLostError("vision restarted: send it again")
-        asked = [token for token in self._asked.values() if token is not None]
-        self._asked.clear()
+        asked = [token for token in self._unanswered.values() if token is not None]
+        self._unanswered.clear()
         return (
             [Applied(token, None, error, self.memory) for token in asked] if self._memory is not None else []
         )
@@ -408,15 +422,15 @@ class Vision:
     def _takes_jobs(self) -> bool:
         if not self._running or self.ready is None:
             return False
-        return self._polled_at - self._heard_at <= SILENT_AFTER + self.ready.step
+        return self._polled_at - self._reported_at <= SILENT_AFTER + self.ready.step
 
     def _ask(self, token: object, request: Callable[[int], Request]) -> bool:
-        if not self._takes_jobs() or len(self._asked) >= MAX_JOBS:
+        if not self._takes_jobs() or len(self._unanswered) >= MAX_JOBS:
             return False
         self._numbers += 1
         if not self._send(request(self._numbers)):
             return False
-        self._asked[self._numbers] = token
+        self._unanswered[self._numbers] = token
         return True
 
     def _send(self, request: Request) -> bool:
@@ -427,7 +441,7 @@ class Vision:
                 return True
         except CodecError as error:
             log.error("not sent to the vision process: %s", error)
-        self._full = True  # with the next poll it is lost
+        self._overflowed = True  # the next poll kills the process
         return False
 
     def _restore(self, number: int, frame_id: int, png: bytes) -> Restore:
@@ -442,6 +456,6 @@ class Vision:
 
 
 def _newest(results: list[Result]) -> list[Result]:
-    """Without judgements that a newer one replaces; those that changed the memory stay."""
+    """Leave out each `Judged` that a newer one replaces, unless its frame changed the memory."""
     last = next((one for one in reversed(results) if isinstance(one, Judged)), None)
     return [one for one in results if not isinstance(one, Judged) or one is last or one.changed]

@@ -1,7 +1,8 @@
-"""Messages as bytes. Native code reads whatever a camera sends: what the vision process says is only data.
+"""Encodes and decodes the messages between supervisor and vision process.
 
-A message is a length (u32, little endian) and a pickle. The supervisor's side reads dataclasses and enums of
-the modules listed here, and arrays of numbers, nothing else. Pixels, attention and features stay behind.
+A message is a length (u32, little-endian) and a pickle. The vision process runs native code on whatever a
+camera sends, so the supervisor does not trust its pickles: it decodes dataclasses and enums of the modules
+listed here, and arrays of numbers, nothing else. Pixels, attention maps and features are left out.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from anytraverse.preferences import Preferences
 from companion.vision.messages import Model
 
 LARGEST = 64 << 20
-"""Bytes of one message: more than the largest picture that a camera may deliver needs."""
+"""Bytes of one message, at most: more than the largest picture of a camera needs."""
 _LENGTH = struct.Struct("<I")
 _DATA_MODULES = frozenset(
     {
@@ -38,17 +39,20 @@ _DATA_CLASSES = (Enum, History, Model, Preferences)
 
 
 class CodecError(Exception):
-    """Bytes that are no message."""
+    """The bytes are not a message, or the message is too long."""
 
 
 class Splitter:
-    """Cuts a stream of bytes into messages."""
+    """Splits a stream of bytes into messages."""
 
     def __init__(self) -> None:
         self._waiting = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The messages that are complete now, without their lengths. Raises CodecError for one too long."""
+        """Add bytes, and return the messages that are complete now, without their length prefixes.
+
+        Raises CodecError for a message longer than `LARGEST`.
+        """
         self._waiting += data
         found = []
         while len(self._waiting) >= _LENGTH.size:
@@ -64,7 +68,7 @@ class Splitter:
 
 
 def encode(message: object) -> bytes:
-    """The message with its length. Raises CodecError for one that is too long."""
+    """Encode a message, with its length prefix. Raises CodecError when it is longer than `LARGEST`."""
     packed = io.BytesIO()
     packed.write(b"\0" * _LENGTH.size)
     _Pickler(packed, protocol=5).dump(message)
@@ -77,29 +81,29 @@ def encode(message: object) -> bytes:
 
 
 def decode(packed: bytes) -> Any:
-    """A message of the vision process, its values unchecked. Raises CodecError for what is none."""
+    """Decode a message of the vision process. Raises CodecError. `checks.checked` must check its values."""
     try:
         return _Unpickler(io.BytesIO(packed)).load()
     except CodecError:
         raise
-    except Exception as error:  # a torn pickle may raise anything
+    except Exception as error:  # a damaged pickle may raise anything
         raise CodecError(f"unreadable: {error!r}") from error
 
 
 def decode_trusted(packed: bytes) -> Any:
-    """A message of the supervisor, which the vision process trusts."""
+    """Decode a message of the supervisor, which the vision process trusts."""
     return pickle.loads(packed)
 
 
 def frame_of_size(number: int, captured_at: float, height: int, width: int) -> Frame:
-    """A frame of which only the size is known: its picture is black and takes no memory."""
+    """Make a frame of this size without its pixels: the image is black and takes no memory."""
     if not (0 < height <= 1 << 16 and 0 < width <= 1 << 16):
         raise CodecError(f"a picture of {width} x {height} pixels")
     return Frame(number, captured_at, np.broadcast_to(np.zeros((1, 1, 3), np.uint8), (height, width, 3)))
 
 
 def made(module: str, name: str, content: Any) -> Any:
-    """A value of a data class: an enum's member, or one with these fields."""
+    """Make a value of a listed data class from its fields, or an enum's member from its value."""
     if module not in _DATA_MODULES:
         raise CodecError(f"{module}.{name} is no data")
     kind = getattr(importlib.import_module(module), name, None)
@@ -111,24 +115,25 @@ def made(module: str, name: str, content: Any) -> Any:
         return kind(content)
     if issubclass(kind, tuple):
         return kind(*content)
+    # Neither __init__ nor __post_init__ runs, so that no field is trusted: `checks` examines the values.
     value = object.__new__(kind)
     vars(value).update({str(field): one for field, one in content.items()})
     return value
 
 
 def array_of(kind: str, shape: tuple[int, ...], content: bytes) -> Any:
-    """An array of numbers or truth values."""
+    """Make a read-only array. kind: "<f4", "|b1" or "<i8"."""
     return np.frombuffer(content, _KINDS[kind]).reshape(shape)
 
 
 def number_of(value: float) -> float:
-    """What was one of numpy's."""
+    """Return a number that was a numpy scalar."""
     return value
 
 
 class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
-        """Arrays and data only, and what stays behind: pixels, attention and features."""
+        """Reduce a value to a call of one of `_MAKERS`, without pixels, attention maps and features."""
         if isinstance(value, Frame):
             height, width = (*value.image.shape, 1, 1)[:2]
             return frame_of_size, (value.id, value.captured_at, height, width)
@@ -163,17 +168,18 @@ _OPCODES = (
     pickle.EMPTY_DICT, pickle.STACK_GLOBAL, pickle.REDUCE, pickle.MEMOIZE, pickle.BINGET, pickle.LONG_BINGET,
 )
 # fmt: on
-"""All that a message needs. Others set attributes of what they name, or take gigabytes in nine bytes."""
+"""All opcodes that a message needs. The others set attributes of any object that they name, or allocate
+gigabytes from nine bytes."""
 _Plain: Any = vars(pickle)["_Unpickler"]
 
 
 class _Unpickler(_Plain):  # type: ignore[misc]
-    """The one in Python: the one in C cannot be kept from an opcode."""
+    """Decodes only `_OPCODES`. It is Python's unpickler, because in C's no opcode can be forbidden."""
 
     dispatch: ClassVar[dict[int, Any]] = {code[0]: _Plain.dispatch[code[0]] for code in _OPCODES}
 
     def _set_items(self) -> None:
-        """Only texts are keys: to hash what is nested in itself may take for ever."""
+        """Set items whose keys are str: hashing a key that is nested in itself may never end."""
         items = self.pop_mark()
         if len(items) % 2 or not all(isinstance(key, str) for key in items[::2]):
             raise CodecError("a key that is no text")
@@ -190,7 +196,7 @@ class _Unpickler(_Plain):  # type: ignore[misc]
     dispatch[pickle.SETITEM[0]] = _set_item
 
     def find_class(self, module: str, name: str) -> Any:
-        """Never a class: a pickle may do more with one than make it."""
+        """Return one of `_MAKERS`, never a class: a pickle may call a class in other ways."""
         make = _MAKERS.get(name) if module == __name__ else None
         if make is None:
             raise CodecError(f"{module}.{name} is no data")

@@ -1,4 +1,4 @@
-"""A camera that delivers the same picture again and again, each as if just taken, sees nothing any more."""
+"""Detects a frozen camera: one that delivers the same picture again and again with new capture times."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from numpy.typing import NDArray
 from anytraverse.frame import Image
 
 CHANGED_REGIONS = 6
-"""Of the 48 regions of a picture, how many must differ for it to be another one: a clock is in 4 at most."""
+"""Regions, of 48, that must differ for a picture to count as changed: a drawn-in clock is in at most 4."""
 
 _CELLS, _REGION = (80, 60), 10
 _REGION_SHARE = 0.04
+"""Share of a region's cells that must differ for the region to count as changed."""
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _LEAST, _MOST = 2.0, 3.0
+"""Bounds of the brightness difference, of 255, above which a cell counts as changed."""
 
 _Luma = NDArray[np.float32]
 
 
 class FrozenPicture:
-    """How far the newest picture is behind.
+    """Measures for how long the picture has been the same although the vehicle moved.
 
-    The time in which the vehicle stood does not count: then a still picture is right. What counted before
-    stays: a camera that froze while driving is no better once the vehicle was stopped for it.
+    Time in which the vehicle stands does not count, since a still picture is right then. It does not reset
+    the count either: a camera that froze while driving is still frozen once the vehicle was stopped for it.
     """
 
     def __init__(self) -> None:
@@ -32,9 +34,9 @@ class FrozenPicture:
         self._seconds = 0.0
 
     def seconds(self, picture: Image, now: float, *, moving: bool) -> float:
-        """For how long the vehicle has moved while the picture stayed the same; 0 for another picture.
+        """Return the seconds for which the vehicle has moved while the picture stayed the same.
 
-        A clock drawn into it and another compression make no other picture.
+        0 for a picture that has changed; a drawn-in clock or compression noise does not count as a change.
         picture: the newest, RGB, (height, width, 3) uint8. now: monotonic seconds.
         """
         seen = luma(picture)
@@ -52,23 +54,24 @@ class FrozenPicture:
 
 
 def changed_regions(reference: _Luma, seen: _Luma) -> int:
-    """How many of the 8 x 6 regions differ by more than compression and noise make them differ.
+    """Count the regions, of 8 x 6, that differ by more than compression and noise explain.
 
-    In fog or in little light motion changes little: there less counts. reference, seen: as `luma` gives them.
+    The threshold is lower for a picture of low contrast, since motion changes little in fog or in the dark.
+    reference, seen: results of `luma`.
     """
-    noise = min(max(_steps(reference), _LEAST), _MOST)
+    noise = min(max(_contrast(reference), _LEAST), _MOST)
     columns, rows = (cells // _REGION for cells in _CELLS)
     changed = (np.abs(seen - reference) > noise).reshape(rows, _REGION, columns, _REGION)
     return int(np.count_nonzero(changed.mean(axis=(1, 3)) >= _REGION_SHARE))
 
 
-def _steps(luma: _Luma) -> float:
-    """The mean difference between neighbours, of 255."""
+def _contrast(luma: _Luma) -> float:
+    """Return the mean difference between neighbouring cells, of 255."""
     return float(np.abs(np.diff(luma, axis=0)).mean() + np.abs(np.diff(luma, axis=1)).mean()) / 2
 
 
 def luma(picture: Image) -> _Luma:
-    """(60, 80) mean brightness of the picture's cells, 0 to 255; a mean has little of a pixel's noise."""
+    """Return the mean brightness of 60 x 80 cells, 0 to 255: averaging removes most of the pixel noise."""
     import cv2
 
     small = cv2.resize(picture, _CELLS, interpolation=cv2.INTER_AREA)

@@ -1,4 +1,4 @@
-"""What supervisor and vision process say to each other: one table of messages for each direction."""
+"""Defines the messages between supervisor and vision process: first the requests, then the reports."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from companion.wire.ids import State
 
 
 class Model(NamedTuple):
-    """A perceiver as a person knows it.
+    """Names the perceiver for a person.
 
-    precision, why: the variant of its bundle that runs, and why that one; "" without a bundle.
-    int8_idle: the bundle carries int8, and it is not what runs.
+    precision, why: the variant of the bundle that runs, and why that one; "" without a bundle.
+    int8_idle: whether the bundle contains an int8 variant that does not run.
     """
 
     id: str
@@ -31,7 +31,7 @@ class Model(NamedTuple):
 
     @classmethod
     def of(cls, perceiver: Perceiver) -> Model:
-        """What `perceiver` says of itself."""
+        """Read the names from a perceiver."""
         precision = getattr(perceiver, "precision", "")
         manifest = getattr(perceiver, "manifest", None)
         idle = manifest is not None and "int8" in manifest.variants and precision != "int8"
@@ -43,17 +43,17 @@ class Model(NamedTuple):
 
 LONGEST_TEXT = 4096
 LARGEST_PNG = 32 << 20
-"""Bytes of a frame without loss: a larger one would leave neither channel nor journal enough room."""
+"""Bytes of a frame as PNG, at most: a larger one would not fit beside others in channel and journal."""
 
-# To the vision process.
+# Requests, to the vision process.
 
 
 @dataclass(frozen=True)
 class Start:
-    """The first message. The camera is opened and the perceiver loaded; nothing is judged before `Tune`.
+    """Opens the camera and loads the perceiver. It is the first message; no frame is judged before `Tune`.
 
-    memory: the copy to work on, None: none was ever kept. revision: its number. first_frame: id of the first
-    frame. more: remembered scenes that follow in `Scenes`, before anything else.
+    memory: the copy to start from, None: none was ever stored. revision: its number. first_frame: id of the
+    first frame. more: number of remembered scenes that follow in `Scenes`, before any other message.
     """
 
     config: Config
@@ -63,7 +63,7 @@ class Start:
     more: int = 0
 
     def joined(self, scenes: tuple[Entry, ...]) -> Start:
-        """With scenes that followed."""
+        """Return a copy that contains these scenes, too."""
         assert self.memory is not None
         history = History([*self.memory.history, *scenes], self.memory.history.limit)
         return replace(self, memory=replace(self.memory, history=history), more=self.more - len(scenes))
@@ -71,21 +71,21 @@ class Start:
 
 @dataclass(frozen=True)
 class Scenes:
-    """More of the memory's remembered scenes: all at once would keep the supervisor for too long."""
+    """Carries more remembered scenes of the memory: encoding all at once would stall the supervisor."""
 
     entries: tuple[Entry, ...]
 
 
 @dataclass(frozen=True)
 class Tune:
-    """Judge by these settings from the next frame on; the first one lets the judging begin."""
+    """Judge frames by these settings from now on. No frame is judged before the first `Tune`."""
 
     settings: Settings
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What the vehicle does now. moving: whether no picture can be the same as the one before."""
+    """Says where the vehicle is, and whether it moves, so that two pictures in a row must differ."""
 
     place: Place
     moving: bool
@@ -95,8 +95,8 @@ class Situation:
 class Answer:
     """Apply an answer; a `Done` of the same number follows.
 
-    frame_id: of the call's or hold's frame that was kept, 0: words without a frame. place: the call's, None:
-    the vehicle's.
+    frame_id: of the stored frame of the call or hold, 0: words without a frame. place: the call's, None: the
+    vehicle's.
     """
 
     number: int
@@ -109,7 +109,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Restore:
-    """Take back the frame of an open call or hold; a `Done` of the same number follows. png: without loss."""
+    """Store and judge the frame of an open call or hold again; a `Done` of the same number follows."""
 
     number: int
     frame_id: int
@@ -118,9 +118,10 @@ class Restore:
 
 @dataclass(frozen=True)
 class Draw:
-    """Draw a frame that was judged lately; a `Drawn` of the same number follows.
+    """Draw a recently judged frame; a `Drawn` of the same number follows.
 
-    keep: it is a call's or hold's: it can be answered and tapped in from now on, and comes as PNG, too.
+    keep: store the frame, because it is a call's or hold's: answers and taps may refer to it from now on, and
+    it is sent as PNG, too.
     """
 
     number: int
@@ -132,15 +133,16 @@ class Draw:
 
 Request = Start | Scenes | Tune | Situation | Answer | Restore | Draw
 
-# From the vision process.
+# Reports, from the vision process.
 
 
 @dataclass(frozen=True)
 class MemoryUpdate:
-    """How the memory of `revision` differs from that of `base`: all but H, and the changed rows of H.
+    """Changes the memory from revision `base` to `revision`: all of it but H, and the changed rows of H.
 
-    entries: those of H that are new or changed. removed: stamps of those that went. weak: the words in use
-    that the perceiver finds badly by name and that no tap explains.
+    memory: without its history H. limit: H's bound. entries: new or changed rows of H. removed: stamps
+    (`Entry.order`) of the rows that went. weak: words in use that the perceiver recognises badly by name and
+    that have no tap.
     """
 
     revision: int
@@ -154,10 +156,10 @@ class MemoryUpdate:
 
 @dataclass(frozen=True)
 class Ready:
-    """The perceiver is loaded and warmed up.
+    """Reports that the perceiver is loaded and warmed up.
 
-    settings: as the configuration and the perceiver have it. notices: what a person should be told of the
-    memory. step: seconds of a whole step, the median.
+    settings: from the configuration and the perceiver's defaults. notices: texts about the memory for the
+    operator. step: seconds of a whole step, the median.
     """
 
     model: Model
@@ -169,14 +171,17 @@ class Ready:
 
 @dataclass(frozen=True)
 class Failed:
-    """The perceiver cannot be made; the text tells what to do."""
+    """Reports that the perceiver cannot be loaded; the text says what to do."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Alive:
-    """Sent a few times a second. delivered_at: monotonic seconds of the newest frame, None: none yet."""
+    """Shows a few times a second that the process is alive.
+
+    delivered_at: monotonic seconds when the camera's newest frame came, None: none yet.
+    """
 
     camera: CameraStatus
     delivered_at: float | None
@@ -184,11 +189,11 @@ class Alive:
 
 @dataclass(frozen=True)
 class Looked:
-    """A new frame was judged.
+    """Reports a new frame's assessment.
 
-    revision: of the memory that it was judged under. at: monotonic seconds when it was done; took: seconds.
-    sectors: drivable share of each image column over the ROI's rows, None where nothing is known.
-    update: the memory that the frame itself changed, as the first reference or a match.
+    revision: of the memory by which it was judged. at: monotonic seconds when judging ended. took: seconds of
+    judging. sectors: drivable share of each image column over the ROI's rows, None where nothing is known.
+    update: the change of the memory by the frame itself, as the first reference or by a match.
     """
 
     assessment: Assessment
@@ -201,7 +206,7 @@ class Looked:
 
 @dataclass(frozen=True)
 class Done:
-    """What became of an `Answer` or a `Restore`: an outcome, or an error; then nothing has changed."""
+    """Reports the outcome of an `Answer` or a `Restore`, or an error; then nothing has changed."""
 
     number: int
     outcome: AnswerOutcome | None
@@ -211,10 +216,10 @@ class Done:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Pictures of a frame, b"" for what could not be made or was not asked for.
+    """Carries pictures of a frame, b"" for each that could not be made or was not requested.
 
-    panel: JPEG with maps and title. thumbnail: JPEG for a radio. png: the frame itself, without loss.
-    kept: it was to be kept, and can be answered and tapped in from now on.
+    panel: JPEG with maps and title. thumbnail: JPEG for a radio. png: the frame itself.
+    kept: whether the frame is stored, so that answers and taps may refer to it.
     """
 
     number: int
@@ -228,7 +233,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Logged:
-    """A line for the supervisor's log. level: as of `logging`."""
+    """Carries a line for the supervisor's log. level: as in `logging`."""
 
     level: int
     name: str
@@ -239,14 +244,14 @@ Report = Ready | Failed | Alive | Looked | Done | Drawn | Logged
 
 
 def told(error: BaseException) -> str:
-    """What an error says, never nothing, and no more than is believed."""
+    """Return an error's text, or its class where that is empty, of at most `LONGEST_TEXT` characters."""
     return (str(error) or type(error).__name__)[:LONGEST_TEXT]
 
 
 def update_from(
     base: Memory | None, memory: Memory, revision: int, base_revision: int, weak: tuple[str, ...]
 ) -> MemoryUpdate:
-    """What makes `memory` of `base`; None: everything."""
+    """Return the update that turns `base` into `memory`. base: None for a receiver without a memory."""
     before: Mapping[int, Entry] = {} if base is None else {entry.order: entry for entry in base.history}
     after = {entry.order: entry for entry in memory.history}
     return MemoryUpdate(
@@ -261,7 +266,7 @@ def update_from(
 
 
 def updated(base: Memory | None, update: MemoryUpdate) -> Memory:
-    """The memory after `update`; what did not change is the same object as in `base`."""
+    """Return the memory after `update`. Rows that did not change are the same objects as in `base`."""
     entries = {} if base is None else {entry.order: entry for entry in base.history}
     for stamp in update.removed:
         entries.pop(stamp, None)

@@ -1,4 +1,4 @@
-"""Pictures of judged frames, encoded: panels to look at later, thumbnails for a radio, frames to keep."""
+"""Encodes pictures of judged frames: panels to look at later, thumbnails for a radio, and frames as PNG."""
 
 from __future__ import annotations
 
@@ -22,18 +22,19 @@ log = logging.getLogger(__name__)
 
 
 LIMIT = 1500
-"""Bytes: 19 short frames, a second or two on a radio."""
+"""Bytes of a thumbnail: 19 short MAVLink frames, a second or two on a radio."""
 WIDTHS = (160, 128, 96)
-"""Pixels. A narrower picture shows more than a coarser one."""
+"""Pixels, tried in this order: a narrower picture shows more than one of poor JPEG quality."""
 FAIR = 25
+"""JPEG quality below which a narrower picture is tried."""
 _FINEST, _COARSEST = 90, 5
 
 
 def thumbnail(seen: Assessment, region: Region, limit: int = LIMIT) -> bytes:
-    """JPEG of at most `limit` bytes. White: the ROI. Yellow: its worst tile, where something is unknown.
+    """Encode a JPEG of at most `limit` bytes. White: the ROI. Yellow: its worst tile, if it looks unknown.
 
-    The widest whose quality is fair, else the narrowest. Raises ValueError where even that is too long,
-    ImportError without OpenCV.
+    Takes the greatest width at which quality `FAIR` fits, else the smallest. Raises ValueError when even that
+    is too long, ImportError without OpenCV.
     """
     for width in WIDTHS:
         coarsest = _COARSEST if width == WIDTHS[-1] else FAIR
@@ -56,7 +57,7 @@ def _marked(seen: Assessment, region: Region, width: int) -> Image:
 
 
 def _frame(picture: Image, box: Box, colour: Colour, around: int = 0) -> None:
-    """One pixel wide, `around` pixels outside of `box`: what it points at stays free."""
+    """Draw a rectangle one pixel wide, `around` pixels outside of `box`."""
     import cv2
 
     height, width = picture.shape[:2]
@@ -66,7 +67,7 @@ def _frame(picture: Image, box: Box, colour: Colour, around: int = 0) -> None:
 
 
 def _finest(picture: Image, coarsest: int, limit: int) -> bytes | None:
-    """The best quality that fits, by halving; None when not even the coarsest does."""
+    """Encode at the best JPEG quality that fits, found by bisection; None when not even `coarsest` fits."""
     best = _encoded(picture, coarsest)
     if len(best) > limit:
         return None
@@ -104,12 +105,12 @@ _QUALITY = 90
 
 
 def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
-    """All that was asked for; what cannot be drawn is left out, since a picture is worth no fault."""
+    """Make all requested pictures. One that fails is left out: a missing picture must not become a fault."""
 
     def made(what: str, draw: Callable[[], bytes]) -> bytes:
         try:
             return draw()
-        except Exception as error:  # whatever the drawing raises
+        except Exception as error:  # OpenCV may raise anything
             log.warning("no %s of %s: %r", what, request.title, error)
             return b""
 
@@ -125,7 +126,7 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
 
 
 def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
-    """JPEG of the frame under its judgement, with title and figures. Raises ValueError, ImportError."""
+    """Draw the frame with its maps, title and figures, as JPEG. Raises ValueError, ImportError."""
     import cv2
 
     from anytraverse.panel import draw_state
@@ -138,9 +139,9 @@ def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
 
 
 def to_png(image: Image) -> bytes:
-    """A frame without loss.
+    """Encode a frame as PNG.
 
-    Raises ValueError for what is no RGB picture or too large to be kept, ImportError without OpenCV.
+    Raises ValueError for an image that is not RGB or too large to be stored, ImportError without OpenCV.
     """
     import cv2
 
@@ -155,7 +156,7 @@ def to_png(image: Image) -> bytes:
 
 
 def from_png(content: bytes) -> Image:
-    """What `to_png` encoded. Raises ValueError for what is no picture or one too large, ImportError."""
+    """Decode what `to_png` encoded. Raises ValueError for no picture or one too large, ImportError."""
     picture = decode(content)
     if picture is None:
         raise ValueError("the picture is torn")

@@ -1,4 +1,4 @@
-"""The vision process itself: it reads requests and frames in turn until its supervisor is gone."""
+"""Runs the vision process: handles requests and frames in turn until the supervisor is gone."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ log = logging.getLogger(__name__)
 
 NICENESS = 5
 FIRST_OUT = 900
-"""Added to its share of memory, of 1000, where the kernel chooses whom to kill when memory runs out."""
-_PATIENCE = 0.05
+"""The process's oom_score_adj, of 1000: the kernel kills it before others when memory runs out."""
+_FRAME_TIMEOUT = 0.05
 _ALIVE_EVERY = 0.2
 _MAX_LINES = 100
 _LONGEST_LINE = 2000
@@ -52,7 +52,7 @@ _SET_DEATH_SIGNAL = 1
 
 
 class Port:
-    """The process's end of the channel. It waits where the supervisor does not read."""
+    """Sends reports and receives requests on the channel to the supervisor."""
 
     def __init__(self, channel: socket.socket) -> None:
         self._channel = channel
@@ -60,17 +60,17 @@ class Port:
         self.lines: deque[Logged] = deque(maxlen=_MAX_LINES)
 
     def send(self, report: Report) -> None:
-        """Waits until the supervisor has room."""
+        """Send the waiting log lines and a report. Blocks while the supervisor does not read."""
         while self.lines:
             self._channel.sendall(encode(self.lines.popleft()))
         self._channel.sendall(encode(report))
 
     def has_room(self) -> bool:
-        """Whether the supervisor reads: what it was sent before does not wait any more."""
+        """Whether the supervisor has read enough of the earlier reports that another one can be sent."""
         return bool(select.select([], [self._channel], [], 0)[1])
 
     def requests(self, timeout: float) -> list[Request]:
-        """What has arrived within `timeout` seconds. Raises EOFError when the supervisor is gone."""
+        """Wait up to `timeout` seconds for requests. Raises EOFError when the supervisor is gone."""
         if not select.select([self._channel], [], [], timeout)[0]:
             return []
         data = self._channel.recv(1 << 20)
@@ -80,7 +80,7 @@ class Port:
 
 
 class _Lines(logging.Handler):
-    """The log goes to the supervisor's. Lines that wait while the process hangs are bounded."""
+    """Queues log lines for the supervisor's log. The queue drops its oldest line when it is full."""
 
     def __init__(self, port: Port) -> None:
         super().__init__()
@@ -89,14 +89,14 @@ class _Lines(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         try:
             text = self.format(record)[:_LONGEST_LINE]
-        except Exception:  # a mistake in a line is no reason to end
+        except Exception:  # a wrong format in a log call must not end the process
             self.handleError(record)
             return
         self._port.lines.append(Logged(record.levelno, record.name, text))
 
 
 def main(descriptor: int, parent: int) -> NoReturn:
-    """Run until the supervisor, process `parent`, is gone. descriptor: of the channel's socket."""
+    """Run until the supervisor, process `parent`, is gone. descriptor: the channel's socket."""
     end_with(parent)
     step_back()
     faulthandler.enable()
@@ -113,25 +113,25 @@ def main(descriptor: int, parent: int) -> NoReturn:
         traceback.print_exc()
         code = 1
     sys.stderr.flush()
-    os._exit(code)  # neither a hanging camera nor a network in native code may keep the process
+    os._exit(code)  # sys.exit would wait for threads, and a camera driver or the network may hang
 
 
 def end_with(parent: int) -> None:
-    """Die at once when the supervisor dies, however it does: nobody else would give the camera back."""
+    """Have the kernel kill this process when the supervisor dies, so that the camera is free again."""
     ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:
+    if os.getppid() != parent:  # the supervisor died before the call of prctl
         os._exit(0)
 
 
 def step_back() -> None:
-    """The supervisor goes first: lower priority here, and the first choice when memory runs out."""
+    """Lower this process's priority, and have the kernel kill it first when memory runs out."""
     os.nice(NICENESS)
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(str(FIRST_OUT), encoding="ascii")
 
 
 def _serve(port: Port) -> None:
-    start = _all_of_the_start(port)
+    start = _receive_start(port)
     camera = start.config.camera
     playback = Playback(camera.playback, camera.loop)
     reader = CameraThread(partial(open_camera, camera.source, playback), first_id=start.first_frame)
@@ -158,10 +158,10 @@ def _serve(port: Port) -> None:
     )
     model = Model.of(engine.perceiver)
     port.send(Ready(model, engine.settings, update, tuple(ready.notices), ready.step))
-    _look(port, Worker(engine, revision), reader, 1.0 / camera.rate)
+    _judge_frames(port, Worker(engine, revision), reader, 1.0 / camera.rate)
 
 
-def _all_of_the_start(port: Port) -> Start:
+def _receive_start(port: Port) -> Start:
     start: Start | None = None
     while start is None or start.more:
         for request in port.requests(timeout=10.0):
@@ -172,21 +172,22 @@ def _all_of_the_start(port: Port) -> Start:
     return start
 
 
-def _look(port: Port, worker: Worker, reader: CameraThread, period: float) -> None:
+def _judge_frames(port: Port, worker: Worker, reader: CameraThread, period: float) -> None:
     tuned, due, alive_at = False, time.monotonic(), float("-inf")
     while True:
         for request in port.requests(timeout=0.0):
             tuned = tuned or isinstance(request, Tune)
             for report in worker.handle(request):
                 port.send(report)
-        frame = reader.take(timeout=_PATIENCE)
+        frame = reader.take(timeout=_FRAME_TIMEOUT)
         if not reader.running:
             raise RuntimeError("the camera's thread has ended, or hangs in its driver")
         now = time.monotonic()
         if now - alive_at >= _ALIVE_EVERY:
             alive_at = now
             port.send(Alive(reader.status, reader.delivered_at))
-        # Judged as it comes or not at all: a frame that waited for its turn would be older than need be.
+        # A frame that comes too early is dropped, since it would be old when its turn comes. Half a period of
+        # tolerance lets every frame pass of a camera that runs at the configured rate with some jitter.
         if frame is None or not tuned or now < due - period / 2:
             continue
         due = max(due + period, now - period)

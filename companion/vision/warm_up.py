@@ -1,4 +1,4 @@
-"""An engine that is ready for the first frame: perceiver, memory, and all that is slow only once done."""
+"""Loads the perceiver and the memory, and runs steps until none is slow because it is the first."""
 
 from __future__ import annotations
 
@@ -29,16 +29,19 @@ log = logging.getLogger(__name__)
 _SIZE = (480, 640)
 _STEPS = 5
 _LONG_ENOUGH = 5.0
-"""Seconds of warming up after which two steps must do."""
+"""Seconds of warming up after which two steps suffice."""
 _WORDS = 64
-"""Words prepared beside those in force, at most ..."""
+"""Words, beside those in use, that are prepared at most."""
 _AT_ONCE = 8
-"""... and so many at once: their maps take memory."""
+"""Words that are prepared in one call: each takes the memory of a map."""
 
 
 @dataclass(frozen=True)
 class Ready:
-    """notices: what a person should be told of the memory. step: seconds, the median of a whole step."""
+    """Holds a warmed-up engine.
+
+    notices: texts about the memory for the operator. step: seconds of a whole step, the median.
+    """
 
     engine: AnyTraverse
     notices: list[str]
@@ -46,14 +49,14 @@ class Ready:
 
 
 def get_ready(config: Config, saved: Memory | None) -> Ready:
-    """`load_engine`, warmed up."""
+    """Load the engine and warm it up. Takes seconds. Raises as `load_engine` does."""
     engine, notices = load_engine(config, saved)
     remembered = [word for entry in engine.memory.history for word in entry.preferences]
     return Ready(engine, notices, warm_up(engine, (*config.vocabulary, *remembered)))
 
 
 def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
-    """How frames are judged: the config's figures, and the perceiver's own where it leaves them open."""
+    """Combine the config's figures with the perceiver's defaults for those that the config leaves open."""
     given, own = config.thresholds, Thresholds.of(perceiver.defaults)
     tile = own.tile if given.tile is None else None if given.tile == "off" else float(given.tile)
     thresholds = Thresholds(
@@ -78,21 +81,21 @@ def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
 
 
 def load_engine(config: Config, saved: Memory | None) -> tuple[AnyTraverse, list[str]]:
-    """The perceiver, loaded, with what was saved fitted to it, and notices as of `Ready`. Takes seconds.
+    """Load the perceiver, and fit the saved memory to it. Returns the engine and notices as in `Ready`.
 
-    Raises AnyTraverseError for a perceiver that cannot be made, or words that it cannot ground.
+    Raises AnyTraverseError when the perceiver cannot be made, or cannot ground a configured word.
     """
     perceiver = make_perceiver(config.perceiver.name, config.perceiver.runtime)
-    memory, notices = _remembered(saved, config, perceiver)
+    memory, notices = _fitted_memory(saved, config, perceiver)
     return AnyTraverse(perceiver, judging_settings(config, perceiver), memory), notices
 
 
 def warm_up(engine: AnyTraverse, words: Iterable[str] = ()) -> float:
-    """Run whole steps until none is slow for being the first; the median of their seconds.
+    """Run whole steps on a random image. Return the median of their seconds.
 
-    words: those that may come into force without being typed; they are prepared too. The engine stays as it
-    is. A perceiver that fails on frames is only logged: each frame that it fails on will be a fault, which is
-    seen on the ground and holds the vehicle where it may; a companion that does not start can do neither.
+    words: words that may come into use later, from the vocabulary or a remembered scene; they are prepared,
+    too. The engine's memory does not change. A perceiver that fails here is only logged: each frame will then
+    be a fault, which is reported and holds the vehicle. A companion that does not start does neither.
     """
     image = np.random.default_rng(0).integers(0, 256, (*_SIZE, 3), dtype=np.uint8)
     frame = Frame(0, 0.0, image)
@@ -112,7 +115,7 @@ def warm_up(engine: AnyTraverse, words: Iterable[str] = ()) -> float:
 
 
 def too_slow(pace: Pace) -> str:
-    """Why policy hold is refused, and what to do."""
+    """Explain why policy hold is refused for a slow perceiver, and what to do."""
     enough = math.ceil(10.0 * pace.worst_age) / 10.0
     longer = f", or set [call] freshness = {enough:g}" if enough <= LONGEST_FRESHNESS else ""
     return (
@@ -125,6 +128,7 @@ def too_slow(pace: Pace) -> str:
 
 def _prepare(engine: AnyTraverse, frame: Frame, words: Iterable[str]) -> None:
     perceiver, seen = engine.perceiver, engine.observe(frame)
+    # The first use of a word encodes its text, which is slow: better now than while the rover drives.
     others = [word for word in dict.fromkeys(words) if word not in engine.memory.preferences]
     known = [word for word in others if meaning_of(word, perceiver.meaning) is not None]
     for start in range(0, min(_WORDS, len(known)), _AT_ONCE):
@@ -132,8 +136,8 @@ def _prepare(engine: AnyTraverse, frame: Frame, words: Iterable[str]) -> None:
     engine.judge(seen, 0.0)
 
 
-def _remembered(saved: Memory | None, config: Config, perceiver: Perceiver) -> tuple[Memory, list[str]]:
-    """What was saved, fitted to model and config, and what a person should be told about it."""
+def _fitted_memory(saved: Memory | None, config: Config, perceiver: Perceiver) -> tuple[Memory, list[str]]:
+    """Fit the saved memory to model and config. Returns it and notices for the operator."""
     if saved is None:
         return first_memory(perceiver.model_id, config.preferences, config.journal.scenes), []
     return resumed_memory(

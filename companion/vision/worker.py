@@ -1,4 +1,4 @@
-"""What the vision process does with requests and frames. No process, no socket: messages in, messages out."""
+"""Handles requests and judges frames in the vision process. No I/O: messages in, messages out."""
 
 from __future__ import annotations
 
@@ -38,28 +38,28 @@ from companion.vision.messages import (
 log = logging.getLogger(__name__)
 
 RECENT = 3
-"""Judged frames that can still be drawn or kept: the supervisor is at most two behind."""
+"""Judged frames that can still be drawn or stored: the supervisor is at most two frames behind."""
 KEPT = 3
-"""Frames of calls and holds that can be answered and tapped in."""
+"""Stored frames of calls and holds, to which answers and taps may refer."""
 _LOGGED_AGAIN = 10.0
 
 
 class Worker:
-    """Judges frames and applies answers, one after the other. It alone touches the engine."""
+    """Judges frames and applies answers, one after the other. Nothing else calls the engine."""
 
     def __init__(self, engine: AnyTraverse, revision: int) -> None:
-        """revision: number of the engine's memory."""
+        """revision: the number of the engine's memory that the supervisor has."""
         self._engine = engine
-        self._told = engine.memory
+        self._reported = engine.memory
         self.revision = revision
         self._situation = Situation(Place(), moving=False)
-        self._frozen = FrozenPicture()
+        self._freeze_detector = FrozenPicture()
         self._recent: OrderedDict[int, Assessment] = OrderedDict()
-        self._kept: OrderedDict[int, Assessment] = OrderedDict()
+        self._stored: OrderedDict[int, Assessment] = OrderedDict()
         self._logged_at = float("-inf")
 
     def handle(self, request: Request) -> list[Report]:
-        """Do what the supervisor asks for."""
+        """Handle a request, and return the reports that answer it."""
         match request:
             case Tune(settings):
                 self._engine.settings = settings
@@ -74,7 +74,7 @@ class Worker:
         return []
 
     def look(self, frame: Frame) -> Looked:
-        """Judge a new frame. An error over it is a fault of that frame."""
+        """Judge a new frame. An exception makes the frame's assessment a fault."""
         started = time.monotonic()
         try:
             seen = self._engine.step(frame, started, self._situation.place)
@@ -82,8 +82,8 @@ class Worker:
             self._log_failure(frame)
             seen = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
         now = time.monotonic()
-        still = self._frozen.seconds(frame.image, started, moving=self._situation.moving)
-        seen = self._dated(seen, now, still)
+        still = self._freeze_detector.seconds(frame.image, started, moving=self._situation.moving)
+        seen = self._with_age(seen, now, still)
         self._recent[frame.id] = seen
         while len(self._recent) > RECENT:
             self._recent.popitem(last=False)
@@ -92,10 +92,11 @@ class Worker:
         update = self._update()
         return Looked(seen, self.revision, now, now - started, shares, update)
 
-    def _dated(self, seen: Assessment, now: float, still: float) -> Assessment:
-        """With its age after judging: what took too long to judge is no fresh view, however young it was.
+    def _with_age(self, seen: Assessment, now: float, still: float) -> Assessment:
+        """Set the age to that after judging. Add a fault when it, or `still`, is greater than T.
 
-        Nor is a picture that has not changed for longer than T while the vehicle moved, `still` seconds.
+        The time of judging counts, since a view that took long to judge is old when it is used.
+        still: seconds for which the picture has not changed while the vehicle moved.
         """
         age, freshness = now - seen.frame.captured_at, self._engine.settings.freshness
         late = [] if Reason.FAULT in seen.reasons else check_age(age, freshness)
@@ -104,7 +105,7 @@ class Worker:
         return replace(seen, age=age, findings=(*seen.findings, *late))
 
     def _answer(self, request: Answer) -> Done:
-        subject = self._kept.get(request.frame_id)
+        subject = self._stored.get(request.frame_id)
         try:
             if request.frame_id and subject is None:
                 raise AnyTraverseError("its frame is lost: send it again when there is a new picture")
@@ -131,39 +132,39 @@ class Worker:
             log.exception("a stored frame could not be judged")
             return Done(request.number, None, told(error), None)
         if outcome.call is not None:
-            self._keep(request.frame_id, outcome.call)
+            self._store(request.frame_id, outcome.call)
         return self._done(request.number, outcome)
 
     def _done(self, number: int, outcome: AnswerOutcome) -> Done:
-        """What was judged again is what is drawn from now on."""
+        """Report an outcome. Pictures drawn from now on show the frames as they were judged again."""
         for again in (outcome.call, outcome.newest):
-            for frames in (self._kept, self._recent):
+            for frames in (self._stored, self._recent):
                 if again is not None and again.frame.id in frames:
                     frames[again.frame.id] = again
         return Done(number, outcome, "", self._update())
 
     def _draw(self, request: Draw) -> Drawn:
-        seen = self._kept.get(request.frame_id) or self._recent.get(request.frame_id)
+        seen = self._stored.get(request.frame_id) or self._recent.get(request.frame_id)
         if seen is None:
             log.warning("no picture of %s: frame %d is gone", request.title, request.frame_id)
             return Drawn(request.number, request.frame_id, request.title)
         if request.keep:
-            self._keep(request.frame_id, seen)
+            self._store(request.frame_id, seen)
         region = self._engine.settings.region
         return pictures.drawn(request, seen, region)
 
-    def _keep(self, frame_id: int, seen: Assessment) -> None:
-        self._kept[frame_id] = seen
-        self._kept.move_to_end(frame_id)
-        while len(self._kept) > KEPT:
-            self._kept.popitem(last=False)
+    def _store(self, frame_id: int, seen: Assessment) -> None:
+        self._stored[frame_id] = seen
+        self._stored.move_to_end(frame_id)
+        while len(self._stored) > KEPT:
+            self._stored.popitem(last=False)
 
     def _update(self) -> MemoryUpdate | None:
-        """The memory's change since it was told last."""
-        before, memory = self._told, self._engine.memory
+        """Return the memory's change since the last report of it; None: no change."""
+        before, memory = self._reported, self._engine.memory
         if memory is before:
             return None
-        self._told = memory
+        self._reported = memory
         self.revision += 1
         return update_from(before, memory, self.revision, self.revision - 1, self._weak(memory))
 
@@ -171,7 +172,7 @@ class Worker:
         return weak_in_use(self._engine, memory)
 
     def _log_failure(self, frame: Frame) -> None:
-        """Once in a while: it may happen with every frame."""
+        """Log the exception at most every ten seconds, since it may happen with every frame."""
         now = time.monotonic()
         if now - self._logged_at >= _LOGGED_AGAIN:
             self._logged_at = now
@@ -179,6 +180,6 @@ class Worker:
 
 
 def weak_in_use(engine: AnyTraverse, memory: Memory) -> tuple[str, ...]:
-    """The words in use that the perceiver finds badly by name and that no tap explains."""
+    """Return the words in use that the perceiver recognises badly by name and that have no tap."""
     named = [word for word in memory.preferences if word not in memory.examples]
     return weak_words(engine.perceiver, named)

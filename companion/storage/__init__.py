@@ -1,4 +1,4 @@
-"""What must survive a restart, a full disk and a pulled plug: one SQLite file."""
+"""Stores what must survive a restart, a full disk and a loss of power, in one SQLite file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is to be kept together, all or nothing; and what is kept of calls for people to read."""
+"""Defines a `Batch`, which the journal stores in one transaction, and the records of calls for people."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from companion.vehicle.position import place_figures
 
 @dataclass(frozen=True)
 class CallRecord:
-    """A closed call. closed_at: seconds since 1970. outcome: as in wire.ids.Outcome, lower case.
+    """Describes a closed call, as it is read back from the journal.
 
-    record: frame id, reasons, place and figures that the call was made for. answers: as recorded.
+    closed_at: seconds since 1970. outcome: a name of wire.ids.Outcome in lower case. record: as of
+    `record_of`. answers: those recorded for it.
     """
 
     id: int
@@ -33,7 +34,7 @@ def _sides(box: Box) -> list[float]:
 
 
 def record_of(call: Call) -> dict[str, Any]:
-    """The figures of a call as JSON values."""
+    """Return a call's frame id, reasons, figures and place as JSON values."""
     seen = call.seen
     roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
     return {
@@ -50,12 +51,12 @@ def record_of(call: Call) -> dict[str, Any]:
 
 
 MAX_ROWS = 256
-"""Answers and closed calls that may wait for the disk; beyond, the oldest go."""
+"""Answers and closed calls that may wait for the disk. Beyond that the oldest are dropped."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table that only grows. values: as SQLite takes them, in the order of `columns`."""
+    """Holds one row to append to a table. values: for SQLite, in the order of `columns`."""
 
     table: str
     columns: str
@@ -63,19 +64,22 @@ class Row:
 
     @classmethod
     def of_call(cls, call: Call, at: float) -> Row:
-        """A closed call. at: seconds since 1970. Raises JournalError for what is no JSON."""
+        """Make the row of a closed call. at: seconds since 1970. Raises JournalError as `as_json` does."""
         values = (call.id, at, call.outcome.name.lower(), as_json(record_of(call)))
         return cls("calls", "id, closed_at, outcome, record", values)
 
     @classmethod
     def of_answer(cls, call_id: int, record: Mapping[str, Any], at: float) -> Row:
-        """What was answered to a call: JSON values. at: as for a call. Raises JournalError."""
+        """Make the row of an answer. record: JSON values. at: seconds since 1970. Raises JournalError."""
         return cls("answers", "call_id, answered_at, record", (call_id, at, as_json(record)))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """None and () where there is nothing new. state: of the supervision, JSON. frame: its id, and the PNG."""
+    """Holds what the journal stores in one transaction. None and () where nothing is new.
+
+    state: of calls, holds and settings, as JSON. frame: id and PNG of the open call's frame.
+    """
 
     memory: Memory | None = None
     state: str | None = None
@@ -86,7 +90,7 @@ class Batch:
         return any((self.memory, self.state, self.frame, self.rows))
 
     def then(self, newer: Batch) -> Batch:
-        """Both as one: of memory, state and frame only the newest counts."""
+        """Merge with a newer batch: the newer memory, state and frame replace the older, rows are joined."""
         return Batch(
             newer.memory or self.memory,
             newer.state or self.state,
@@ -96,8 +100,8 @@ class Batch:
 
 
 def as_json(values: Mapping[str, Any]) -> str:
-    """Raises JournalError for what is none."""
+    """Encode values as JSON. Raises JournalError for values that JSON cannot express."""
     try:
         return json.dumps(dict(values))
     except (TypeError, ValueError) as error:
-        raise JournalError(f"what cannot be written as JSON cannot be kept: {error}") from error
+        raise JournalError(f"a record cannot be stored, since it is not JSON: {error}") from error

@@ -1,4 +1,4 @@
-"""Files and pictures of calls, for people and for the ground."""
+"""Writes a record and pictures of each call, which the ground can download, and an archive of pictures."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from typing import Any
 from companion.system.atomic_write import write_whole
 
 PATTERN = "[0-9]*.j*"
-"""What may be seen of the folder."""
+"""Names of the folder's files that are served."""
 KEPT = 50
-"""Calls whose files are kept; the oldest go."""
+"""Calls whose files are stored; the oldest are deleted."""
 ANSWERS = 32
-"""Answers told of a call, the newest ones."""
+"""Answers in the record of a call, the newest ones."""
 _NAME = re.compile(r"\.?([0-9]{1,5})(-large)?\.(json|jpg)(\.part)?\Z", re.ASCII)
-"""Also of one that was never whole, because the companion was killed."""
+"""Also matches a temporary file that was left because the companion was killed."""
 
 
 class CallFiles:
-    """A folder that `companion.storage.served_files.Folder` can serve as it is. All of it raises OSError."""
+    """Writes the files of calls into a folder that `served_files.Folder` serves. Methods raise OSError."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._record: dict[str, Any] = {}
-        self._pictured = 0
-        """The call or hold whose pictures are there."""
+        self._pictured_id = 0
+        """Id of the call or hold whose pictures were written last."""
 
     def pictures(self, number: int, small: bytes, large: Path) -> None:
-        """Those of a call or hold. small: JPEG sized for a radio. large: the album's."""
+        """Write the pictures of a call or hold. small: JPEG sized for a radio. large: file of the archive."""
         self._write(f"{number}.jpg", small)
         target = self._folder / f"{number}-large.jpg"
         target.unlink(missing_ok=True)
@@ -40,7 +40,7 @@ class CallFiles:
             os.link(large, target)
         except OSError:  # a file system without links
             self._write(target.name, large.read_bytes())
-        self._pictured = number
+        self._pictured_id = number
         if number == self._record.get("id"):
             self._record |= _addresses(number)
             self._write_record()
@@ -49,11 +49,11 @@ class CallFiles:
     def opened(
         self, number: int, figures: Mapping[str, Any], answers: Sequence[Mapping[str, Any]] = ()
     ) -> None:
-        """Write all of a call. figures: of `record_of`. answers: those of before."""
+        """Write the record of a new call. figures: of `record_of`. answers: those given before a restart."""
         self._record = {
             "id": number,
             **figures,
-            **(_addresses(number) if number == self._pictured else {}),
+            **(_addresses(number) if number == self._pictured_id else {}),
             "outcome": None,
             "closed": None,
             "answers": [dict(answer) for answer in answers][-ANSWERS:],
@@ -62,13 +62,13 @@ class CallFiles:
         self._prune(number)
 
     def answered(self, call_id: int, answer: Mapping[str, Any]) -> None:
-        """One more answer to the newest call."""
+        """Add an answer to the newest call's record."""
         if call_id == self._record.get("id"):
             self._record["answers"] = [*self._record["answers"], dict(answer)][-ANSWERS:]
             self._write_record()
 
     def closed(self, call_id: int, reasons: Sequence[str], outcome: str, at: float) -> None:
-        """The newest call is over. at: seconds since 1970."""
+        """Write outcome and time into the newest call's record. at: seconds since 1970."""
         if call_id == self._record.get("id"):
             self._record |= {"reasons": list(reasons), "outcome": outcome, "closed": round(at, 2)}
             self._write_record()
@@ -80,7 +80,11 @@ class CallFiles:
         write_whole(self._folder / name, content)
 
     def _prune(self, newest: int) -> None:
-        """By their ids, counted back from the newest: a clock may have been wrong."""
+        """Delete the files of all but the newest calls.
+
+        Their age is the distance of their 16-bit ids from the newest: the files' times may be wrong, since a
+        rover often boots without a clock.
+        """
         found: dict[int, list[Path]] = {}
         for path in self._folder.iterdir():
             if named := _NAME.match(path.name):
@@ -91,7 +95,7 @@ class CallFiles:
 
 
 def address(name: str) -> str:
-    """Where the ground finds a file of the folder."""
+    """Return the path by which the ground reads a file of the folder."""
     return f"/calls/{name}"
 
 
@@ -100,7 +104,7 @@ def _addresses(number: int) -> dict[str, str]:
 
 
 class PictureArchive:
-    """A folder of at most `keep` pictures; the oldest goes."""
+    """Stores at most `keep` pictures in a folder, and deletes the oldest beyond that."""
 
     def __init__(self, folder: Path, keep: int) -> None:
         self._folder = folder
@@ -112,11 +116,11 @@ class PictureArchive:
 
     @property
     def wanted(self) -> bool:
-        """Whether it keeps any picture at all."""
+        """Whether any picture is to be stored."""
         return self._keep > 0
 
     def add(self, picture: bytes, title: str) -> Path:
-        """Store a JPEG; where it lies. Raises OSError."""
+        """Store a JPEG, and return its path. Raises OSError."""
         self._count += 1
         slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
         path = self._folder / f"{self._count:05d}-{slug}.jpg"
@@ -126,7 +130,7 @@ class PictureArchive:
         return path
 
     def _pictures(self) -> list[Path]:
-        """The oldest first, also beyond 99,999."""
+        """List the pictures, oldest first. Sorts by number, since a sort by name fails beyond 99,999."""
         return sorted((path for path in self._folder.glob("[0-9]*-*.jpg") if _number(path)), key=_number)
 
 

@@ -1,4 +1,4 @@
-"""The SQLite file: opened, checked, and written in transactions that survive kill -9 and a pulled plug."""
+"""Opens, checks and writes the SQLite file, in transactions that survive kill -9 and a loss of power."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from typing import Any
 
 
 class JournalError(Exception):
-    """The journal cannot be opened or written; what was kept before stays. The text tells what to do."""
+    """The journal cannot be opened or written. What it holds stays. The text says what to do."""
 
 
 class Damaged(JournalError):  # noqa: N818
-    """The file is no journal any more."""
+    """The file's content is damaged, so that it cannot be read as a journal."""
 
 
 VERSION = 3
-_OURS = 0x41547251
-"""application_id: tells our files from other programs' ones."""
+_APPLICATION_ID = 0x41547251
+"""SQLite's application_id, by which a journal is told from another program's file."""
 _PAGE = 4096
 _WAIT = 1.0
-_TROUBLE = (sqlite3.Error, UnicodeDecodeError)
-"""The second where SQLite's words about a torn file quote what is in it."""
-_TORN = ("no such column", "Could not decode")
+_ERRORS = (sqlite3.Error, UnicodeDecodeError)
+"""UnicodeDecodeError: SQLite's message about a damaged file may quote bytes that are not UTF-8."""
+_DAMAGE_TEXTS = ("no such column", "Could not decode")
+"""Beginnings of messages by which SQLite reports a damaged file as another error."""
 
 _FRAME = "only INTEGER PRIMARY KEY CHECK (only = 1), frame_id INTEGER NOT NULL, png BLOB NOT NULL"
 _TABLES = {
@@ -49,28 +50,28 @@ _TABLES = {
 }
 """`owner` of words and examples: the stamp of an entry, or one of rows.IN_FORCE and rows.CONFIGURED."""
 FRAME_SINCE = 3
-"""The version from which on the frame of the open call is in this file."""
-_SINCE = {
+"""The first version whose file contains the frame of the open call."""
+_UPGRADES = {
     2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw")),
     FRAME_SINCE: (f"CREATE TABLE frame ({_FRAME})",),
 }
-"""What makes a file of the version before one of this version."""
-_LATER = {"frame"}
-"""Tables that an older file does not have."""
-_MOST_LOGGED = 4 << 20
-"""Bytes of the write-ahead log from which `tidy` takes it into the file."""
+"""Version -> the statements that upgrade a file of the version before."""
+_NEW_TABLES = {"frame"}
+"""Tables that a file of an older version lacks."""
+_LONGEST_LOG = 4 << 20
+"""Bytes of the write-ahead log from which on `tidy` copies it into the file."""
 
 
 class Database:
-    """One file, one process, one thread at a time. A second process is refused: two daemons must not steer
-    one rover.
+    """Reads and writes one SQLite file. Used by one thread at a time.
 
-    found_version: whose file it was when it was opened, 0: nobody's. Raises JournalError when it cannot be
-    opened, Damaged when its content is torn.
+    A second process cannot open the file: two daemons must not steer one rover.
+    found_version: the file's version before it was opened, 0: a new file.
+    Raises JournalError when the file cannot be opened, Damaged when its content is damaged.
     """
 
     def __init__(self, path: Path, largest: int) -> None:
-        """largest: bytes that the file may reach; beyond, writing fails as on a full disk."""
+        """largest: bytes that the file may grow to. Beyond that, writing fails as on a full disk."""
         self.path = path
         self._was_empty = path.is_file() and path.stat().st_size == 0
         try:
@@ -88,13 +89,16 @@ class Database:
             raise
 
     def close(self) -> None:
-        """Give the file back; more than once is fine."""
+        """Close the file. May be called more than once."""
         with suppress(sqlite3.Error):
             self._connection.close()
 
     @contextmanager
     def writing(self) -> Iterator[sqlite3.Connection]:
-        """All or nothing, and on disk when the block is left. Raises JournalError: nothing has changed."""
+        """Run the block as one transaction, which is on disk when the block is left.
+
+        Raises JournalError; then nothing has changed.
+        """
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             try:
@@ -104,43 +108,43 @@ class Database:
                 with suppress(sqlite3.Error):
                     self._connection.execute("ROLLBACK")
                 raise
-        except _TROUBLE as error:
-            raise self._trouble(error) from error
+        except _ERRORS as error:
+            raise self._as_journal_error(error) from error
 
     def tidy(self) -> None:
-        """Take what the write-ahead log holds into the file, where it has grown long. Raises JournalError.
+        """Copy the write-ahead log into the file, if the log has grown long. Raises JournalError.
 
-        Not as a part of a commit, which is on disk before and should not wait for it.
+        SQLite would do so within a commit, whose caller would wait for it.
         """
         try:
-            if Path(f"{self.path}-wal").stat().st_size >= _MOST_LOGGED:
+            if Path(f"{self.path}-wal").stat().st_size >= _LONGEST_LOG:
                 self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         except OSError as error:
             raise JournalError(f"{self.path}-wal cannot be read: {error}") from error
-        except _TROUBLE as error:
-            raise self._trouble(error) from error
+        except _ERRORS as error:
+            raise self._as_journal_error(error) from error
 
     def rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
-        """What a query finds. Raises JournalError, Damaged."""
+        """Run a query and return its rows. Raises JournalError, Damaged."""
         try:
             return self._connection.execute(query, values).fetchall()
-        except _TROUBLE as error:
-            raise self._trouble(error) from error
+        except _ERRORS as error:
+            raise self._as_journal_error(error) from error
 
     def _open(self, largest: int) -> None:
         try:
             self._set_up(largest)
-        except _TROUBLE as error:
-            raise self._trouble(error) from error
+        except _ERRORS as error:
+            raise self._as_journal_error(error) from error
 
     def _set_up(self, largest: int) -> None:
         execute = self._connection.execute
         for pragma in (
             f"page_size = {_PAGE}",
-            "locking_mode = EXCLUSIVE",
+            "locking_mode = EXCLUSIVE",  # keeps a second companion out
             "journal_mode = WAL",
-            "synchronous = FULL",
-            "wal_autocheckpoint = 0",
+            "synchronous = FULL",  # else a commit may be lost with the power
+            "wal_autocheckpoint = 0",  # `tidy` does it
             "foreign_keys = ON",
             f"max_page_count = {max(1, largest // _PAGE)}",
         ):
@@ -150,12 +154,14 @@ class Database:
         )
         self.found_version = int(version)
         found = {name for (name,) in execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        if self._was_empty:  # and nobody is about to fill it: the lock is ours by now
+        # An empty file is a journal that lost its content. No other process is about to fill it, since this
+        # one holds the lock by now.
+        if self._was_empty:
             raise Damaged("the file is empty")
         if not found and version == 0:
             self._create()
             return
-        if ours != _OURS:
+        if ours != _APPLICATION_ID:
             raise JournalError(
                 f"{self.path} belongs to another program: move it away, or choose another folder"
             )
@@ -164,33 +170,33 @@ class Database:
                 f"{self.path} was written by a newer companion (its version {version}, ours {VERSION}): "
                 "install that one again, or move the file away to begin afresh"
             )
-        wanted = _TABLES.keys() - (_LATER if version < VERSION else set())
+        wanted = _TABLES.keys() - (_NEW_TABLES if version < VERSION else set())
         if not found >= wanted:
             raise Damaged(f"tables are missing: {', '.join(sorted(wanted - found))}")
         complaints = [text for (text,) in execute("PRAGMA quick_check(1)")]
         if complaints != ["ok"]:
             raise Damaged(str(complaints[0]))
         if version < VERSION:
-            self._bring_up_from(version)
+            self._upgrade_from(version)
 
     def _create(self) -> None:
         with self.writing() as connection:
             for name, columns in _TABLES.items():
                 connection.execute(f"CREATE TABLE {name} ({columns})")
-            connection.execute(f"PRAGMA application_id = {_OURS}")
+            connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {VERSION}")
 
-    def _bring_up_from(self, version: int) -> None:
+    def _upgrade_from(self, version: int) -> None:
         with self.writing() as connection:
             for newer in range(version + 1, VERSION + 1):
-                for statement in _SINCE.get(newer, ()):
+                for statement in _UPGRADES.get(newer, ()):
                     connection.execute(statement)
             connection.execute(f"PRAGMA user_version = {VERSION}")
 
-    def _trouble(self, error: sqlite3.Error | UnicodeDecodeError) -> JournalError:
-        # What else went wrong is said by subclasses of DatabaseError.
+    def _as_journal_error(self, error: sqlite3.Error | UnicodeDecodeError) -> JournalError:
+        # For damage SQLite raises DatabaseError itself, for all other errors a subclass of it.
         torn = type(error) in (sqlite3.DatabaseError, UnicodeDecodeError)
-        if torn or str(error).startswith(_TORN):
+        if torn or str(error).startswith(_DAMAGE_TEXTS):
             return Damaged(f"{error}: start again, which sets it aside")
         if "locked" in str(error):
             return JournalError(f"{self.path} is in use: another companion runs here; stop it first")

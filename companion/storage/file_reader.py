@@ -1,4 +1,4 @@
-"""The one thread that reads served files, so that a disk that hangs delays nobody but who asked."""
+"""Reads served files in a thread, so that a disk that hangs does not stall the main loop."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from companion.storage.served_tree import FileError, LaterError
 _T = TypeVar("_T")
 
 PATIENCE = 2.0
-"""Seconds after which a read counts as failed for who asked."""
+"""Seconds after which a read counts as failed."""
 _LAST_READ = 0.2
-"""Seconds for the read in hand to end."""
+"""Seconds that the end of the thread may take for the read under way."""
 MOST = 4
-"""Reads that may wait or be there for who asked, at most `MAX_SIZE` bytes each."""
+"""Reads that may wait, or be finished and not yet fetched, at most `MAX_SIZE` bytes each."""
 
 
 @dataclass
@@ -30,7 +30,7 @@ class _Read:
 
 
 class Reader:
-    """Unless it is entered, what is asked for is read at once, in the caller's thread."""
+    """Runs reading jobs in a thread. Before it is entered, it runs them at once in the caller's thread."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -39,7 +39,7 @@ class Reader:
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def __enter__(self) -> Reader:
-        """Read from now on, in a thread, until left."""
+        """Start the thread."""
         self._thread.start()
         return self
 
@@ -50,10 +50,10 @@ class Reader:
         self._thread.join(_LAST_READ)
 
     def read(self, key: Hashable, job: Callable[[], _T]) -> _T:
-        """What `job` finds; it may raise FileError, and nothing else. key: what it reads.
+        """Return the result of `job`, which may raise FileError. key: names what the job reads.
 
-        Never waits. Raises LaterError while it is being read: ask again. Raises FileError where the disk
-        takes over 2 s, or too much waits for it.
+        Never blocks. Raises LaterError until the job is done: call again with the same key. Raises FileError
+        when the disk takes longer than `PATIENCE`, or too many reads wait.
         """
         if self._thread.ident is None:
             return job()
@@ -80,7 +80,7 @@ class Reader:
                 read.found = read.job()
             except FileError as error:
                 read.error = error
-            except Exception as error:  # as little as another provider's mistake may it cost the others
+            except Exception as error:  # an error in one job must not end the thread for the others
                 read.error = FileError(f"{type(error).__name__}: {error}")
             read.done = True
 

@@ -1,4 +1,4 @@
-"""The journal: one SQLite file in a folder of its own."""
+"""Stores memory, state, frame, calls and answers in the journal: one SQLite file in its own folder."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ from companion.system.atomic_write import sync_folder
 _log = logging.getLogger(__name__)
 
 LARGEST = 64 << 20
+"""Bytes that the file may grow to."""
 MAX_CALLS = 1000
-"""Closed calls, and answers, that are kept; the oldest go."""
+"""Closed calls, and answers, that are stored; the oldest are deleted."""
 
 MAX_DAMAGED = 3
-"""Damaged journals that are kept beside it, the newest ones."""
+"""Damaged journals that are left beside it, the newest ones."""
 
 _Opened = tuple[Database, Memory | None, str | None]
 
 
 class Journal:
-    """What must survive a restart. One thread at a time; what it was told to keep is on disk when it returns.
+    """Stores what must survive a restart; it is on disk when a method returns. Used by one thread at a time.
 
-    recovered_from: where a damaged journal was set aside when this one was opened; None: it was whole.
+    recovered_from: where a damaged journal was moved when this one was opened; None: it was not damaged.
     """
 
     def __init__(self, folder: Path, largest: int = LARGEST) -> None:
-        """Open or begin the journal in `folder`; largest: bytes that it may grow to.
+        """Open or create the journal in `folder`. largest: bytes that the file may grow to.
 
-        A damaged one is set aside under another name, with a warning, and a fresh one begun. Raises
-        JournalError when the folder cannot be used, another companion uses it, or a newer one wrote it.
+        Renames a damaged journal, with a warning, and creates a new one. Raises JournalError when the folder
+        cannot be used, another companion uses it, or a newer version wrote it.
         """
         self._folder = folder
         self._path = self._folder / "journal.db"
@@ -58,14 +59,14 @@ class Journal:
             self.recovered_from = self._set_aside(damage)
             opened = self._open(largest)
         self._database, self._memory, self._state = opened
-        self._take_in_old_frame()
+        self._import_old_frame()
 
     def close(self) -> None:
-        """Give the file back; more than once is fine."""
+        """Close the file. May be called more than once."""
         self._database.close()
 
     def commit(self, batch: Batch) -> None:
-        """Keep all of it, or nothing: then JournalError is raised, and what was kept before stays."""
+        """Store the batch in one transaction. Raises JournalError; then nothing of it is stored."""
         with self._database.writing() as connection:
             if batch.memory is not None:
                 write_memory(connection, batch.memory, self._memory)
@@ -79,44 +80,44 @@ class Journal:
         self._state = batch.state or self._state
 
     def tidy(self) -> None:
-        """What should be done now and then, and nobody waits for. Raises JournalError."""
+        """Do the maintenance that no caller should wait for. Raises JournalError."""
         self._database.tidy()
 
     def save_memory(self, memory: Memory) -> None:
-        """Keep what the algorithm must not lose; only changed rows are written. Raises JournalError."""
+        """Store the algorithm's memory; only changed rows are written. Raises JournalError."""
         self.commit(Batch(memory=memory))
 
     def load_memory(self) -> Memory | None:
-        """The memory kept last, or None."""
+        """Return the memory stored last, or None."""
         return self._memory
 
     def save_supervision(self, state: Mapping[str, Any]) -> None:
-        """Keep the state of the open call and the hold: JSON values. Raises JournalError."""
+        """Store the state of the open call and the hold: JSON values. Raises JournalError."""
         self.commit(Batch(state=as_json(state)))
 
     def load_supervision(self) -> dict[str, Any] | None:
-        """The state kept last, or None."""
+        """Return the state stored last, or None."""
         return None if self._state is None else _table(self._state)
 
     def save_frame(self, frame_id: int, png: bytes) -> None:
-        """Keep the frame of the open call in place of the one before. Raises JournalError."""
+        """Store the frame of the open call; it replaces the one before. Raises JournalError."""
         self.commit(Batch(frame=(frame_id, png)))
 
     def load_frame(self, frame_id: int) -> bytes | None:
-        """The PNG of this frame; None when another one was kept last, or none at all. Raises JournalError."""
+        """Return the PNG of this frame; None when another one, or none, is stored. Raises JournalError."""
         found = self._database.rows("SELECT png FROM frame WHERE frame_id = ?", frame_id)
         return bytes(found[0][0]) if found else None
 
     def record_call(self, call: Call, at: float | None = None) -> None:
-        """Keep what a closed call was about. at: seconds since 1970, by default now. Raises JournalError."""
+        """Store a closed call. at: seconds since 1970, by default now. Raises JournalError."""
         self.commit(Batch(rows=(Row.of_call(call, at or time.time()),)))
 
     def record_answer(self, call_id: int, record: Mapping[str, Any], at: float | None = None) -> None:
-        """Keep what was answered to a call: JSON values. at: as for a call. Raises JournalError."""
+        """Store an answer to a call: JSON values. at: as for a call. Raises JournalError."""
         self.commit(Batch(rows=(Row.of_answer(call_id, record, at or time.time()),)))
 
     def calls(self, limit: int = 20) -> list[CallRecord]:
-        """The calls closed last, the newest first. Raises JournalError."""
+        """Return the calls that were closed last, newest first. Raises JournalError."""
         found = self._database.rows(
             "SELECT id, closed_at, outcome, record FROM calls ORDER BY number DESC LIMIT ?", limit
         )
@@ -126,7 +127,7 @@ class Journal:
         ]
 
     def answers(self, call_id: int) -> tuple[Mapping[str, Any], ...]:
-        """What was answered to a call, in order. Raises JournalError."""
+        """Return the answers to a call, oldest first. Raises JournalError."""
         query = "SELECT record FROM answers WHERE call_id = ? ORDER BY number"
         return tuple(json.loads(record) for (record,) in self._database.rows(query, call_id))
 
@@ -139,8 +140,8 @@ class Journal:
             database.close()
             raise
 
-    def _take_in_old_frame(self) -> None:
-        """Versions 1 and 2 kept it as a file without an id: the frame of the call that they left open."""
+    def _import_old_frame(self) -> None:
+        """Take over the open call's frame from the file call.png, where versions 1 and 2 stored it."""
         old = self._folder / "call.png"
         try:
             call = (self.load_supervision() or {}).get("call")
@@ -164,12 +165,12 @@ class Journal:
             raise JournalError(
                 f"{self._path} is damaged ({damage}) and cannot be moved ({error.strerror}): move it by hand"
             ) from error
-        self._forget_damaged([*before, aside])
-        _log.warning("the journal was damaged (%s): set aside as %s, begun afresh", damage, aside)
+        self._delete_old_damaged([*before, aside])
+        _log.warning("the journal was damaged (%s): set aside as %s, a new one is begun", damage, aside)
         return aside
 
-    def _forget_damaged(self, aside: list[Path]) -> None:
-        """All but the newest: a card that fails again and again must not fill up with them."""
+    def _delete_old_damaged(self, aside: list[Path]) -> None:
+        """Delete all but the newest damaged journals: a failing card must not fill up with them."""
         for old in aside[:-MAX_DAMAGED]:
             for suffix in ("-shm", "-wal", ""):
                 with suppress(OSError):

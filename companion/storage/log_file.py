@@ -1,4 +1,4 @@
-"""The companion's own log as a file, bounded: the ground may read it."""
+"""Writes the companion's log to a file of bounded size, which the ground can download."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ log = logging.getLogger(__name__)
 
 FOLDER = "logs"
 NAME = "companion.log"
-"""And the one before it, companion.log.1."""
+"""The file before it is companion.log.1."""
 LONGEST = 256 * 1024
-"""Bytes of each of the two."""
+"""Bytes of each of the two files."""
 
 
-class _Quiet(RotatingFileHandler):
+class _LossyFileHandler(RotatingFileHandler):
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """A full disk costs lines of this file; they are on stderr."""
+        """Ignore a failed write, as on a full disk: stderr has the line, too."""
 
 
-class _HandedOver(QueueHandler):
-    """Lines for the writer, which puts them into `file` when it comes to that."""
+class _WriterHandler(QueueHandler):
+    """Passes log records to the writer thread, which writes them to `file`."""
 
     def __init__(self, writer: Writer, file: RotatingFileHandler) -> None:
         super().__init__(None)  # type: ignore[arg-type]  # `enqueue` knows where to
@@ -49,17 +49,17 @@ class _HandedOver(QueueHandler):
 
 @contextmanager
 def logbook(folder: Path, writer: Writer) -> Iterator[None]:
-    """Whatever is logged meanwhile is in `folder`/logs too, as far as that can be written."""
+    """Write everything that is logged within the block to `folder`/logs, too, as far as the disk allows."""
     root = logging.getLogger()
     try:
         (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-        file = _Quiet(folder / FOLDER / NAME, maxBytes=LONGEST, backupCount=1, encoding="utf-8")
+        file = _LossyFileHandler(folder / FOLDER / NAME, maxBytes=LONGEST, backupCount=1, encoding="utf-8")
     except OSError as error:
-        log.warning("no log for the ground: %s", error)
+        log.warning("no log file for the ground: %s", error)
         yield
         return
     file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-    handler = _HandedOver(writer, file)
+    handler = _WriterHandler(writer, file)
     root.addHandler(handler)
     try:
         yield

@@ -1,4 +1,4 @@
-"""The memory of the algorithm as rows: reading all of them, and writing those that changed."""
+"""Reads the algorithm's memory from the journal's rows, and writes the rows that changed."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from companion.storage.database import Damaged
 
 IN_FORCE = -1
 CONFIGURED = -2
+"""`owner` of the words in use and of the configured words; a remembered scene's is its stamp, 0 or more."""
 
 Examples = Mapping[str, tuple[Example, ...]]
 Query = Callable[[str], list[tuple[Any, ...]]]
@@ -25,7 +26,7 @@ _FLOATS = np.dtype("<f4")
 
 
 def read_memory(rows: Query) -> Memory | None:
-    """The memory, or None when none was ever kept. Raises Damaged."""
+    """Read the memory; None when none was ever stored. Raises Damaged."""
     try:
         found = rows("SELECT model_id, clock, scenes, reference FROM memory")
         if not found:
@@ -61,24 +62,25 @@ def read_memory(rows: Query) -> Memory | None:
         raise Damaged(f"the memory cannot be read: {error}") from error
 
 
-def write_memory(connection: sqlite3.Connection, memory: Memory, kept: Memory | None) -> None:
-    """Bring the rows from `kept`, which they hold, to `memory`; None: whatever they hold is replaced."""
+def write_memory(connection: sqlite3.Connection, memory: Memory, stored: Memory | None) -> None:
+    """Write the rows in which `memory` differs from `stored`, what they hold now. None: replace all rows."""
     reference = None if memory.reference is None else _blob(memory.reference)
     connection.execute(
         "REPLACE INTO memory VALUES (1, ?, ?, ?, ?)",
         (memory.model_id, memory.clock, memory.history.limit, reference),
     )
-    if kept is None:
+    if stored is None:
         for table in ("entries", "words", "examples", "settled"):
             connection.execute(f"DELETE FROM {table}")
-    _write_words(connection, IN_FORCE, memory.preferences, kept.preferences if kept else None)
-    _write_words(connection, CONFIGURED, memory.configured, kept.configured if kept else None)
-    _write_examples(connection, IN_FORCE, memory.examples, kept.examples if kept else None)
-    if kept is None or memory.settled != kept.settled:
+    _write_words(connection, IN_FORCE, memory.preferences, stored.preferences if stored else None)
+    _write_words(connection, CONFIGURED, memory.configured, stored.configured if stored else None)
+    _write_examples(connection, IN_FORCE, memory.examples, stored.examples if stored else None)
+    if stored is None or memory.settled != stored.settled:
         connection.execute("DELETE FROM settled")
         connection.executemany("INSERT INTO settled VALUES (?, ?)", memory.settled.items())
-    before = {entry.order: entry for entry in kept.history} if kept is not None else {}
+    before = {entry.order: entry for entry in stored.history} if stored is not None else {}
     after = {entry.order: entry for entry in memory.history}
+    # Compared by identity: entries are never changed, only replaced.
     for stamp, old in before.items():
         if after.get(stamp) is not old:
             for table, column in (("entries", "stamp"), ("words", "owner"), ("examples", "owner")):
@@ -112,21 +114,21 @@ def _read_examples(rows: Query) -> dict[int, dict[str, tuple[Example, ...]]]:
 
 
 def _write_words(
-    connection: sqlite3.Connection, owner: int, words: Preferences, kept: Preferences | None = None
+    connection: sqlite3.Connection, owner: int, words: Preferences, stored: Preferences | None = None
 ) -> None:
     rows = [
         (owner, position, word, setting.weight, setting.order)
         for position, (word, setting) in enumerate(words.settings.items())
     ]
-    if kept is None or list(words.settings.items()) != list(kept.settings.items()):
+    if stored is None or list(words.settings.items()) != list(stored.settings.items()):
         connection.execute("DELETE FROM words WHERE owner = ?", (owner,))
         connection.executemany("INSERT INTO words VALUES (?, ?, ?, ?, ?)", rows)
 
 
 def _write_examples(
-    connection: sqlite3.Connection, owner: int, examples: Examples, kept: Examples | None = None
+    connection: sqlite3.Connection, owner: int, examples: Examples, stored: Examples | None = None
 ) -> None:
-    if kept is not None and dict(examples) == dict(kept):
+    if stored is not None and dict(examples) == dict(stored):
         return
     connection.execute("DELETE FROM examples WHERE owner = ?", (owner,))
     for word, of_word in examples.items():

@@ -1,4 +1,4 @@
-"""What the ground may read: folders of the disk, the newest maps, and /state.json."""
+"""Serves files to the ground: folders of the disk, the newest maps, and /state.json."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ _MAX_SCANNED = 5000
 
 
 class Folder:
-    """Files of `path` whose names match `pattern` (as in a shell); of too many the newest 500.
+    """Serves the files of `path` whose names match the shell pattern, the newest `MAX_FILES` of them.
 
-    The folder need not exist yet, and may be a link itself: whoever configures it says where it is.
+    The folder need not exist yet. It may be a symbolic link, unlike the files in it: the owner chose it.
     """
 
     def __init__(self, path: Path, pattern: str = "*", reader: Reader | None = None) -> None:
@@ -59,7 +59,7 @@ class Folder:
         with self._directory() as directory, os.scandir(directory) as found:
             seen = []
             for entry in islice(found, _MAX_SCANNED):
-                with suppress(FileNotFoundError):  # a log turned over, an old call cleared away
+                with suppress(FileNotFoundError):  # deleted meanwhile: a log rotated, or an old call's files
                     if self._shows(entry.name) and entry.is_file(follow_symlinks=False):
                         seen.append((entry.stat(follow_symlinks=False), entry.name))
         newest = heapq.nlargest(MAX_FILES, seen, key=lambda file: file[0].st_mtime)
@@ -86,11 +86,11 @@ class Folder:
 
 WIDTH = 64
 LEVELS = 16
-"""Steps of grey: fewer bytes, and nobody sees more."""
+"""Steps of grey: enough for the eye, and the PNG is smaller."""
 
 
 class NewestMaps:
-    """traversability.png and uncertainty.png, made at most once a frame, and only when asked for."""
+    """Makes traversability.png and uncertainty.png, at most once a frame, and only on request."""
 
     def __init__(self, newest: Callable[[], Assessment | None]) -> None:
         self._newest = newest
@@ -98,7 +98,7 @@ class NewestMaps:
         self._made: dict[str, bytes] = {}
 
     def documents(self) -> Documents:
-        """As a folder."""
+        """Return the maps as a folder of files."""
         return Documents(self._sizes, self._make)
 
     def _sizes(self) -> Mapping[str, int]:
@@ -118,7 +118,10 @@ class NewestMaps:
 
 
 def grey_png(values: Map, unknown: float) -> bytes:
-    """A map in [0, 1], at most 64 pixels wide, in 16 steps. unknown: what stands for a value that is none."""
+    """Encode a map, (height, width) in [0, 1], as PNG at most 64 pixels wide, in 16 steps of grey.
+
+    unknown: the value to show where the map is not finite.
+    """
     known = np.where(np.isfinite(values), values, unknown).astype(np.float32)
     height, width = known.shape
     if width > WIDTH:
@@ -128,7 +131,7 @@ def grey_png(values: Map, unknown: float) -> bytes:
 
 
 def _averaged(values: Map, height: int, width: int) -> Map:
-    """The mean of each of height x width blocks of pixels."""
+    """Return the mean of each of height x width blocks of pixels."""
     rows, columns = (
         np.linspace(0, size, count + 1).astype(np.intp)[:-1]
         for size, count in zip(values.shape, (height, width), strict=True)
@@ -140,9 +143,9 @@ def _averaged(values: Map, height: int, width: int) -> Map:
 
 
 def _png(grey: NDArray[np.uint8]) -> bytes:
-    """PNG (ISO/IEC 15948) of (height, width) grey pixels: the supervisor has no OpenCV."""
+    """Encode (height, width) grey pixels as PNG (ISO/IEC 15948): the supervisor does not load OpenCV."""
     height, width = grey.shape
-    rows = np.zeros((height, width + 1), np.uint8)  # each row begins with its filter: none
+    rows = np.zeros((height, width + 1), np.uint8)  # the first byte of a row names its filter; 0: none
     rows[:, 1:] = grey
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
     chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b""))
@@ -153,12 +156,12 @@ def _png(grey: NDArray[np.uint8]) -> bytes:
 
 
 class ServedFiles:
-    """/state.json, /calls, /maps and /logs."""
+    """Serves /state.json, /calls, /maps and /logs."""
 
     def __init__(self, folder: Path, reader: Reader | None = None) -> None:
-        """folder: where the companion keeps what must survive. reader: of what lies on the disk."""
+        """folder: the journal's. reader: reads what is on the disk."""
         self.calls = folder / "calls"
-        with suppress(OSError):  # whoever writes there says what is wrong
+        with suppress(OSError):  # writing a call's files will fail, and is logged then
             self.calls.mkdir(parents=True, exist_ok=True)
         self._figures: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
         self._newest: Callable[[], Assessment | None] = lambda: None
@@ -172,7 +175,7 @@ class ServedFiles:
         )
 
     def show(self, figures: Callable[[], Mapping[str, Any]], newest: Callable[[], Assessment | None]) -> None:
-        """It looks now. figures: asked for what /state.json tells. newest: for the newest frame."""
+        """Serve these from now on. figures: makes the content of /state.json. newest: the newest frame."""
         self._figures, self._newest = figures, newest
 
     def _newest_frame(self) -> Assessment | None:

@@ -1,4 +1,4 @@
-"""The read-only tree that the ground sees: files and folders of files, nothing deeper, nothing else."""
+"""Defines the read-only tree of served files: files and folders of files, nothing deeper."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol, TypeVar
 
 MAX_SIZE = 8 * 1024 * 1024
-"""Bytes of the largest file that is served: 1.5 h at 1,500 B/s."""
+"""Bytes of the largest file that is served. It takes 1.5 h at 1,500 B/s."""
 
 
 class FileError(Exception):
-    """A file that cannot be served; the message says why."""
+    """The file cannot be served. The message says why."""
 
 
 class MissingError(FileError):
-    """There is no such file or folder, or it is not to be seen."""
+    """There is no such file or folder, or it is not served."""
 
 
 class LaterError(FileError):
-    """It is not there yet: ask again."""
+    """The file is not read yet: ask again."""
 
 
 class Opened(Protocol):
-    """size: bytes, fixed while it is open. `read` and `close` may be called in any order."""
+    """Reads an open file. size: bytes, fixed while it is open. `close` may come before `read`."""
 
     size: int
 
     def read(self, offset: int, count: int) -> bytes:
-        """At most `count` bytes from `offset`; fewer only at the end. Raises FileError."""
+        """Return `count` bytes from `offset`, fewer only at the file's end. Raises FileError."""
 
     def close(self) -> None:
-        """Give it back; twice is harmless."""
+        """Close the file. May be called more than once."""
 
 
 class Held:
-    """Bytes in memory."""
+    """Serves bytes in memory as an open file."""
 
     def __init__(self, content: bytes) -> None:
         if len(content) > MAX_SIZE:
@@ -52,7 +52,11 @@ class Held:
 
 
 def open_in(folder: int, name: str) -> Opened:
-    """The regular file `name` of the open directory `folder`, as it is, never a link. Raises FileError."""
+    """Read the regular file `name` of the directory descriptor `folder` into memory. Raises FileError.
+
+    A symbolic link is refused: it could lead out of the folder.
+    """
+    # O_NONBLOCK: opening a named pipe would otherwise wait for its writer.
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         descriptor = os.open(name, flags, dir_fd=folder)
@@ -72,39 +76,42 @@ def open_in(folder: int, name: str) -> Opened:
 _T = TypeVar("_T")
 
 MAX_NAME = 128
-"""Bytes of a name in UTF-8: a path and a line of a list both fit one frame."""
+"""Bytes of a name in UTF-8: a path and a line of a list both fit one MAVLink FTP payload."""
 
 
 class Entry(NamedTuple):
-    """A line of a list. size: bytes; None for a folder."""
+    """Describes a file or folder in a listing. size: bytes; None for a folder."""
 
     name: str
     size: int | None
 
 
 class Shelf(Protocol):
-    """A folder of the tree. Both run in the link's thread: within some milliseconds, or LaterError."""
+    """Serves a folder of the tree.
+
+    The main loop calls both methods: they return within some milliseconds, or raise LaterError.
+    """
 
     def sizes(self) -> Mapping[str, int]:
-        """The names of its files, and their bytes."""
+        """Return the names and sizes, in bytes, of the files."""
 
     def open(self, name: str) -> Opened:
-        """One of them. Raises FileError."""
+        """Open a file. Raises FileError."""
 
 
 class Document:
-    """A file that is made when it is opened or listed, by `make`, in the link's thread."""
+    """Serves a file whose content `make` produces in the main loop whenever it is opened or listed."""
 
     def __init__(self, make: Callable[[], bytes]) -> None:
         self._make = make
 
     def open(self) -> Opened:
-        """Its content now. Raises FileError."""
+        """Make the content. Raises FileError."""
         return Held(self._make())
 
 
 class Documents:
-    """A folder of files that are made when they are opened. sizes: names and bytes, cheap to ask for."""
+    """Serves a folder whose files `make` produces when they are opened. sizes: a cheap listing."""
 
     def __init__(self, sizes: Callable[[], Mapping[str, int]], make: Callable[[str], bytes]) -> None:
         self._sizes = sizes
@@ -120,9 +127,9 @@ class Documents:
 
 
 class Tree:
-    """Mounts by name: `Document` is a file of the root, everything else a folder of it.
+    """Serves files and folders under names: a `Document` is a file in the root, a `Shelf` is a folder.
 
-    A provider that fails costs its own file only. Raises ValueError for a name that cannot be shown.
+    When one of them raises, only its own files fail. Raises ValueError for a name that cannot be served.
     """
 
     def __init__(self, mounts: Mapping[str, Document | Shelf] | None = None) -> None:
@@ -132,11 +139,11 @@ class Tree:
                 raise ValueError(f'"{name}" cannot be the name of a file for the ground')
 
     def beside(self, name: str, folder: Shelf) -> Tree:
-        """The same with one folder more. Raises ValueError for a name that cannot be shown."""
+        """Return a copy with one more folder. Raises ValueError for a name that cannot be served."""
         return Tree({**self._mounts, name: folder})
 
     def entries(self, path: str) -> tuple[Entry, ...]:
-        """What a folder holds, by name. Raises FileError."""
+        """List a folder in name order. Raises FileError."""
         match _parts(path):
             case []:
                 return tuple(self._entry(name) for name in sorted(self._mounts))
@@ -146,7 +153,7 @@ class Tree:
                 raise MissingError(path)
 
     def open(self, path: str) -> Opened:
-        """A file as it is now. Raises FileError."""
+        """Open a file with its present content. Raises FileError."""
         match _parts(path):
             case [name] if isinstance(mount := self._mounts.get(name), Document):
                 return _guarded(mount.open)
@@ -169,7 +176,7 @@ class Tree:
 
 
 def presentable(name: str) -> bool:
-    """Whether a name may be seen and asked for: visible, no folder in it, UTF-8, not longer than a frame."""
+    """Whether a name may be served: not hidden, printable, without a slash, at most `MAX_NAME` bytes."""
     if not name or name.startswith(".") or "/" in name or not name.isprintable():
         return False
     return len(name.encode(errors="replace")) <= MAX_NAME
@@ -192,5 +199,5 @@ def _guarded(provide: Callable[[], _T]) -> _T:
         return provide()
     except FileError:
         raise
-    except Exception as error:  # a provider's mistake must not cost the radio link
+    except Exception as error:  # an error in making a file must not end the main loop
         raise FileError(f"{type(error).__name__}: {error}") from error

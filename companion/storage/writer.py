@@ -1,7 +1,7 @@
-"""The one thread that writes to the disk, so that a slow one delays nobody else.
+"""Writes everything to the disk in one thread, so that a slow disk does not stall the main loop.
 
-What is most urgent goes first: the journal, in one transaction for all that waits, then files and log lines
-in the order in which they came. Whoever hands something over never waits.
+The journal goes first, in one transaction for all that waits; then files and log lines in the order in which
+they came. Handing over work never blocks.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from companion.storage.batch import MAX_ROWS
 log = logging.getLogger(__name__)
 
 SLOW = 2.0
-"""Seconds after which a write counts as failed for who waits for it; it is finished all the same."""
+"""Seconds after which a write counts as failed for its caller. It is finished all the same."""
 PATIENCE = 0.5
-"""Seconds before what could not be written is tried again."""
+"""Seconds before a failed journal write is tried again."""
 BOUNDS = {"status": 1, "picture": 8, "record": 32, "log": 1000}
-"""Jobs of a kind that may wait; beyond, the oldest of that kind goes, and is counted."""
+"""Kind -> jobs that may wait. Beyond that the oldest job of the kind is dropped and counted."""
 _JOURNAL = "journal"
 _SLOW_AGAIN = 10.0
-"""Seconds after a slow write in which the next one is expected to be slow, too."""
+"""Seconds after a slow write for which the disk still counts as slow."""
 _LAST_JOB = 0.2
-"""Seconds for the job in hand to end, where not all can be written."""
+"""Seconds that `close` gives the present job when not everything can be written."""
 
 
 class _Job(NamedTuple):
@@ -38,10 +38,10 @@ class _Job(NamedTuple):
 
 
 class Writer:
-    """Owns the journal. committed, failed: the newest ticket that is on disk, or was tried in
-    vain. errors, dropped: how many writes failed and how many jobs found no room, by kind.
+    """Owns the journal and the writer thread. Before it is entered, only `run_once` writes.
 
-    Unless it is entered nothing is written but by `run_once`.
+    committed: the newest ticket that is on disk. failed: the newest ticket that could not be written.
+    errors: failed writes by kind. dropped: jobs without room by kind.
     """
 
     def __init__(self, journal: Journal) -> None:
@@ -52,21 +52,21 @@ class Writer:
         self._ticket = self.committed = self.failed = 0
         self._tried_at = float("-inf")
         self._waits_since: float | None = None
-        """Since when something waits for the journal, or is written there."""
+        """Monotonic seconds since which something waits for the journal or is being written to it."""
         self._slow_until = float("-inf")
-        self._untidy = False
+        self._tidy_due = False
         self._jobs_first = 0
-        """Jobs that waited during the last commit: the next one lets them go first."""
-        self._troubled: set[str] = set()
+        """Jobs that waited during the last commit. They run before the next one, so that each gets a turn."""
+        self._failing_kinds: set[str] = set()
         self.errors: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
         self._stop = False
         self._idle = True
-        self._left_behind = False
+        self._drain_failed = False
         self._thread = threading.Thread(target=self._run, name="writer", daemon=True)
 
     def __enter__(self) -> Writer:
-        """Write from now on, in a thread, until left."""
+        """Start the writer thread."""
         self._thread.start()
         return self
 
@@ -75,15 +75,15 @@ class Writer:
 
     @property
     def failing(self) -> bool:
-        """Whether what must survive could not be written at the last try, or takes too long."""
+        """Whether the last write to the journal failed, or the disk is slow."""
         since, now = self._waits_since, time.monotonic()
         slow = now < self._slow_until or (since is not None and now - since > SLOW)
-        return _JOURNAL in self._troubled or slow
+        return _JOURNAL in self._failing_kinds or slow
 
     def keep(self, batch: Batch) -> int:
-        """Have it committed, with all else that waits; its ticket.
+        """Queue a batch for the next commit, and return its ticket: compare it with `committed`, `failed`.
 
-        Where more rows wait than there is room for, whatever waits counts as failed.
+        When more than `MAX_ROWS` rows wait, rows are dropped, so that all earlier tickets count as failed.
         """
         with self._changed:
             if len(self._batch.rows) + len(batch.rows) > MAX_ROWS:
@@ -96,7 +96,7 @@ class Writer:
             return self._ticket
 
     def write(self, kind: str, job: Callable[[], object]) -> None:
-        """Have a file written by `job`, of a kind in `BOUNDS`. An error of it is logged once in a row."""
+        """Queue a job that writes a file. kind: a key of `BOUNDS`. Of errors in a row the first is logged."""
         with self._changed:
             waiting = [number for number, one in enumerate(self._jobs) if one.kind == kind]
             if len(waiting) >= BOUNDS[kind]:
@@ -106,10 +106,10 @@ class Writer:
             self._changed.notify_all()
 
     def run_once(self) -> bool:
-        """Do the most urgent that is due; False when nothing is. Jobs are not kept waiting for ever."""
-        if self._untidy:
-            self._untidy = False
-            self._survive("tidying", self._journal.tidy)
+        """Do the most urgent work that is due. False when there is none."""
+        if self._tidy_due:
+            self._tidy_due = False
+            self._succeeds("tidying", self._journal.tidy)
             return True
         with self._changed:
             batch, ticket = Batch() if self._jobs_first else self._due(), self._ticket
@@ -120,22 +120,25 @@ class Writer:
         if batch:
             self._commit(batch, ticket)
         elif job is not None:
-            self._survive(job.kind, job.write)
+            self._succeeds(job.kind, job.write)
         return bool(batch) or job is not None
 
     def drain(self, limit: float = SLOW) -> bool:
-        """Wait until all is written; False when `limit` seconds are, or were, not enough."""
+        """Wait until everything is written. False when `limit` seconds are not enough.
+
+        After one such failure it does not wait again, so that leaving does not take `limit` several times.
+        """
         if self._thread.ident is None:
             while self.run_once():
                 pass
             return not self._batch
         with self._changed:
-            limit = 0.0 if self._left_behind else limit
-            self._left_behind = not self._changed.wait_for(self._all_written, limit)
-            return not self._left_behind
+            limit = 0.0 if self._drain_failed else limit
+            self._drain_failed = not self._changed.wait_for(self._all_written, limit)
+            return not self._drain_failed
 
     def close(self) -> None:
-        """Write what waits and give the journal back, unless the disk hangs: `SLOW` seconds at most."""
+        """Write what waits and close the journal, in `SLOW` seconds at most even if the disk hangs."""
         until = time.monotonic() + SLOW
         done = self.drain()
         if not done:
@@ -162,20 +165,20 @@ class Writer:
         self._journal.close()
 
     def _all_written(self) -> bool:
-        return self._idle and not (self._jobs or self._untidy or self._batch)
+        return self._idle and not (self._jobs or self._tidy_due or self._batch)
 
     def _has_work(self) -> bool:
-        return bool(self._stop or self._jobs or self._untidy or self._due())
+        return bool(self._stop or self._jobs or self._tidy_due or self._due())
 
     def _due(self) -> Batch:
-        """What waits for the journal, empty while it is too early to try again."""
-        again = _JOURNAL in self._troubled and time.monotonic() - self._tried_at < PATIENCE
+        """Return what waits for the journal; an empty batch while it is too early for another try."""
+        again = _JOURNAL in self._failing_kinds and time.monotonic() - self._tried_at < PATIENCE
         return Batch() if again else self._batch
 
     def _commit(self, batch: Batch, ticket: int) -> None:
-        """On a disk that is too full for the frame, the rest of it is kept."""
+        """Write a batch to the journal. What could not be written waits for the next try."""
         began = self._tried_at = time.monotonic()
-        left = self._journal_takes(batch)
+        left = self._write_to_journal(batch)
         ended = time.monotonic()
         if ended - began > SLOW:
             self._slow_until = ended + _SLOW_AGAIN
@@ -186,33 +189,36 @@ class Writer:
                 self.failed = max(self.failed, ticket)
             else:
                 self.committed = max(self.committed, ticket)
-                self._untidy = True
+                self._tidy_due = True
 
-    def _journal_takes(self, batch: Batch) -> Batch:
-        """What is left of it, empty when all is on disk."""
+    def _write_to_journal(self, batch: Batch) -> Batch:
+        """Write as much of a batch as fits, and return the rest; an empty batch when all is on disk.
+
+        On a disk that is too full for the frame, all but the frame is written.
+        """
         rest = replace(batch, frame=None)
-        if self._survive(_JOURNAL, lambda: self._journal.commit(batch)):
+        if self._succeeds(_JOURNAL, lambda: self._journal.commit(batch)):
             return Batch()
         if batch.frame is None or not rest:
             return batch
         try:
             self._journal.commit(rest)
-        except Exception:  # told just now
+        except Exception:  # the first try has logged it
             return batch
         return Batch(frame=batch.frame)
 
-    def _survive(self, kind: str, write: Callable[[], object]) -> bool:
-        """Whether it was written. What fails in a way that nobody foresaw is told with its traceback."""
+    def _succeeds(self, kind: str, write: Callable[[], object]) -> bool:
+        """Run a write, and return whether it succeeded. An unexpected error is logged with its traceback."""
         try:
             write()
         except Exception as error:
             self.errors[kind] += 1
-            if kind not in self._troubled:
-                self._troubled.add(kind)
+            if kind not in self._failing_kinds:
+                self._failing_kinds.add(kind)
                 foreseen = isinstance(error, (OSError, JournalError))
                 log.error("%s cannot be written: %s", kind, error, exc_info=not foreseen)
             return False
-        if kind in self._troubled:
-            self._troubled.discard(kind)
+        if kind in self._failing_kinds:
+            self._failing_kinds.discard(kind)
             log.info("%s is written again", kind)
         return True

@@ -1,1 +1,1 @@
-"""The supervisor's main loop and what it carries out."""
+"""Runs the supervisor's main loop and carries out what the state machine decides."""

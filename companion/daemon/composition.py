@@ -1,4 +1,4 @@
-"""The daemon put together, for `companion run`, tests and benches alike, and what a restart takes up."""
+"""Creates the daemon's parts and restores what the journal stored, for `companion run`, tests and benches."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _U32 = 0xFFFFFFFF
 
 
 class Opened(NamedTuple):
-    """What a daemon stands on; whoever opened it closes it. saved: what the journal kept of the last run."""
+    """Holds the opened resources of a daemon. Their opener closes them. saved: state from the journal."""
 
     link: Link
     vision: Vision
@@ -62,7 +62,7 @@ def compose(
     *,
     state_machine: Callable[[Numbers, float], OperatorCalls] = OperatorCalls,
 ) -> Daemon:
-    """The daemon, once vision is ready. news: what a person should be told is added to it."""
+    """Create the daemon, once the vision process is ready. news: notices for the operator are added to it."""
     link, vision, journal, writer, served, saved = opened
     link.set_undecided_for(vision.answers_within + SLOW)
     model, now, folder = ready.model, time.monotonic(), config.journal.path
@@ -111,7 +111,10 @@ def compose(
 def restore_settings(
     config: Config, ready: Ready, saved: Any, news: list[str]
 ) -> tuple[RuntimeSettings, Settings]:
-    """What the ground set before the restart, as far as it still counts, is how frames are judged."""
+    """Restore the settings that the ground had changed, as far as they still fit the configuration.
+
+    Returns them and the settings for judging frames. news: notices of what was left out are added to it.
+    """
     overrides = RuntimeSettings(kept_values(config, ready.settings), ready.model.id)
     left_out = overrides.restore(saved)
     judging, misfits = overrides.tuned(ready.settings)
@@ -122,7 +125,7 @@ def restore_settings(
 
 
 def _may_hold(hold_gate: HoldGate, judging: Settings, news: list[str]) -> bool:
-    """Whether the vehicle may be held, as its owner wants; told is why not, or what nobody could check."""
+    """Whether policy hold, which the owner configured, is possible. Logs why not, or what was not checked."""
     refusal, stopping = hold_gate.refuses(judging), hold_gate.stopping(judging)
     if refusal is not None:
         log.error("%s", refusal.why)
@@ -135,7 +138,10 @@ def _may_hold(hold_gate: HoldGate, judging: Settings, news: list[str]) -> bool:
 
 
 def first_policy(config: Config, saved: Mapping[str, Any]) -> Policy:
-    """What will be in force unless holding is refused: the autopilot's script goes by it from the start."""
+    """Return the policy that will be in force unless hold is refused.
+
+    The first heartbeats carry it, since the autopilot's script acts by it before the perceiver is loaded.
+    """
     configured = Policy[config.call.policy.upper()]
     return restored_policies(config, configured, saved.get("policy"), time.monotonic()).in_force
 
@@ -143,7 +149,7 @@ def first_policy(config: Config, saved: Mapping[str, Any]) -> Policy:
 def first_parameters(
     config: Config, memory: Memory | None, saved: Mapping[str, Any]
 ) -> tuple[Parameter, ...]:
-    """The parameters as they were before the restart, for the time until the perceiver is loaded."""
+    """Make the parameters with their values before the restart, until the perceiver is loaded."""
     words = first_words(config, memory)
     offered = {word: words[word] for word in config.vocabulary if word in words}
     values = {**first_values(config, saved.get("settings")), POLICY: float(first_policy(config, saved))}
@@ -151,18 +157,21 @@ def first_parameters(
 
 
 def open_id(saved: Mapping[str, Any]) -> int:
-    """The call or hold that was open: told from the first heartbeat on, so that nobody thinks it closed."""
+    """Return the id of the call or hold that was open at the restart, 0 without one.
+
+    The first heartbeats carry it, so that a ground station does not take the call for closed.
+    """
     open_one = saved.get("call") or saved.get("hold")
     return whole(open_one.get("id")) if isinstance(open_one, dict) else 0
 
 
 def whole(value: Any) -> int:
-    """A number of 32 bits as it was kept, 0 for anything else."""
+    """Return a stored unsigned number of 32 bits, 0 for any other value."""
     return value if isinstance(value, int) and 0 <= value <= _U32 else 0
 
 
 def restore_calls(calls: OperatorCalls, saved: Mapping[str, Any], now: float, news: list[str]) -> None:
-    """Call, hold and the counter go on as they were left; what cannot be read is told."""
+    """Restore call, hold and the counter of ids. news: a notice of what could not be read is added to it."""
     calls.last_id = whole(saved.get("last_id")) & 0xFFFF
     try:
         restore(calls, saved, now)
@@ -173,7 +182,7 @@ def restore_calls(calls: OperatorCalls, saved: Mapping[str, Any], now: float, ne
 
 
 def open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowStatistics:
-    """The counts of shadow policy as they were left; what stood under another policy stands no more."""
+    """Restore the statistics of policy shadow. Ends would-be holds if another policy is in force now."""
     statistics, notice = ShadowStatistics.restored(saved, calls.shadow, model, now, time.time())
     if notice:
         log.warning("%s", notice)

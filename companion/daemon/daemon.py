@@ -1,4 +1,4 @@
-"""The daemon's main loop: hear, decide, keep, say. Fifty times a second, and whenever something arrives."""
+"""Runs the daemon's main loop: receive, decide, store, send; 50 times a second and whenever data arrives."""
 
 from __future__ import annotations
 
@@ -39,18 +39,19 @@ from companion.wire.ids import Policy, State
 log = logging.getLogger(__name__)
 
 TICK = 0.02
-_REST = 0.005
-"""Seconds between two turns at least: whoever sends many datagrams does not get a turn for each."""
+_SHORTEST_TURN = 0.005
+"""Seconds between two turns, at least: a flood of datagrams must not cause a turn for each of them."""
 ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
-_FAREWELL, _FAREWELL_STEP = 15, 0.02
-_LEAVING = 4.0
+_FAREWELL_TICKS, _FAREWELL_STEP = 15, 0.02
+_LEAVE_WITHIN = 4.0
 
 
 class Daemon:
-    """Ties the parts together; each of them knows nothing of the others.
+    """Connects the parts of the supervisor, which do not know each other.
 
-    `turn` is one round of the main loop and waits for at most `TICK` seconds. An error in hearing, judging or
-    carrying out is survived and said; one in deciding ends the daemon, which must not look alive then.
+    `turn` is one round of the main loop and waits for at most `TICK` seconds. An exception while an event or
+    a result is handled, or a decision carried out, is logged and reported. One in the state machine's `tick`
+    ends the daemon: without decisions it must not look alive.
     """
 
     def __init__(
@@ -66,7 +67,7 @@ class Daemon:
         *,
         view: int,
     ) -> None:
-        """model: what judges. view: the camera's horizontal field of view, degrees, 0 where not known."""
+        """model: names the perceiver. view: the camera's horizontal field of view, degrees, 0: unknown."""
         now = time.monotonic()
         self._link = link
         self._vision = vision
@@ -100,13 +101,19 @@ class Daemon:
         self._turned_at = now
 
     def turn(self) -> None:
-        """Hear all, decide, stop, carry out, have it kept, say what may be said; no disk is waited for."""
+        """Handle everything that was received, decide, carry it out, queue it for the disk, and send.
+
+        Never waits for a disk.
+        """
         self._wait()
         now = time.monotonic()
+        # Checked twice in a turn: before anything is received, and before anything is sent, because the
+        # process may be stopped at any point between.
         self._stall_detector.look(now)
-        for heard in self._link.poll(now):
-            with self._error_guard.survived(type(heard).__name__, now):
-                self._hear(heard, now)
+        for event in self._link.poll(now):
+            with self._error_guard.survived(type(event).__name__, now):
+                self._handle(event, now)
+        # A hold that the events led to is sent before anything else, which may take its time.
         self._executor.hurry(now)
         self._vision.situation(
             self.position.place(),
@@ -115,7 +122,7 @@ class Daemon:
         )
         for result in self._vision.poll(now):
             with self._error_guard.survived(type(result).__name__, now):
-                self._take_result(result, now)
+                self._handle_result(result, now)
         for say, kept in self.persistence.due(now):
             with self._error_guard.survived("acknowledgement", now):
                 say(kept, now)
@@ -125,67 +132,68 @@ class Daemon:
         self._executor.carry_out(self.calls.tick(now), now, at_once=True)
         self._test_call.tick(now)
         self._link.stand_still(on=self.calls.holding.streams)
-        self._speak(now)
+        self._report(now)
         self._stall_detector.look(time.monotonic())
         self._link.tick(now)
 
     def leave(self) -> None:
-        """The daemon ends in good order: a hold that stands on our setpoints is handed to the autopilot."""
+        """End in good order: hand a hold that needs our setpoint stream over to the autopilot's own mode."""
         self._shadow.last()
-        until = time.monotonic() + _LEAVING
+        until = time.monotonic() + _LEAVE_WITHIN
         self.calls.holding.leave(time.monotonic())
         while self.calls.holding.handover is not None and time.monotonic() < until:
             self.turn()
 
     def farewell(self) -> None:
-        """The daemon cannot go on: let the autopilot's script and the operator know at once."""
+        """Report at once that the daemon dies, to the autopilot's script and to the operator."""
         autopilot = self.calls.autopilot.autopilot
         if autopilot is not None and self.calls.holding.streams:
             self._link.set_mode(autopilot.rest_mode, time.monotonic())
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
         self._link.say(notices.dying(), ALERT, time.monotonic())
-        for _ in range(_FAREWELL):
+        # The link sends within its budgets, so that one tick does not send everything.
+        for _ in range(_FAREWELL_TICKS):
             self._link.tick(time.monotonic())
             time.sleep(_FAREWELL_STEP)
 
     def status(self) -> dict[str, Any]:
-        """Figures for the status file."""
+        """Return the figures for the status file."""
         return self._status.figures(time.monotonic())
 
     def state_file(self) -> dict[str, Any]:
-        """Figures for /state.json."""
+        """Return the figures for /state.json."""
         return self._status.state_file(time.monotonic())
 
     def _words(self) -> Preferences:
         return self.answer_handler.words
 
     def _wait(self) -> None:
-        rest = min(_REST, TICK) - (time.monotonic() - self._turned_at)
+        rest = min(_SHORTEST_TURN, TICK) - (time.monotonic() - self._turned_at)
         if rest > 0:
             time.sleep(rest)
         wait(self._link, self._vision, min(TICK, self._link.wait(time.monotonic())))
         self._turned_at = time.monotonic()
 
-    def _hear(self, heard: radio.InboundEvent, now: float) -> None:
-        match heard:
+    def _handle(self, event: radio.InboundEvent, now: float) -> None:
+        match event:
             case VehicleHeard(vehicle):
-                self._hear_vehicle(vehicle, now)
-            case AnswerRequest() if self._test_call.hear(heard, now):
+                self._handle_vehicle(vehicle, now)
+            case AnswerRequest() if self._test_call.hear(event, now):
                 pass
             case AnswerRequest():
-                self._take(self.answer_handler.hear(heard, now), now)
+                self._finish_answer(self.answer_handler.hear(event, now), now)
             case radio.ParameterRequest() | radio.WordsRequest() | radio.ResetRequest():
-                self._take(self.settings.set(heard, now), now)
+                self._finish_answer(self.settings.set(event, now), now)
             case PolicyRequest():
-                self._executor.carry_out(self.settings.policy.command(heard, now), now)
+                self._executor.carry_out(self.settings.policy.command(event, now), now)
             case ScriptHold():
-                self.calls.holding.script_told = heard
+                self.calls.holding.script_told = event
             case ModeAck(accepted=False):
-                log.info("the autopilot says no to a mode: MAV_RESULT %d", heard.result)
+                log.info("the autopilot says no to a mode: MAV_RESULT %d", event.result)
             case Pulses():
-                self._executor.carry_out(self.settings.policy.hear(heard, now), now)
+                self._executor.carry_out(self.settings.policy.hear(event, now), now)
 
-    def _hear_vehicle(self, vehicle: Vehicle, now: float) -> None:
+    def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self.calls.numbers.px4_hold)
         decisions = self.settings.policy.reckon(autopilot, now)
@@ -194,7 +202,7 @@ class Daemon:
         )
         self._executor.carry_out(decisions, now)
 
-    def _take_result(self, result: Result, now: float) -> None:
+    def _handle_result(self, result: Result, now: float) -> None:
         match result:
             case Judged():
                 self._judged(result, now)
@@ -210,6 +218,7 @@ class Daemon:
         self.answer_handler.words = judged.memory.preferences
         self.persistence.save_memory(judged.memory)
         self.persistence.miss_frames(self.calls)
+        # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.
         settled = self.persistence.settled(now, judged.memory)
         self._executor.carry_out(self.calls.assessed(seen, now, settled=settled), now, at_once=True)
         if seen.adopted is not None:
@@ -240,32 +249,35 @@ class Daemon:
         if self.persistence.is_call_frame(applied.token):
             self.persistence.reseen(self.calls, applied, now)
             return
-        heard = self.answer_handler.applied(applied, now)
-        if heard.refused:
-            self._link.say(notices.refused(heard.refused), ERROR, now)
-        self._take(heard, now)
+        handled = self.answer_handler.applied(applied, now)
+        if handled.refused:
+            self._link.say(notices.refused(handled.refused), ERROR, now)
+        self._finish_answer(handled, now)
         self.persistence.when_kept(lambda _, now: self.settings.answered(applied, now))
         call = self.calls.call
         if call is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
             self.persistence.call_judged_again(call, self.calls.state(now), title)
 
-    def _take(self, heard: Handled, now: float) -> None:
-        """Carry out what an answer led to; an acknowledgement waits until all that it says is on disk."""
-        self._executor.carry_out(heard.decisions, now)
-        for reply in heard.replies:
+    def _finish_answer(self, handled: Handled, now: float) -> None:
+        """Carry out the decisions of an answer and acknowledge it.
+
+        An acknowledgement of a change waits until the change is on disk.
+        """
+        self._executor.carry_out(handled.decisions, now)
+        for reply in handled.replies:
             if reply.changed:
                 self.persistence.answered(reply)
-                self.persistence.when_kept(partial(self._kept, reply))
+                self.persistence.when_kept(partial(self._answer_stored, reply))
             else:
                 ack = reply.acknowledgement
                 self._link.acknowledge(reply.request, ack, now)
                 log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
 
-    def _kept(self, reply: Reply, remembered: bool, now: float) -> None:
-        self._take(self.answer_handler.kept(reply, remembered=remembered, now=now), now)
+    def _answer_stored(self, reply: Reply, remembered: bool, now: float) -> None:
+        self._finish_answer(self.answer_handler.kept(reply, remembered=remembered, now=now), now)
 
-    def _speak(self, now: float) -> None:
+    def _report(self, now: float) -> None:
         beside = {
             "policy": self.settings.policy.saved(),
             "settings": self.settings.overrides.saved(),
@@ -281,6 +293,7 @@ class Daemon:
             self._health.silent(now),
             now,
         )
+        # Only one text is repeated at a time: the most urgent.
         if said is not None:
             self._link.announce(said.data, said.text, now, quiet=said.quiet, severity=said.severity)
         elif self._test_call.id:
@@ -296,7 +309,7 @@ class Daemon:
 
 
 def stop_on_signals() -> Callable[[], bool]:
-    """Becomes true on SIGTERM or SIGINT."""
+    """Catch SIGTERM and SIGINT. The returned function says whether one of them came."""
     told: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda caught, _: told.append(caught))

@@ -1,4 +1,4 @@
-"""Carries out what the state machine decided: modes, announcements, texts, journal and pictures."""
+"""Carries out what the state machine decided: sets modes, sends texts, stores records and pictures."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _ENDS = {
 
 
 class DecisionExecutor:
-    """Each decision for itself: a picture that fails keeps no hold from being commanded."""
+    """Carries out decisions one by one, each guarded, so that a failing picture does not prevent a hold."""
 
     def __init__(
         self,
@@ -64,17 +64,18 @@ class DecisionExecutor:
         self._words = words
         self._place = place
         self._shadow = shadow
-        self._to_show: HoldShown | None = None
+        self._hold_to_show: HoldShown | None = None
 
     def carry_out(self, decisions: Iterable[Decision], now: float, *, at_once: bool = False) -> None:
-        """Do all of them: modes first, since pictures and the disk take their time, then the rest in order.
+        """Carry out all decisions: modes first, since drawing and storing take time, then the rest in order.
 
-        at_once: a hold leaves before the rest is done; only where all is heard that the autopilot told.
+        at_once: send a new hold before the rest is done. Only allowed when all messages of the autopilot were
+        handled: one that waits may say that a human has taken over.
         """
         decisions = list(decisions)
         for decision in decisions:
             with self._error_guard.survived(type(decision).__name__, now):
-                self._command(decision, now)
+                self._send_mode(decision, now)
         if at_once:
             self.hurry(now)
         for decision in decisions:
@@ -85,11 +86,11 @@ class DecisionExecutor:
                 self._show_hold(now)
 
     def hurry(self, now: float) -> None:
-        """A hold that was decided leaves now, unless we slept since `now`: who knows then who drives."""
+        """Send a decided hold now, unless the process stalled since `now`: a human may have taken over."""
         if time.monotonic() - now <= ASLEEP:
             self._link.urge_hold(now)
 
-    def _command(self, decision: Decision, now: float) -> None:
+    def _send_mode(self, decision: Decision, now: float) -> None:
         match decision:
             case HoldMoved() if decision.event in _ENDS or decision.event is HoldEvent.REBOOTED:
                 self._link.forget_mode()
@@ -111,7 +112,7 @@ class DecisionExecutor:
             case HoldStarted(hold, reasons):
                 log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
             case HoldShown():
-                self._to_show = decision
+                self._hold_to_show = decision
             case HoldRenamed(old, hold):
                 log.info("hold %d goes on as call %d", old, hold.id)
                 self._close_hold(old, Outcome.NONE, now)
@@ -125,8 +126,8 @@ class DecisionExecutor:
                 self._shadow.ended(decision)
 
     def _show_hold(self, now: float) -> None:
-        """Once it has left: one that was decided in hearing has not."""
-        shown, self._to_show = self._to_show, None
+        """Store a picture of a new hold. Called only after the hold's mode was sent: drawing takes time."""
+        shown, self._hold_to_show = self._hold_to_show, None
         if shown is not None and shown.hold is self._calls.hold and self._calls.call is None:
             self._persistence.hold_shown(shown.hold.id, shown.seen, self._calls.state(now))
 

@@ -1,4 +1,4 @@
-"""What must survive, and what may be looked at later: journal, call's frame, album and status file."""
+"""Queues for the writer what must survive a restart, and what may be read later: pictures, files, status."""
 
 from __future__ import annotations
 
@@ -33,17 +33,19 @@ log = logging.getLogger(__name__)
 
 _CALL_FRAME = object()
 _RECENT = 1200
+"""Newest frames whose times are written to the last status file."""
 _RESERVED = 4
+"""Ids that the journal's counter is raised by at a time."""
 _MOST_IDS = 0xFFFF
 
 Say = Callable[[bool, float], None]
-"""Says something once it is on disk, or could not be put there: whether it is, and monotonic seconds."""
+"""Called with whether a turn's changes are on disk, once that is known, and with monotonic seconds."""
 
 
 class Persistence:
-    """Hands what changed in a turn of the daemon to the writer, and knows what is on disk.
+    """Collects the changes of a turn of the main loop for the writer, and knows which are on disk.
 
-    Never waits: what must not be said before it is on disk is left here with `when_kept`.
+    Never waits: a message that must not be sent before a change is on disk is registered with `when_kept`.
     """
 
     def __init__(
@@ -58,21 +60,21 @@ class Persistence:
         replies: AnswerStore,
         frame_id: int,
     ) -> None:
-        """journal: read until the daemon's first turn. vision: draws. stamp: seconds since 1970.
+        """journal: only read before the daemon's first turn. stamp: gives seconds since 1970.
 
-        frame_id: of the last picture to tap in, over all restarts.
+        frame_id: the newest id of a call's or hold's frame, over all restarts: ids must not be used twice.
         """
         self._journal = journal
         self._writer = writer
-        self._pictures_kept = pictures
+        self._archive = pictures
         self._files = files
         self._status = status
         self._vision = vision
         self._drawing: dict[int, int] = {}
-        """Frame -> the call or hold that it is drawn for."""
-        self._news = Batch()
-        """Of this turn."""
-        self._unsaid: list[Say] = []
+        """Id of a frame -> id of the call or hold for which it is drawn."""
+        self._changes = Batch()
+        """The changes of this turn."""
+        self._unsent: list[Say] = []
         self._waiting: deque[tuple[int, float, list[Say]]] = deque()
         self._ticket = 0
         self._memory: Memory | None = None
@@ -86,40 +88,45 @@ class Persistence:
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
         self._stamp = stamp
         self._shown = 0, ""
-        """The call or hold that has a picture, and where the ground finds it."""
+        """Id of the call or hold that has a picture, and the picture's path on the ground's file list."""
         self._shown_frame: Assessment | None = None
         self._answers: tuple[int, list[Mapping[str, Any]]] = 0, []
-        """The newest call, and what was answered to it."""
+        """Id of the newest call, and its answers."""
 
     @property
     def folder(self) -> Path:
-        """Where all of it is kept."""
+        """Return the folder that contains all of it."""
         return self._status.parent
 
     @property
     def failing(self) -> bool:
-        """Whether something that must survive could not be written at the last try, or waits for too long."""
+        """Whether the last write to the journal failed, or the disk is slow."""
         return self._writer.failing
 
     def save_memory(self, memory: Memory) -> None:
-        """Have the algorithm's memory kept, with what else this turn brings."""
+        """Queue the algorithm's memory, with the other changes of this turn."""
         if memory is not self._memory:
             self._memory = memory
-            self._news = self._news.then(Batch(memory=memory))
+            self._changes = self._changes.then(Batch(memory=memory))
 
     def settled(self, now: float, memory: Memory | None = None) -> bool:
-        """Whether frames judged under the newest memory may let the vehicle drive on: it is on disk, or the
-        disk did not take it in 2 s. memory: and whether it is this one.
+        """Whether frames judged by the newest memory may let the vehicle drive on.
+
+        They may once that memory is on disk, or could not be written within `SLOW` seconds.
+        memory: the one by which a frame was judged; False when it is not the newest.
         """
         if memory is not None and memory is not self._memory:
             return False
-        return self._news.memory is None and self._kept(self._memory_ticket, self._memory_at, now) is not None
+        return (
+            self._changes.memory is None
+            and self._is_on_disk(self._memory_ticket, self._memory_at, now) is not None
+        )
 
     def save_calls(self, calls: OperatorCalls, beside: Mapping[str, Any], now: float) -> None:
-        """Have the open call, the hold, the counter, the replies and what stands `beside` them kept, in one
-        transaction with all else that this turn brought; what did not change is not written again.
+        """Queue the open call, the hold, the counter of ids, the replies and `beside`, if they changed.
 
-        With its reply in the journal an answer that comes again after a restart is known.
+        All changes of the turn go into one transaction. The replies are in it, so that an answer that is sent
+        again after a restart is recognised.
         """
         asked = calls.call.frame_id if calls.call else 0
         shown = calls.hold.seen.frame.id if calls.hold and calls.hold.seen else 0
@@ -133,27 +140,28 @@ class Persistence:
             "replies": self._replies.saved(),
         }
         if state != self._state:
+            # The writer always holds the whole state, so that of several waiting states the newest suffices.
             self._state = state
-            self._keep(lambda: Batch(state=as_json(state)))
-        if self._news:
-            self._ticket = self._writer.keep(self._news)
-            if self._news.memory is not None:
+            self._queue(lambda: Batch(state=as_json(state)))
+        if self._changes:
+            self._ticket = self._writer.keep(self._changes)
+            if self._changes.memory is not None:
                 self._memory_ticket, self._memory_at = self._ticket, now
-            self._news = Batch()
-        if self._unsaid:
-            self._waiting.append((self._ticket, now, self._unsaid))
-            self._unsaid = []
+            self._changes = Batch()
+        if self._unsent:
+            self._waiting.append((self._ticket, now, self._unsent))
+            self._unsent = []
 
     def when_kept(self, say: Say) -> None:
-        """Have `due` give `say` back once all that this turn brings is on disk, or was not taken in 2 s."""
-        self._unsaid.append(say)
+        """Have `due` return `say` once this turn's changes are on disk, or were not written in `SLOW` s."""
+        self._unsent.append(say)
 
     def due(self, now: float) -> list[tuple[Say, bool]]:
-        """What may be said now, in order, and whether it is on disk."""
+        """Return what may be sent now, in order, and whether its turn's changes are on disk."""
         found: list[tuple[Say, bool]] = []
         while self._waiting:
             ticket, at, said = self._waiting[0]
-            kept = self._kept(ticket, at, now)
+            kept = self._is_on_disk(ticket, at, now)
             if kept is None:
                 break
             self._waiting.popleft()
@@ -161,7 +169,7 @@ class Persistence:
         return found
 
     def answered(self, reply: Reply) -> None:
-        """Have an answer that changed something kept, and its reply."""
+        """Queue an answer that changed something, and its reply."""
         request, acknowledgement = reply.request, reply.acknowledgement
         self._replies.add(request, acknowledgement)
         target = acknowledgement.target
@@ -175,79 +183,79 @@ class Persistence:
             "text": acknowledgement.text,
         }
         at = self._stamp()
-        self._keep(lambda: Batch(rows=(Row.of_answer(target, record, at),)))
+        self._queue(lambda: Batch(rows=(Row.of_answer(target, record, at),)))
         told = {"at": round(at, 2), **record}
         if target == self._answers[0]:
             self._answers[1].append(told)
         self._writer.write("record", partial(self._files.answered, target, told))
 
     def call_opened(self, call: Call, state: State) -> None:
-        """Tell of it, and have its frame kept and drawn."""
+        """Write a new call's file, and have its frame stored and drawn."""
         self._answers = call.id, []
         if call.seen is None:
             return
         reasons = " ".join(sorted(reason.value.replace("_", " ") for reason in call.reasons))
-        self._tell(call, call.seen, state, f"C{call.id} {reasons}")
+        self._publish(call, call.seen, state, f"C{call.id} {reasons}")
 
     def call_judged_again(self, call: Call, state: State, title: str) -> None:
-        """An answer left the call open: text, file and picture name the same figures again."""
+        """Write file and picture of a call that an answer left open, so that all show the same figures."""
         if call.seen is None:
             return
         if call.seen is self._shown_frame:
             self.picture(call.seen, state, title)
         else:
-            self._tell(call, call.seen, state, title)
+            self._publish(call, call.seen, state, title)
 
     def call_closed(self, call: Call) -> None:
-        """Nothing is asked any more."""
+        """Queue a closed call's record and its file."""
         at = self._stamp()
-        self._keep(lambda: Batch(rows=(Row.of_call(call, at),)))
+        self._queue(lambda: Batch(rows=(Row.of_call(call, at),)))
         reasons = sorted(reason.value for reason in call.reasons)
         self._writer.write(
             "record", partial(self._files.closed, call.id, reasons, call.outcome.name.lower(), at)
         )
 
     def hold_shown(self, number: int, seen: Assessment, state: State) -> None:
-        """Keep a picture of what blocks the way."""
-        self._show(number, seen, state, f"H{number} blocked")
+        """Have the frame of a hold without a call stored and drawn."""
+        self._draw(number, seen, state, f"H{number} blocked")
 
     def picture_of(self, number: int) -> str:
-        """Where the ground finds the picture of an open call or hold, "" without one."""
+        """Return the path by which the ground reads the picture of a call or hold, "" without one."""
         return self._shown[1] if number == self._shown[0] else ""
 
     def picture(self, seen: Assessment, state: State, title: str) -> None:
-        """A moment for the album."""
-        if self._pictures_kept.wanted:
+        """Have a picture of a frame drawn for the archive."""
+        if self._archive.wanted:
             self._vision.draw(seen.frame.id, title, state)
 
     def drawn(self, drawn: Drawn, calls: OperatorCalls) -> None:
-        """Pictures came: have them written, and what must survive of an open call."""
+        """Queue pictures that vision has drawn, and the PNG of the open call's frame for the journal."""
         number = self._drawing.pop(drawn.frame_id, 0) if drawn.kept else 0
         if number and drawn.png and calls.call is not None and calls.call.frame_id == drawn.frame_id:
-            self._keep_frame(drawn.frame_id, drawn.png)
-        if not self._pictures_kept.wanted or not drawn.panel:
+            self._queue_frame(drawn.frame_id, drawn.png)
+        if not self._archive.wanted or not drawn.panel:
             if number == self._shown[0]:
                 self._shown = number, ""
         elif number and number == self._shown[0] and drawn.thumbnail:
-            store = partial(self._store, number, drawn.thumbnail, drawn.panel, drawn.title)
+            store = partial(self._write_pictures, number, drawn.thumbnail, drawn.panel, drawn.title)
             self._writer.write("picture", store)
         else:
-            self._writer.write("picture", partial(self._pictures_kept.add, drawn.panel, drawn.title))
+            self._writer.write("picture", partial(self._archive.add, drawn.panel, drawn.title))
 
     def judged(self, seen: Assessment, at: float) -> None:
-        """Count a judged frame."""
+        """Count a judged frame. at: monotonic seconds when judging ended."""
         self._frames += 1
         self._recent.append((seen.frame.id, seen.frame.captured_at, at))
 
     def restore_call_frame(self, calls: OperatorCalls) -> None:
-        """Have the frame of a call that a restart found open judged again. Before the daemon's first turn."""
+        """Have the frame of a call that was open at the restart judged again, before the first turn."""
         if calls.call is None:
             return
-        png = self._restored(calls.call)
+        png = self._load_frame(calls.call)
         self._frame_lost = png is None or not self._vision.restore(_CALL_FRAME, calls.call.frame_id, png)
 
     def miss_frames(self, calls: OperatorCalls) -> None:
-        """What vision does not hold cannot be answered: the open call and the hold get another frame."""
+        """Forget frames of the open call and the hold that vision has lost: answers cannot refer to them."""
         if self._vision.trouble:
             return
         holds = self._vision.holds_frame
@@ -260,66 +268,68 @@ class Persistence:
 
     @staticmethod
     def is_call_frame(token: object) -> bool:
-        """Whether an `Applied` belongs to `restore_call_frame`, or to a frame given back to a new vision."""
+        """Whether an `Applied` is the outcome of a stored frame given to vision, and not of an answer."""
         return token is _CALL_FRAME or token is None
 
     def reseen(self, calls: OperatorCalls, applied: Applied, now: float) -> None:
-        """The frame of the restored call has been judged, or could not be; a new vision may try again."""
+        """Take the assessment of the restored call's frame. Without one, the frame may be lost."""
         call, seen = calls.call, applied.outcome.call if applied.outcome is not None else None
         if call is None:
             return
         if seen is None:
             self._frame_lost = not self._vision.holds_frame(call.frame_id)
         elif seen.frame.id == call.frame_id:
-            self._take_up(calls, seen, now)
+            self._resume_call(calls, seen, now)
 
     def replace_lost_frame(self, calls: OperatorCalls, seen: Assessment, now: float) -> bool:
-        """Whether `seen` took the place of the restored call's frame, because that one is lost."""
+        """Make `seen` the frame of the open call, if the call's own frame is lost. Whether it did."""
         lost = self._frame_lost and calls.call is not None and calls.call.seen is None
         if not lost or self._vision.trouble or calls.call is None or seen.observation is None:
             return False
         self._frame_lost = False
         calls.call.frame_id = seen.frame.id
-        self._take_up(calls, seen, now)
+        self._resume_call(calls, seen, now)
         return True
 
     def write_status(self, figures: Mapping[str, Any]) -> None:
-        """The status file: figures, frames judged, whose they are, and how the disk does."""
-        self._writer.write("status", partial(write_whole, self._status, self._whole(figures)))
+        """Queue the status file: figures, number of judged frames, process id and the state of the disk."""
+        self._writer.write("status", partial(write_whole, self._status, self._status_bytes(figures)))
 
     def leave(self, figures: Mapping[str, Any]) -> None:
-        """The last word: all that waits is written, as far as the disk takes it in 2 s, the status file last,
-        with when the newest frames were taken and judged; that list is long, and memory cards wear out.
+        """Write everything that waits, within `SLOW` seconds, and last the status file.
+
+        Only this last status file has the times of the newest frames, since that list is long and writing
+        wears memory cards out.
         """
         if self._state:
             self._writer.keep(Batch(state=as_json({**self._state, "last_id": self._last_id})))
         self.write_status({**figures, "recent": list(self._recent)})
         self._writer.drain()
 
-    def _whole(self, figures: Mapping[str, Any]) -> bytes:
+    def _status_bytes(self, figures: Mapping[str, Any]) -> bytes:
         writer = self._writer
         disk = {"failing": writer.failing, "errors": dict(writer.errors), "dropped": dict(writer.dropped)}
         return json.dumps({**figures, "frames": self._frames, "pid": os.getpid(), "disk": disk}).encode()
 
-    def _kept(self, ticket: int, at: float, now: float) -> bool | None:
-        """Whether what was handed over at `at` is on disk, None while that is open."""
+    def _is_on_disk(self, ticket: int, at: float, now: float) -> bool | None:
+        """Whether what was queued at `at` is on disk; None while that is not known."""
         if self._writer.committed >= ticket:
             return True
         return False if self._writer.failed >= ticket or now - at >= SLOW else None
 
-    def _keep(self, made: Callable[[], Batch]) -> None:
+    def _queue(self, made: Callable[[], Batch]) -> None:
         try:
-            self._news = self._news.then(made())
+            self._changes = self._changes.then(made())
         except JournalError as error:
-            log.error("not kept: %s", error)
+            log.error("not stored: %s", error)
 
-    def _keep_frame(self, frame_id: int, png: bytes) -> None:
+    def _queue_frame(self, frame_id: int, png: bytes) -> None:
         if len(png) > LARGEST_PNG:
-            log.error("the frame of the call is not kept: %d bytes, at most %d", len(png), LARGEST_PNG)
+            log.error("the frame of the call is not stored: %d bytes, at most %d", len(png), LARGEST_PNG)
             return
-        self._news = self._news.then(Batch(frame=(frame_id, png)))
+        self._changes = self._changes.then(Batch(frame=(frame_id, png)))
 
-    def _restored(self, call: Call) -> bytes | None:
+    def _load_frame(self, call: Call) -> bytes | None:
         try:
             self._answers = call.id, [*self._journal.answers(call.id)]
             return self._journal.load_frame(call.frame_id)
@@ -327,7 +337,7 @@ class Persistence:
             log.warning("the frame of call %d is lost: %s", call.id, error)
             return None
 
-    def _take_up(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
+    def _resume_call(self, calls: OperatorCalls, seen: Assessment, now: float) -> None:
         call = calls.call
         if call is None or call.seen is not None:
             return
@@ -335,23 +345,23 @@ class Persistence:
         call.scope = Acceptance.of(
             seen, frozenset(call.reasons), calls.numbers, now, calls.autopilot.travelled
         )
-        self._tell(call, seen, State.CALLING, f"C{call.id} after a restart")
+        self._publish(call, seen, State.CALLING, f"C{call.id} after a restart")
 
-    def _tell(self, call: Call, seen: Assessment, state: State, title: str) -> None:
-        self._show(call.id, seen, state, title)
+    def _publish(self, call: Call, seen: Assessment, state: State, title: str) -> None:
+        self._draw(call.id, seen, state, title)
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
         self._writer.write("record", partial(self._files.opened, call.id, record_of(call), answers))
 
-    def _show(self, number: int, seen: Assessment, state: State, title: str) -> None:
+    def _draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
         asked = self._vision.draw(seen.frame.id, title, state, keep=True)
         self._drawing[seen.frame.id] = number
-        self._shown = number, address(f"{number}.jpg") if asked and self._pictures_kept.wanted else ""
+        self._shown = number, address(f"{number}.jpg") if asked and self._archive.wanted else ""
         self._shown_frame = seen
 
-    def _store(self, number: int, small: bytes, large: bytes, title: str) -> None:
-        """In the writer's thread."""
+    def _write_pictures(self, number: int, small: bytes, large: bytes, title: str) -> None:
+        """Write the pictures of a call or hold. Runs in the writer's thread."""
         try:
-            self._files.pictures(number, small, self._pictures_kept.add(large, title))
+            self._files.pictures(number, small, self._archive.add(large, title))
         except Exception:
             if self._shown[0] == number:
                 self._shown = number, ""
@@ -359,8 +369,9 @@ class Persistence:
 
 
 def _reserved(last_id: int) -> int:
-    """The journal's counter runs ahead, so that an id may be told before it is on disk: after a kill those
-    between are skipped, and none is given twice.
+    """Return the counter of ids as it is stored: ahead of `last_id`, by up to two blocks of `_RESERVED`.
+
+    So an id may be sent before it is on disk. After a kill the ids between are skipped; none is used twice.
     """
     ahead = (last_id // _RESERVED + 2) * _RESERVED
     return ahead if ahead <= _MOST_IDS else ahead - _MOST_IDS

@@ -1,4 +1,4 @@
-"""Waiting for the vision process to load, which may take a while, with a link that says so meanwhile."""
+"""Waits until the vision process has loaded, and meanwhile runs the link, which reports the start."""
 
 from __future__ import annotations
 
@@ -30,15 +30,14 @@ _WARNING = 4
 
 
 def load(vision: Vision, link: Link, stop: Callable[[], bool]) -> Ready | None:
-    """What the vision process says once it is ready, while the link tells that we are starting.
+    """Wait for the vision process's `Ready`, and run the link meanwhile. None when `stop()` came first.
 
-    A process that dies is started again. None when `stop()` came first. Raises AnyTraverseError when the
-    perceiver cannot be made.
+    A process that dies is started again. Raises AnyTraverseError when the perceiver cannot be loaded.
     """
     while not stop():
         now = time.monotonic()
-        for heard in link.poll(now):
-            _put_off(heard, link, now)
+        for event in link.poll(now):
+            _refuse(event, link, now)
         vision.poll(now)
         if vision.failed:
             raise AnyTraverseError(vision.failed)
@@ -50,32 +49,32 @@ def load(vision: Vision, link: Link, stop: Callable[[], bool]) -> Ready | None:
 
 
 def wait(link: Link, vision: Vision, seconds: float) -> None:
-    """Until one of them has something to be heard, `seconds` at most."""
+    """Wait until link or vision has data to read, `seconds` at most."""
     descriptor = vision.fileno()
     try:
         select.select([*link.filenos(), *([] if descriptor is None else [descriptor])], [], [], seconds)
-    except (OSError, ValueError):  # a device that has just gone
+    except (OSError, ValueError):  # a device was just unplugged or closed
         time.sleep(seconds)
 
 
-def _put_off(heard: InboundEvent, link: Link, now: float) -> None:
-    """Whoever wants something is told to ask again."""
-    match heard:
+def _refuse(event: InboundEvent, link: Link, now: float) -> None:
+    """Refuse a request, with the text to send it again."""
+    match event:
         case AnswerRequest():
-            link.acknowledge(heard, _starting(heard), now)
+            link.acknowledge(event, _busy(event), now)
             return
         case PolicyRequest() | ResetRequest():
-            link.acknowledge_command(heard, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, now)
+            link.acknowledge_command(event, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, now)
         case WordsRequest():
-            link.acknowledge_words(heard, now, accepted=False)
+            link.acknowledge_words(event, now, accepted=False)
         case ParameterRequest():
-            link.keep_parameter(heard.name, now)
+            link.keep_parameter(event.name, now)
         case _:
             return
     link.say(notices.refused(_AGAIN), _WARNING, now)
 
 
-def _starting(request: AnswerRequest) -> Acknowledgement:
+def _busy(request: AnswerRequest) -> Acknowledgement:
     return Acknowledgement(
         transaction=request.transaction or 0,
         target=request.target,

@@ -1,4 +1,4 @@
-"""What the companion is doing, as figures: for the status file, and for /state.json."""
+"""Collects figures of all parts for the status file and /state.json."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from companion.wire.payloads import CallData
 _DIGITS = 4
 _OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
 _NEWEST = 25
-"""Frames whose latency is told."""
+"""Newest frames of which the median latency is reported."""
 
 
 class Status:
-    """Looks at the parts and changes none.
+    """Reads the parts and changes none.
 
-    took: s that the newest frame took to judge. latencies: s of the newest, from capture until judged.
+    took: seconds of judging the newest frame. latencies: seconds from capture until judged, newest frames.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Status:
         self.latencies: deque[float] = deque(maxlen=_NEWEST)
 
     def figures(self, now: float) -> dict[str, Any]:
-        """All of it, for the status file: JSON values."""
+        """Return all figures, for the status file: JSON values."""
         newest, camera = self._calls.reason_filter.newest, self._vision.camera
         return {
             "state": self._calls.state(now).name.lower(),
@@ -95,7 +95,7 @@ class Status:
         }
 
     def state_file(self, now: float) -> dict[str, Any]:
-        """What counts, for /state.json: JSON values, some 2 kB."""
+        """Return the most important figures, for /state.json: JSON values, some 2 kB."""
         status, words, place = self.figures(now), self._answer_handler.words, self._position.place()
         picture = self._persistence.picture_of(self._calls.current_id)
         told = current_data(self._calls, words, place, picture, now)

@@ -1,7 +1,7 @@
-"""A test call: asked for on this computer, told and answered like any other, and nothing is wrong.
+"""Raises a test call, which is sent and answered like a real one, to try the way to the operator and back.
 
-It holds nothing and teaches nothing. `companion check --dry-run` asks for one by a file in the state folder,
-where only the companion's own user and root can write, and reads in the status file what became of it.
+It holds no vehicle and teaches no word. `companion check --dry-run` requests one by a file in the state
+folder, where only the companion's own user and root can write, and reads the outcome in the status file.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from companion.wire.payloads import CallData
 log = logging.getLogger(__name__)
 
 REQUEST = "test-call"
-"""Name of the file that asks for a test call; when it was written tells one from the next."""
+"""Name of the file that requests a test call. Its modification time, in ns, identifies the request."""
 ANSWERED_WITHIN = 60.0
 _LOOK_EVERY = 0.25
-_YOUNG = 10.0
+_OLDEST_REQUEST = 10.0
+"""Seconds after which a request is ignored: it was left by a check that is over."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class _Open:
 
 
 class TestCall:
-    """At most one, and never while a call or hold is open: a real one ends it at once."""
+    """Runs at most one test call, and none while a call or hold is open: a real one ends it at once."""
 
     def __init__(
         self,
@@ -60,19 +61,19 @@ class TestCall:
         self._open: _Open | None = None
         self._looked_at = float("-inf")
         self.status: dict[str, Any] = {}
-        """Of the last one, for the status file: asked, id, state and text; who answered, after how many s;
-        what was asked meanwhile and refused."""
+        """The last test call, for the status file: asked, id, state and text; who answered, after how many
+        seconds; a request that was refused meanwhile."""
 
     @property
     def id(self) -> int:
-        """Of the open test call, 0 without one."""
+        """Return the open test call's id, 0 without one."""
         return self._open.data.id if self._open is not None else 0
 
     def tick(self, now: float) -> None:
-        """Begin what is asked for; end what is over."""
+        """Begin a requested test call, and end one that is over."""
         if now - self._looked_at >= _LOOK_EVERY:
             self._looked_at = now
-            asked = self._asked()
+            asked = self._take_request()
             if asked is not None:
                 self._begin(asked, now)
         if self._open is None:
@@ -83,14 +84,14 @@ class TestCall:
             self._end("unanswered", notices.trial_unanswered(self.id), Outcome.PASSED, now)
 
     def announce(self, now: float) -> None:
-        """Say it, as a call is said."""
+        """Announce the open test call as a call is announced."""
         if self._open is not None:
             self._link.announce(self._open.data, texts.trial_call(self.id), now)
 
     def hear(self, request: AnswerRequest, now: float) -> bool:
-        """Whether the answer was for the test call; then it is acknowledged, and the test is over.
+        """Take an answer, if it is for the test call: acknowledge it and end the test. Whether it was.
 
-        Whatever the answer says, it changes nothing.
+        The answer's words and motion change nothing.
         """
         if self._open is None or request.target not in (0, self.id):
             return False
@@ -108,16 +109,16 @@ class TestCall:
         self._acknowledge(request, number, result, told, now)
         return True
 
-    def _asked(self) -> int | None:
-        """When the file was written that asks, in ns; None where none does. It is taken away."""
+    def _take_request(self) -> int | None:
+        """Remove the request file, and return its modification time in ns. None when there is none."""
         try:
             seen = os.lstat(self._request)
         except OSError:
             return None
         with contextlib.suppress(OSError):
             os.unlink(self._request)
-        if seen.st_uid not in (0, os.geteuid()) or abs(time.time() - seen.st_mtime) > _YOUNG:
-            log.warning("a request for a test call is ignored: too old, or not by root or this user")
+        if seen.st_uid not in (0, os.geteuid()) or abs(time.time() - seen.st_mtime) > _OLDEST_REQUEST:
+            log.warning("a request for a test call is ignored: it is too old, or not by root or this user")
             return None
         return seen.st_mtime_ns
 

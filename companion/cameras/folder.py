@@ -62,11 +62,11 @@ class PictureFolder:
             with path.open("rb") as file:
                 picture = decode(file.read(MAX_BYTES + 1))
         except OSError as error:
-            raise BadFrame(f"{path} cannot be read ({error}): repair or remove it") from error
+            raise BadFrame(f"{path} cannot be read ({error}): mend or remove it") from error
         except PictureTooLargeError as error:
             raise BadFrame(f"{path}: {error}") from error
         if picture is None:
-            raise BadFrame(f"{path} is damaged or not a picture: repair or remove it")
+            raise BadFrame(f"{path} is torn or no picture: mend or remove it")
         return Capture(now, np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8))
 
     def close(self) -> None:

@@ -1,1 +1,1 @@
-"""`companion check`: what a person should know before the vehicle is trusted to the companion."""
+"""Checks computer, vehicle and configuration before a drive: `companion check` and `companion status`."""

@@ -1,4 +1,4 @@
-"""ArduPilot Rover's parameters that make a hold unsafe or useless."""
+"""Lists the values of ArduPilot Rover's parameters that make a hold unsafe or useless."""
 
 from __future__ import annotations
 
@@ -23,33 +23,34 @@ from companion.preflight.rules import (
 SERIAL_APART, MAV_APART = 1 << 10, 1 << 1
 """Bits of SERIALn_OPTIONS (4.6 and older) and MAVn_OPTIONS (4.7) that keep a port's MAVLink to itself."""
 HEAP = 98304
-"""Bytes for scripts. In ArduPilot's simulation 60000 did not load ours, and 62000 loaded it broken."""
+"""Bytes for scripts. In ArduPilot's simulation our script does not load with 60000, and fails with 62000."""
 _SCRIPT = (
     f"set SCR_HEAP_SIZE {HEAP} or more, copy config/ardupilot/anytraverse.lua to APM/scripts on the "
     "autopilot's card, and reboot it"
 )
 _AUTO, _GUIDED = 1 << 10, 1 << 15
 _ALL_CHECKS, _AUX_AUTH = 1 << 0, 1 << 17
-"""Bits of ARMING_CHECK (4.6 and older); the second is in ARMING_SKIPCHK (4.7), too: scripts are asked."""
+"""Bits of ARMING_CHECK (4.6 and older). The second one, with which arming needs the consent of scripts, is
+also in ARMING_SKIPCHK (4.7)."""
 _SWITCHES = tuple(f"RC{channel}_OPTION" for channel in range(1, 17))
 _SENSORS = tuple(f"PRX{number}_TYPE" for number in range(1, 5))
 _OURS = "is the vehicle's own id, so that the companion passes for the ground station: set 255"
 _FOREIGN = "that ground station may not answer calls: add it to [link] allowed_senders"
-_IN_VAIN = "scripts are not asked before arming, so that ATS_NEED 1 lets it arm without a companion"
-_APART = "is passed between this port and the others: where companion or radio are on it, subtract"
+_NOT_ASKED = "scripts are not asked before arming, so that ATS_NEED 1 lets it arm without a companion"
+_NOT_FORWARDED = "is passed between this port and the others: where companion or radio are on it, subtract"
 
 
-def _ours(value: float, facts: Facts) -> bool:
+def _is_own(value: float, facts: Facts) -> bool:
     return value == facts.system_id
 
 
-def _foreign(value: float, facts: Facts) -> bool:
+def _is_not_allowed(value: float, facts: Facts) -> bool:
     first, last = facts.allowed
     return value != facts.system_id and not first <= value <= last
 
 
 def _backs_up(value: float, facts: Facts) -> bool:
-    """It avoids what a proximity sensor tells; without one there is nothing to back up from."""
+    """Whether the vehicle backs up by itself: only with a proximity sensor that is used for avoidance."""
     sensed = any(facts.values.get(name, 0) > 0 for name in _SENSORS)
     return value > 0 and sensed and int(facts.values.get("AVOID_ENABLE", 0)) & 2 != 0
 
@@ -110,18 +111,18 @@ RULES = (
         "a lost companion stops the vehicle in policy report and shadow too: set 0, or [call] policy "
         '= "hold"',
     ),
-    Rule("ARMING_CHECK", _unchecked, FAIL, f"{_IN_VAIN}: set 1, or add {_AUX_AUTH}"),
-    Rule("ARMING_SKIPCHK", _skipped, FAIL, f"{_IN_VAIN}: set 0, or leave out {_AUX_AUTH}"),
+    Rule("ARMING_CHECK", _unchecked, FAIL, f"{_NOT_ASKED}: set 1, or add {_AUX_AUTH}"),
+    Rule("ARMING_SKIPCHK", _skipped, FAIL, f"{_NOT_ASKED}: set 0, or leave out {_AUX_AUTH}"),
     Rule("FS_ACTION", one_of(0), WARN, "a failsafe does nothing: set 2 (hold)"),
     Rule("FS_ACTION", one_of(1, 3, 4), WARN, f"a failsafe {HOME}: set 2 (hold)"),
     Rule("FS_THR_ENABLE", one_of(0), WARN, "the loss of the pilot's transmitter is not noticed: set 1"),
-    Rule("SYSID_MYGCS", _ours, FAIL, _OURS),
-    Rule("SYSID_MYGCS", _foreign, WARN, _FOREIGN),
-    Rule("MAV_GCS_SYSID", _ours, FAIL, _OURS),
-    Rule("MAV_GCS_SYSID", _foreign, WARN, _FOREIGN),
+    Rule("SYSID_MYGCS", _is_own, FAIL, _OURS),
+    Rule("SYSID_MYGCS", _is_not_allowed, WARN, _FOREIGN),
+    Rule("MAV_GCS_SYSID", _is_own, FAIL, _OURS),
+    Rule("MAV_GCS_SYSID", _is_not_allowed, WARN, _FOREIGN),
     Rule("AVOID_BACKUP_SPD", _backs_up, WARN, "near an obstacle it backs up, where no camera looks: set 0"),
     *(
-        Rule(f"{port}_OPTIONS", with_bit(bit), WARN, f"nothing {_APART} {bit}")
+        Rule(f"{port}_OPTIONS", with_bit(bit), WARN, f"nothing {_NOT_FORWARDED} {bit}")
         for bit, ports in (
             (SERIAL_APART, [f"SERIAL{number}" for number in range(1, 7)]),
             (MAV_APART, [f"MAV{number}" for number in range(1, 7)]),

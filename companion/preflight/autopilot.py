@@ -1,4 +1,4 @@
-"""Connects as the configuration says, asks the autopilot, and tells what is wrong with it."""
+"""Connects to the autopilot as configured, reads its parameters, and judges them."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ _UNGUARDED = (
 
 @dataclass
 class Asked:
-    """findings: of autopilot and link. speed: which parameter says how fast it drives, and its m/s.
+    """Holds what is known of the autopilot after asking it.
 
-    overrun: m that it drives on in the mode that holds it. heard: whether there is an autopilot.
+    findings: about autopilot and link. speed: name and m/s of the parameter that sets its speed.
+    overrun: m that it drives on in the mode that holds it. heard: whether an autopilot was received.
     """
 
     findings: list[Finding] = field(default_factory=list)
@@ -44,7 +45,7 @@ class Asked:
 
 
 def ask_first(config: Config, urls: Sequence[str]) -> Asked:
-    """The first of `urls` by which an autopilot is heard, as the companion does: others need not have one."""
+    """Ask the autopilot by the first of `urls` on which one is received; the others need not have one."""
     silent: list[Finding] = []
     for url in urls:
         asked = ask(config, url)
@@ -56,7 +57,7 @@ def ask_first(config: Config, urls: Sequence[str]) -> Asked:
 
 
 def ask(config: Config, url: str) -> Asked:
-    """All about the autopilot behind `url`: up to 10 s to hear it, and some more to ask it."""
+    """Ask the autopilot behind `url`. Takes up to 10 s to find it, and at most `LIMIT` seconds in all."""
     try:
         with talking(config, url, names) as (interview, turn):
             until = interview.began + LIMIT
@@ -71,7 +72,7 @@ def ask(config: Config, url: str) -> Asked:
 def talking(
     config: Config, url: str, names: Callable[[int], Sequence[str]]
 ) -> Iterator[tuple[Interview, Callable[[], bool]]]:
-    """An interview by `url`, and its turn, which waits a moment for what comes. Raises LinkError."""
+    """Open `url`. Yields an interview, and a function that runs its turn and waits. Raises LinkError."""
     address = read_url(url)
     check_installed(address)
     signing, began = _signing(config.link.signing_key), time.monotonic()
@@ -94,7 +95,7 @@ def talking(
 
 
 def _signing(key: str | None) -> Signing | None:
-    """With timestamps of its own, since the companion's belong to the companion."""
+    """Load the key, with timestamps in a temporary folder: the companion's own must not be changed."""
     if key is None:
         return None
     with TemporaryDirectory() as folder:
@@ -102,7 +103,7 @@ def _signing(key: str | None) -> Signing | None:
 
 
 def judged(config: Config, url: str, interview: Interview) -> Asked:
-    """What the interview showed."""
+    """Judge the results of an interview."""
     autopilot, values = interview.autopilot, interview.values
     if autopilot is None:
         return Asked([failed(CHECK, silence(url, interview))], heard=False)
@@ -130,7 +131,7 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
 
 
 def silence(url: str, interview: Interview) -> str:
-    """Why nobody was heard, as far as it can be known."""
+    """Explain why no autopilot was received, as far as it can be known, and what to check."""
     trouble = interview.connection.trouble
     if trouble is not None and "in use" in trouble:
         return f"{url}: {trouble}: is the companion running? Stop it, or give the check a --link of its own"

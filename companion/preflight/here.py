@@ -1,4 +1,4 @@
-"""What can be checked on this computer alone: who runs, camera, perceiver, journal, disk."""
+"""Checks this computer: whether a companion runs, camera, perceiver, journal and disk."""
 
 from __future__ import annotations
 
@@ -23,11 +23,14 @@ _ASPECT_OFF = 0.02
 
 
 def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
-    """Up to 5 s for a first picture. running: what the companion that runs, if one does, says of itself."""
+    """Wait up to 5 s for a first picture. running: the status of a running companion, None without one.
+
+    A running companion owns the camera, so that only its status is looked at.
+    """
     if running is not None:
-        return _of_the_running(running.get("camera") or {})
+        return _camera_of_running(running.get("camera") or {})
     try:
-        width, height = _look(config)
+        width, height = _first_picture_size(config)
     except CameraError as error:
         return failed(CHECK, str(error))
     what = f"{config.camera.source}, {width} x {height}"
@@ -41,8 +44,8 @@ def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
     return passed(CHECK, what)
 
 
-def _look(config: Config) -> tuple[int, int]:
-    """Width and height of the first picture. Raises CameraError."""
+def _first_picture_size(config: Config) -> tuple[int, int]:
+    """Return width and height of the first picture. Raises CameraError."""
     deadline = time.monotonic() + SEEN_WITHIN
     why: CameraError = CameraError(f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address")
     camera = open_camera(config.camera.source, Playback(config.camera.playback, config.camera.loop))
@@ -63,7 +66,7 @@ def _look(config: Config) -> tuple[int, int]:
         camera.close()
 
 
-def _of_the_running(camera: Mapping[str, Any]) -> Finding:
+def _camera_of_running(camera: Mapping[str, Any]) -> Finding:
     state, reason = str(camera.get("state", "unknown")), str(camera.get("reason") or "")
     what = f"{state}, with the companion that runs"
     if state == "delivering":
@@ -74,20 +77,20 @@ def _of_the_running(camera: Mapping[str, Any]) -> Finding:
 
 
 SERVICE = Path("/var/lib/anytraverse")
-"""Where the service keeps what must survive; a shell does not know of its $STATE_DIRECTORY."""
+"""The service's state folder. systemd sets $STATE_DIRECTORY for the service, but not in a person's shell."""
 RUNNING = 5.0
-"""Seconds that a status file stays young: it is written once a second."""
+"""Seconds after which a status file is outdated. A running companion writes it once a second."""
 _LEAST, _LITTLE = 50 << 20, 500 << 20
 
 
 def state_folder(config: Config, service: Path = SERVICE) -> Path:
-    """The folder of the daemon that is meant: the configured one, else the service's where there is one."""
+    """Return the state folder of the companion: the configured one, else the service's if it exists."""
     said = config.journal.folder or os.environ.get("STATE_DIRECTORY")
     return service if not said and service.is_dir() else config.journal.path
 
 
 def status(folder: Path) -> dict[str, Any] | None:
-    """What a daemon that runs there said a moment ago; None where none runs."""
+    """Read the status of a companion that runs with this folder; None when none runs."""
     path = folder / "status.json"
     try:
         if time.time() - path.stat().st_mtime > RUNNING:
@@ -99,7 +102,10 @@ def status(folder: Path) -> dict[str, Any] | None:
 
 
 def is_alive(pid: object) -> bool:
-    """Whether that process is there, or nothing is known of it: its file stays young for a while after it."""
+    """Whether this process exists. True, too, when that cannot be known.
+
+    Without this check a companion that has just ended would seem to run, until its status file is outdated.
+    """
     if not isinstance(pid, int) or pid <= 0:
         return True
     try:
@@ -112,7 +118,10 @@ def is_alive(pid: object) -> bool:
 
 
 class Perceives(NamedTuple):
-    """step: s that the perceiver takes for a frame. tile: the worst tile's threshold, None: not judged."""
+    """Holds the result of checking the perceiver.
+
+    step: seconds for a frame. tile: the threshold of the worst tile, None: tiles are not judged.
+    """
 
     finding: Finding
     step: float = 0.0
@@ -120,7 +129,7 @@ class Perceives(NamedTuple):
 
 
 def check_perceiver(config: Config) -> Perceives:
-    """Loaded and timed as the daemon does it, which takes seconds."""
+    """Load the perceiver and measure its time for a frame, as the daemon does. Takes seconds."""
     from companion.vision.messages import Model
     from companion.vision.warm_up import get_ready, too_slow
 
@@ -138,7 +147,10 @@ def check_perceiver(config: Config) -> Perceives:
 
 
 def check_journal(folder: Path, *, running: bool) -> Finding:
-    """Whether the folder can be written, without a trace: whoever types this may be root, the daemon not."""
+    """Check that the folder can be written, and leave no file there.
+
+    A file of root's would keep out the daemon, which runs as another user.
+    """
     if running:
         return passed("journal", f"{folder}, in use by the companion that runs")
     place = next((path for path in (folder, *folder.parents) if path.exists()), Path("/"))
@@ -164,7 +176,7 @@ def _owner(path: Path) -> str:
 
 
 def check_disk(folder: Path) -> Finding:
-    """Room for journal, pictures and logs."""
+    """Check that the disk has room for journal, pictures and logs."""
     place = next((path for path in (folder, *folder.parents) if path.is_dir()), Path("/"))
     free = shutil.disk_usage(place).free
     what = f"{free >> 20} MiB free at {place}"

@@ -1,4 +1,4 @@
-"""Asks an autopilot for the parameters that make a hold unsafe or useless. It changes nothing."""
+"""Reads from an autopilot the parameters that can make a hold unsafe or useless. It sets nothing."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 __all__ = ["ARDUPILOT", "NAMES", "PX4", "Facts", "judge", "names", "speed"]
 
 ARDUPILOT, PX4 = 3, 12
-"""HEARTBEAT.autopilot."""
+"""Values of HEARTBEAT.autopilot (MAV_AUTOPILOT)."""
 NAMES = {0: "", ARDUPILOT: "ArduPilot", PX4: "PX4"}
 _TABLES: Mapping[int, Table] = {ARDUPILOT: ardupilot.TABLE, PX4: px4.TABLE}
-_NOTHING = Table((), (), (), (), ())
+_EMPTY = Table((), (), (), (), ())
 
 
 def names(autopilot: int) -> tuple[str, ...]:
-    """What to ask for."""
-    return _TABLES.get(autopilot, _NOTHING).names
+    """Return the names of the parameters to read."""
+    return _TABLES.get(autopilot, _EMPTY).names
 
 
 def judge(autopilot: int, facts: Facts, *, holds: bool) -> list[Finding]:
-    """What is wrong. holds: whether the policy is hold; where not, nothing is worse than worth knowing."""
+    """Return what is wrong. holds: whether the policy is hold; otherwise every failure is only a warning."""
     worst = FAIL if holds else WARN
-    table = _TABLES.get(autopilot, _NOTHING)
+    table = _TABLES.get(autopilot, _EMPTY)
     wrong = [
         Finding(f"{rule.name} {facts.values[rule.name]:g}", min(rule.verdict, worst), rule.text)
         for rule in table.rules
@@ -45,11 +45,11 @@ def judge(autopilot: int, facts: Facts, *, holds: bool) -> list[Finding]:
         for needed in table.needed
         if needed.name not in facts.values and (not needed.other or facts.values.get(needed.other, 0.0))
     ]
-    return wrong + absent + _untold(table, facts, worst)
+    return wrong + absent + _missing(table, facts, worst)
 
 
-def _untold(table: Table, facts: Facts, worst: Verdict) -> list[Finding]:
-    """What every autopilot of this kind has, and this one did not tell: nothing is known of it."""
+def _missing(table: Table, facts: Facts, worst: Verdict) -> list[Finding]:
+    """Report the parameters that every autopilot of this kind has and this one did not send."""
     return [
         Finding(
             f"{choice[0]} untold",
@@ -62,16 +62,19 @@ def _untold(table: Table, facts: Facts, worst: Verdict) -> list[Finding]:
 
 
 def speed(autopilot: int, values: Mapping[str, float]) -> tuple[str, float] | None:
-    """Which parameter says how fast the vehicle drives by itself, and its m/s; None where none does."""
-    found = ((name, values.get(name, 0.0)) for name in _TABLES.get(autopilot, _NOTHING).speeds)
+    """Return name and m/s of the parameter that sets the speed of autonomous driving; None without one."""
+    found = ((name, values.get(name, 0.0)) for name in _TABLES.get(autopilot, _EMPTY).speeds)
     return next(((name, value) for name, value in found if value > 0), None)
 
 
 COMPONENT_ID = 194
-"""MAV_COMP_ID_ONBOARD_COMPUTER4: not 191, which autopilot and ground take for the companion."""
+"""MAV_COMP_ID_ONBOARD_COMPUTER4. Not 191: autopilot and ground would take the check for the companion."""
 HEARD_WITHIN = 10.0
+"""Seconds to wait for the autopilot's first heartbeat."""
 PACE = 0.06
+"""Seconds between two requests."""
 PATIENCE = 1.0
+"""Seconds to wait for an answer before a request is sent again."""
 TRIES = 3
 _READS = 32
 _INTEGERS = {
@@ -86,7 +89,7 @@ _INTEGERS = {
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """The autopilot's. kind: HEARTBEAT.autopilot. vehicle: HEARTBEAT.type."""
+    """Identifies the autopilot. kind: HEARTBEAT.autopilot. vehicle: HEARTBEAT.type."""
 
     system_id: int
     kind: int
@@ -94,18 +97,19 @@ class Heartbeat:
 
 
 @dataclass
-class _Question:
+class _Request:
     tries: int = 0
     asked_at: float = -math.inf
 
 
 @dataclass
 class Interview:
-    """Call `turn` often, with the time in s, until it says that all is done.
+    """Finds an autopilot on a connection and reads its parameters. Call `turn` often until it returns True.
 
-    signing: where a key is configured; `sceptical`: what is not signed with it is not heard.
-    names: what to ask an autopilot of that kind. values: what it answered. others: who else was heard.
-    listen: gets all that the autopilot says, and when.
+    names: gives the parameters to read from an autopilot of a kind. began: monotonic seconds of the start.
+    signing: None without a key. sceptical: with a key, ignore messages that are not signed with it.
+    listen: called with each message of the autopilot and the time. values: the parameters that came.
+    others: (system, component) of other senders. bytes: number received.
     """
 
     connection: Connection
@@ -123,22 +127,22 @@ class Interview:
     def __post_init__(self) -> None:
         self._mav = mavlink.MAVLink(None, self.system_id, COMPONENT_ID)
         self._parser = Parser()
-        self._beat_at = self._sent_at = -math.inf
-        self._questions: dict[str, _Question] = {}
+        self._heartbeat_at = self._sent_at = -math.inf
+        self._requests: dict[str, _Request] = {}
 
     def turn(self, now: float) -> bool:
-        """Hear, ask what is due; whether it is over."""
+        """Receive what has come, and send what is due. True when the interview is over."""
         for _ in range(_READS):
             data = self.connection.read(now)
             if not data:
                 break
             self.bytes += len(data)
             for message in self._parser.feed(data, now, whole=self.connection.datagrams):
-                if not self._doubts(message, now):
+                if not self._is_refused(message, now):
                     self.connection.believe(now, autopilot=False)
-                    self._hear(message, now)
-        if now - self._beat_at >= 1.0:
-            self._beat_at = now
+                    self._handle(message, now)
+        if now - self._heartbeat_at >= 1.0:
+            self._heartbeat_at = now
             self._send(
                 mavlink.MAVLink_heartbeat_message(
                     mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
@@ -154,16 +158,16 @@ class Interview:
             return now - self.began >= HEARD_WITHIN
         self._ask(self.autopilot, now)
         return all(
-            asked.tries >= TRIES and now - asked.asked_at >= PATIENCE for asked in self._questions.values()
+            asked.tries >= TRIES and now - asked.asked_at >= PATIENCE for asked in self._requests.values()
         )
 
-    def _doubts(self, message: Any, now: float) -> bool:
+    def _is_refused(self, message: Any, now: float) -> bool:
         return self.signing is not None and self.sceptical and self.signing.refusal(message, now) != ""
 
     def _ask(self, autopilot: Heartbeat, now: float) -> None:
         if now - self._sent_at < PACE:
             return
-        for name, asked in self._questions.items():
+        for name, asked in self._requests.items():
             if asked.tries < TRIES and now - asked.asked_at >= PATIENCE:
                 asked.tries, asked.asked_at, self._sent_at = asked.tries + 1, now, now
                 self._send(
@@ -174,29 +178,29 @@ class Interview:
                 )
                 return
 
-    def _hear(self, message: Any, now: float) -> None:
+    def _handle(self, message: Any, now: float) -> None:
         sender = message.get_srcSystem(), message.get_srcComponent()
         kind = message.get_type()
         if sender[1] != AUTOPILOT_COMPONENT_ID or (self.autopilot and sender[0] != self.autopilot.system_id):
             self.others.add(sender)
             return
         if kind == "HEARTBEAT" and self.autopilot is None:
-            self._adopt(sender[0], message)
+            self._take_autopilot(sender[0], message)
         elif self.autopilot is not None and kind == "PARAM_VALUE":
             name, value = str(message.param_id), value_of(message, self.autopilot.kind)
-            if math.isfinite(value) and self._questions.pop(name, None) is not None:
+            if math.isfinite(value) and self._requests.pop(name, None) is not None:
                 self.values[name] = value
         elif kind == "PARAM_ERROR" and message.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST:
-            self._questions.pop(str(message.param_id), None)
+            self._requests.pop(str(message.param_id), None)
         if self.autopilot is not None:
             self.listen(message, now)
 
-    def _adopt(self, system_id: int, message: Any) -> None:
+    def _take_autopilot(self, system_id: int, message: Any) -> None:
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:
             return
         self.autopilot = Heartbeat(system_id, int(message.autopilot), int(message.type))
-        self._mav.srcSystem = system_id
-        self._questions = {name: _Question() for name in self.names(self.autopilot.kind)}
+        self._mav.srcSystem = system_id  # an onboard computer has the vehicle's system id
+        self._requests = {name: _Request() for name in self.names(self.autopilot.kind)}
 
     def _send(self, message: Any, now: float) -> None:
         frame = bytes(message.pack(self._mav))
@@ -207,7 +211,7 @@ class Interview:
 
 
 def value_of(message: Any, autopilot: int) -> float:
-    """A PARAM_VALUE's value: PX4 puts the bytes of whole numbers where ArduPilot puts a float of them."""
+    """Decode a PARAM_VALUE. In the float field PX4 sends an integer's bytes, ArduPilot its value as float."""
     form = _INTEGERS.get(int(message.param_type))
     if autopilot != PX4 or form is None:
         return float(message.param_value)

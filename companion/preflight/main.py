@@ -1,4 +1,4 @@
-"""`companion check`: one table of all checks, the worst of them is the exit code."""
+"""Runs all checks of `companion check`, prints them as a table, and sets the exit code."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _WIDTH = 24
 
 
 def check(file: str, *, link: str | None = None, as_json: bool = False) -> int:
-    """Print the table; 0 where nothing failed, else 1. link: a way of our own to the autopilot."""
+    """Print the table. Returns 0 when nothing failed, else 1. link: URL of another way to the autopilot."""
     findings: list[Finding] = []
     for finding in _findings(file, link):
         findings.append(finding)
@@ -52,7 +52,7 @@ def _findings(file: str, link: str | None) -> Iterator[Finding]:
     yield check_disk(folder)
     asked = Asked()
     if running is not None and link is None:
-        yield _of_the_running(running)
+        yield _link_of_running(running)
     else:
         connections = config.link.settings().connections().values()
         asked = ask_first(config, [link] if link else [one.url for one in connections])
@@ -60,8 +60,8 @@ def _findings(file: str, link: str | None) -> Iterator[Finding]:
     yield check_stopping(config, perceives, asked)
 
 
-def _of_the_running(said: dict[str, Any]) -> Finding:
-    """The running companion owns the link: nobody else can ask through it."""
+def _link_of_running(said: dict[str, Any]) -> Finding:
+    """Report the link's state from a running companion's status: the companion owns the link."""
     trouble = (said.get("link") or {}).get("trouble")
     state = f"the companion runs (state {said.get('state', 'unknown')}) and owns the link"
     if trouble:
@@ -70,7 +70,7 @@ def _of_the_running(said: dict[str, Any]) -> Finding:
 
 
 def check_stopping(config: Config, perceives: Perceives, asked: Asked) -> Finding:
-    """Whether the vehicle stops before what it sees. asked: what is known of the autopilot."""
+    """Check that the vehicle can stop before an obstacle that the camera shows."""
     name, fastest = asked.speed if asked.speed is not None else ("", None)
     judged = judge(config, perceives.step, perceives.tile, fastest, asked.overrun)
     if isinstance(judged, str):

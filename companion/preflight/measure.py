@@ -1,6 +1,6 @@
-"""`companion check --measure`: a person drives and sets HOLD, and this fits the brakes to what was seen.
+"""Measures the stopping distance while a person drives and sets HOLD: `companion check --measure`.
 
-It commands nothing and asks for nothing: it listens to mode and speed as the autopilot streams them.
+It sends no commands and no requests: it only receives mode and speed as the autopilot streams them.
 """
 
 from __future__ import annotations
@@ -25,35 +25,38 @@ from companion.preflight.interview import ARDUPILOT, Heartbeat
 from companion.vehicle import known_autopilot
 
 LONGEST = 3600.0
-"""Seconds after which it ends by itself."""
+"""Seconds after which measuring ends by itself."""
 MOST_HOLDS = 100
 STANDS = 0.05
-"""m/s."""
+"""m/s up to which the vehicle counts as standing."""
 _STANDING = 0.5
+"""Seconds of standing after which a stop is complete."""
 _NEVER_STOOD = 40.0
+"""Seconds after which a stop that does not end is dropped."""
 _LOST = 3.0
-"""Seconds without a heartbeat."""
+"""Seconds without a heartbeat after which the mode is unknown."""
 _GAP = 1.0
-"""Seconds between two speeds that say too little of the way between them."""
-_REMEMBERED = 2.0
-"""Seconds over which it must have driven steadily."""
+"""Seconds between two speeds beyond which the distance between them is too uncertain."""
+_STEADY_FOR = 2.0
+"""Seconds before HOLD over which the vehicle must have driven steadily."""
 _STEADY = 0.93
-"""Share of the speed by which it may have slowed down or sped up before its HOLD was heard."""
+"""Least ratio of the last speed before HOLD to the cruising speed; its inverse is the greatest."""
 _SLOWEST = 0.3
+"""m/s below which a stop is too short to measure."""
 _SILENT = "no speed is heard: stream GLOBAL_POSITION_INT here (SRn_POSITION or MAVn_POSITION 4)"
 
 
 class _Speed(NamedTuple):
     at: float
-    """Seconds by the autopilot's clock."""
+    """Seconds of the autopilot's clock."""
     speed: float
 
 
 @dataclass
 class Recorder:
-    """Hears an autopilot; each stop, or why one does not count, comes out. Pure: times come in.
+    """Measures stops from an autopilot's messages. Pure: time is an input.
 
-    hold: HEARTBEAT.custom_mode of its HOLD. stops: measured so far.
+    hold: HEARTBEAT.custom_mode of HOLD. stops: those measured so far.
     """
 
     hold: int
@@ -62,12 +65,12 @@ class Recorder:
     _mode: int | None = None
     _heard_at: float = -math.inf
     _ahead: float = 0.0
-    """The autopilot's clock less ours, as the newest speed had it."""
+    """Seconds of the autopilot's clock minus ours, at the newest speed."""
     _ordered_at: float | None = None
-    """By the autopilot's clock; None while no stop is measured."""
+    """When HOLD was seen, in seconds of the autopilot's clock; None while no stop is measured."""
 
     def hear(self, message: Any, now: float) -> str:
-        """A line for the person, or "". now: s, when it came."""
+        """Take a message. Returns a line to print, or "". now: monotonic seconds when the message came."""
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
             return self._heartbeat(message, now)
@@ -81,21 +84,22 @@ class Recorder:
         armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         if self._ordered_at is not None:
             if self._mode != self.hold or not armed or lost:
-                return self._dropped("it did not stay in HOLD, armed and heard")
+                return self._drop("it did not stay in HOLD, armed and heard")
         elif self._mode == self.hold and armed and before not in (None, self.hold) and not lost:
             return self._begin(now)
         return ""
 
     def _begin(self, now: float) -> str:
         ordered = now + self._ahead
-        while self._speeds and self._speeds[0].at < ordered - _REMEMBERED:
+        while self._speeds and self._speeds[0].at < ordered - _STEADY_FOR:
             self._speeds.popleft()
         if not self._speeds or self._speeds[-1].at < ordered - _GAP:
             return f"not counted: {_SILENT}"
         cruise = median(one.speed for one in self._speeds)
         if cruise < _SLOWEST:
             return f"not counted: {cruise:.1f} m/s is too slow to measure" if cruise > STANDS else ""
-        # ArduPilot tells a mode at once. Where that heartbeat was lost, the brakes act before the next one.
+        # ArduPilot sends a heartbeat at once when its mode changes. If that one was lost, the vehicle is
+        # braking already when the next one comes, and the measured distance would be too short.
         if not _STEADY * cruise <= self._speeds[-1].speed <= cruise / _STEADY:
             return f"not counted: it was not driving steadily at {cruise:.1f} m/s when its HOLD was heard"
         self._ordered_at = ordered
@@ -108,20 +112,20 @@ class Recorder:
                 return ""
             self._speeds.clear()
             self._speeds.append(one)
-            return self._dropped("speeds came too seldom") if self._ordered_at is not None else ""
+            return self._drop("speeds came too seldom") if self._ordered_at is not None else ""
         self._speeds.append(one)
         self._ahead = one.at - now
         ordered = self._ordered_at
         if ordered is None:
-            while self._speeds[0].at < one.at - _REMEMBERED:
+            while self._speeds[0].at < one.at - _STEADY_FOR:
                 self._speeds.popleft()
             return ""
         if one.at - ordered > _NEVER_STOOD:
-            return self._dropped(f"it never stood in {_NEVER_STOOD:.0f} s")
+            return self._drop(f"it never stood in {_NEVER_STOOD:.0f} s")
         moving = max((each.at for each in self._speeds if each.speed > STANDS), default=ordered)
-        return self._stood(ordered, moving) if one.at - moving >= _STANDING else ""
+        return self._complete(ordered, moving) if one.at - moving >= _STANDING else ""
 
-    def _stood(self, ordered: float, stood: float) -> str:
+    def _complete(self, ordered: float, stood: float) -> str:
         begin = _at(self._speeds, ordered)
         way = [begin, *(one for one in self._speeds if one.at > ordered)]
         metres = sum((b.at - a.at) * (a.speed + b.speed) / 2.0 for a, b in pairwise(way))
@@ -132,13 +136,13 @@ class Recorder:
         self.stops.append(stop)
         return f"HOLD {len(self.stops)} at {stop.speed:.2f} m/s: {stop.way:.2f} m, {stood - ordered:.1f} s"
 
-    def _dropped(self, why: str) -> str:
+    def _drop(self, why: str) -> str:
         self._ordered_at = None
         return f"not counted: {why}"
 
 
 def _at(speeds: deque[_Speed], at: float) -> _Speed:
-    """The speed at a time between two that are known, or next to them."""
+    """Interpolate the speed at a time; outside of the known times the nearest speed counts."""
     before = max((one for one in speeds if one.at <= at), default=speeds[0])
     after = min((one for one in speeds if one.at >= at), default=before)
     share = (at - before.at) / (after.at - before.at) if after.at > before.at else 0.0
@@ -146,7 +150,7 @@ def _at(speeds: deque[_Speed], at: float) -> _Speed:
 
 
 def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> int:
-    """Print each HOLD until Ctrl-C, then the lines for the configuration; 0 where they could be fitted."""
+    """Print each stop until Ctrl-C, then the fitted lines for the configuration. Returns 1 on failure."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         config = load_config(file)
@@ -157,11 +161,11 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
         print("the companion runs and owns the link: stop it, or give the check a way of its own with --link")
         return 1
     recorder = Recorder(hold=-1)
-    told = ""
+    line = ""
 
     def listen(message: Any, now: float) -> None:
-        nonlocal told
-        told = recorder.hear(message, now) or told
+        nonlocal line
+        line = recorder.hear(message, now) or line
 
     try:
         with talking(config, link or config.link.url, lambda _: ()) as (interview, turn):
@@ -174,9 +178,9 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
                     if interview.autopilot is not None and recorder.hold < 0:
                         recorder.hold = _hold_of(interview.autopilot)
                         print(_OPENING.format(system=interview.autopilot.system_id), flush=True)
-                    if told:
-                        print(told, flush=True)
-                        told = ""
+                    if line:
+                        print(line, flush=True)
+                        line = ""
             except KeyboardInterrupt:
                 pass
             if interview.autopilot is None:
@@ -189,7 +193,7 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
 
 
 class _NotMeasurableError(Exception):
-    """This autopilot's HOLD cannot be measured so; the text says why."""
+    """The HOLD of this autopilot cannot be measured; the text says why."""
 
 
 def _hold_of(heard: Heartbeat) -> int:

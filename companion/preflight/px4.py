@@ -1,14 +1,14 @@
-"""PX4's parameters that make a hold unsafe or useless."""
+"""Lists the values of PX4's parameters that make a hold unsafe or useless."""
 
 from __future__ import annotations
 
 from companion.preflight.rules import FAIL, HOME, WARN, Bad, Rule, Table, above, one_of, other_than
 
 INSTANCES = 3
-"""Of PX4's MAVLink: radio and companion are on two of them."""
+"""Number of PX4's MAVLink instances; radio and companion use two of them."""
 
 
-def _shut(config: str) -> Bad:
+def _not_forwarding(config: str) -> Bad:
     return lambda value, facts: value == 0 and facts.values.get(config, 1) != 0
 
 
@@ -20,7 +20,7 @@ RULES = (
     *(
         Rule(
             f"MAV_{number}_FORWARD",
-            _shut(f"MAV_{number}_CONFIG"),
+            _not_forwarding(f"MAV_{number}_CONFIG"),
             WARN,
             "ground and companion do not hear each other through this port: set 1",
         )

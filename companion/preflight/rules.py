@@ -1,4 +1,4 @@
-"""What a check found, and what makes a parameter of the autopilot bad. Pure."""
+"""Defines the findings of checks, and the rules by which an autopilot's parameters are judged. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Verdict(IntEnum):
-    """The greater, the worse."""
+    """Says how bad a finding is: the greater, the worse."""
 
     PASS = 0
     WARN = 1
@@ -18,33 +18,33 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One row of the table. text: what was found and, unless all is well, what to do."""
+    """Holds one row of the table. text: what was found and, unless all is well, what to do."""
 
     check: str
     verdict: Verdict
     text: str
 
     def line(self, width: int) -> str:
-        """As a person reads it; width: of the column with the check's name."""
+        """Format the row for a person. width: characters of the column with the check's name."""
         return f"{self.verdict.name.lower():<5} {self.check:<{width}}  {self.text}"
 
     def row(self) -> dict[str, str]:
-        """As a program reads it."""
+        """Return the row for JSON."""
         return {"check": self.check, "verdict": self.verdict.name.lower(), "text": self.text}
 
 
 def passed(check: str, text: str) -> Finding:
-    """All is well."""
+    """Make a finding that all is well."""
     return Finding(check, Verdict.PASS, text)
 
 
 def warned(check: str, text: str) -> Finding:
-    """Worth knowing."""
+    """Make a finding that a person should know of."""
     return Finding(check, Verdict.WARN, text)
 
 
 def failed(check: str, text: str) -> Finding:
-    """Do not drive like this."""
+    """Make a finding with which the vehicle must not drive."""
     return Finding(check, Verdict.FAIL, text)
 
 
@@ -53,9 +53,10 @@ FAIL, WARN = Verdict.FAIL, Verdict.WARN
 
 @dataclass(frozen=True)
 class Facts:
-    """values: of the parameters that are there. system_id: the vehicle's. allowed: first and last sender.
+    """Holds what the rules need to know.
 
-    offboard: whether a PX4 is held by OFFBOARD. policy: the companion's, [call] policy.
+    values: of the parameters that the autopilot sent. system_id: the vehicle's. allowed: first and last
+    system id of [link] allowed_senders. offboard: whether a PX4 is held by OFFBOARD. policy: [call] policy.
     """
 
     values: Mapping[str, float]
@@ -69,7 +70,7 @@ Bad = Callable[[float, Facts], bool]
 
 
 class Rule(NamedTuple):
-    """A parameter, when it is bad where it is there, how bad, and what to do."""
+    """Names a parameter, the test for a bad value, how bad that is, and what to do."""
 
     name: str
     bad: Bad
@@ -78,7 +79,7 @@ class Rule(NamedTuple):
 
 
 class Needed(NamedTuple):
-    """A parameter that must be there where `other` is not 0, and what its absence means."""
+    """Names a parameter that must exist if `other` is not 0 ("": always), and what its absence means."""
 
     name: str
     other: str
@@ -86,10 +87,11 @@ class Needed(NamedTuple):
 
 
 class Table(NamedTuple):
-    """All that is asked of one kind of autopilot.
+    """Holds everything to read from one kind of autopilot, and how to judge it.
 
-    always: every version has one of each of these, so that silence is no answer. speeds: names of what says
-    how fast it drives by itself, the first that is above 0 counts. also: asked for what others depend on.
+    always: of each of these groups every firmware version has one parameter, so that a missing answer is a
+    finding. speeds: parameters of the speed of autonomous driving; the first that is above 0 counts.
+    also: parameters on which rules depend.
     """
 
     rules: tuple[Rule, ...]
@@ -100,7 +102,7 @@ class Table(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What to ask for."""
+        """Return the names of all parameters to read."""
         judged = [rule.name for rule in self.rules] + [one.name for one in self.needed]
         return tuple(dict.fromkeys((*judged, *self.speeds, *self.also)))
 

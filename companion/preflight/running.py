@@ -1,4 +1,4 @@
-"""What the companion that runs says of itself: `companion status`, and the test call of `--dry-run`."""
+"""Shows a running companion's status (`companion status`) and requests its test call (`--dry-run`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WIDTH = 10
 
 
 def tell_status(file: str, *, as_json: bool = False) -> int:
-    """Print it: 0 where the companion runs and is well, 1 where it is faulty, 2 where none runs."""
+    """Print the status. Returns 0 if the companion runs and is well, 1 if it is faulty, 2 if none runs."""
     said: dict[str, Any] = {}
     try:
         path = state_folder(load_config(file)) / "status.json"
@@ -37,7 +37,7 @@ def tell_status(file: str, *, as_json: bool = False) -> int:
 
 
 def _read(path: Path) -> tuple[float | None, dict[str, Any]]:
-    """Seconds since it was written, None where there is nothing to read, and what it says."""
+    """Read the status file: seconds since it was written, None without a readable file, and its content."""
     try:
         age = time.time() - path.stat().st_mtime
         said = json.loads(path.read_text(encoding="utf-8"))
@@ -55,6 +55,7 @@ def _verdict(path: Path, age: float | None, said: Mapping[str, Any]) -> tuple[in
         return NOT_RUNNING, f"no companion runs with {path.parent}, or it is still starting: see its log"
     pid = said.get("pid")
     began = _started(pid)
+    # A process that was started after the file was written is another one with the same number.
     another = began is not None and began > time.time() - age + RUNNING
     if another or not is_alive(pid):
         how = f"process {pid} {'was stopped' if 'recent' in said else 'died'} {_duration(age)} ago"
@@ -110,7 +111,7 @@ def _table(said: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def _started(pid: object) -> float | None:
-    """When the process was started, seconds since 1970; None where this system does not say."""
+    """Return when the process was started, in seconds since 1970; None when /proc does not say."""
     try:
         ticks = int(Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19])
         uptime = float(Path("/proc/uptime").read_text(encoding="utf-8").split()[0])
@@ -129,17 +130,17 @@ def _duration(seconds: float) -> str:
 
 
 TAKEN_WITHIN = 6.0
-"""Seconds: it is looked for four times, and the status file written once, a second."""
+"""Seconds for the companion to react. It looks for requests 4 times a second and writes its status once."""
 _STEP = 0.1
 _OVER = {"answered": 0, "unanswered": 1, "cut short": 1, "refused": 1}
 
 
 class _DryRunError(Exception):
-    """No test call could be raised; the text says what to do."""
+    """No test call could be started; the text says what to do."""
 
 
 def dry_run(file: str, *, as_json: bool = False) -> int:
-    """0 where the test call was answered, else 1."""
+    """Request a test call and wait for its answer. Returns 0 if it was answered, else 1."""
     said: dict[str, Any] = {}
     try:
         said = _dry_run(state_folder(load_config(file)))
@@ -179,7 +180,7 @@ def _dry_run(folder: Path) -> dict[str, Any]:
 
 
 def _ask(folder: Path) -> int:
-    """Leave the request; when it was written, in ns."""
+    """Create the request file, and return its modification time in ns."""
     path = folder / REQUEST
     try:
         left = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)

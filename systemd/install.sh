@@ -2,8 +2,8 @@
 # Installs the companion as a service of this rover: sudo sh systemd/install.sh [SOURCE]
 #
 # SOURCE is what pip installs: a checkout (default: the one this file is in), a wheel or a requirement.
-# Type it again to update: the program and the unit are replaced; what a person edited in
-# /etc/anytraverse stays. DESTDIR=folder stages the files there, for packagers: no user, no systemctl.
+# Run it again to update: the program and the unit are replaced; files in /etc/anytraverse are not.
+# DESTDIR=folder is for packagers: the files go there, no user is created and systemctl is not called.
 set -eu
 umask 022
 
@@ -40,7 +40,7 @@ sys.exit(sys.version_info < (3, 10) or struct.calcsize("P") != 8)' 2>/dev/null |
     fail "$python is no 64-bit Python 3.10 or newer with venv: sudo apt install python3-venv, or PYTHON=/path/to/python3"
 
 mkdir -p "$venv" "$config" "$units"
-# An update that cannot be downloaded leaves the program that was there.
+# The environment is made anew only if its pip does not run: a failed download leaves the old program there.
 "$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$python" -m venv --clear "$venv"
 echo "install: $source into $venv"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --upgrade "$source" ||

@@ -103,7 +103,7 @@ class FrameStream:
         did. Raises FrameError for invalid data, a picture that is too large, or a closed stream.
         """
         deadline = time.monotonic() + timeout
-        if not self._asked:
+        if not self._asked:  # else the request before a FrameTimeout is still open
             self._ask()
         self._fill(HEADER.size, deadline)
         number, captured_at, width, height = decode_header(

@@ -58,27 +58,28 @@ def compose(
     config: Config,
     opened: Opened,
     ready: Ready,
-    news: list[str],
+    startup_notices: list[str],
     *,
     state_machine: Callable[[Numbers, float], OperatorCalls] = OperatorCalls,
 ) -> Daemon:
-    """Create the daemon, once the vision process is ready. news: notices for the operator are added to it."""
+    """Create the daemon, once vision is ready. Adds notices for the operator to `startup_notices`."""
     link, vision, journal, writer, served, saved = opened
+    # An answer may wait for its outcome, and then for the disk.
     link.set_undecided_for(vision.answers_within + SLOW)
     model, now, folder = ready.model, time.monotonic(), config.journal.path
     if journal.recovered_from is not None:
-        news.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
-    overrides, judging = restore_settings(config, ready, saved.get("settings"), news)
+        startup_notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
+    overrides, judging = restore_settings(config, ready, saved.get("settings"), startup_notices)
     numbers = call_numbers(config, judging)
     wants_hold = numbers.policy is Policy.HOLD
     hold_gate = HoldGate(config, Pace(ready.step, 1.0 / config.camera.rate, judging.freshness))
-    if wants_hold and not _may_hold(hold_gate, judging, news):
+    if wants_hold and not _may_hold(hold_gate, judging, startup_notices):
         numbers = replace(numbers, policy=Policy.REPORT)
     policies = restored_policies(config, numbers.policy, saved.get("policy"), now)
     calls = state_machine(replace(numbers, policy=policies.in_force), now)
     if saved:
-        restore_calls(calls, saved, now, news)
-    statistics = open_book(model.id, calls, saved.get("shadow"), now, news)
+        restore_calls(calls, saved, now, startup_notices)
+    statistics = open_book(model.id, calls, saved.get("shadow"), now, startup_notices)
     replies = AnswerStore(saved.get("replies"))
     position = VehiclePosition(lambda: link.vehicle)
     persistence = Persistence(
@@ -103,28 +104,28 @@ def compose(
     view = round(config.camera.view)
     daemon = Daemon(link, vision, calls, persistence, answer_handler, settings, position, model, view=view)
     served.show(daemon.state_file, lambda: calls.reason_filter.newest)
-    vision.tune(judging)
+    vision.tune(judging)  # no frame is judged before this
     persistence.restore_call_frame(calls)
     return daemon
 
 
 def restore_settings(
-    config: Config, ready: Ready, saved: Any, news: list[str]
+    config: Config, ready: Ready, saved: Any, startup_notices: list[str]
 ) -> tuple[RuntimeSettings, Settings]:
     """Restore the settings that the ground had changed, as far as they still fit the configuration.
 
-    Returns them and the settings for judging frames. news: notices of what was left out are added to it.
+    Returns them and the settings for judging frames. Adds to `startup_notices` which were left out.
     """
     overrides = RuntimeSettings(kept_values(config, ready.settings), ready.model.id)
     left_out = overrides.restore(saved)
     judging, misfits = overrides.tuned(ready.settings)
-    news += [*left_out, *misfits]
+    startup_notices += [*left_out, *misfits]
     if overrides.values:
         log.warning("set by the ground, not as in the file: %s", overrides.figures())
     return overrides, judging
 
 
-def _may_hold(hold_gate: HoldGate, judging: Settings, news: list[str]) -> bool:
+def _may_hold(hold_gate: HoldGate, judging: Settings, startup_notices: list[str]) -> bool:
     """Whether policy hold, which the owner configured, is possible. Logs why not, or what was not checked."""
     refusal, stopping = hold_gate.refuses(judging), hold_gate.stopping(judging)
     if refusal is not None:
@@ -133,7 +134,7 @@ def _may_hold(hold_gate: HoldGate, judging: Settings, news: list[str]) -> bool:
         log.info("stopping: %s", stopping.told())
     else:
         log.warning("stopping distance was not checked: %s", stopping)
-        news.append(notices.stopping_unchecked())
+        startup_notices.append(notices.stopping_unchecked())
     return refusal is None
 
 
@@ -170,23 +171,27 @@ def whole(value: Any) -> int:
     return value if isinstance(value, int) and 0 <= value <= _U32 else 0
 
 
-def restore_calls(calls: OperatorCalls, saved: Mapping[str, Any], now: float, news: list[str]) -> None:
-    """Restore call, hold and the counter of ids. news: a notice of what could not be read is added to it."""
+def restore_calls(
+    calls: OperatorCalls, saved: Mapping[str, Any], now: float, startup_notices: list[str]
+) -> None:
+    """Restore call, hold and the counter of ids. Adds to `startup_notices` what could not be read."""
     calls.last_id = whole(saved.get("last_id")) & 0xFFFF
     try:
         restore(calls, saved, now)
     except (KeyError, TypeError, ValueError) as error:
-        news.append(f"open call not restored: {error!r}")
+        startup_notices.append(f"open call not restored: {error!r}")
     if calls.current_id:
         log.warning("restarted with %s %d open", calls.kind.name.lower(), calls.current_id)
 
 
-def open_book(model: str, calls: OperatorCalls, saved: Any, now: float, news: list[str]) -> ShadowStatistics:
+def open_book(
+    model: str, calls: OperatorCalls, saved: Any, now: float, startup_notices: list[str]
+) -> ShadowStatistics:
     """Restore the statistics of policy shadow. Ends would-be holds if another policy is in force now."""
     statistics, notice = ShadowStatistics.restored(saved, calls.shadow, model, now, time.time())
     if notice:
         log.warning("%s", notice)
-        news.append(notice)
+        startup_notices.append(notice)
     if calls.policy is not Policy.SHADOW:
         for over in calls.shadow.leave(now):
             statistics.ended(over)

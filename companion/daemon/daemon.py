@@ -310,7 +310,7 @@ class Daemon:
 
 def stop_on_signals() -> Callable[[], bool]:
     """Catch SIGTERM and SIGINT. The returned function says whether one of them came."""
-    told: list[int] = []
+    signals_caught: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda caught, _: told.append(caught))
-    return lambda: bool(told)
+        signal.signal(number, lambda caught, _: signals_caught.append(caught))
+    return lambda: bool(signals_caught)

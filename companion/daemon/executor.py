@@ -141,8 +141,8 @@ class DecisionExecutor:
         match moved.event:
             case HoldEvent.CONFIRMED:
                 circles = autopilot is not None and autopilot.circles
-                told = texts.circling if circles else texts.holding
-                self._link.say(told(kind, hold.id), WARNING, now)
+                text_of = texts.circling if circles else texts.holding
+                self._link.say(text_of(kind, hold.id), WARNING, now)
             case HoldEvent.FAILED if moved.resuming:
                 self._link.say(texts.resume_failed(kind, hold.id), ALERT, now)
             case HoldEvent.FAILED:

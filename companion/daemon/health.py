@@ -196,5 +196,5 @@ class HealthMonitor:
             self._fault_seen_at = now
         elif self._fault_seen_at is not None and now - self._fault_seen_at >= RECOVERED_AFTER:
             self._fault_seen_at = None
-            log.info("sees again")
+            log.info("the fault is over: the companion sees again")
             self._link.say(texts.recovered(), NOTICE, now)

@@ -184,10 +184,10 @@ class Persistence:
         }
         at = self._stamp()
         self._queue(lambda: Batch(rows=(Row.of_answer(target, record, at),)))
-        told = {"at": round(at, 2), **record}
+        entry = {"at": round(at, 2), **record}
         if target == self._answers[0]:
-            self._answers[1].append(told)
-        self._writer.write("record", partial(self._files.answered, target, told))
+            self._answers[1].append(entry)
+        self._writer.write("record", partial(self._files.answered, target, entry))
 
     def call_opened(self, call: Call, state: State) -> None:
         """Write a new call's file, and have its frame stored and drawn."""
@@ -301,6 +301,7 @@ class Persistence:
         Only this last status file has the times of the newest frames, since that list is long and writing
         wears memory cards out.
         """
+        # Nothing more will be sent, so that no ids need to be reserved: the next start goes on with the next.
         if self._state:
             self._writer.keep(Batch(state=as_json({**self._state, "last_id": self._last_id})))
         self.write_status({**figures, "recent": list(self._recent)})
@@ -325,7 +326,11 @@ class Persistence:
 
     def _queue_frame(self, frame_id: int, png: bytes) -> None:
         if len(png) > LARGEST_PNG:
-            log.error("the frame of the call is not stored: %d bytes, at most %d", len(png), LARGEST_PNG)
+            log.error(
+                "the frame of the call is not stored: %d bytes, at most %d: set a smaller picture",
+                len(png),
+                LARGEST_PNG,
+            )
             return
         self._changes = self._changes.then(Batch(frame=(frame_id, png)))
 

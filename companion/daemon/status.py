@@ -41,7 +41,7 @@ class Status:
         calls: OperatorCalls,
         answer_handler: AnswerHandler,
         settings: SettingsService,
-        trial: TestCall,
+        test_call: TestCall,
         persistence: Persistence,
         position: VehiclePosition,
         model: Model,
@@ -51,7 +51,7 @@ class Status:
         self._calls = calls
         self._answer_handler = answer_handler
         self._settings = settings
-        self._test_call = trial
+        self._test_call = test_call
         self._persistence = persistence
         self._position = position
         self._model = model
@@ -98,7 +98,7 @@ class Status:
         """Return the most important figures, for /state.json: JSON values, some 2 kB."""
         status, words, place = self.figures(now), self._answer_handler.words, self._position.place()
         picture = self._persistence.picture_of(self._calls.current_id)
-        told = current_data(self._calls, words, place, picture, now)
+        current = current_data(self._calls, words, place, picture, now)
         return {
             "version": self._release,
             "protocol": VERSION,
@@ -109,7 +109,7 @@ class Status:
             "reasons": status["reasons"],
             "held_by": status["held_by"],
             "latency_ms": status["latency_ms"],
-            "open": None if told is None else _open(told),
+            "open": None if current is None else _open(current),
             "words": {word: round(words[word], _DIGITS) for word in words},
             "vocabulary": self._settings.vocabulary,
             "settings": {name: round(value, _DIGITS) for name, value in self._settings.settings.items()},
@@ -126,21 +126,22 @@ def _held_by(calls: OperatorCalls) -> str | None:
     return "companion" if calls.hold is not None and calls.hold.standing else None
 
 
-def _open(told: CallData) -> dict[str, Any]:
+def _open(current: CallData) -> dict[str, Any]:
     figures = {
-        "roi_uncertainty": told.roi_uncertainty,
-        "worst_tile": told.worst_tile,
-        "drivable_share": told.drivable_share,
-        "similarity": told.similarity,
+        "roi_uncertainty": current.roi_uncertainty,
+        "worst_tile": current.worst_tile,
+        "drivable_share": current.drivable_share,
+        "similarity": current.similarity,
     }
     return {
-        "id": told.id,
-        "kind": told.kind.name.lower(),
-        "stage": told.stage.name.lower(),
-        "holding": told.holding,
-        "age": told.age_s,
-        "frame_id": told.frame_id,
-        "worst_tile_box": told.worst_tile_box and [round(side, _DIGITS) for side in told.worst_tile_box],
+        "id": current.id,
+        "kind": current.kind.name.lower(),
+        "stage": current.stage.name.lower(),
+        "holding": current.holding,
+        "age": current.age_s,
+        "frame_id": current.frame_id,
+        "worst_tile_box": current.worst_tile_box
+        and [round(side, _DIGITS) for side in current.worst_tile_box],
         **{name: value and round(value, _DIGITS) for name, value in figures.items()},
-        "picture": told.picture,
+        "picture": current.picture,
     }

@@ -98,6 +98,7 @@ class TestCall:
         if request.target == 0 and request.motion is Motion.NONE:
             return False
         seconds, number = now - self._open.since, self.id
+        # An answer to "the current call" that comes this early was sent before the operator saw this one.
         if request.target == 0 and seconds < self._calls.numbers.announce_guard:
             self._acknowledge(request, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
             return True
@@ -105,14 +106,14 @@ class TestCall:
         self.status |= {"by": list(request.sender), "after": round(seconds, 1)}
         self._end("answered", text, Outcome.ANSWERED, now)
         result = Result.REFUSED if request.operations else Result.APPLIED
-        told = f"{text}; a test teaches no words" if request.operations else text
-        self._acknowledge(request, number, result, told, now)
+        reply = f"{text}; a test teaches no words" if request.operations else text
+        self._acknowledge(request, number, result, reply, now)
         return True
 
     def _take_request(self) -> int | None:
         """Remove the request file, and return its modification time in ns. None when there is none."""
         try:
-            seen = os.lstat(self._request)
+            seen = os.lstat(self._request)  # not stat: a link to a file of root's is no request of root's
         except OSError:
             return None
         with contextlib.suppress(OSError):

@@ -140,8 +140,8 @@ def check_perceiver(config: Config) -> Perceives:
     tile = ready.engine.settings.thresholds.tile
     pace = Pace(ready.step, 1.0 / config.camera.rate, config.freshness)
     if not pace.keeps:
-        told = failed if config.call.policy == "hold" else warned
-        return Perceives(told("perceiver", too_slow(pace)), ready.step, tile)
+        make_finding = failed if config.call.policy == "hold" else warned
+        return Perceives(make_finding("perceiver", too_slow(pace)), ready.step, tile)
     what = f"{Model.of(ready.engine.perceiver)}, {1e3 * ready.step:.0f} ms a frame"
     return Perceives(passed("perceiver", what), ready.step, tile)
 

@@ -106,6 +106,7 @@ class Recorder:
         return ""
 
     def _position(self, message: Any, now: float) -> str:
+        # Times are those of the autopilot's clock, since the link delays messages unevenly.
         one = _Speed(message.time_boot_ms / 1000.0, math.hypot(message.vx, message.vy) / 100.0)
         if self._speeds and not 0.0 < one.at - self._speeds[-1].at <= _GAP:
             if one.at == self._speeds[-1].at:

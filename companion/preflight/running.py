@@ -160,7 +160,7 @@ def _dry_run(folder: Path) -> dict[str, Any]:
             f"no companion runs with {folder}: start the companion first, then type this again"
         )
     asked = _ask(folder)
-    deadline, told = time.monotonic() + TAKEN_WITHIN, False
+    deadline, announced = time.monotonic() + TAKEN_WITHIN, False
     while time.monotonic() < deadline:
         said = (status(folder) or {}).get("test_call") or {}
         if (refused := said.get("refused") or {}).get("asked") == asked:
@@ -168,8 +168,8 @@ def _dry_run(folder: Path) -> dict[str, Any]:
         if said.get("asked") == asked:
             if said.get("state") in _OVER:
                 return dict(said)
-            if not told:
-                told, deadline = True, time.monotonic() + ANSWERED_WITHIN + TAKEN_WITHIN
+            if not announced:
+                announced, deadline = True, time.monotonic() + ANSWERED_WITHIN + TAKEN_WITHIN
                 print(
                     f"call {said['id']} is told to the ground: answer it there within {ANSWERED_WITHIN:.0f} s"
                 )

@@ -48,7 +48,7 @@ _TABLES = {
     " record TEXT NOT NULL",
     "frame": _FRAME,
 }
-"""`owner` of words and examples: the stamp of an entry, or one of rows.IN_FORCE and rows.CONFIGURED."""
+"""Table -> its columns. `owner` of words and examples: an entry's stamp, or IN_FORCE or CONFIGURED."""
 FRAME_SINCE = 3
 """The first version whose file contains the frame of the open call."""
 _UPGRADES = {

@@ -59,6 +59,7 @@ class Reader:
             return job()
         now = time.monotonic()
         with self._changed:
+            # A result that its caller has not fetched for so long is not wanted any more.
             self._reads = {
                 one: read for one, read in self._reads.items() if now - read.asked_at < 2 * PATIENCE
             }

@@ -142,7 +142,7 @@ class Writer:
         until = time.monotonic() + SLOW
         done = self.drain()
         if not done:
-            log.warning("the disk fails or hangs: what waits to be written is lost")
+            log.warning("the disk fails or hangs: what waits to be written is lost; check the disk")
         with self._changed:
             self._stop = True
             self._changed.notify_all()
@@ -185,6 +185,7 @@ class Writer:
         with self._changed:
             self._batch = left.then(self._batch)
             self._waits_since = ended if self._batch else None
+            # A frame that does not fit fails no ticket: what was acknowledged is on disk without it.
             if left.memory or left.state or left.rows:
                 self.failed = max(self.failed, ticket)
             else:

@@ -79,6 +79,7 @@ def _check(message: Any, expected: Expected, now: float) -> None:
                 isinstance(model, Model) and all(map(_text, (model.id, model.precision, model.why))),
                 "a model",
             )
+            # `replace` runs the checks of __post_init__, which decoding has skipped.
             _need(isinstance(settings, Settings) and bool(replace(settings)), "settings")
             _need(isinstance(notices, tuple) and all(map(_text, notices)), "notices")
             _need(_number(step) and 0.0 <= step < math.inf, "seconds of a step")

@@ -62,7 +62,7 @@ class VisionChild:
                 [*command, str(far.fileno()), str(os.getpid())],
                 pass_fds=[far.fileno()],
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,  # stderr is inherited, for faulthandler
             )
         except OSError:
             self._channel.close()

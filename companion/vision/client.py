@@ -440,7 +440,7 @@ class Vision:
             if self._child.send(encode(request)):
                 return True
         except CodecError as error:
-            log.error("not sent to the vision process: %s", error)
+            log.error("a request was not sent to the vision process: %s", error)
         self._overflowed = True  # the next poll kills the process
         return False
 

@@ -47,19 +47,20 @@ class StallDetector:
     def __init__(self, link: Link, calls: OperatorCalls, now: float) -> None:
         self._link = link
         self._calls = calls
-        self._awake_at = now
+        self._looked_at = now
 
     def look(self, now: float) -> None:
         """Check for a stall. Called before anything is received, and again before anything is sent."""
-        slept, self._awake_at = now - self._awake_at, now
-        if slept > ASLEEP:
+        stalled, self._looked_at = now - self._looked_at, now
+        if stalled > ASLEEP:
             log.warning(
                 "the companion was stalled for %.1f s: check the load of this computer, and whether it slept",
-                slept,
+                stalled,
             )
+            # What waits to be read, and a mode that waits to be sent, are from before the stall.
             self._link.skip(now)
             self._link.forget_mode()
-            self._calls.holding.forget(now, slept)
+            self._calls.holding.forget(now, stalled)
 
 
 ALERT, ERROR, WARNING, NOTICE = 1, 3, 4, 5

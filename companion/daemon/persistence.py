@@ -88,7 +88,7 @@ class Persistence:
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
         self._stamp = stamp
         self._shown = 0, ""
-        """Id of the call or hold that has a picture, and the picture's path on the ground's file list."""
+        """Id of the newest call or hold, and the path of its picture for the ground, "" without one."""
         self._shown_frame: Assessment | None = None
         self._answers: tuple[int, list[Mapping[str, Any]]] = 0, []
         """Id of the newest call, and its answers."""
@@ -112,7 +112,8 @@ class Persistence:
     def settled(self, now: float, memory: Memory | None = None) -> bool:
         """Whether frames judged by the newest memory may let the vehicle drive on.
 
-        They may once that memory is on disk, or could not be written within `SLOW` seconds.
+        They may once that memory is on disk. They may, too, when it could not be written within `SLOW`
+        seconds: a full disk alone must not hold the vehicle for ever.
         memory: the one by which a frame was judged; False when it is not the newest.
         """
         if memory is not None and memory is not self._memory:

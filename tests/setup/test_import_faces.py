@@ -87,9 +87,18 @@ def test_the_operators_side_leaves_mavproxys_environment_variables_alone() -> No
     assert imported(["gcs_plugin.*"], VISION)["environment"] == []
 
 
-@pytest.mark.parametrize("module", ["anytraverse.cli", "companion.cli", "gcs_plugin.terminal.main"])
+@pytest.mark.parametrize("module", ["anytraverse.cli", "companion.cli", "companion", "gcs_plugin.terminal"])
 def test_each_program_tells_its_version(module: str) -> None:
     told = subprocess.run(
         [sys.executable, "-m", module, "--version"], capture_output=True, text=True, check=True, timeout=60
     )
     assert told.stdout.split()[-1] == own_version()
+
+
+@pytest.mark.parametrize("module", ["companion.field", "companion.sim.field", "companion.wire"])
+def test_each_module_that_the_pages_start_runs(module: str) -> None:
+    options = [] if module == "companion.wire" else ["--help"]
+    done = subprocess.run(
+        [sys.executable, "-m", module, *options], capture_output=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, b"")

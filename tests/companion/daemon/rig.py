@@ -134,6 +134,7 @@ class Rig:
         opened = Opened(self.stage.link, self.vision, self.journal, self.writer, self.served, saved)
         self.daemon = compose(config, opened, self.vision.ready, news)
         self.left_out = [notice for notice in news if notice != notices.stopping_unchecked()]
+        assert not any("not restored" in notice or "shadow" in notice for notice in news)
         self.calls, self.persistence = self.daemon.calls, self.daemon.persistence
         self.answer_handler, self.settings = self.daemon.answer_handler, self.daemon.settings
 

@@ -1,4 +1,4 @@
-"""What a "go" without words accepts, and where that ends."""
+"""Decides what a "go" without words accepts, and when that ends."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from anytraverse.roi import KNOWN, worst_tile
 from companion.calls.masks import Mask, below, coarse, connected, joined, resized, wider
 from companion.calls.numbers import Numbers
 
-_UNCERTAIN = 0.5
-"""Uncertainty from which a pixel belongs to the thing, where tiles have no threshold."""
+_UNCERTAIN_PIXEL = 0.5
+"""Uncertainty above which a pixel belongs to the thing, where tiles have no threshold."""
 
 
 @dataclass
 class Acceptance:
-    """The accepted reasons, and what of them was seen.
+    """The accepted reasons, and the limits within which they are accepted.
 
-    thing: where it is in the image, with a cell around it: (h, w), coarse; None where none was seen.
-    uncertainty, strangeness: means of the ROI. beside: worst tile outside the thing.
+    thing: mask of the accepted thing, grown by one cell: (h, w) bool, coarse. None where none was seen.
+    uncertainty, strangeness: means over the ROI as accepted, in [0, 1] (see `Maps`).
+    beside: uncertainty of the worst tile outside the thing, in [0, 1].
     scene: embedding of the accepted place, None where it is not known.
-    travelled: metres driven at the start, None where not known.
+    since: start, monotonic seconds. travelled: metres driven at the start, None where not known.
+    clear_frames: frames in a row without the thing.
     """
 
     reasons: frozenset[Reason]
@@ -47,25 +49,26 @@ class Acceptance:
         now: float,
         travelled: float | None,
     ) -> Acceptance:
-        """Accept `reasons` as they are in `seen`."""
+        """Accept `reasons` as far as the frame `seen` shows them."""
         accepted = cls(reasons, None, 0.0, 0.0, 0.0, scene_of(seen), now, travelled)
         if seen.roi is not None and seen.maps is not None:
             accepted.uncertainty, accepted.strangeness = seen.roi.uncertainty, seen.roi.strangeness
-            for shown in _shown(seen, reasons):
-                accepted._add(shown.grown(1.5).mask(*seen.maps.signed.shape))
+            for box in _accepted_boxes(seen, reasons):
+                accepted._extend(box.grown(1.5).mask(*seen.maps.signed.shape))
             if accepted.thing is not None:
-                accepted._add(accepted._find(accepted.thing, seen, seen.maps, numbers, at_once=True))
-                inside = accepted._inside(seen, numbers)
-                covered = accepted._covers_way(seen, inside, numbers)
+                accepted._extend(accepted._track(accepted.thing, seen, seen.maps, numbers, at_once=True))
+                inside = accepted._thing_in(seen, numbers)
+                covered = accepted._covers_corridor(seen, inside, numbers)
                 if Reason.BLOCKED in reasons:
                     covered = covered and accepted._is_open(seen, seen.maps, inside, numbers)
                 if not covered:
-                    accepted._add(_missing(seen.maps, numbers))
-        accepted.beside = _beside(seen, accepted._inside(seen, numbers), numbers, by_name=False)
+                    # The thing alone leaves no corridor, so the go would never be fulfilled: accept all that is unknown.
+                    accepted._extend(_unexplained_in_roi(seen.maps, numbers))
+        accepted.beside = _worst_outside(seen, accepted._thing_in(seen, numbers), numbers, by_name=False)
         return accepted
 
     def joined(self, other: Acceptance) -> Acceptance:
-        """This one, and where the other's thing is."""
+        """Return this acceptance, extended by the other's thing and its figures."""
         return replace(
             self,
             thing=joined(self.thing, other.thing),
@@ -74,45 +77,49 @@ class Acceptance:
         )
 
     def watch(self, seen: Assessment, numbers: Numbers) -> None:
-        """Follow the thing while the call is open, with the uncertainty as it comes nearer.
+        """Track the thing while the call is open, and raise the accepted figures as it comes nearer.
 
-        What turns up beside it was not in the picture that the operator is asked about.
+        Nothing is raised while another thing is beside it: the operator's picture does not show that one.
         """
         limit = numbers.judging.thresholds.tile
         if limit is None:
             limit = self.beside + numbers.accepted_rise
-        inside = self._inside(seen, numbers)
-        if seen.roi is not None and _beside(seen, inside, numbers, by_name=False) <= limit:
+        inside = self._thing_in(seen, numbers)
+        if seen.roi is not None and _worst_outside(seen, inside, numbers, by_name=False) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
             self.strangeness = max(self.strangeness, seen.roi.strangeness)
             self.follow(seen, numbers)
 
     def covers(self, seen: Assessment, numbers: Numbers) -> frozenset[Reason]:
-        """Those of the frame's reasons that stay within what was accepted.
+        """Return the frame's reasons that are within what was accepted.
 
-        Whether a thing has a name may change from frame to frame: an accepted one is covered either way.
+        Whether a word explains a thing may change from frame to frame. An accepted thing is covered in both
+        cases: as unknown, and as blocked by its name.
         """
-        covered, inside = seen.reasons & self.reasons, self._inside(seen, numbers)
+        covered, inside = seen.reasons & self.reasons, self._thing_in(seen, numbers)
         if Reason.UNKNOWN_OBJECT in covered:
             by_name = Reason.UNKNOWN_OBJECT in _named_reasons(seen)
             alone = self._covers_object(seen, inside, numbers, by_name=by_name)
-            if not (alone and self._covers_way(seen, inside, numbers)):
+            if not (alone and self._covers_corridor(seen, inside, numbers)):
                 covered -= {Reason.UNKNOWN_OBJECT}
         if Reason.BLOCKED in covered and not self._covers_blocked(seen, inside, numbers):
             covered -= {Reason.BLOCKED}
         if Reason.UNKNOWN_SCENE in covered and not self._covers_scene(seen, numbers):
             covered -= {Reason.UNKNOWN_SCENE}
-        if self._names_thing(seen) and self._covers_object(seen, inside, numbers, by_name=True):
-            covered |= {Reason.BLOCKED} if self._covers_way(seen, inside, numbers) else set()
+        if self._blocked_by_accepted(seen) and self._covers_object(seen, inside, numbers, by_name=True):
+            covered |= {Reason.BLOCKED} if self._covers_corridor(seen, inside, numbers) else set()
         return covered
 
     def follow(self, seen: Assessment, numbers: Numbers) -> None:
-        """Move after the thing: down the image and wider, never up."""
-        self.thing = self._moved(seen, numbers)
+        """Move the mask to where the thing is now. It moves down the image and grows, and never moves up."""
+        self.thing = self._tracked(seen, numbers)
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
-        """Whether the thing is gone, or the time or distance is over. Counts frames: once a frame."""
-        if seen.reasons & self.reasons or self._names_thing(seen):
+        """Whether the thing is gone, or the time or the distance is used up.
+
+        It counts clear frames, so call it once a frame.
+        """
+        if seen.reasons & self.reasons or self._blocked_by_accepted(seen):
             self.clear_frames = 0
         elif Reason.FAULT not in seen.reasons:
             self.clear_frames += 1
@@ -123,59 +130,66 @@ class Acceptance:
         )
         return self.clear_frames >= numbers.ok_frames or now - self.since >= numbers.accepted_for or too_far
 
-    def _names_thing(self, seen: Assessment) -> bool:
-        """Whether an unknown thing was accepted and the frame is blocked by a tile with a name alone."""
+    def _blocked_by_accepted(self, seen: Assessment) -> bool:
+        """Whether an unknown thing was accepted, and the frame is blocked only by a thing with a name."""
         return Reason.UNKNOWN_OBJECT in self.reasons and blocked_by_name(seen)
 
-    def _add(self, mask: Mask) -> None:
+    def _extend(self, mask: Mask) -> None:
         self.thing = joined(self.thing, coarse(mask))
 
-    def _inside(self, seen: Assessment, numbers: Numbers) -> Mask:
-        """What the thing fills of the frame's maps, (h, w)."""
+    def _thing_in(self, seen: Assessment, numbers: Numbers) -> Mask:
+        """Return the thing's mask in the size of the frame's maps, (h, w)."""
         if seen.maps is None:
             return np.zeros((1, 1), dtype=np.bool_)
-        moved = self._moved(seen, numbers)
+        tracked = self._tracked(seen, numbers)
         shape = seen.maps.signed.shape
-        return np.zeros(shape, dtype=np.bool_) if moved is None else resized(moved, *shape)
+        return np.zeros(shape, dtype=np.bool_) if tracked is None else resized(tracked, *shape)
 
-    def _moved(self, seen: Assessment, numbers: Numbers) -> Mask | None:
-        """The thing as it is in this frame; as it was where nothing is found of it."""
+    def _tracked(self, seen: Assessment, numbers: Numbers) -> Mask | None:
+        """Return the thing's mask in this frame, or the last mask where nothing of it is found."""
         if self.thing is None or seen.maps is None:
             return self.thing
-        return self._find(self.thing, seen, seen.maps, numbers, at_once=False)
+        return self._track(self.thing, seen, seen.maps, numbers, at_once=False)
 
-    def _find(self, thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, at_once: bool) -> Mask:
-        """What is strange in the accepted thing and what touches it, with a cell around it.
+    def _track(self, thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, at_once: bool) -> Mask:
+        """Return the uncertain pixels in `thing` and those connected to them, grown by one cell.
 
-        at_once: all that is uncertain and touches it; else no more than a tile's side, by which a thing comes
-        nearer at most from frame to frame. Of what reaches further that is only what comes straight down: the
-        rest is another thing, that touches it. What a word that is not drivable explains of the thing belongs
-        to it: else that were a thing beside it. But what it explains may be the ground around, too: of that
-        no more than a tile's side is taken at once, and later only what comes straight down.
+        at_once: take all connected uncertain pixels, as when the thing is accepted. Otherwise the mask grows
+        by less than a tile's side, since a thing comes no nearer than that from frame to frame. An uncertain
+        area that reaches further is another thing that touches it: of that, only what is straight below the
+        mask is taken.
+
+        Pixels that a negative word explains belong to the thing, too. Left out, they would count as a second
+        thing beside it. But the word may explain the ground around as well, so at most a tile's side of such
+        pixels is taken at the start, and later only those straight below.
         """
-        limit = numbers.judging.thresholds.tile or _UNCERTAIN
+        limit = numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
         if any(one.figure == CORRIDOR for one in seen.bad):
+            # Above this uncertainty a pixel is missing in the corridor, whatever the tiles' threshold.
             limit = min(limit, 1.0 - KNOWN)
-        unsure, strange = maps.uncertainty > limit, maps.strangeness > limit
+        uncertain, strange = maps.uncertainty > limit, maps.strangeness > limit
         if Reason.BLOCKED in self.reasons:
-            unsure = unsure | (~maps.drivable & numbers.judging.region.mask(*unsure.shape))
-        unsure, strange = coarse(unsure), coarse(strange)
-        thing = resized(thing, *unsure.shape)
-        side = _tile_side(unsure.shape[1], numbers)
+            uncertain = uncertain | (~maps.drivable & numbers.judging.region.mask(*uncertain.shape))
+        uncertain, strange = coarse(uncertain), coarse(strange)
+        thing = resized(thing, *uncertain.shape)
+        side = _tile_side(uncertain.shape[1], numbers)
         if at_once:
-            found = connected(thing & unsure, unsure, max(unsure.shape))
+            found = connected(thing & uncertain, uncertain, max(uncertain.shape))
             return wider(connected(found, strange, side))
         not_above, straight = below(thing, side), below(thing, 0)
-        unsure = unsure & not_above
-        found = connected(thing & unsure, unsure, side - 1)
-        beyond = connected(found, unsure, 1) & ~found
-        found = found & (straight | ~connected(beyond, unsure & ~thing, max(unsure.shape)))
+        uncertain = uncertain & not_above
+        found = connected(thing & uncertain, uncertain, side - 1)
+        beyond = connected(found, uncertain, 1) & ~found
+        found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
         if _named_reasons(seen):
             found = found | connected(thing & strange, strange & straight, side - 1)
         return wider(found) & not_above if found.any() else thing
 
     def _covers_object(self, seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> bool:
-        """Whether nothing strange is beside the thing. by_name: nor what is strange but for its name."""
+        """Whether no other unknown thing is beside the accepted one.
+
+        by_name: a thing that only a negative word explains counts, too.
+        """
         if seen.roi is None or self.thing is None:
             return False
         if not seen.roi.uncertainty <= self.uncertainty + numbers.accepted_rise:
@@ -185,22 +199,22 @@ class Acceptance:
             if not seen.roi.strangeness <= accepted + numbers.accepted_rise:
                 return False
         limit = numbers.judging.thresholds.tile
-        return limit is None or _beside(seen, inside, numbers, by_name=by_name) <= limit
+        return limit is None or _worst_outside(seen, inside, numbers, by_name=by_name) <= limit
 
-    def _covers_way(self, seen: Assessment, inside: Mask, numbers: Numbers) -> bool:
-        """Whether the vehicle fits through where the thing is driven over, and what is as uncertain as seen.
+    def _covers_corridor(self, seen: Assessment, inside: Mask, numbers: Numbers) -> bool:
+        """Whether the vehicle fits through if it drives over the thing, and over what is no more uncertain.
 
-        Or not even where all that is uncertain is driven over: then it is blocked, which is not asked here.
+        True as well where it would not fit even over everything uncertain: that is a matter of BLOCKED.
         """
         if seen.roi is None or seen.maps is None:
             return False
-        way, maps = seen.roi.corridor, seen.maps
-        if way.open or not way.passable:
+        corridor, maps = seen.roi.corridor, seen.maps
+        if corridor.open or not corridor.passable:
             return True
         return self._is_open(seen, maps, inside & ~maps.not_drivable, numbers)
 
     def _covers_blocked(self, seen: Assessment, inside: Mask, numbers: Numbers) -> bool:
-        """Whether nothing beside the thing is in the way, by any figure."""
+        """Whether nothing but the accepted thing blocks the way, by any figure."""
         if seen.roi is None or seen.maps is None or self.thing is None:
             return False
         if _named_reasons(seen) and not self._covers_object(seen, inside, numbers, by_name=True):
@@ -213,10 +227,13 @@ class Acceptance:
         return drivable >= numbers.judging.thresholds.trav * int(beside.sum())
 
     def _is_open(self, seen: Assessment, maps: Maps, over: Mask, numbers: Numbers) -> bool:
-        """Whether the vehicle fits through where it may drive `over` that, or over as uncertain as seen."""
+        """Whether the vehicle fits through over the mask `over` and all other ground that it may drive over.
+
+        That is drivable ground, and ground that is no more uncertain than what was accepted.
+        """
         height, width = seen.frame.image.shape[:2]
-        as_seen = (maps.uncertainty <= self.uncertainty + numbers.accepted_rise) & ~maps.not_drivable
-        return is_open(maps.drivable | as_seen | over, width / height, numbers.judging)
+        as_uncertain = (maps.uncertainty <= self.uncertainty + numbers.accepted_rise) & ~maps.not_drivable
+        return is_open(maps.drivable | as_uncertain | over, width / height, numbers.judging)
 
     def _covers_scene(self, seen: Assessment, numbers: Numbers) -> bool:
         scene = scene_of(seen)
@@ -225,10 +242,10 @@ class Acceptance:
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
 
 
-def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:
-    """Uncertainty of the worst tile of the ROI beside the thing; 0 when there is no room for one.
+def _worst_outside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:
+    """Return the uncertainty of the worst tile of the ROI outside the thing; 0 where no tile fits there.
 
-    by_name: what was named as not drivable counts as if it had no name.
+    by_name: pixels that only a negative word explains count as unexplained.
     """
     if seen.maps is None:
         return 1.0
@@ -244,23 +261,23 @@ def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) 
     return tile.uncertainty if tile is not None else 0.0
 
 
-_NAMED = frozenset({NAMED_TILE, NAMED_MEAN})
+_NAMED_FIGURES = frozenset({NAMED_TILE, NAMED_MEAN})
 
 
 def _named_reasons(seen: Assessment) -> frozenset[Reason]:
-    """What a thing that is strange but for its name makes the frame bad for."""
-    return frozenset(one.reason for one in seen.bad if one.figure in _NAMED)
+    """Return the frame's bad reasons that come from things which only a negative word explains."""
+    return frozenset(one.reason for one in seen.bad if one.figure in _NAMED_FIGURES)
 
 
 def blocked_by_name(seen: Assessment) -> bool:
-    """Whether the frame is blocked by what has a name, and by nothing else."""
+    """Whether the frame is blocked only by things that a negative word explains."""
     figures = {one.figure for one in seen.bad if one.reason is Reason.BLOCKED}
     passable = seen.roi is not None and seen.roi.corridor.passable
-    return bool(figures) and figures <= _NAMED | ({CORRIDOR} if passable else set())
+    return bool(figures) and figures <= _NAMED_FIGURES | ({CORRIDOR} if passable else set())
 
 
-def _shown(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:
-    """Where what is accepted is: a tile of each, none where nothing of the kind is."""
+def _accepted_boxes(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:
+    """Return a box for each thing that is accepted: the worst tile, the corridor's gap, the named tile."""
     roi = seen.roi
     if roi is None or seen.tile is None:
         return []
@@ -275,17 +292,17 @@ def _shown(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:
     return boxes
 
 
-def _missing(maps: Maps, numbers: Numbers) -> Mask:
-    """What is uncertain in the ROI, (h, w)."""
+def _unexplained_in_roi(maps: Maps, numbers: Numbers) -> Mask:
+    """Return the mask of what is neither known nor drivable in the ROI, (h, w)."""
     return ~maps.known & ~maps.drivable & numbers.judging.region.mask(*maps.drivable.shape)
 
 
 def scene_of(seen: Assessment) -> Embedding | None:
-    """What the place looks like, None where nothing could be seen."""
+    """Return the embedding of the frame's scene, None where the frame could not be judged."""
     return seen.observation.embedding if seen.observation is not None else None
 
 
 def _tile_side(width: int, numbers: Numbers) -> int:
-    """Pixels of a map `width` pixels wide: a thing comes nearer by less than a tile from frame to frame."""
+    """Return a tile's side in pixels, for a map that is `width` pixels wide."""
     bounds = numbers.judging.region.bounds
     return max(1, round(numbers.judging.tile_share * (bounds.right - bounds.left) * width))

@@ -1,4 +1,4 @@
-"""What an answer, or a human who takes over, does to the open call."""
+"""Applies an operator's answer, or a human's take-over, to the open call."""
 
 from __future__ import annotations
 
@@ -23,11 +23,14 @@ def answer_call(
     *,
     clear: bool = False,
 ) -> Result:
-    """A go without words accepts what the call is for; anything else takes such a go back.
+    """Apply an answer to `call`, and return the result to acknowledge.
 
-    Otherwise the call's frame, judged again, decides whether it is answered. clear: "clear now, go?" is
-    asked, so that a go is one with words, too: whether they cover a thing that is gone is not in its way. Nor
-    is it accepted then: it may be back, and they may name it as a danger.
+    A go without words accepts the call's reasons; a later answer revokes that. After any other answer the
+    call's frame, judged again, decides whether the call is answered.
+    changed: the answer teaches words. outcome: the frames judged again. travelled: metres driven, or None.
+    clear: the reasons are gone, and "clear now, go?" is asked. Then a go with words answers the call, too,
+    even if the words do not cover the thing that is gone. But it accepts nothing: the thing may come back,
+    and the words may say that it is not drivable.
     """
     call.quiet = call.quiet or motion is Motion.STAY
     call.learnt = call.learnt or (outcome is not None and outcome.remembered)
@@ -48,15 +51,18 @@ def answer_call(
     if outcome is None or outcome.call is None:
         return Result.NOT_COVERED if changed else Result.APPLIED
     call.seen = outcome.call
-    covered = not _left(call)
+    covered = not _uncovered_reasons(call)
     if covered and not call.answered:
         reason_filter.look_afresh(now)
     call.answered, call.tried = covered, changed and not covered
     return Result.NOT_COVERED if call.tried else Result.APPLIED
 
 
-def _left(call: Call) -> frozenset[Reason]:
-    """The call's reasons that its frame still has. What was not judged is not covered; a place in H is."""
+def _uncovered_reasons(call: Call) -> frozenset[Reason]:
+    """Return the call's reasons that its frame, judged again, still has.
+
+    A frame that was not judged keeps all of them. An unknown scene is covered once the scene is in H.
+    """
     seen = call.seen
     if seen is None or seen.roi is None or Reason.FAULT in seen.reasons:
         return frozenset(call.reasons)
@@ -72,18 +78,21 @@ def _scope(call: Call, reason_filter: ReasonFilter, now: float, travelled: float
 def accept_taken_over(
     call: Call | None, reason_filter: ReasonFilter, now: float, travelled: float | None
 ) -> None:
-    """Whoever drives on by hand has seen what is there, and where; a fault cannot be accepted."""
+    """Accept what is in the way when a human takes over, who has seen it. A fault cannot be accepted."""
     newest = reason_filter.newest
-    asked = call.reasons if call is not None and not call.answered else set[Reason]()
-    reasons = (reason_filter.reasons(now) | asked) - {Reason.FAULT}
+    unanswered = call.reasons if call is not None and not call.answered else set[Reason]()
+    reasons = (reason_filter.reasons(now) | unanswered) - {Reason.FAULT}
     if Reason.BLOCKED in reasons and newest is not None and blocked_by_name(newest):
-        reasons |= {Reason.UNKNOWN_OBJECT}  # which it may be taken for in the next frame
+        # In the next frame the same thing may lose its name, and count as unknown.
+        reasons |= {Reason.UNKNOWN_OBJECT}
     scope = call.scope if call is not None else None
     if scope is not None and scope.thing is None and Reason.UNKNOWN_OBJECT in reasons:
+        # The call was for a scene alone. Without a thing it would cover no object: accept what is seen now.
         scope = None
     if scope is not None and newest is not None:
         scope = replace(scope, scene=scene_of(newest))
-        if Reason.BLOCKED in reasons:  # a thing of its own, which no call was for
+        if Reason.BLOCKED in reasons:
+            # What blocks the way may be another thing than the call's: accept it as it is now.
             blocked = Acceptance.of(
                 newest, frozenset({Reason.BLOCKED}), reason_filter.numbers, now, travelled
             )

@@ -1,4 +1,4 @@
-"""What the state machine decides: the daemon carries it out and tells people."""
+"""Defines the decisions of the state machine. The daemon executes and reports them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from companion.wire.ids import Outcome
 
 @dataclass
 class Call:
-    """A call for words.
+    """A call to the operator for words.
 
-    seen: the frame of the call, fixed when it is announced; None after a restart until it is judged again.
-    reasons: all that it was raised for, later ones included.
-    scope: what a go without words would accept; it follows the thing while the call is open.
-    tried: an answer did not cover it. answered: its answer covers it. accepted: by a go without words.
-    learnt: its place is in the history.
-    quiet: "stay" ended the escalation. gone_since: when its reasons were gone, None while they are there.
-    worst: mean uncertainty of the ROI at its worst, worst_frame_id: and where.
-    place: where the vehicle was, and when, as it was announced.
+    seen: the assessment of the call's frame, which is fixed when the call opens. None after a restart, until
+    that frame is judged again.
+    reasons: all reasons of the call, including later ones.
+    scope: what a go without words would accept. It tracks the thing while the call is open.
+    tried: the last answer did not cover the reasons. answered: the last answer covers them. accepted: it was
+    a go without words. learnt: an answer entered the call's scene in the history.
+    quiet: "stay" ended the escalation of the text.
+    gone_since: since when there are no reasons, monotonic seconds; None while there are.
+    worst: highest mean uncertainty of the ROI while the call is open. worst_frame_id: the frame that had it.
+    place: where the vehicle was, and when, as the call opened.
     """
 
     id: int
@@ -43,40 +45,40 @@ class Call:
     place: Place = field(default_factory=Place)
 
     def add(self, seen: Assessment) -> None:
-        """Another frame while it is open: a worse one is added to the record."""
+        """Record a further frame's uncertainty, where it is the highest so far."""
         if seen.roi is not None and seen.roi.uncertainty > self.worst:
             self.worst, self.worst_frame_id = seen.roi.uncertainty, seen.frame.id
 
     @property
     def answered_outcome(self) -> Outcome:
-        """How it is closed once its answer is fulfilled."""
+        """The outcome with which an answered call is closed."""
         return Outcome.ACCEPTED if self.accepted else Outcome.ANSWERED
 
 
 @dataclass(frozen=True)
 class SetMode:
-    """Command the autopilot into a custom_mode."""
+    """Command the autopilot to change to a custom_mode."""
 
     mode: int
 
 
 @dataclass(frozen=True)
 class CallOpened:
-    """A call to announce and to keep the frame of."""
+    """A call opened: announce it, and store its frame."""
 
     call: Call
 
 
 @dataclass(frozen=True)
 class CallClosed:
-    """A call that needs no answer any more; its outcome says why."""
+    """A call closed: it needs no answer any more. `call.outcome` says why."""
 
     call: Call
 
 
 @dataclass(frozen=True)
 class HoldStarted:
-    """The vehicle is to stand."""
+    """A hold started, for these reasons."""
 
     hold: Hold
     reasons: frozenset[Reason]
@@ -84,17 +86,17 @@ class HoldStarted:
 
 @dataclass(frozen=True)
 class HoldMoved:
-    """The hold was confirmed, failed, taken over or resumed."""
+    """Something happened to the hold, see `HoldEvent`."""
 
     hold: Hold
     event: HoldEvent
     resuming: bool = False
-    """For FAILED: it was the way back that failed."""
+    """For FAILED: the autopilot did not follow the command to resume, and still holds."""
 
 
 @dataclass(frozen=True)
 class HoldShown:
-    """A hold without a call has a frame that shows what blocks the way."""
+    """A hold without a call has its first blocked frame. Publish its picture: the operator may tap in it."""
 
     hold: Hold
     seen: Assessment
@@ -102,7 +104,7 @@ class HoldShown:
 
 @dataclass(frozen=True)
 class HoldRenamed:
-    """A hold that goes on as part of a call: `old` names nothing any more."""
+    """A call opened during a hold, which takes the call's id. The id `old` is not used any more."""
 
     old: int
     hold: Hold
@@ -110,14 +112,14 @@ class HoldRenamed:
 
 @dataclass(frozen=True)
 class GoLapsed:
-    """A go waited for a clear view for too long: it must be given again."""
+    """A go expired before it could be fulfilled: the operator must give it again."""
 
     id: int
 
 
 @dataclass(frozen=True)
 class WouldHold:
-    """Shadow policy: a hold would have started now, the `number`-th."""
+    """Shadow policy: a hold would have started now. `number` counts would-be holds from 1."""
 
     reasons: frozenset[Reason]
     number: int
@@ -125,9 +127,9 @@ class WouldHold:
 
 @dataclass(frozen=True)
 class WouldResume:
-    """Shadow policy: the would-be hold is over, `lasted` seconds after it began.
+    """Shadow policy: the would-be hold ended, `lasted` seconds after it began.
 
-    by_hand: frames did not end it, but a human, or another policy.
+    by_hand: a human or a change of policy ended it, not OK frames.
     """
 
     reasons: frozenset[Reason]

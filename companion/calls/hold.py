@@ -1,4 +1,4 @@
-"""One hold of the vehicle, from asking for it to its end. Pure: it says which mode to command."""
+"""Tracks one hold of the vehicle from the first command to its end, and says which mode to command. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from companion.vehicle import Autopilot
 
 
 class HoldStage(str, Enum):
-    """Where a hold stands."""
+    """The stage of a hold."""
 
     REQUESTED = "requested"
     STANDING = "standing"
@@ -26,21 +26,24 @@ class HoldEvent(Enum):
     TAKEN_OVER = "taken over"
     RESUMED = "resumed"
     REBOOTED = "rebooted"
-    """The autopilot began anew: nobody took over, and the hold goes on."""
+    """The autopilot rebooted. Nobody took over, and the hold goes on."""
     DROPPED = "dropped"
-    """We may not command any more; the vehicle stays as it is."""
+    """The policy allows no commands any more. The vehicle stays in its mode."""
 
 
 @dataclass
 class Hold:
-    """A hold of ours.
+    """A hold that the companion commanded.
 
-    id: shared with the call it belongs to. mode: custom_mode that holds. mode_before: the one to go back to.
+    id: that of its call, where it has one. mode: the custom_mode that holds. mode_before: the mode to return
+    to. started_at: monotonic seconds.
+    tries: commands sent in this stage. tried_at: when the last one was sent.
     failed: the autopilot did not follow after all tries; a human must act.
-    only_fault: nothing but a fault ever asked for it, so that it may end without a go; one whose way back
-    failed needs one.
-    rebooted: the autopilot began anew, and nobody has armed it since: the modes that it shows are nobody's.
-    seen: the first frame of it that was blocked, which can be tapped in; None: not blocked yet, or a call's.
+    only_fault: only faults caused it, so that it may end without a go where the configuration allows that. A
+    hold whose resume failed needs a go.
+    called_back_at: when a resume was cancelled last.
+    rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
+    seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
     """
 
     id: int
@@ -58,12 +61,12 @@ class Hold:
 
     @property
     def standing(self) -> bool:
-        """The vehicle stands because of us."""
+        """Whether the autopilot has confirmed the hold."""
         return self.stage is not HoldStage.REQUESTED
 
     @property
     def wanted_mode(self) -> int | None:
-        """The mode that the vehicle should be in by our command, None while it stands as it should."""
+        """The mode to command in this stage, None while the hold stands."""
         return {
             HoldStage.REQUESTED: self.mode,
             HoldStage.STANDING: None,
@@ -71,32 +74,32 @@ class Hold:
         }[self.stage]
 
     def turn(self, stage: HoldStage) -> None:
-        """Start to work for another stage, with all tries."""
+        """Change to another stage, and start counting tries again."""
         self.stage, self.tries, self.failed = stage, 0, False
 
     def call_back(self, now: float) -> None:
-        """Hold again after all, while the way back may already have been taken."""
+        """Hold again while a resume is under way: the autopilot may already have changed back."""
         self.turn(HoldStage.REQUESTED)
         self.called_back_at = now
 
     def begin_anew(self) -> None:
-        """The autopilot rebooted: the vehicle does not stand by our doing now, and drives on only by a go."""
+        """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
         self.turn(HoldStage.REQUESTED)
         self.rebooted, self.only_fault = True, False
 
     def needs_lead(self, autopilot: Autopilot | None, now: float) -> bool:
-        """Whether zero velocity was not streamed for long enough yet to ask for the mode that holds."""
+        """Whether setpoints must be streamed for longer before the mode that holds is commanded."""
         if autopilot is None or self.mode not in autopilot.streamed:
             return False
         return now - self.started_at < autopilot.lead
 
     def found_at_rest(self, mode: int | None, autopilot: Autopilot | None) -> None:
-        """The autopilot, left or found without our setpoints, may have gone to stand by itself."""
+        """Adopt the rest mode where the autopilot changed to it because our setpoints stopped."""
         if autopilot is not None and self.mode in autopilot.streamed and mode == autopilot.rest_mode:
             self.mode = autopilot.rest_mode
 
     def tick(self, now: float, numbers: Numbers) -> tuple[int | None, HoldEvent | None]:
-        """The mode to command now, if any, and FAILED once when the last try is over."""
+        """Return the mode to command now, if any, and FAILED once when all tries are used up."""
         wanted = self.wanted_mode
         pause = numbers.mode_retry_failed if self.failed else numbers.mode_retry
         if wanted is None or (self.tries and now - self.tried_at < pause):
@@ -105,6 +108,7 @@ class Hold:
         if self.tries == numbers.mode_tries and not self.failed:
             event = HoldEvent.FAILED
             if self.stage is HoldStage.RESUMING:
+                # The vehicle still stands: give up the resume, and wait for a new go.
                 self.turn(HoldStage.STANDING)
                 return None, event
             self.failed = True
@@ -113,7 +117,10 @@ class Hold:
         return wanted, event
 
     def vehicle(self, mode: int, now: float, numbers: Numbers) -> HoldEvent | None:
-        """The mode that the vehicle shows. Any mode that we did not ask for is a human's, who wins."""
+        """Take in the mode that the vehicle reports, and return what that means for the hold.
+
+        A mode that we did not command was set by a human, who always wins.
+        """
         if mode == self.mode:
             if self.stage is HoldStage.REQUESTED:
                 self.turn(HoldStage.STANDING)
@@ -125,6 +132,7 @@ class Hold:
             return HoldEvent.RESUMED
         if self.stage is HoldStage.REQUESTED:
             return None
+        # The autopilot may carry out our cancelled resume late: that is not a human who takes over.
         if self.called_back_at is None or now - self.called_back_at > numbers.mode_settles:
             return HoldEvent.TAKEN_OVER
         self.turn(HoldStage.REQUESTED)
@@ -133,7 +141,11 @@ class Hold:
 
 @dataclass
 class OffboardRelease:
-    """From `streamed`, the mode of a hold that is given up, to `rest`. A mode that is neither ends it."""
+    """Ends a hold that stands on our setpoints: commands `rest` while the setpoints are still streamed.
+
+    Without that the autopilot's offboard-loss fail-safe would act. streamed: the mode of the hold. before:
+    the mode before the hold. Any mode but these two ends the release.
+    """
 
     streamed: int
     rest: int
@@ -144,19 +156,22 @@ class OffboardRelease:
 
     @staticmethod
     def of(hold: Hold, autopilot: Autopilot | None, now: float) -> OffboardRelease | None:
-        """What giving up `hold` needs: None where nothing is streamed."""
+        """Return the release that `hold` needs, None where its mode needs no setpoints."""
         if autopilot is None or hold.mode not in autopilot.streamed:
             return None
         return OffboardRelease(hold.mode, autopilot.rest_mode, hold.mode_before, now)
 
     def over(self, mode: int | None, now: float, numbers: Numbers) -> bool:
-        """Whether the setpoints may end. A hold that was asked for just now may still be on its way."""
+        """Whether the setpoints may end.
+
+        While the mode before the hold is shown, the command to hold may still be on its way: wait.
+        """
         if mode == self.before:
             return now - self.since > numbers.mode_settles
         return mode != self.streamed
 
     def tick(self, mode: int | None, now: float, numbers: Numbers) -> int | None:
-        """The mode to command now, if any: at once, and again until it shows."""
+        """Return the mode to command now, if any: at once, and again until the autopilot shows it."""
         pause = numbers.mode_retry if self.tries <= numbers.mode_tries else numbers.mode_retry_failed
         if mode != self.streamed or (self.tries and now - self.tried_at < pause):
             return None

@@ -1,7 +1,8 @@
-"""The operator-call state machine. No I/O, no clock: every input carries `now` (monotonic seconds).
+"""Decides about calls and holds, as one state machine. It does no I/O and reads no clock.
 
-Inputs: `assessed` (a judged frame), `vehicle` (mode and arming), `answered` (an applied answer), `set_policy`
-and `tick` for the passing of time. Each returns the decisions that it led to.
+Inputs are `assessed` (a judged frame), `vehicle` (mode and arming), `answered` (an applied answer),
+`set_policy`, and `tick` for the passing of time. Each carries `now` (monotonic seconds), and returns the
+decisions that it led to.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, Sta
 
 
 class OperatorCalls:
-    """At most one call and one hold at a time; both draw their ids from one counter, and share one."""
+    """Keeps at most one open call and one hold. Ids come from one counter; a call and its hold share one."""
 
     def __init__(self, numbers: Numbers, now: float, last_id: int = 0) -> None:
         self.numbers = numbers
@@ -44,7 +45,11 @@ class OperatorCalls:
         self.shadow = Shadow()
 
     def assessed(self, seen: Assessment, now: float, *, settled: bool = True) -> list[Decision]:
-        """A frame was judged. settled: under a memory that is kept; else it may hold, not let drive on."""
+        """Take in a judged frame.
+
+        settled: the memory that it was judged with is stored in the journal. If not, the frame may start a
+        hold, but does not count towards its end.
+        """
         self.reason_filter.take(seen, now, self.autopilot.travelled, settled=settled)
         if self.call is not None:
             self.call.add(seen)
@@ -61,10 +66,11 @@ class OperatorCalls:
         heard_at: float | None = None,
         autopilot: Autopilot | None = None,
     ) -> list[Decision]:
-        """The autopilot showed its mode. A mode that is not ours is a human's, who wins.
+        """Take in a report of the autopilot. A mode that we did not command was set by a human, who wins.
 
-        heard_at: when it told the mode, `now` where not given; the same again is no news of the mode.
-        autopilot: the table for its kind; without one it is never held.
+        heard_at: when the mode was reported, by default `now`; the same time again means no new report.
+        travelled: metres driven, None where not known. autopilot: the table for its kind; without one the
+        vehicle is never held.
         """
         told_at = now if heard_at is None else heard_at
         event = self.holding.hear(Vehicle(mode, armed, travelled, told_at, autopilot), now)
@@ -76,13 +82,13 @@ class OperatorCalls:
         return decisions + self._settle(now)
 
     def tick(self, now: float) -> list[Decision]:
-        """Time passed."""
+        """Let time pass."""
         return self._settle(now)
 
     def set_policy(self, policy: Policy, now: float) -> list[Decision]:
-        """Report, shadow, hold or off. Without `hold` nothing is commanded any more, nor is the way back.
+        """Change the policy. Without `hold` nothing is commanded any more, not even a resume.
 
-        Switched on again it begins with nothing open and nothing accepted.
+        Only the release of our setpoints still is. After `off` it starts with nothing open or accepted.
         """
         if policy is self.policy:
             return []
@@ -100,21 +106,21 @@ class OperatorCalls:
         return decisions + self._settle(now)
 
     def require_go(self, *, anew: bool) -> None:
-        """The hold that stands does not end without a go. anew: one that was given before is void."""
+        """Require a go to end the current hold. anew: an earlier go is revoked."""
         if self.hold is not None:
             self.hold.only_fault = False
             if anew:
                 self.holding.go_at = None
 
     def retune(self, judging: Settings) -> None:
-        """Other thresholds from now on."""
+        """Use other thresholds and another region of interest from now on."""
         self.numbers = replace(self.numbers, judging=judging)
         self.reason_filter.numbers = self.holding.numbers = self.numbers
 
     def resolve(self, target: int, now: float) -> int | None:
-        """The id that an answer to `target` means (0: the current one), or None when it is stale.
+        """Return the id that an answer to `target` means (0: the current one), None where it is stale.
 
-        The current one counts only when it was announced long enough ago to have been read.
+        An answer to 0 counts only where the current id was announced long enough ago to have been read.
         """
         current = self.current_id
         if current == 0 or target not in (0, current):
@@ -132,10 +138,11 @@ class OperatorCalls:
         *,
         go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
-        """An answer to `target` (an id that `resolve` gave) was applied.
+        """Take in an applied answer to `target`, an id that `resolve` returned. Returns its result, too.
 
-        changed: it taught words. outcome: the call's and the newest frame judged again, where they were.
-        go_at: when it was heard; a go of it then moves nothing before `go_kept`. None: it counts at once.
+        changed: it taught words. outcome: the call's frame and the newest frame, judged again; None where
+        neither was. go_at: when the answer was received. A go in it then has no effect before `go_kept`.
+        None: it counts at once.
         """
         if target == 0 or target != self.current_id:
             return Result.STALE, []
@@ -162,43 +169,46 @@ class OperatorCalls:
         return result, self._settle(now)
 
     def go_kept(self, at: float, now: float) -> list[Decision]:
-        """The go that was heard at `at` is kept: it counts from now on, where nothing took it back."""
+        """Let the go that was received at `at` count from now on, since it is stored in the journal.
+
+        A go that was revoked meanwhile does not count.
+        """
         self.holding.go_kept(at, self.reason_filter)
         return self._settle(now)
 
     @property
     def hold(self) -> Hold | None:
-        """Our hold, if the vehicle is held or to be held."""
+        """The hold that is commanded or stands, None without one."""
         return self.holding.hold
 
     @property
     def autopilot(self) -> Vehicle:
-        """The newest that the autopilot said."""
+        """The newest report of the autopilot."""
         return self.holding.vehicle
 
     @property
     def go_at(self) -> float | None:
-        """When the go was given that the hold waits to fulfil."""
+        """When the go was given that the hold waits to fulfil, None without one."""
         return self.holding.go_at
 
     @property
     def current_id(self) -> int:
-        """The id that is announced: the open call's, else the hold's, else 0."""
+        """The id in the announcement: the open call's, else the hold's, else 0."""
         if self.call is not None:
             return self.call.id
         return self.hold.id if self.hold is not None else 0
 
     @property
     def kind(self) -> Kind:
-        """What the current id names."""
+        """Whether the current id names a call or a hold."""
         return Kind.CALL if self.call is not None else Kind.HOLD
 
     def take_id(self) -> int:
-        """An id of the one counter for what is no call and no hold."""
+        """Take the next id of the counter, for something else than a call or a hold."""
         return self._next_id()
 
     def stage(self) -> Stage:
-        """Where the current call or hold stands; CLOSED when there is none."""
+        """Return the stage of the current call or hold, CLOSED without one."""
         if self.current_id == 0:
             return Stage.CLOSED
         answered = self.call is not None and self.call.answered
@@ -215,17 +225,20 @@ class OperatorCalls:
         return Stage.ANSWERED if answered else Stage.OPEN
 
     def reasons(self, now: float) -> frozenset[Reason]:
-        """What is told to be wrong now. A silent autopilot is only told: nothing is commanded over it."""
+        """Return the reasons to report now.
+
+        A silent autopilot is a fault that is only reported: no mode can be commanded then.
+        """
         return self.reason_filter.reasons(now) | (
             {Reason.FAULT} if self.autopilot_silent(now) else frozenset()
         )
 
     def autopilot_silent(self, now: float) -> bool:
-        """Whether the rover is to be held, and its autopilot, heard once, is silent."""
+        """Whether the policy is hold and the autopilot's heartbeats, which came before, have stopped."""
         return self.policy is Policy.HOLD and self.holding.silent(now)
 
     def state(self, now: float) -> State:
-        """The one word of the heartbeat: what a human should know first."""
+        """Return the state for the heartbeat: what a human should know first."""
         if self.policy is Policy.OFF:
             return State.OFF
         reasons = self.reasons(now)
@@ -252,7 +265,7 @@ class OperatorCalls:
             return handed_over
         decisions = handed_over + self._settle_call(reasons, now)
         if self.policy is Policy.SHADOW:
-            decisions += self._look_in_the_shadow(reasons, now)
+            decisions += self._update_shadow(reasons, now)
         if self.policy is Policy.HOLD and reasons and self.hold is None and self.holding.drives_itself(now):
             number = self.call.id if self.call is not None else self._next_id()
             decisions.append(self.holding.start(number, reasons, now))
@@ -261,6 +274,7 @@ class OperatorCalls:
     def _settle_call(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
         decisions: list[Decision] = []
         asking = reasons & CALLS_FOR_WORDS
+        # With a hold, an answered call stays open until the go is fulfilled; new reasons need a new call.
         if self.call is not None and self.call.answered and (asking or self.hold is None):
             decisions.append(self._close(self.call.answered_outcome))
         if self.call is None and asking and self.reason_filter.newest is not None:
@@ -277,8 +291,11 @@ class OperatorCalls:
             decisions.append(self._close(Outcome.PASSED))
         return decisions
 
-    def _look_in_the_shadow(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
-        """Without any autopilot it is watched as if one drove: so pictures of a drive can be judged."""
+    def _update_shadow(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
+        """Update the would-be hold.
+
+        Without any autopilot it watches as if one drove, so that recorded pictures can be judged.
+        """
         drives = self.holding.drives_itself(now)
         return self.shadow.look(
             reasons,
@@ -289,7 +306,7 @@ class OperatorCalls:
         )
 
     def _end_hold(self, event: HoldEvent, now: float) -> list[Decision]:
-        """A hold is over: resumed by us, or taken over by a human, whose judgement is accepted."""
+        """End the hold after a resume or a take-over. What a human drives past on their own is accepted."""
         hold, call = self.holding.end(), self.call
         assert hold is not None
         decisions: list[Decision] = [HoldMoved(hold, event)]
@@ -307,6 +324,7 @@ class OperatorCalls:
         self.call.add(seen)
         decisions: list[Decision] = [CallOpened(self.call)]
         if self.hold is not None:
+            # A go for the hold alone did not know of this call: it must be given again.
             decisions.append(HoldRenamed(self.hold.id, self.hold))
             self.hold.id, self.holding.go_at = self.call.id, None
         return decisions
@@ -318,5 +336,6 @@ class OperatorCalls:
         return CallClosed(call)
 
     def _next_id(self) -> int:
+        # 16 bits on the wire; 0 means the current call or hold, so it is no id.
         self.last_id = self.last_id % 0xFFFF + 1
         return self.last_id

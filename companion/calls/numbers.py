@@ -1,4 +1,4 @@
-"""The numbers of the operator-call state machine: one table."""
+"""Defines the numbers of the operator-call state machine, with their defaults."""
 
 from __future__ import annotations
 
@@ -10,49 +10,58 @@ from companion.wire.ids import Policy
 
 @dataclass(frozen=True)
 class Numbers:
-    """Counts are frames, times seconds, distances metres, `accepted_rise` uncertainty in [0, 1]."""
+    """The state machine's numbers.
+
+    Counts are frames, times are seconds, distances are metres. `accepted_rise` is an uncertainty in [0, 1].
+    """
 
     policy: Policy = Policy.REPORT
     judging: Settings = field(default_factory=Settings)
 
     votes: int = 2
-    """A reason counts after this many bad frames ..."""
+    """A reason starts after this many bad frames of the last `window`, and ends after as many clear ones."""
     window: int = 3
-    """... of the last this many, and ends after as many clear ones."""
+    """Frames that `votes` is counted over."""
     ok_frames: int = 5
-    """OK frames in a row before anything resumes, and before an accepted thing counts as gone."""
+    """OK frames in a row before a hold resumes, and clear frames before an accepted thing counts as gone."""
     passed_after: float = 5.0
-    """In report policy a call whose reasons are gone this long is closed as passed."""
+    """A call without a hold is closed as passed when its reasons have been gone for this long."""
     accepted_for: float = 20.0
-    """An acceptance ends after this time ..."""
+    """An acceptance ends after this time."""
     accepted_distance: float = 10.0
-    """... or this distance, where it is known."""
+    """An acceptance ends after this distance, where the position is known."""
     accepted_rise: float = 0.1
-    """A mean uncertainty this far above the accepted one calls again."""
+    """A mean uncertainty of the ROI this far above the accepted one opens a new call."""
     go_lasts: float = 60.0
-    """A go may be given at most this long before the last frame that was not OK."""
+    """A go expires when a frame that is not OK comes later than this after it."""
     announce_guard: float = 2.0
-    """An answer to "the current one" counts only if that was announced at least this long ago."""
+    """An answer to "the current one" (id 0) counts only if that was announced at least this long ago.
+
+    An earlier answer was probably meant for the one before.
+    """
     mode_retry: float = 1.0
-    """A mode change that the autopilot does not show is commanded again after this time ..."""
+    """A mode that the autopilot does not show is commanded again after this time."""
     mode_tries: int = 3
-    """... this many times; then ALERT ..."""
+    """After this many commands without success the operator gets a text of severity ALERT."""
     mode_retry_failed: float = 5.0
-    """... and at this interval for as long as it is needed."""
+    """From then on the mode is commanded at this interval."""
     mode_settles: float = 3.0
-    """The way back, called back by us, may show for this long without a human's doing."""
+    """For so long after a resume was cancelled, the mode before the hold is not taken for a human's command.
+
+    The autopilot may show it because it executes our earlier command late.
+    """
     vehicle_silence: float = 5.0
-    """A mode last heard this long ago is not known any more: nothing is commanded over it."""
+    """A mode that was reported longer ago than this is unknown, and nothing is commanded."""
     heartbeat_lost: float = 3.0
-    """Under hold an autopilot that was heard and is silent for this long is a fault ..."""
+    """Under the hold policy it is a fault when an autopilot's heartbeats stop for this long."""
     heartbeat_back: float = 2.0
-    """... until it has been heard for this long."""
+    """That fault ends when heartbeats have come again for this long."""
     fault_ends_hold: bool = False
-    """Whether the hold of a fault may end by itself."""
+    """Whether a hold that only a fault caused may end without a go."""
     px4_hold: str = "loiter"
     """How a PX4 rover is held: a name of `PX4_HOLDS`."""
 
     @property
     def freshness(self) -> float:
-        """T: without an OK frame for this long the vehicle is held."""
+        """The freshness limit T, seconds: without an OK frame for this long the vehicle is held."""
         return self.judging.freshness

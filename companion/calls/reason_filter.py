@@ -1,4 +1,4 @@
-"""The reasons of the frames, debounced; accepted ones are left out. Pure: time is an input."""
+"""Debounces the reasons of the frames, and leaves out accepted ones. Pure: time is an input."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from companion.calls.numbers import Numbers
 
 
 class Debounce:
-    """Active after `needed` bad frames of the last `window`; ends after as many clear ones."""
+    """Debounces one reason.
+
+    It starts after `needed` bad frames of the last `window`, and ends after as many clear ones.
+    """
 
     def __init__(self, needed: int, window: int) -> None:
         self._needed = needed
@@ -20,7 +23,7 @@ class Debounce:
         self.active = False
 
     def add(self, *, bad: bool, clear: bool) -> None:
-        """One more frame; between bad and clear it votes for neither."""
+        """Add a frame. One that is neither bad nor clear counts for neither."""
         self._frames.append((bad, clear))
         if sum(bad for bad, _ in self._frames) >= self._needed:
             self.active = True
@@ -28,28 +31,30 @@ class Debounce:
             self.active = False
 
     def amend(self, *, bad: bool, clear: bool) -> None:
-        """The newest frame votes anew, not twice."""
+        """Replace the newest frame, which was judged again."""
         if self._frames:
             self._frames.pop()
         self.add(bad=bad, clear=clear)
 
     def reset(self) -> None:
-        """Inactive, with nothing remembered."""
+        """Forget all frames, and become inactive."""
         self._frames.clear()
         self.active = False
 
 
 CALLS_FOR_WORDS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
-_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
+_REASONS_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 
 
 class ReasonFilter:
-    """Fails closed: no fresh frame is a fault, and no OK frame within T is a reason of its own.
+    """Decides which reasons count now. It fails closed.
 
-    A frame's age counts from its capture: one that waited anywhere for longer than T is not OK, and ends no
-    reason.
+    Without a fresh frame there is a fault. Without an OK frame within T there is a reason even before the
+    debouncing of one is over. A frame's age counts from its capture: a frame that is older than T is not OK
+    and ends no reason.
 
-    ok_run: OK frames in a row. bad_at: when it was last not OK, be it by a frame or by the lack of one.
+    acceptance: what the operator accepted, None without one. ok_run: OK frames in a row.
+    bad_at: when it was last not OK, because of a frame or because none came.
     """
 
     def __init__(self, numbers: Numbers, now: float) -> None:
@@ -58,52 +63,55 @@ class ReasonFilter:
         self.acceptance: Acceptance | None = None
         self.ok_run = 0
         self.was_ok = False
-        """Whether any frame was: before that nothing can be said to be OK, though no reason counts yet."""
+        """Whether any frame was OK yet. Before that the state is not OK, although no reason counts yet."""
         self.bad_at = now
         self._ok_at = self._seen_at = now
-        """Capture of the newest frame that was OK, and of the newest of all."""
+        """Capture times of the newest OK frame, and of the newest frame."""
         self._ok = False
-        self._votes = {reason: Debounce(numbers.votes, numbers.window) for reason in Reason}
-        self._open: frozenset[Reason] = frozenset()
-        """The newest frame's reasons that nobody accepted."""
+        self._debounced = {reason: Debounce(numbers.votes, numbers.window) for reason in Reason}
+        self._not_accepted: frozenset[Reason] = frozenset()
+        """The newest frame's reasons that are not accepted."""
 
     def take(self, seen: Assessment, now: float, travelled: float | None, *, settled: bool = True) -> None:
-        """A new frame was judged. travelled: metres driven, None where not known. settled: it may add to
-        `ok_run`."""
+        """Take in a new judged frame.
+
+        travelled: metres driven, None where not known. settled: whether an OK frame may add to `ok_run`.
+        """
         self.pass_time(now)
         self._seen_at = max(self._seen_at, _captured(seen, now))
-        self._weigh(seen, now)
+        self._take_newest(seen, now)
         acceptance = self.acceptance
         if acceptance is not None:
-            if (seen.reasons - self._open) & _OF_THINGS:
+            if (seen.reasons - self._not_accepted) & _REASONS_OF_THINGS:
                 acceptance.follow(seen, self.numbers)
             if acceptance.ended(seen, self.numbers, now, travelled):
                 self.acceptance = None
-        for reason, votes in self._votes.items():
-            bad, clear = self._vote(reason, seen, now)
-            votes.add(bad=bad, clear=clear)
+        for reason, debounce in self._debounced.items():
+            bad, clear = self._judgement(reason, seen, now)
+            debounce.add(bad=bad, clear=clear)
         if self._ok:
             self.ok_run += settled
 
     def judge_again(self, seen: Assessment, now: float) -> None:
-        """The newest frame was judged again: what it says counts instead of what it said, not in addition."""
-        self._weigh(seen, now)
-        for reason, votes in self._votes.items():
-            bad, clear = self._vote(reason, seen, now)
-            votes.amend(bad=bad, clear=clear)
+        """Take in the newest frame, judged again. It replaces its earlier judgement."""
+        self._take_newest(seen, now)
+        for reason, debounce in self._debounced.items():
+            bad, clear = self._judgement(reason, seen, now)
+            debounce.amend(bad=bad, clear=clear)
 
     def pass_time(self, now: float) -> None:
-        """Without frames nothing is OK."""
+        """End the run of OK frames where no fresh frame has come."""
         if not self.fresh(now):
             self.bad_at, self.ok_run = now, 0
 
     def reasons(self, now: float) -> frozenset[Reason]:
-        """The reasons that count now."""
-        active = {reason for reason, votes in self._votes.items() if votes.active}
+        """Return the reasons that count now."""
+        active = {reason for reason, debounce in self._debounced.items() if debounce.active}
         if not self.fresh(now):
             active.add(Reason.FAULT)
         if not active and now - self._ok_at > self.numbers.freshness:
-            active |= self._open or {Reason.FAULT}
+            # Frames come, but none is OK: what the newest one shows counts now, debounced or not.
+            active |= self._not_accepted or {Reason.FAULT}
         return frozenset(active)
 
     def fresh(self, now: float) -> bool:
@@ -111,22 +119,22 @@ class ReasonFilter:
         return now - self._seen_at <= self.numbers.freshness
 
     def look_again(self) -> None:
-        """Only what is seen from now on counts; a fault stays one until frames show otherwise."""
+        """Reset all reasons but the fault, which only clear frames end."""
         for reason in Reason:
             if reason is not Reason.FAULT:
-                self._votes[reason].reset()
+                self._debounced[reason].reset()
 
     def look_afresh(self, now: float) -> None:
-        """What was seen before an answer says nothing about what it changed: votes and T start anew."""
+        """Restart the debouncing of calls, and T, after an answer: it changed what earlier frames say."""
         for reason in CALLS_FOR_WORDS:
-            self._votes[reason].reset()
-        self._open = frozenset()
+            self._debounced[reason].reset()
+        self._not_accepted = frozenset()
         self._ok_at = now
 
     def accept(
         self, reasons: Iterable[Reason], scope: Acceptance | None, now: float, travelled: float | None
     ) -> None:
-        """Accept `reasons` within `scope`, or without one within what the newest frame shows."""
+        """Accept `reasons` within the limits of `scope`. None: as far as the newest frame shows them."""
         reasons = frozenset(reasons)
         if not reasons:
             return
@@ -136,12 +144,12 @@ class ReasonFilter:
             scope = Acceptance.of(self.newest, reasons, self.numbers, now, travelled)
         self.acceptance = scope
         for reason in reasons:
-            self._votes[reason].reset()
+            self._debounced[reason].reset()
 
-    def _weigh(self, seen: Assessment, now: float) -> None:
+    def _take_newest(self, seen: Assessment, now: float) -> None:
         covered = self.acceptance.covers(seen, self.numbers) if self.acceptance is not None else frozenset()
-        self.newest, self._open = seen, seen.reasons - covered
-        self._ok = bool(seen.findings) and not self._open and not self._is_old(seen, now)
+        self.newest, self._not_accepted = seen, seen.reasons - covered
+        self._ok = bool(seen.findings) and not self._not_accepted and not self._is_old(seen, now)
         self.was_ok = self.was_ok or self._ok
         if self._ok:
             self._ok_at = max(self._ok_at, _captured(seen, now))
@@ -151,9 +159,12 @@ class ReasonFilter:
     def _is_old(self, seen: Assessment, now: float) -> bool:
         return now - seen.frame.captured_at > self.numbers.freshness
 
-    def _vote(self, reason: Reason, seen: Assessment, now: float) -> tuple[bool, bool]:
-        """Bad, clear or neither. A remembered scene that may still be adopted is not voted against."""
-        if reason in self._open:
+    def _judgement(self, reason: Reason, seen: Assessment, now: float) -> tuple[bool, bool]:
+        """Return whether the frame is bad, and whether it is clear, for `reason`.
+
+        A changed scene that matches a remembered one is neither, while the match waits to be adopted.
+        """
+        if reason in self._not_accepted:
             waiting = reason is Reason.UNKNOWN_SCENE and seen.match is not None and seen.adopted is None
             return not waiting, False
         clear = reason in seen.reasons or seen.is_clear(reason)
@@ -161,5 +172,8 @@ class ReasonFilter:
 
 
 def _captured(seen: Assessment, now: float) -> float:
-    """One in the future is a fault of its frame, and makes nothing after it fresh."""
+    """Return the frame's capture time, at most `now`.
+
+    A later one is a camera's error. It must not make the silence after it look fresh.
+    """
     return min(seen.frame.captured_at, now)

@@ -1,4 +1,4 @@
-"""What the hold policy would have held, had it been in force. Pure: time is an input."""
+"""Counts what the hold policy would have held, for the shadow policy. Pure: time is an input."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from anytraverse.assessment import Reason
 from companion.calls.decisions import Decision, WouldHold, WouldResume
 
 _LONGEST_STEP = 2.0
-"""Seconds between two looks that still count as watched: beyond it the daemon itself was stopped."""
+"""Seconds. A longer time between two updates is not counted as watched: the daemon itself stood still."""
 
 
 @dataclass
 class Shadow:
-    """One would-be hold at a time, as there is one hold at a time.
+    """Tracks would-be holds: at most one at a time, as there is at most one hold.
 
-    It begins when the hold policy would have held, and ends with as many OK frames in a row as a resume
-    needs, or with a human who takes over.
+    One begins when the hold policy would have held. It ends after as many OK frames in a row as a resume
+    needs, or when a human takes over.
 
-    count: would-be holds so far. watched: seconds in which one could have begun or stood.
-    open: reasons of the one that stands now, empty without one.
+    count: would-be holds so far. watched: seconds in which one could have begun or lasted.
+    open: reasons of the current one, empty without one. began_at: monotonic seconds.
     """
 
     count: int = 0
     watched: float = 0.0
     open: frozenset[Reason] = frozenset()
     began_at: float = 0.0
-    _looked_at: float = math.inf
+    _updated_at: float = math.inf
 
     def look(
         self, reasons: frozenset[Reason], now: float, *, watching: bool, taken: bool, clear: bool
     ) -> list[Decision]:
-        """What is decided now.
+        """Update the current would-be hold, and return the decisions.
 
         watching: a hold could begin. taken: a human drives. clear: N frames in a row were OK.
         """
-        if watching and 0 < now - self._looked_at <= _LONGEST_STEP:
-            self.watched += now - self._looked_at
-        self._looked_at = now if watching else math.inf
+        if watching and 0 < now - self._updated_at <= _LONGEST_STEP:
+            self.watched += now - self._updated_at
+        self._updated_at = now if watching else math.inf
         if self.open:
             over = taken or (not reasons and clear)
             return [*self._end(now, by_hand=taken)] if over else []
@@ -49,12 +49,12 @@ class Shadow:
         return [WouldHold(reasons, self.count)]
 
     def begin_anew(self) -> None:
-        """Forget what was counted; what would be held now is counted as the first."""
+        """Reset the counts. A would-be hold that lasts now is counted again, as the first."""
         self.count, self.watched, self.open = 0, 0.0, frozenset()
 
     def leave(self, now: float) -> list[WouldResume]:
-        """Another policy: nothing is watched any more."""
-        self._looked_at = math.inf
+        """Stop watching, since another policy is in force. The current would-be hold ends."""
+        self._updated_at = math.inf
         return self._end(now, by_hand=True) if self.open else []
 
     def _end(self, now: float, *, by_hand: bool) -> list[WouldResume]:

@@ -1,7 +1,7 @@
-"""The state machine's share of the journal: what a restarted daemon must know of its open call and its hold.
+"""Saves the open call and the hold for the journal, and restores them after a restart.
 
-Times do not survive: a monotonic clock starts anew. Neither do a go and an acceptance: after a restart they
-must be given again.
+Times are not saved, since a monotonic clock starts anew with each boot. A go and an acceptance are not saved
+either: after a restart the operator must give them again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _U32 = 0xFFFFFFFF
 
 
 def snapshot(calls: OperatorCalls) -> dict[str, Any]:
-    """The state as JSON values."""
+    """Return the state as JSON values."""
     call, hold = calls.call, calls.hold
     return {
         "last_id": calls.last_id,
@@ -34,6 +34,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "frame_id": call.frame_id,
             "reasons": sorted(reason.value for reason in call.reasons),
             "tried": call.tried,
+            # An acceptance is not saved, so a call that was answered by one is open again.
             "answered": call.answered and not call.accepted,
             "learnt": call.learnt,
             "quiet": call.quiet,
@@ -51,9 +52,9 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
 
 
 def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
-    """Take up where `saved` ended; the hold only under the hold policy.
+    """Restore what `snapshot` saved. The hold is restored only under the hold policy.
 
-    Raises KeyError, TypeError or ValueError for anything else; then nothing has changed.
+    Raises KeyError, TypeError or ValueError where `saved` is something else; `calls` is then unchanged.
     """
     if not isinstance(saved, Mapping):
         raise TypeError("the saved calls are not a mapping")
@@ -96,6 +97,7 @@ def _hold(saved: Any, now: float) -> Hold:
         mode=_whole(saved["mode"], _U32),
         mode_before=_whole(saved["mode_before"], _U32),
         started_at=now,
+        # The go is gone: what was on its way back holds again until there is a new one.
         stage=HoldStage.STANDING if stage is HoldStage.RESUMING else stage,
         only_fault=_flag(saved["only_fault"]),
     )

@@ -1,4 +1,4 @@
-"""A trail in virtual time: what stands on it is painted, what the rover does is scripted."""
+"""Simulates a trail, a rover and its autopilot in virtual time, for the state machine's tests."""
 
 from __future__ import annotations
 
@@ -33,24 +33,25 @@ PX4_RTL = 0x05040000
 AHEAD = Box(0.40, 0.68, 0.52, 0.80)
 """A small thing in the ROI."""
 BESIDE = Box(0.58, 0.72, 0.66, 0.86)
-"""Another one, away from it."""
+"""Another small thing in the ROI, away from `AHEAD`."""
 SLIVER = Box(0.4, 0.68, 0.4 + 2 / 60, 0.90)
-"""A thing so narrow that half of it leaves a way beside it."""
+"""A thing so narrow that half of its width leaves a corridor beside it."""
 ASIDE = Box(0.6, 0.68, 0.6 + 2 / 60, 0.90)
-"""Such a thing away from it."""
+"""Another narrow thing, away from `SLIVER`."""
 ACROSS = Box(0.30, 0.70, 0.70, 0.85)
-"""Right across the way."""
+"""A thing across the whole way."""
 GNOME = "gnome"
-"""The word that was tapped, where a scene has it."""
+"""The word that was taught by a tap, in scenes that use it."""
 DecisionKind = TypeVar("DecisionKind", bound=Decision)
 
 
 @dataclass(frozen=True)
 class Thing:
-    """Something on the trail, and the word that it would be known by. unsure: how uncertain while unknown.
+    """A thing on the trail.
 
-    mistaken: share of its width, from the left, in which the tapped `GNOME` is found. blur: attention of
-    that word all over it.
+    name: the word that explains it. unsure: its uncertainty while that word is not in use.
+    mistaken: share of its width, from the left, in which the word `GNOME` has attention 1. blur: attention of
+    that word in the rest of it.
     """
 
     box: Box
@@ -62,9 +63,11 @@ class Thing:
 
 @dataclass(frozen=True)
 class View:
-    """What a frame shows. turned: degrees between this place and where the words were learnt.
+    """What a frame shows.
 
-    haze: uncertainty of everything. broken: the maps are not finite. pending: a remembered scene may fit.
+    turned: the embedding's angle in degrees; far from the reference's angle the scene has changed. haze:
+    uncertainty of the trail. broken: the maps are NaN. pending: a remembered scene matches, and waits to be
+    adopted.
     """
 
     things: tuple[Thing, ...] = ()
@@ -82,7 +85,7 @@ class View:
         age: float,
         reference: float,
     ) -> Assessment:
-        """This view as the engine would judge it with `words`."""
+        """Return the assessment that the engine would make of this view with `words`."""
         names = list(words)
         attention = np.zeros((len(names), HEIGHT, WIDTH), dtype=np.float32)
         attention[names.index("trail")] = 1.0 - self.haze
@@ -122,16 +125,17 @@ class View:
 CLEAR = View()
 DRUM = View((Thing(AHEAD),))
 LOG = View((Thing(ACROSS, "log"),))
-"""Known as not drivable from the start: the way is blocked."""
+"""A log across the way, which is known as not drivable from the start: blocked."""
 BROKEN = View(broken=True)
 ELSEWHERE = View(turned=60.0)
 
 
 @dataclass
 class Autopilot:
-    """Obeys a mode command after `delay`, unless deaf. Beats at once on a change, else once a second.
+    """An autopilot that obeys a mode command after `delay`, unless `deaf`.
 
-    A mode that needs setpoints is refused before half a second of them, and falls to RTL half a second after.
+    It sends a heartbeat at once on a change, else once a second. It refuses a mode that needs setpoints until
+    it had them for half a second, and changes to RTL half a second after they end.
     """
 
     mode: int = AUTO
@@ -148,7 +152,7 @@ class Autopilot:
     streamed_at: float = -1.0
 
     def obey(self, now: float) -> None:
-        """Take the modes whose time has come, in order."""
+        """Change to the commanded modes whose time has come, in order."""
         streamed = self.kind.streamed if self.kind is not None else frozenset()
         while self.commands and self.commands[0][0] <= now:
             mode = self.commands.pop(0)[1]
@@ -158,7 +162,7 @@ class Autopilot:
             self.mode = PX4_RTL
 
     def feed(self, now: float, *, on: bool) -> None:
-        """Setpoints come, or do not."""
+        """Receive setpoints, or miss them."""
         if on:
             self.streamed_at = now
             self.streamed_since = self.streamed_since or now
@@ -174,7 +178,7 @@ class Autopilot:
 
 
 class Scene:
-    """A rover on the trail; `run` lets time pass, and `log` keeps what was decided when."""
+    """A rover on the trail. `run` lets time pass; `log` records each decision with its time."""
 
     def __init__(
         self,
@@ -206,7 +210,7 @@ class Scene:
         self.log: list[tuple[float, Decision]] = []
 
     def run(self, seconds: float, *views: View) -> list[Decision]:
-        """Let time pass; the views take turns frame by frame, the last `view` goes on when none is given."""
+        """Let time pass, and return the decisions. Frames show `views` in turn, or the last view."""
         before, end = len(self.log), self.now + seconds
         turn = 0
         while self.now < end - 1e-9:
@@ -225,7 +229,7 @@ class Scene:
         return [decision for _, decision in self.log[before:]]
 
     def show(self, *views: View) -> list[Decision]:
-        """Frames, one a period, without anything in between."""
+        """Judge one frame for each view, a period apart, without ticks or heartbeats in between."""
         decisions: list[Decision] = []
         for view in views:
             self.now = round(self.now + (PERIOD if len(views) > 1 else 0.0), 6)
@@ -236,26 +240,26 @@ class Scene:
         return decisions
 
     def judged(self, number: int) -> Assessment:
-        """A frame judged with the words in force."""
+        """Return a frame's assessment with the words in force."""
         return self.frames[number].assessed(
             number, self.words, self.numbers.judging, self.now, self.latency, self.reference
         )
 
     def hear(self) -> None:
-        """The autopilot's heartbeat."""
+        """Receive the autopilot's heartbeat."""
         pilot = self.autopilot
         self.keep(
             self.calls.vehicle(pilot.mode, pilot.armed, self.now, pilot.travelled, autopilot=pilot.kind)
         )
 
     def human(self, mode: int, *, armed: bool = True) -> None:
-        """A human sets the mode, and the heartbeat tells it at once."""
+        """Set the mode as a human would. The heartbeat reports it at once."""
         self.autopilot.commands.clear()
         self.autopilot.mode, self.autopilot.armed = mode, armed
         self.run(STEP)
 
     def keep(self, decisions: list[Decision]) -> list[Decision]:
-        """Log them, and carry out the modes."""
+        """Log the decisions, and send the modes to the autopilot."""
         for decision in decisions:
             self.log.append((self.now, decision))
             if isinstance(decision, SetMode) and not self.autopilot.deaf:
@@ -268,7 +272,7 @@ class Scene:
         words: Mapping[str, float] | None = None,
         target: int | None = None,
     ) -> Result:
-        """An operator's answer, by default to what is open, applied as the engine would."""
+        """Give an operator's answer, by default to what is open, and apply it as the engine would."""
         call = self.calls.call
         self.words.update(words or {})
         teaches = bool(words) or motion is Motion.GO
@@ -286,15 +290,15 @@ class Scene:
         return result
 
     def go(self, words: Mapping[str, float] | None = None) -> Result:
-        """ "go", with or without words."""
+        """Answer "go", with or without words."""
         return self.answer(Motion.GO, words)
 
     def policy(self, policy: Policy) -> list[Decision]:
-        """Another policy."""
+        """Set the policy."""
         return self.keep(self.calls.set_policy(policy, self.now))
 
     def restarted(self) -> Scene:
-        """The same trail and rover with a new daemon that remembers what the journal kept."""
+        """Restart the daemon: a new state machine, restored from the snapshot of the old one."""
         kept = snapshot(self.calls)
         self.calls = OperatorCalls(replace(self.numbers, policy=self.calls.policy), self.now)
         restore(self.calls, kept, self.now)
@@ -302,27 +306,27 @@ class Scene:
         return self
 
     def all(self, kind: type[DecisionKind]) -> list[DecisionKind]:
-        """Everything of one kind that was decided so far."""
+        """Return all decisions of one kind so far."""
         return [decision for _, decision in self.log if isinstance(decision, kind)]
 
     def modes(self) -> list[int]:
-        """Modes commanded so far."""
+        """Return the modes commanded so far."""
         return [decision.mode for decision in self.all(SetMode)]
 
     def events(self) -> list[HoldEvent]:
-        """What happened to holds so far."""
+        """Return the events of holds so far."""
         return [moved.event for moved in self.all(HoldMoved)]
 
     def opened(self) -> list[int]:
-        """Ids of the calls opened so far."""
+        """Return the ids of the calls opened so far."""
         return [decision.call.id for decision in self.all(CallOpened)]
 
     def closed(self) -> list[tuple[int, Outcome]]:
-        """Calls closed so far, and how."""
+        """Return the calls closed so far, with their outcomes."""
         return [(decision.call.id, decision.call.outcome) for decision in self.all(CallClosed)]
 
     def held(self) -> list[frozenset[Reason]]:
-        """Why holds were started so far."""
+        """Return the reasons of the holds started so far."""
         return [decision.reasons for decision in self.all(HoldStarted)]
 
     @property
@@ -333,6 +337,6 @@ class Scene:
 
     @property
     def hold(self) -> Hold:
-        """The hold."""
+        """The hold that stands or is commanded."""
         assert self.calls.hold is not None
         return self.calls.hold

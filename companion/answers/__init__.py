@@ -1,1 +1,1 @@
-"""Operators' answers, from hearing one to its acknowledgement."""
+"""Handles operators' answers, from their arrival to their acknowledgement."""

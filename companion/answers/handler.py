@@ -1,4 +1,4 @@
-"""What is heard from operators, and what they are answered."""
+"""Handles operators' answers, and makes their acknowledgements."""
 
 from __future__ import annotations
 
@@ -34,14 +34,15 @@ _VISION_BUSY = "vision is busy: send it again"
 _NO_PICTURE = "no picture to tap in: say the word alone"
 _UNREMEMBERED = "not remembered (disk?): "
 _FRAME_PATIENCE = 10.0
-"""Seconds to wait after a restart for the call's frame to be judged; then answers do without it."""
+"""Seconds after a restart in which answers get BUSY until the call's frame is judged again."""
 
 
 @dataclass(frozen=True)
 class Reply:
-    """An acknowledgement. changed: something was, so that it leaves once everything that it says is on disk.
+    """An acknowledgement to send.
 
-    go: when the go was given that it tells of, monotonic seconds; None where it tells of none.
+    changed: the answer changed something, so that the acknowledgement is sent only once that is on disk.
+    go: when the go that it confirms was received, monotonic seconds; None where it confirms none.
     """
 
     request: AnswerRequest
@@ -52,7 +53,7 @@ class Reply:
 
 @dataclass
 class Handled:
-    """What came of something heard: decisions to carry out first, then replies."""
+    """The result of a message: decisions to execute first, then replies to send."""
 
     decisions: list[Decision] = field(default_factory=list)
     replies: list[Reply] = field(default_factory=list)
@@ -61,8 +62,12 @@ class Handled:
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """What an `Applied` belongs to. target: the id that the answer was resolved to, 0 for words alone."""
+class _PendingAnswer:
+    """An answer that waits for the vision process.
+
+    target: the id that the answer was resolved to, 0 for words alone. changed: it teaches words. number: its
+    running number. at: when it was received, monotonic seconds.
+    """
 
     request: AnswerRequest
     target: int
@@ -72,7 +77,10 @@ class _Asked:
 
 
 def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
-    """The same when the journal could not be written: it may have been applied, but a restart forgets it."""
+    """Return the acknowledgement to send where the journal could not be written.
+
+    An answer that was applied is acknowledged as applied and not remembered: a restart forgets it.
+    """
     if acknowledgement.result not in (Result.APPLIED, Result.NOT_COVERED):
         return acknowledgement
     text = _UNREMEMBERED + acknowledgement.text
@@ -80,7 +88,7 @@ def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
 
 
 def changes_of(operations: Iterable[Operation]) -> Changes:
-    """The wire's operations as changes. Raises AnyTraverseError for a box that is none."""
+    """Convert the operations of a payload to changes. Raises AnyTraverseError for an invalid box."""
     weights: dict[str, float] = {}
     taps: list[Tap] = []
     words: list[str] = []
@@ -102,10 +110,10 @@ def changes_of(operations: Iterable[Operation]) -> Changes:
 
 
 class AnswerHandler:
-    """Answers go to the vision process, which applies them in order; what came of it goes back to who asked.
+    """Passes answers to the vision process, which applies them in order, and replies to their senders.
 
-    Only "stay" overtakes: it counts at once, whatever becomes of words that come with it, and takes the
-    motion from what still waits for it. A go counts from when its answer is kept.
+    Only "stay" does not wait. It counts at once, whatever becomes of the words that come with it, and cancels
+    the motion of all answers that still wait. A go counts once its answer is stored in the journal.
     """
 
     def __init__(
@@ -114,28 +122,29 @@ class AnswerHandler:
         self._calls = calls
         self._vision = vision
         self.words = words
-        """The words in force, as far as the vision process has told."""
-        self._asked = self._applied = self._overruled = 0
+        """The words in force, as the vision process reported them last."""
+        self._last_sent = self._last_applied = self._last_cancelled = 0
         self._replies = replies
 
     def hear(self, request: AnswerRequest, now: float) -> Handled:
-        """An operator's answer."""
-        kept = self._replies.before_restart(request)
-        if kept is not None:
-            return self._again(request, kept)
+        """Handle an operator's answer."""
+        stored = self._replies.before_restart(request)
+        if stored is not None:
+            return self._repeat(request, stored)
         target = self._calls.resolve(request.target, now)
+        # Words need no open call or hold; any other answer to nothing is stale.
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
             return self._stale(request)
         decisions: list[Decision] = []
         if request.motion is Motion.STAY:
-            self._overruled = self._asked
-            if (
-                request.operations and target
-            ):  # what it teaches may wait for vision, what it takes back may not
+            # Answers up to this one keep their words, and lose their motion.
+            self._last_cancelled = self._last_sent
+            # The words may wait for the vision process; the stay must not.
+            if request.operations and target:
                 _, decisions = self._calls.answered(target, Motion.STAY, False, None, now)  # noqa: FBT003
-        heard = self._apply(request, target, now)
-        heard.decisions[:0] = decisions
-        return heard
+        handled = self._apply(request, target, now)
+        handled.decisions[:0] = decisions
+        return handled
 
     def _apply(self, request: AnswerRequest, target: int | None, now: float) -> Handled:
         try:
@@ -148,82 +157,86 @@ class AnswerHandler:
             subject = self._calls.hold if target else None
             if subject is None or subject.seen is None:
                 return self._reply(request, target or 0, Result.REFUSED, _NO_PICTURE)
-        in_order = call is None and self._asked == self._applied
+        # A motion must not overtake an earlier answer that still waits for the vision process.
+        in_order = call is None and self._last_sent == self._last_applied
         if not changes and (in_order or request.motion is Motion.STAY):
-            return self._moved(request, target or 0, now)
-        return self._ask(request, target or 0, changes, subject, now)
+            return self._apply_motion(request, target or 0, now)
+        return self._send_to_vision(request, target or 0, changes, subject, now)
 
-    def _ask(
+    def _send_to_vision(
         self, request: AnswerRequest, target: int, changes: Changes, subject: Call | Hold | None, now: float
     ) -> Handled:
-        """Have the vision process apply an answer. subject: what it is about, None: words alone."""
+        """Send an answer to the vision process. subject: its call or hold, None for words alone."""
         call = subject if isinstance(subject, Call) else None
         observation = subject.seen.observation if subject is not None and subject.seen is not None else None
         if call is not None and observation is None and now - call.opened_at < _FRAME_PATIENCE:
             return self._reply(
                 request, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
-        asked = _Asked(request, target, bool(changes), self._asked + 1, now)
+        pending = _PendingAnswer(request, target, bool(changes), self._last_sent + 1, now)
         go = request.motion is Motion.GO
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
-        if not self._vision.answer(asked, changes, frame_id=frame_id, call_id=number, go=go, place=place):
+        if not self._vision.answer(pending, changes, frame_id=frame_id, call_id=number, go=go, place=place):
             return self._reply(request, target, Result.BUSY, _VISION_BUSY)
-        self._asked = asked.number
+        self._last_sent = pending.number
         return Handled()
 
     def set_words(self, request: SetRequest, operations: Iterable[Operation]) -> bool:
-        """Words and weights without a call. False when too many wait, or vision hangs."""
+        """Set words and weights without a call. False where too many requests wait, or vision hangs."""
         changes = replace(changes_of(operations), missing_ok=True)
         return self._vision.answer(request, changes)
 
     def applied(self, applied: Applied, now: float) -> Handled:
-        """The vision process has applied an answer, or refused it."""
+        """Handle the vision process's result for an answer: applied or refused."""
         self.words = applied.memory.preferences
         if isinstance(applied.token, SetRequest):
             return Handled(refused=str(applied.error or ""))
-        if not isinstance(applied.token, _Asked):
+        if not isinstance(applied.token, _PendingAnswer):
             return Handled()
-        asked = applied.token
-        self._applied = asked.number
+        pending = applied.token
+        self._last_applied = pending.number
         if isinstance(applied.error, VisionLostError):
-            return self._reply(asked.request, asked.target, Result.BUSY, str(applied.error))
+            return self._reply(pending.request, pending.target, Result.BUSY, str(applied.error))
         if applied.error is not None:
-            return self._reply(asked.request, asked.target, Result.REFUSED, str(applied.error))
+            return self._reply(pending.request, pending.target, Result.REFUSED, str(applied.error))
         outcome = applied.outcome
         result, decisions = Result.APPLIED, list[Decision]()
-        # Vision may have hung in between, and a go is for now.
-        go, overruled = asked.request.motion is Motion.GO, asked.number <= self._overruled
-        late = go and now - asked.at > self._calls.numbers.go_lasts
-        if asked.target:
-            motion = Motion.NONE if late or overruled else asked.request.motion
+        # The vision process may have hung meanwhile. A go is for now, so a late one does not count.
+        go, cancelled = pending.request.motion is Motion.GO, pending.number <= self._last_cancelled
+        late = go and now - pending.at > self._calls.numbers.go_lasts
+        if pending.target:
+            motion = Motion.NONE if late or cancelled else pending.request.motion
             result, decisions = self._calls.answered(
-                asked.target, motion, asked.changed, outcome, now, go_at=asked.at
+                pending.target, motion, pending.changed, outcome, now, go_at=pending.at
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
-        text = self._outcome_text(asked.target, result, decisions, call_frame, newest, applied.memory)
-        if (late or (go and overruled)) and self._calls.current_id == asked.target:
-            text = (texts.go_lapsed if late else texts.go_taken_back)(self._calls.kind, asked.target)
+        text = self._outcome_text(pending.target, result, decisions, call_frame, newest, applied.memory)
+        if (late or (go and cancelled)) and self._calls.current_id == pending.target:
+            text = (texts.go_lapsed if late else texts.go_taken_back)(self._calls.kind, pending.target)
         if outcome is not None and outcome.dropped:
             text = f"{text}; {notices.word_dropped(', '.join(outcome.dropped))}"
-        heard = self._reply(
-            asked.request,
-            asked.target,
+        handled = self._reply(
+            pending.request,
+            pending.target,
             result,
             text,
             decisions=decisions,
             call_frame=call_frame,
             newest=newest,
             changed=True,
-            go=self._go(asked.request, asked.at),
+            go=self._go(pending.request, pending.at),
         )
-        heard.decisions = decisions
-        return heard
+        handled.decisions = decisions
+        return handled
 
     def kept(self, reply: Reply, *, remembered: bool, now: float) -> Handled:
-        """What a reply says is on disk, or could not be put there: its go counts now, and it may leave."""
+        """Complete a reply once its changes are on disk, or could not be written. Its go counts from now on.
+
+        remembered: whether they are on disk.
+        """
         acknowledgement = reply.acknowledgement if remembered else unremembered(reply.acknowledgement)
         decisions: list[Decision] = []
         if reply.go is not None:
@@ -238,15 +251,18 @@ class AnswerHandler:
         return Handled(decisions, [Reply(reply.request, acknowledgement)])
 
     def _go(self, request: AnswerRequest, at: float) -> float | None:
-        """When the go was given that the hold waits to fulfil since this request."""
+        """Return `at` where the hold now waits to fulfil this request's go, None elsewhere."""
         return at if request.motion is Motion.GO and self._calls.go_at == at else None
 
-    def _again(self, request: AnswerRequest, kept: StoredReply) -> Handled:
-        """What was answered before the restart, which a go that was not fulfilled did not survive."""
+    def _repeat(self, request: AnswerRequest, stored: StoredReply) -> Handled:
+        """Repeat a reply from before the restart.
+
+        A go that was not fulfilled before the restart is void, and the reply says so.
+        """
         void = request.motion is Motion.GO and self._calls.go_at is None
-        void = void and 0 != kept.target == self._calls.current_id
-        text = texts.go_lapsed(self._calls.kind, kept.target) if void else kept.text
-        return self._reply(request, kept.target, kept.result, text)
+        void = void and 0 != stored.target == self._calls.current_id
+        text = texts.go_lapsed(self._calls.kind, stored.target) if void else stored.text
+        return self._reply(request, stored.target, stored.result, text)
 
     def _stale(self, request: AnswerRequest) -> Handled:
         current = self._calls.current_id
@@ -256,8 +272,8 @@ class AnswerHandler:
             text = texts.stale(request.target)
         return self._reply(request, request.target, Result.STALE, text)
 
-    def _moved(self, request: AnswerRequest, target: int, now: float) -> Handled:
-        """Motion alone, where no frame needs to be judged again."""
+    def _apply_motion(self, request: AnswerRequest, target: int, now: float) -> Handled:
+        """Apply an answer without words at once, since no frame needs to be judged again."""
         result, decisions = self._calls.answered(
             target,
             request.motion,
@@ -269,11 +285,11 @@ class AnswerHandler:
         newest = self._calls.reason_filter.newest
         text = self._outcome_text(target, result, decisions, None, newest, None)
         changed, go = result is not Result.STALE, self._go(request, now)
-        heard = self._reply(
+        handled = self._reply(
             request, target, result, text, decisions=decisions, newest=newest, changed=changed, go=go
         )
-        heard.decisions = decisions
-        return heard
+        handled.decisions = decisions
+        return handled
 
     def _reply(
         self,
@@ -314,7 +330,7 @@ class AnswerHandler:
         newest: Assessment | None,
         memory: Memory | None,
     ) -> str:
-        """What a person is told of an answer that was applied."""
+        """Return the text that tells a person what the applied answer led to."""
         if not target:
             return f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
         if result is Result.STALE:
@@ -341,7 +357,7 @@ class AnswerHandler:
         return texts.fit(f"{texts.name(kind, target)} noted: still {'open' if call else 'holding'}")
 
     def _too_late(self, target: int, memory: Memory | None) -> str:
-        """The id was closed while the answer was applied: what it taught is in force all the same."""
+        """Return the text for an id that closed before its answer was applied. Its words are in force."""
         if memory is None:
             return texts.stale(target)
         return f"{target} is closed; in use: {memory.preferences.format()}"

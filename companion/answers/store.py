@@ -1,4 +1,4 @@
-"""Replies that survive a restart: an answer that is asked again after one is applied once, not twice."""
+"""Stores replies over a restart, so that an answer that is sent again after it is not applied twice."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from companion.link.inbound import AnswerRequest
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Result
 
-_REPLIES = 16
-_DONE = {Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED}
+_CAPACITY = 16
+_CHANGED_SOMETHING = {Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED}
 
 
 @dataclass(frozen=True)
 class StoredReply:
-    """What was answered to a transaction that changed something. target: the id it was applied to, or 0."""
+    """The reply to a transaction that changed something. target: the id that it was applied to, or 0."""
 
     sender: tuple[int, int]
     transaction: int
@@ -25,29 +25,33 @@ class StoredReply:
     text: str
 
     def saved(self) -> list[Any]:
-        """As JSON values."""
+        """Return the reply as JSON values."""
         return [*self.sender, self.transaction, self.target, int(self.result), self.text]
 
 
 class AnswerStore:
-    """The newest replies that changed something, which survive a restart: 16 of them.
+    """Stores the newest 16 replies to answers that changed something.
 
-    An answer that is asked again after a restart is applied once, not twice.
+    An answer that is sent again after a restart gets its reply again, and is not applied twice.
     """
 
     def __init__(self, saved: Any) -> None:
-        """saved: what `saved` made before the restart; whatever else it is counts for nothing."""
+        """saved: what `saved` returned before the restart. Anything else in it is ignored."""
         rows = saved if isinstance(saved, list) else []
         self._before = {(one.sender, one.transaction): one for row in rows if (one := _read(row)) is not None}
-        self._replies = deque(self._before.values(), _REPLIES)
+        self._replies = deque(self._before.values(), _CAPACITY)
 
     def before_restart(self, request: AnswerRequest) -> StoredReply | None:
-        """What was answered to it before the restart. The link itself knows what was answered since."""
+        """Return the reply from before the restart, None without one. The link repeats later replies."""
         return self._before.get((request.sender, request.transaction or 0))
 
     def add(self, request: AnswerRequest, acknowledgement: Acknowledgement) -> None:
-        """Not what changed nothing, nor a command: without a transaction it is always a new wish."""
-        if request.transaction is not None and acknowledgement.result in _DONE:
+        """Store a reply.
+
+        A reply to what changed nothing is not stored, nor one to a command: without a transaction number each
+        command is a new request.
+        """
+        if request.transaction is not None and acknowledgement.result in _CHANGED_SOMETHING:
             self._replies.append(
                 StoredReply(
                     request.sender,
@@ -59,7 +63,7 @@ class AnswerStore:
             )
 
     def saved(self) -> list[list[Any]]:
-        """For the journal: JSON values."""
+        """Return all replies as JSON values for the journal."""
         return [reply.saved() for reply in self._replies]
 
 

@@ -1,1 +1,1 @@
-"""Whether the vehicle may be held: policy, off switch, stopping distance, shadow policy."""
+"""Decides whether the vehicle may be held: policy, off switch, stopping distance, shadow policy."""

@@ -1,4 +1,4 @@
-"""Why the policy hold is refused: for the log, for whoever asks for it, and for whoever configured it."""
+"""Decides whether the policy hold is allowed, and explains a refusal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ from companion.wire import notices
 
 @dataclass(frozen=True)
 class HoldRefusal:
-    """why: all of it, with remedies. short, reminder: STATUSTEXTs. reason: what these say, alone."""
+    """Why the policy hold is refused.
+
+    why: the whole explanation with remedies, for the log. short: a STATUSTEXT for whoever requests hold.
+    reminder: a STATUSTEXT to repeat. reason: the cause alone, as a part of other STATUSTEXTs.
+    """
 
     why: str
     short: str
@@ -25,37 +29,40 @@ class HoldRefusal:
 
 
 class UncheckedError(AnyTraverseError):
-    """Policy hold is configured, and nobody can say whether the vehicle stops in time."""
+    """The policy hold is configured, but it cannot be calculated whether the vehicle stops in time."""
 
 
 def require_checkable(config: Config) -> None:
-    """Raises UncheckedError where the policy is hold and the stopping distance cannot be reckoned."""
+    """Raise UncheckedError where the policy is hold and the stopping distance cannot be calculated."""
     stopping = judge(config)
     if config.call.policy == "hold" and isinstance(stopping, str) and not config.stopping.unchecked:
         raise UncheckedError(unchecked(stopping))
 
 
 def unchecked(missing: str) -> str:
-    """Why policy hold is refused, and what to do. missing: as `judge` says it."""
+    """Return why the policy hold is refused, and what to do. missing: the text that `judge` returned."""
     return (
-        f"policy hold is refused, since nobody can say whether the vehicle stops in time: {missing}. "
-        "Or drive without that knowledge: set [stopping] unchecked = true"
+        f"policy hold is refused, since it is not known whether the vehicle stops in time: {missing}. "
+        "Or allow hold without that check: set [stopping] unchecked = true"
     )
 
 
 Refuses = Callable[[Settings, float], HoldRefusal | None]
-"""Judges whether the vehicle may be held with these settings, and an autopilot with this overrun in m."""
+"""Decides whether the vehicle may be held, by the settings and the autopilot's overrun in metres."""
 
 
 class HoldGate:
-    """Whether a vehicle so configured may be held. pace: how fast its frames are judged."""
+    """Decides whether a vehicle with this configuration may be held. pace: how fast its frames are judged."""
 
     def __init__(self, config: Config, pace: Pace) -> None:
         self._config = config
         self._pace = pace
 
     def stopping(self, judging: Settings, overrun: float = 0.0) -> Stopping | str:
-        """Whether it stops before what it sees, with the settings now in force; or why nobody knows."""
+        """Judge whether the vehicle stops in time with these settings; a text where that is not possible.
+
+        overrun: metres, see `Autopilot`.
+        """
         bounds = judging.region.bounds
         roi = replace(
             self._config.roi,
@@ -69,7 +76,10 @@ class HoldGate:
         return judge(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
 
     def refuses(self, judging: Settings, overrun: float = 0.0) -> HoldRefusal | None:
-        """None where it may be held. What cannot be judged is refused, but where its owner wants that."""
+        """Return why the vehicle may not be held, None where it may.
+
+        What cannot be calculated is refused, unless [stopping] unchecked is set.
+        """
         stopping = self.stopping(judging, overrun)
         if isinstance(stopping, str) and self._config.stopping.unchecked:
             return hold_refusal(self._pace, None)
@@ -77,7 +87,10 @@ class HoldGate:
 
 
 def hold_refusal(pace: Pace, stopping: Stopping | str | None) -> HoldRefusal | None:
-    """None where the vehicle may be held. stopping: as judged, or why not; None: that is no matter."""
+    """Return why the vehicle may not be held, None where it may.
+
+    stopping: the result of `judge`; None: the stopping distance does not matter.
+    """
     if not pace.keeps:
         short, reminder = notices.hold_refused(pace.step), notices.only_reports(pace.step)
         return HoldRefusal(too_slow(pace), short, reminder, "perceiver too slow for HOLD")

@@ -1,4 +1,4 @@
-"""What may be done to the vehicle, and who says so: a parameter, a command or the remote control."""
+"""Changes the policy on request of a parameter, a command or the RC off switch."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ log = logging.getLogger(__name__)
 _WARNING, _ERROR = 4, 3
 
 WhenKept = Callable[[Callable[[bool, float], None]], None]
-"""Where to leave what is to be said once it is in the journal: see `Persistence.when_kept`."""
+"""Registers a callback for when this turn's changes are in the journal: see `Persistence.when_kept`."""
 
 
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
 
 
 class PolicyService:
-    """The one way to change the policy, so that off is the same whoever said it: logged and told with who."""
+    """The only way to change the policy. Each change is logged and reported with its sender."""
 
     def __init__(
         self,
@@ -42,13 +42,13 @@ class PolicyService:
         refuses: Refuses,
         wants_hold: bool,
     ) -> None:
-        """wants_hold: the config asks for hold, a refusal is repeated until somebody sets a policy."""
+        """wants_hold: hold is configured. A refusal is repeated until an operator sets a policy."""
         self._link = link
         self._calls = calls
         self._policies = policies
         self._refuses = refuses
-        self._judged = calls.numbers.judging, 0.0
-        self._refusal = refuses(*self._judged)
+        self._judged_for = calls.numbers.judging, 0.0
+        self._refusal = refuses(*self._judged_for)
         self._wants_hold = wants_hold
         self._lost = False
         self._when_kept = when_kept
@@ -57,12 +57,12 @@ class PolicyService:
 
     @property
     def off_by(self) -> str:
-        """Who keeps it off."""
+        """Who keeps the companion off, "" when it is on."""
         return self._policies.off_by
 
     @property
     def reminder(self) -> str:
-        """What is repeated while nothing is open, "" for nothing."""
+        """The text to repeat while no call or hold is open, "" for none."""
         switch = self._policies.switch
         if switch is not None and self._lost:
             return notices.switch_lost(switch.name, off=switch.off)
@@ -70,47 +70,53 @@ class PolicyService:
 
     @property
     def hold_refused(self) -> str:
-        """Why the vehicle may not be held, "" where it may."""
+        """Why the policy hold is refused, as a STATUSTEXT; "" where it is allowed."""
         return self._refusal.short if self._refusal is not None else ""
 
     def saved(self) -> dict[str, object]:
-        """For the journal: what a restart must not switch on."""
+        """Return the off state for the journal, as JSON values."""
         return self._policies.saved()
 
     def figures(self) -> dict[str, object]:
-        """For the status file."""
+        """Return the policy's part of the status file."""
         switch = self._policies.switch
-        told: dict[str, object] = {"in_force": self._calls.policy.name.lower(), "off_by": self.off_by or None}
+        info: dict[str, object] = {"in_force": self._calls.policy.name.lower(), "off_by": self.off_by or None}
         if switch is None:
-            return told
-        return {**told, "switch": switch.name, "switch_us": switch.width, "switch_heard": not self._lost}
+            return info
+        return {**info, "switch": switch.name, "switch_us": switch.width, "switch_heard": not self._lost}
 
     def set(self, policy: Policy, sender: Sender, now: float) -> tuple[bool, list[Decision]]:
-        """A ground station asks for a policy. Whether it gets it; if not, a text says why."""
+        """Handle a ground station's request for a policy. Returns whether it is granted.
+
+        If not, a text says why.
+        """
         who = f"{sender[0]}/{sender[1]}"
         refusal = self.hold_refused if policy is Policy.HOLD else ""
         if not refusal and not self._policies.ask(policy, who):
             refusal = notices.switch_wins(self._policies.off_by)
         if refusal:
-            log.warning("policy %s asked for by %s: %s", policy.name.lower(), who, refusal)
+            log.warning("policy %s requested by %s is refused: %s", policy.name.lower(), who, refusal)
             self._link.say(refusal, _WARNING, now)
         else:
             self._wants_hold = False
-        return not refusal, self._put_in_force(who, now, said=not refusal)
+        return not refusal, self._put_in_force(who, now, announce=not refusal)
 
     def command(self, request: PolicyRequest, now: float) -> list[Decision]:
-        """The same by command."""
+        """Handle a request by command; it is acknowledged once the policy is in the journal."""
         accepted, decisions = self.set(request.policy, request.sender, now)
         result = _ACCEPTED if accepted else _FAILED
         self._when_kept(lambda _, now: self._link.acknowledge_command(request, result, now))
         return decisions
 
     def reckon(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
-        """Judge again whether the vehicle may be held, where autopilot or settings are not as they were."""
+        """Check again whether the vehicle may be held, where the autopilot or the settings have changed.
+
+        A hold policy that is not allowed any more is changed to report.
+        """
         known = self._calls.numbers.judging, autopilot.overrun if autopilot is not None else 0.0
-        if known == self._judged:
+        if known == self._judged_for:
             return []
-        before, self._judged, self._refusal = self._refusal, known, self._refuses(*known)
+        before, self._judged_for, self._refusal = self._refusal, known, self._refuses(*known)
         if self._refusal is None:
             if before is not None:
                 self._link.say(notices.hold_fits(), _WARNING, now)
@@ -122,25 +128,29 @@ class PolicyService:
             return []
         self._wants_hold = True
         self._link.say(self._refusal.short, _ERROR, now)
-        return self._put_in_force("", now, said=False)
+        return self._put_in_force("", now, announce=False)
 
     def forbids(self, judging: Settings) -> HoldRefusal | None:
-        """Why frames may not be judged so: hold, in force or waiting for the switch, would be refused."""
-        return self._refuses(judging, self._judged[1]) if self._policies.asked is Policy.HOLD else None
+        """Return why these settings are refused, None where they are allowed.
+
+        They are refused where hold is requested, and could not be allowed with them.
+        """
+        return self._refuses(judging, self._judged_for[1]) if self._policies.asked is Policy.HOLD else None
 
     def hear(self, pulses: Pulses, now: float) -> list[Decision]:
-        """The remote control speaks."""
+        """Take in the RC channels."""
         switch = self._policies.switch
         if switch is None or not switch.hear(pulses.of(switch.channel), now):
             return []
         log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
+        # The switch is on now, but a request still keeps the companion off: the driver must know.
         if not switch.off and self._policies.asked is Policy.OFF:
             self._link.say(notices.still_off(switch.name, self._policies.off_by), _WARNING, now)
             return []
-        return self._put_in_force(switch.name, now, said=True)
+        return self._put_in_force(switch.name, now, announce=True)
 
     def tick(self, now: float) -> None:
-        """Tell a switch that is not heard any more: nobody should trust it then."""
+        """Report when the off switch is lost or back. The operator must not rely on it while it is lost."""
         switch = self._policies.switch
         if switch is None or switch.heard(now) is not self._lost:
             return
@@ -149,12 +159,13 @@ class PolicyService:
         log.warning("%s", text)
         self._link.say(text, _ERROR if self._lost else _WARNING, now)
 
-    def _put_in_force(self, who: str, now: float, *, said: bool) -> list[Decision]:
+    def _put_in_force(self, who: str, now: float, *, announce: bool) -> list[Decision]:
         policy = self._policies.in_force
         if policy is not Policy.HOLD:
+            # A mode that still waits to be sent must not leave under the new policy.
             self._link.forget_mode()
         decisions = self._calls.set_policy(policy, now)
-        if said:
+        if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
             self._link.say(notices.policy(policy, who), _WARNING, now)
         self._when_kept(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))

@@ -1,4 +1,4 @@
-"""Shadow policy: how many holds there would have been, for what and for how long, and telling of them."""
+"""Keeps the statistics of the shadow policy's would-be holds, and reports them."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ log = logging.getLogger(__name__)
 
 
 ENOUGH_HOURS = 0.1
-"""Less says nothing about a rate."""
-_NEWEST = 50
-_KEEP_EVERY = 60.0
-"""Seconds watched that a kill -9 may cost, so that a memory card is not worn out by a counter."""
+"""Hours that must have been watched before a rate is given."""
+_STORED_ENTRIES = 50
+_SAVE_EVERY = 60.0
+"""Seconds watched between two saves of the counter, which a kill may cost: saves wear out an SD card."""
 _LARGEST = 1e11
-"""As a Unix time a year that a date can still tell."""
+"""Upper limit of a saved figure: as a Unix time it is a year that `datetime` can still represent."""
 _REASONS = tuple(reason.value for reason in Reason)
 
 
 @dataclass
 class Count:
-    """Would-be holds that began for one reason; one that began for two counts under both.
+    """The would-be holds that began for one reason. One that began for two reasons counts under both.
 
-    seconds, longest: of those that frames ended; by_hand: ended by a human, whose length says nothing.
+    holds: all that began. ended, seconds, longest: number, total and longest duration (s) of those that OK
+    frames ended. by_hand: those that a human ended; their duration says nothing.
     """
 
     holds: int = 0
@@ -47,7 +48,7 @@ class Count:
     by_hand: int = 0
 
     def end(self, lasted: float, *, by_hand: bool) -> None:
-        """One of them is over."""
+        """Count the end of a would-be hold that lasted `lasted` seconds."""
         if by_hand:
             self.by_hand += 1
         else:
@@ -57,7 +58,7 @@ class Count:
 
 @dataclass
 class Entry:
-    """One would-be hold. at: Unix time of its beginning. lasted: seconds, None while it stands."""
+    """One would-be hold. at: Unix time of its beginning. lasted: seconds, None until it ends."""
 
     number: int
     at: float
@@ -68,19 +69,19 @@ class Entry:
 
 @dataclass
 class ShadowStatistics:
-    """Fed by the decisions; counts survive a restart and begin anew with another model or by command.
+    """Counts would-be holds by reason. Counts survive a restart; another model or a request resets them.
 
-    since: Unix time of the first entry's chance, 0 before anything was watched.
+    model: id of the perceiver's model. since: Unix time from which on it counts. newest: the last 50.
     """
 
     model: str = ""
     since: float = 0.0
     counts: dict[str, Count] = field(default_factory=lambda: {name: Count() for name in _REASONS})
-    newest: deque[Entry] = field(default_factory=lambda: deque(maxlen=_NEWEST))
+    newest: deque[Entry] = field(default_factory=lambda: deque(maxlen=_STORED_ENTRIES))
     _saved: dict[str, Any] | None = None
 
     def began(self, hold: WouldHold, wall: float) -> None:
-        """A would-be hold begins at Unix time `wall`."""
+        """Record the begin of a would-be hold at Unix time `wall`."""
         self._saved = None
         reasons = sorted(reason.value for reason in hold.reasons)
         self.newest.append(Entry(hold.number, wall, reasons))
@@ -88,7 +89,7 @@ class ShadowStatistics:
             self.counts[name].holds += 1
 
     def ended(self, hold: WouldResume) -> None:
-        """It is over."""
+        """Record the end of a would-be hold."""
         self._saved = None
         for reason in hold.reasons:
             self.counts[reason.value].end(hold.lasted, by_hand=hold.by_hand)
@@ -96,7 +97,7 @@ class ShadowStatistics:
             self.newest[-1].lasted, self.newest[-1].by_hand = round(hold.lasted, 2), hold.by_hand
 
     def figures(self, shadow: Shadow) -> dict[str, Any]:
-        """For the status file. per_hour: null before there were six minutes to count in."""
+        """Return the shadow policy's part of the status file. per_hour is null in the first six minutes."""
         hours = shadow.watched / 3600
         return {
             "since": _iso(self.since),
@@ -118,7 +119,7 @@ class ShadowStatistics:
         }
 
     def line(self, shadow: Shadow) -> str:
-        """For the log: all that counts on one line."""
+        """Return all counts on one line, for the log."""
         hours = shadow.watched / 3600
         parts = [
             f"{name} {count.holds}{_per_hour(rate(count.holds, hours))}"
@@ -133,28 +134,31 @@ class ShadowStatistics:
         return "; ".join([total, *parts])
 
     def text(self, shadow: Shadow) -> str:
-        """For the operator."""
+        """Return the counts as a STATUSTEXT."""
         hours = shadow.watched / 3600
         most = max(self.counts, key=lambda name: self.counts[name].holds) if shadow.count else ""
         return notices.shadow_so_far(shadow.count, hours, most)
 
     def values(self, shadow: Shadow) -> dict[str, float]:
-        """Parameter name -> value; the hours in tenths, so that they are no stream of their own."""
+        """Return the counts as parameters, name -> value. Hours are in tenths, so that they seldom change."""
         counts = {SHADOW_REASONS[name]: float(count.holds) for name, count in self.counts.items()}
         hours = math.floor(shadow.watched / 360) / 10
         values = {SHADOW_HOLDS: float(shadow.count), SHADOW_HOURS: hours} | counts
         return {name: min(value, MANY) for name, value in values.items()}
 
     def begin_anew(self, shadow: Shadow, wall: float) -> None:
-        """Forget what was counted."""
+        """Reset all counts. wall: the Unix time now."""
         shadow.begin_anew()
         self.since, self._saved = wall, None
         self.counts = {name: Count() for name in _REASONS}
         self.newest.clear()
 
     def saved(self, shadow: Shadow, now: float) -> dict[str, Any]:
-        """As JSON values; the same object until there is something worth a write."""
-        if self._saved is None or abs(shadow.watched - self._saved["watched"]) >= _KEEP_EVERY:
+        """Return the counts as JSON values for the journal.
+
+        The same object is returned until there is a change worth a write.
+        """
+        if self._saved is None or abs(shadow.watched - self._saved["watched"]) >= _SAVE_EVERY:
             self._saved = {
                 "model": self.model,
                 "since": self.since,
@@ -171,7 +175,10 @@ class ShadowStatistics:
     def restored(
         cls, saved: Any, shadow: Shadow, model: str, now: float, wall: float
     ) -> tuple[ShadowStatistics, str]:
-        """The book as `saved` left it, `shadow` with it, and what to say: "" unless it had to begin anew."""
+        """Restore statistics and `shadow` from what `saved` returned. Returns the statistics and a notice.
+
+        The notice is "" unless the counts had to be reset. now: monotonic seconds. wall: the Unix time now.
+        """
         statistics = cls(model=model, since=wall)
         if saved is None:
             return statistics, ""
@@ -193,7 +200,7 @@ class ShadowStatistics:
 
 
 def rate(count: int, hours: float) -> float | None:
-    """Per hour, None while there were too few hours to say."""
+    """Return the count per hour, None before `ENOUGH_HOURS` were watched."""
     return round(count / hours, 2) if hours >= ENOUGH_HOURS else None
 
 
@@ -226,7 +233,7 @@ def _entry(saved: Mapping[str, Any]) -> Entry:
 
 
 def _figure(value: Any) -> float:
-    """A finite number that is not negative; TypeError or ValueError for anything else."""
+    """Return a finite number that is not negative. Raises TypeError or ValueError for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError(f"{value!r} is not a number")
     if not 0 <= value < _LARGEST:
@@ -236,13 +243,13 @@ def _figure(value: Any) -> float:
 
 WARNING, NOTICE = 4, 5
 TEXT_GAP = 10.0
-"""Seconds at least between two texts of would-be holds: their running numbers tell of those between."""
+"""Least seconds between two texts about would-be holds. Their running numbers show how many were skipped."""
 LOG_EVERY, TEXT_EVERY = 600.0, 1800.0
-"""Seconds watched between two sums in the log, and to the operator."""
+"""Seconds watched between two totals in the log, and to the operator."""
 
 
 class ShadowReporter:
-    """Writes the book, and tells of it within bounds."""
+    """Feeds the statistics, and reports would-be holds and totals at limited rates."""
 
     def __init__(
         self,
@@ -251,17 +258,17 @@ class ShadowReporter:
         link: Link,
         picture: Callable[[Assessment, State, str], None],
     ) -> None:
-        """picture: keeps a picture of a judged frame, with a title."""
-        self._book = statistics
+        """picture: stores a picture of a judged frame, with a title."""
+        self._statistics = statistics
         self._calls = calls
         self._link = link
         self._picture = picture
         self._text_at = -math.inf
-        self._logged = self._told = calls.shadow.watched
+        self._watched_at_log = self._watched_at_text = calls.shadow.watched
 
     def began(self, hold: WouldHold, now: float) -> None:
-        """A would-be hold begins; the call has its own picture, where there is one."""
-        self._book.began(hold, time.time())
+        """Record and report the begin of a would-be hold, with a picture unless a call has its own."""
+        self._statistics.began(hold, time.time())
         text = notices.would_hold(hold.number, sorted(reason.value for reason in hold.reasons))
         log.warning("shadow: %s", text)
         if now - self._text_at >= TEXT_GAP:
@@ -272,26 +279,27 @@ class ShadowReporter:
             self._picture(newest, self._calls.state(now), text)
 
     def ended(self, hold: WouldResume) -> None:
-        """It is over."""
-        self._book.ended(hold)
+        """Record and log the end of a would-be hold."""
+        self._statistics.ended(hold)
         how = "by hand" if hold.by_hand else "frames are OK"
         log.warning("shadow: S%d over after %.1f s: %s", hold.number, hold.lasted, how)
 
     def tick(self, now: float) -> None:
-        """The sums, when they are due."""
+        """Report the totals when they are due."""
         if self._calls.policy is not Policy.SHADOW:
             return
         shadow = self._calls.shadow
-        if shadow.watched < self._told:
-            self._logged = self._told = shadow.watched
-        if shadow.watched - self._logged >= LOG_EVERY:
-            self._logged = shadow.watched
-            log.info("shadow: %s", self._book.line(shadow))
-        if shadow.watched - self._told >= TEXT_EVERY:
-            self._told = shadow.watched
-            self._link.say(self._book.text(shadow), NOTICE, now)
+        # The counts were reset.
+        if shadow.watched < self._watched_at_text:
+            self._watched_at_log = self._watched_at_text = shadow.watched
+        if shadow.watched - self._watched_at_log >= LOG_EVERY:
+            self._watched_at_log = shadow.watched
+            log.info("shadow: %s", self._statistics.line(shadow))
+        if shadow.watched - self._watched_at_text >= TEXT_EVERY:
+            self._watched_at_text = shadow.watched
+            self._link.say(self._statistics.text(shadow), NOTICE, now)
 
     def last(self) -> None:
-        """The daemon ends."""
+        """Log the totals at the daemon's end."""
         if self._calls.shadow.watched:
-            log.info("shadow: %s", self._book.line(self._calls.shadow))
+            log.info("shadow: %s", self._statistics.line(self._calls.shadow))

@@ -1,1 +1,1 @@
-"""Settings in force: as configured, and as the ground has set them since."""
+"""Manages the settings in force: as configured, and as the ground has set them since."""

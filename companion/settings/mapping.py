@@ -1,4 +1,4 @@
-"""From the configuration to the figures that engine and state machine go by."""
+"""Maps the configuration to the numbers, parameters and policy of the first moment."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from companion.wire.parameters import (
 
 
 def call_numbers(config: Config, judging: Settings) -> Numbers:
-    """The state machine's table of numbers."""
+    """Make the state machine's numbers from the configuration. judging: the thresholds and ROI in force."""
     call = config.call
     return Numbers(
         policy=Policy[call.policy.upper()],
@@ -46,37 +46,40 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
 
 
 def first_values(config: Config, saved: Any = None) -> dict[str, float]:
-    """What the parameters say from the first moment on, before the perceiver is known.
+    """Return the parameters' values before the perceiver is loaded.
 
     saved: the settings in the journal, which the ground had set.
     """
-    sides = {name: getattr(config.roi, side) for side, name in ROI.items()}
-    given = config.thresholds
-    tile = NOT_IN_USE if given.tile == "off" else given.tile
-    thresholds = {THR_ROI: given.roi, THR_SCENE: given.scene, THR_TILE: tile, THR_TRAV: given.trav}
-    of_file = {name: float(value) for name, value in thresholds.items() if value is not None}
-    return kept_settings({**of_file, **sides, **_rates(), BUDGET: config.link.budget}, saved)
+    roi_sides = {name: getattr(config.roi, side) for side, name in ROI.items()}
+    limits = config.thresholds
+    tile = NOT_IN_USE if limits.tile == "off" else limits.tile
+    thresholds = {THR_ROI: limits.roi, THR_SCENE: limits.scene, THR_TILE: tile, THR_TRAV: limits.trav}
+    configured = {name: float(value) for name, value in thresholds.items() if value is not None}
+    return kept_settings({**configured, **roi_sides, **_rates(), BUDGET: config.link.budget}, saved)
 
 
 def first_words(config: Config, saved: Memory | None) -> Preferences:
-    """The words in force as far as the journal tells before the perceiver is known."""
+    """Return the words in force before the perceiver is loaded. saved: the memory in the journal."""
     if saved is None:
         return config.preferences
     return resumed_memory(saved, saved.model_id, config.preferences, lambda word: word)[0].preferences
 
 
 def kept_values(config: Config, judging: Settings) -> dict[str, float]:
-    """The configured value of every parameter that is kept when the ground sets it."""
+    """Return the configured values of the parameters that are stored when the ground sets them."""
     return {**judging_values(judging), **_rates(), BUDGET: config.link.budget}
 
 
 def _rates() -> dict[str, float]:
-    listed = {parameter.name: parameter.value for parameter in build((), {}, {})}
-    return {name: listed[name] for name in (SUMMARY_RATE, NUMBER_RATE)}
+    defaults = {parameter.name: parameter.value for parameter in build((), {}, {})}
+    return {name: defaults[name] for name in (SUMMARY_RATE, NUMBER_RATE)}
 
 
 def restored_policies(config: Config, policy: Policy, saved: Any, now: float) -> PolicyState:
-    """`policy`, unless it was off before the restart; with the off switch that is configured."""
+    """Make the policy state with the configured off switch. saved: as `PolicyState.saved` returned it.
+
+    Off stays off over a restart. now: monotonic seconds.
+    """
     call = config.call
     switch = OffSwitch(call.off_channel, Side(call.off_side), now) if call.off_channel else None
     policies = PolicyState(policy, switch)

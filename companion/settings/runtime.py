@@ -1,4 +1,4 @@
-"""Parameters that change how frames are judged, and what the ground has set of them. Pure."""
+"""Keeps the parameters that the ground has set, and applies them to how frames are judged. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from companion.wire import parameters
 from companion.wire.parameters import NOT_IN_USE, ROI, THR_TILE, Parameter, build
 
 SMALLEST_ROI = 0.05
-"""Least width and height, fractions of the image's: a smaller one holds too few cells of a map."""
+"""Least width and height of the ROI, fractions of the image's. A smaller ROI holds too few cells of a map."""
 THRESHOLDS: Mapping[str, str] = MappingProxyType(
     {
         parameters.THR_ROI: "roi",
@@ -25,19 +25,19 @@ THRESHOLDS: Mapping[str, str] = MappingProxyType(
 )
 """Parameter -> field of `Thresholds`."""
 OF_THE_PERCEIVER = (parameters.THR_ROI, parameters.THR_SCENE, THR_TILE)
-"""What means something only to the perceiver that it was set for."""
+"""Thresholds that have a meaning only for the perceiver that they were set for."""
 
 
 def judging_values(judging: Settings) -> dict[str, float]:
-    """Parameter name -> value of thresholds and region of interest."""
+    """Return the parameters of thresholds and region of interest, name -> value."""
     bounds = judging.region.bounds
     found = {name: getattr(judging.thresholds, field) for name, field in THRESHOLDS.items()}
-    told = {name: NOT_IN_USE if value is None else float(value) for name, value in found.items()}
-    return told | {name: getattr(bounds, side) for side, name in ROI.items()}
+    values = {name: NOT_IN_USE if value is None else float(value) for name, value in found.items()}
+    return values | {name: getattr(bounds, side) for side, name in ROI.items()}
 
 
 def tuned(judging: Settings, values: Mapping[str, float]) -> Settings:
-    """`judging` with some parameters' values. Raises SettingsError, with what to do in a few words."""
+    """Return `judging` with some parameters' values. Raises SettingsError, with what to do in a few words."""
     thresholds: dict[str, Any] = {
         field: None if name == THR_TILE and values[name] == NOT_IN_USE else values[name]
         for name, field in THRESHOLDS.items()
@@ -65,33 +65,33 @@ def _region(bounds: Box, sides: Mapping[str, float]) -> Box:
 
 
 class RuntimeSettings:
-    """Parameter name -> value, for what differs from the configured one."""
+    """The parameters whose value differs from the configured one, name -> value."""
 
     def __init__(self, configured: Mapping[str, float], model_id: str) -> None:
-        """configured: of every parameter that is kept. model_id: whom the thresholds are for."""
+        """configured: the configured values of all stored parameters. model_id: the perceiver's model."""
         self.configured = {name: round(value, 6) for name, value in configured.items()}
         self._model_id = model_id
         self._set: dict[str, float] = {}
 
     @property
     def values(self) -> Mapping[str, float]:
-        """What counts instead of the configured values."""
+        """The values that count instead of the configured ones."""
         return dict(self._set)
 
     def set(self, name: str, value: float) -> None:
-        """The ground set it; back at the configured value, it is none of ours any more."""
+        """Set a value. One that equals the configured value is not stored, so the file counts again."""
         if value == self.configured[name]:
             self._set.pop(name, None)
         else:
             self._set[name] = value
 
     def drop(self, *names: str) -> None:
-        """These are as configured again."""
+        """Return these parameters to their configured values."""
         for name in names:
             self._set.pop(name, None)
 
     def tuned(self, judging: Settings) -> tuple[Settings, list[str]]:
-        """`judging` with them, and what a person should be told of those that do not fit it: they go."""
+        """Apply the values to `judging`. Values that do not fit are dropped; the notices say which."""
         try:
             return tuned(judging, self._set), []
         except SettingsError as error:
@@ -100,46 +100,50 @@ class RuntimeSettings:
             return judging, [f"{', '.join(gone)} as configured: {error}"]
 
     def saved(self) -> dict[str, Any]:
-        """For the journal: JSON values."""
+        """Return the values, with the configured ones that they replace, as JSON values for the journal."""
         values = {name: [value, self.configured[name]] for name, value in self._set.items()}
         return {"model": self._model_id, "values": values}
 
     def figures(self) -> dict[str, Any]:
-        """For the status file: what differs from the configuration."""
+        """Return what differs from the configuration, for the status file."""
         return {
             name: {"set": value, "configured": self.configured[name]} for name, value in self._set.items()
         }
 
     def restore(self, saved: Any) -> list[str]:
-        """Take what `saved` made; what a person should be told of what was left out. Nonsense is left out."""
+        """Restore what `saved` returned. Returns notices about values that were left out.
+
+        Left out are values of another model, values that were edited in the file since, and invalid ones.
+        """
         if saved is None:
             return []
         if not isinstance(saved, Mapping) or not isinstance(saved.get("values"), Mapping):
             return ["settings of the ground could not be read: as configured"]
         allowed = {parameter.name: parameter for parameter in build((), {}, {})}
-        edited, strange, corrupt = [], [], []
+        edited, of_other_model, corrupt = [], [], []
         for name, row in saved["values"].items():
             read = _read(allowed.get(name), row) if name in self.configured else None
             if read is None:
                 corrupt.append(str(name))
             elif name in OF_THE_PERCEIVER and saved.get("model") != self._model_id:
-                strange.append(name)
+                of_other_model.append(name)
             elif read[1] != self.configured[name]:
                 edited.append(name)
             else:
                 self.set(name, read[0])
-        told = (
+        notices = (
             ("edited in the file, which wins", edited),
-            ("of another model, as configured", strange),
+            ("of another model, as configured", of_other_model),
             ("unreadable, as configured", corrupt),
         )
-        return [f"{', '.join(names)}: {what}" for what, names in told if names]
+        return [f"{', '.join(names)}: {what}" for what, names in notices if names]
 
 
 def kept_settings(known: Mapping[str, float], saved: Any) -> dict[str, float]:
-    """The values in force before the perceiver is loaded: `known` configured ones, and what `saved` made.
+    """Return the values in force before the perceiver is loaded.
 
-    Where the configured value is the perceiver's own, it is taken to be the one that was set over.
+    known: the configured values that are known already. saved: as `RuntimeSettings.saved` returned it. A
+    default of the perceiver is not known yet: it is assumed to be the one that the saved value replaced.
     """
     rows = saved.get("values") if isinstance(saved, Mapping) else None
     if not isinstance(rows, Mapping):
@@ -153,7 +157,7 @@ def kept_settings(known: Mapping[str, float], saved: Any) -> dict[str, float]:
 
 
 def _read(parameter: Parameter | None, row: Any) -> tuple[float, float] | None:
-    """Value and the configured one that it was set over; None for anything else."""
+    """Return a saved value and the configured value that it replaced, None for anything else."""
     try:
         value, over = (float(one) for one in row if not isinstance(one, (bool, str)))
     except (TypeError, ValueError, OverflowError):

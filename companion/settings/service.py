@@ -1,4 +1,4 @@
-"""The parameters of component 191: what each sets, and telling the ground when one changes by itself."""
+"""Sets the parameters of component 191, and sends the ground each value that changes."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from companion.wire.parameters import (
 log = logging.getLogger(__name__)
 _RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
 _BUSY = "vision is busy, set it again"
-_OF_THE_LINK = (*_RATES, BUDGET)
+_LINK_PARAMETERS = (*_RATES, BUDGET)
 _WARNING = 4
-_ACCEPTED, _LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+_ACCEPTED, _TRY_LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED, _FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 
 
 class SettingsService:
-    """Sets in force what a parameter asks for. What differs from the configuration is kept in `overrides`."""
+    """Puts parameters in force. Values that differ from the configuration are stored in `overrides`."""
 
     def __init__(
         self,
@@ -56,14 +56,14 @@ class SettingsService:
         statistics: ShadowStatistics,
         when_kept: WhenKept,
     ) -> None:
-        """parameters: as configured. overrides: what the ground has set. book: shadow policy's counts.
+        """parameters: as configured. overrides: what the ground has set. statistics: shadow policy's counts.
 
-        when_kept: where to leave what must not be told before it is in the journal.
+        when_kept: registers what must not be sent before this turn's changes are in the journal.
         """
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
-        self._told = {parameter.name: parameter.value for parameter in parameters}
-        self._told_words: Preferences | None = None
+        self._sent = {parameter.name: parameter.value for parameter in parameters}
+        self._sent_words: Preferences | None = None
         self._link = link
         self._vision = vision
         self._calls = calls
@@ -75,31 +75,34 @@ class SettingsService:
 
     @property
     def vocabulary(self) -> list[str]:
-        """The words that have a parameter."""
+        """The words that have a parameter of their own."""
         return list(self._words.values())
 
     @property
     def settings(self) -> dict[str, float]:
-        """Parameter name -> the value in force, without the words' weights."""
-        return {name: value for name, value in self._told.items() if name not in self._words}
+        """The values in force, parameter name -> value, without the words' weights."""
+        return {name: value for name, value in self._sent.items() if name not in self._words}
 
     def start(self, now: float) -> None:
-        """Put in force what the ground set of the link, and tell every setting's value and every weight."""
+        """Put the link's settings in force, and send the values of all settings and words."""
         weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
         self._link.set_configured({**self.overrides.configured, **weights})
-        if self._exceeds_the_line(self.overrides.values.get(BUDGET, self._link.most_budget)):
-            log.warning("%s as configured: what the ground set is more than the line carries", BUDGET)
+        if self._exceeds_link(self.overrides.values.get(BUDGET, self._link.most_budget)):
+            log.warning("%s is as configured: the ground's value is more than the link carries", BUDGET)
             self.overrides.drop(BUDGET)
         values = self.overrides.configured | dict(self.overrides.values)
         for name, value in {**values, **judging_values(self._calls.numbers.judging)}.items():
-            self._use(name, value, now)
+            self._apply_to_link(name, value, now)
             self._echo(name, value, now)
         self._echo(POLICY, float(self._calls.policy), now)
         for name, word in self._words.items():
             self._echo(name, self._answer_handler.words.get(word, NOT_IN_USE), now)
 
     def set(self, request: SetRequest, now: float) -> Handled:
-        """A value, already in range. Words are echoed once the vision process has applied them."""
+        """Handle a request to set a value, which is already checked to be in range.
+
+        Words are echoed once the vision process has applied them.
+        """
         if isinstance(request, ResetRequest):
             self._reset(request, now)
         elif isinstance(request, WordsRequest):
@@ -112,13 +115,13 @@ class SettingsService:
             _, decisions = self.policy.set(Policy(int(request.value)), request.sender, now)
             return Handled(decisions=decisions)
         elif request.name == SHADOW_HOLDS:
-            self._count_anew(request, now)
+            self._reset_shadow_counts(request, now)
         else:
             self._set_value(request, now)
         return Handled()
 
     def answered(self, applied: Applied, now: float) -> None:
-        """The vision process has applied words that were set, or refused them: the echo says which."""
+        """Echo or acknowledge words that the vision process has applied or refused."""
         request, done = applied.token, applied.error is None
         if isinstance(request, ParameterRequest):
             words = applied.memory.preferences
@@ -133,46 +136,46 @@ class SettingsService:
             self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), _WARNING, now)
 
     def tell_changes(self, words: Preferences, now: float) -> None:
-        """Tell the ground every weight that changed by itself, and what was counted."""
+        """Send the ground the shadow counts and the weights that changed without a request for them."""
         for name, value in self.statistics.values(self._calls.shadow).items():
-            if value != self._told[name]:
+            if value != self._sent[name]:
                 self._echo(name, value, now)
-        if words == self._told_words:
+        if words == self._sent_words:
             return
-        self._told_words = words
+        self._sent_words = words
         self._link.set_words(words)
         for name, word in self._words.items():
             value = words.get(word, NOT_IN_USE)
-            if value != self._told[name]:
+            if value != self._sent[name]:
                 self._echo(name, value, now)
 
     def _set_weight(self, request: ParameterRequest, word: str, now: float) -> None:
         forget = request.value == NOT_IN_USE
         operation: Operation = ForgetWord(word) if forget else SetWord(word, request.value)
         if not self._answer_handler.set_words(request, (operation,)):
-            self._echo(request.name, self._told[request.name], now)
+            self._echo(request.name, self._sent[request.name], now)
             self._refuse(_BUSY, now)
 
     def _set_value(self, request: ParameterRequest, now: float) -> None:
         name, value = request.name, request.value
-        if name == BUDGET and self._exceeds_the_line(value):
+        if name == BUDGET and self._exceeds_link(value):
             refusal = notices.value_refused(BUDGET, f"up to {self._link.most_budget:g}")
         else:
-            refusal = "" if name in _OF_THE_LINK else self._tune({name: value}, name)
+            refusal = "" if name in _LINK_PARAMETERS else self._tune({name: value}, name)
         if refusal:
-            log.warning("%s = %g asked for by %d/%d: %s", name, value, *request.sender, refusal)
+            log.warning("%s = %g requested by %d/%d is refused: %s", name, value, *request.sender, refusal)
             self._link.say(refusal, _WARNING, now)
-            self._echo(name, self._told[name], now)
+            self._echo(name, self._sent[name], now)
             return
         log.info("%s = %g, set by %d/%d", name, value, *request.sender)
-        self._use(name, value, now)
-        self._echo_kept(name, value)
+        self._apply_to_link(name, value, now)
+        self._echo_once_stored(name, value)
         self.overrides.set(name, value)
 
     def _tune(self, values: Mapping[str, float], what: str) -> str:
-        """Judge frames by these values from the next one on; why not, or "".
+        """Judge frames by these values from now on. Returns why that is refused, "" where it is not.
 
-        What would let the vehicle outrun its eyes is refused where hold is in force, or wanted.
+        Where hold is requested, values with which the vehicle could not stop in time are refused.
         """
         judging = self._calls.numbers.judging
         try:
@@ -189,36 +192,40 @@ class SettingsService:
         return ""
 
     def _reset(self, request: ResetRequest, now: float) -> None:
-        """Settings as configured, then the words; asked again it does what is left."""
+        """Reset the settings to their configured values, then the words.
+
+        Where the words have to wait, the settings are done: a second request does what is left.
+        """
         configured = {name: self.overrides.configured[name] for name in self.overrides.values}
-        of_frames = {name: value for name, value in configured.items() if name not in _OF_THE_LINK}
+        of_frames = {name: value for name, value in configured.items() if name not in _LINK_PARAMETERS}
         refusal = self._tune(of_frames, "Reset")
         if refusal:
             self._link.say(refusal, _WARNING, now)
             self._link.acknowledge_command(request, _DENIED, now)
             return
-        log.warning("settings and words as configured, asked for by %d/%d", *request.sender)
+        log.warning("settings and words are reset as configured, requested by %d/%d", *request.sender)
         for name, value in configured.items():
-            self._use(name, value, now)
-            self._echo_kept(name, value)
+            self._apply_to_link(name, value, now)
+            self._echo_once_stored(name, value)
         self.overrides.drop(*configured)
         others = [ForgetWord(word) for word in self._answer_handler.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
         if not self._answer_handler.set_words(request, (*others, *words)):
-            self._link.acknowledge_command(request, _LATER, now)
+            self._link.acknowledge_command(request, _TRY_LATER, now)
 
-    def _count_anew(self, request: ParameterRequest, now: float) -> None:
+    def _reset_shadow_counts(self, request: ParameterRequest, now: float) -> None:
         if request.value == 0:
-            log.warning("shadow counts begin anew, by %d/%d", *request.sender)
+            log.warning("shadow counts are reset, requested by %d/%d", *request.sender)
             self.statistics.begin_anew(self._calls.shadow, time.time())
         else:
             self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
-        self._echo_kept(SHADOW_HOLDS, float(self._calls.shadow.count))
+        self._echo_once_stored(SHADOW_HOLDS, float(self._calls.shadow.count))
 
-    def _exceeds_the_line(self, budget: float) -> bool:
+    def _exceeds_link(self, budget: float) -> bool:
+        # 0 means unlimited.
         return (budget or math.inf) > self._link.most_budget
 
-    def _use(self, name: str, value: float, now: float) -> None:
+    def _apply_to_link(self, name: str, value: float, now: float) -> None:
         if name in _RATES:
             self._link.set_rate(_RATES[name], value)
         elif name == BUDGET:
@@ -227,10 +234,10 @@ class SettingsService:
     def _refuse(self, why: str, now: float) -> None:
         self._link.say(notices.refused(why), _WARNING, now)
 
-    def _echo_kept(self, name: str, value: float) -> None:
-        self._told[name] = value
+    def _echo_once_stored(self, name: str, value: float) -> None:
+        self._sent[name] = value
         self._when_kept(lambda _, now: self._link.set_parameter(name, value, now))
 
     def _echo(self, name: str, value: float, now: float) -> None:
-        self._told[name] = value
+        self._sent[name] = value
         self._link.set_parameter(name, value, now)

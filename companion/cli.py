@@ -1,4 +1,4 @@
-"""`companion`: the daemon on the rover, its demo, and its configuration."""
+"""Runs the daemon on the rover, its demo, and the checks of the rover and its configuration."""
 
 from __future__ import annotations
 
@@ -27,11 +27,14 @@ _SHIPPED = (
 
 
 class UserError(Exception):
-    """Something that whoever typed the command can mend. Its text is what they are told."""
+    """An error that the user of the command can mend. Its text is printed, without a traceback."""
 
 
 def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = None) -> int:
-    """Run a command; its exit code, or 2 with what to mend on stderr. vision: as for `companion.run.main`."""
+    """Run a command and return its exit code; 2, with what to mend on stderr, for a `UserError`.
+
+    vision: as for `companion.run.main`.
+    """
     options = _parser().parse_args(arguments)
     options.vision = vision
     try:
@@ -102,16 +105,16 @@ def _run(options: argparse.Namespace) -> int:
 
         return _leave(run(config, vision=options.vision))
     except ConfigError as error:
-        raise UserError(_told(error)) from error
+        raise UserError(_error_text(error)) from error
     except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:
         raise UserError(str(error)) from error
 
 
 def _leave(code: int) -> int:
-    """The exit code, or the end of the process where something still runs in a thread that was left behind.
+    """Return the exit code, or end the process at once where a thread still runs.
 
-    A network cannot be stopped while it loads or runs, and the interpreter's own end would abort it. One that
-    hangs in writing the log keeps its lock: every line was flushed, so that nothing is to be waited for.
+    Such a thread may run native code or hang in a write to the log, and holds its lock. The interpreter's own
+    exit would abort the one and wait for the other. Nothing is lost, since every log line was flushed.
     """
     if threading.active_count() > 1:
         sys.stdout.flush()
@@ -158,13 +161,12 @@ def _check(options: argparse.Namespace) -> int:
     try:
         config = load_config(options.file)
         key = config.link.signing_key
-        if key is not None and (
-            os.access(key, os.R_OK) or not os.path.exists(key)
-        ):  # else: only the service's
+        # A key that exists and cannot be read belongs to the service's user: only the daemon can check it.
+        if key is not None and (os.access(key, os.R_OK) or not os.path.exists(key)):
             read_key(Path(key))
         runs = _try_perceiver(config)
     except ConfigError as error:
-        raise UserError(_told(error)) from error
+        raise UserError(_error_text(error)) from error
     except UnknownWordError as error:
         raise UserError(str(word_problem(options.file, error.word, str(error)))) from error
     except (AnyTraverseError, SigningKeyError) as error:
@@ -202,9 +204,10 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _try_perceiver(config: Config) -> str:
-    """What would run, and why, from loading it as the daemon does. Raises AnyTraverseError.
+    """Load the perceiver as the daemon does, and return which model would run, and why.
 
-    A bundle's files are compared with their checksums, which takes seconds; no frame is judged.
+    No frame is judged. A bundle's files are compared with their checksums, which takes seconds. Raises
+    AnyTraverseError.
     """
     from companion.vision.messages import Model
     from companion.vision.warm_up import load_engine
@@ -215,14 +218,14 @@ def _try_perceiver(config: Config) -> str:
     return str(Model.of(engine.perceiver))
 
 
-def _told(error: Exception) -> str:
-    """One problem on the command's own line, several below it."""
+def _error_text(error: Exception) -> str:
+    """Return an error's text; a text of several lines begins on a line of its own."""
     text = str(error)
     return text if "\n" not in text else f"\n{text}"
 
 
 def _log_to_stderr(level: int) -> None:
-    # systemd's journal stamps the time itself.
+    # systemd's journal adds the time itself, and sets JOURNAL_STREAM for what it starts.
     time = "" if "JOURNAL_STREAM" in os.environ else "%(asctime)s "
     logging.basicConfig(level=level, format=f"{time}%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
 

@@ -1,4 +1,4 @@
-"""`companion run`: puts the daemon together from the configuration, and runs it until SIGTERM."""
+"""Implements `companion run`: makes the daemon from the configuration, and runs it until SIGTERM."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _STATUS_PERIOD = 1.0
 
 
 def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequence[str] | None = None) -> int:
-    """Run until `stop()` (by default SIGTERM or SIGINT); the exit code.
+    """Run the daemon until `stop()` is true (by default: on SIGTERM or SIGINT), and return the exit code.
 
-    vision: the command of the vision process, for one that knows other perceivers.
-    Raises AnyTraverseError, LinkError, ParameterError, JournalError for what a person must mend first.
+    vision: the command line of the vision process, for one that has other perceivers.
+    Raises AnyTraverseError, LinkError, ParameterError or JournalError for what a person must mend first.
     """
     require_checkable(config)
     stop = stop or stop_on_signals()
@@ -56,7 +56,8 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     closing.enter_context(logbook(config.journal.path, writer))
     served = ServedFiles(config.journal.path, closing.enter_context(Reader()))
     memory, saved = journal.load_memory(), journal.load_supervision() or {}
-    gc.freeze()  # what is remembered stays: to look through 10,000 scenes would stall the loop
+    # The memory lives as long as the daemon, and a full collection over 10,000 scenes would stall the loop.
+    gc.freeze()
     link = _open_link(config, served, memory, saved)
     closing.callback(link.close)
     first_frame = whole(saved.get("frame_id")) + 1
@@ -65,11 +66,11 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     ready = load(vision, link, stop)
     if ready is None:
         return 0
-    news = list(ready.notices)
+    start_notices = list(ready.notices)
     if ready.model.int8_idle and config.perceiver.precision == "auto":
-        news.append(notices.int8_idle())
-    daemon = compose(config, Opened(link, vision, journal, writer, served, saved), ready, news)
-    for notice in news:
+        start_notices.append(notices.int8_idle())
+    daemon = compose(config, Opened(link, vision, journal, writer, served, saved), ready, start_notices)
+    for notice in start_notices:
         log.warning("%s", notice)
         link.say(texts.fit(notice), 4, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
@@ -79,7 +80,10 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
 
 
 def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved: Mapping[str, Any]) -> Link:
-    """It tells from the first moment what was in force before the restart."""
+    """Open the link with the parameters, words and policy that were in force before the restart.
+
+    So the ground sees them from the first heartbeat on, while the perceiver still loads.
+    """
     first = first_parameters(config, memory, saved)
     link = Link(config.link.settings(), first, time.monotonic(), tree=served.tree, signing=_signing(config))
     link.set_words(first_words(config, memory))
@@ -103,7 +107,7 @@ def _run(daemon: Daemon, stop: Callable[[], bool]) -> None:
                 status_at = time.monotonic()
                 daemon.persistence.write_status(daemon.status())
     except Exception:
-        log.critical("the supervision failed: the companion stops")
+        log.critical("the supervisor's main loop failed: the companion stops")
         daemon.farewell()
         raise
     daemon.leave()

@@ -1,4 +1,4 @@
-"""Every moving part of the daemon on one screen. Liveness limits and restarts come from this table."""
+"""Lists every moving part of the daemon. Liveness limits and restart times come from this table."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from companion.calls.numbers import Numbers
 
 
 class Restarts(NamedTuple):
-    """When a process is killed, and when it is started again. Seconds.
+    """When a process is killed, and when it is started again. All in seconds.
 
-    silent_for: without a sign of life, to which four of its steps are added. loading: the same while it
-    loads. first, longest: the wait before it is started again, which doubles from death to death; the first
-    death in a while costs no wait. One that ran for `longest` begins anew.
+    silent_for: it is killed after so long without a sign of life, plus the time of four steps of its own.
+    loading: the limit that counts instead while it loads.
+    first, longest: the wait before it is started again. The first restart does not wait; the second waits
+    `first`, and the wait doubles with each further death up to `longest`. A process that ran for `longest`
+    starts from the beginning of that series.
     """
 
     silent_for: float
@@ -25,9 +27,11 @@ VISION = Restarts(silent_for=3.0, loading=180.0, first=2.0, longest=60.0)
 
 
 class Task(NamedTuple):
-    """One row. silent_for: seconds without a sign of life until it counts as dead; None: not watched.
+    """One row of the table.
 
-    restarts: None for what ends with the daemon.
+    name, does, runs: what it is called, what it does, and where and when it runs.
+    silent_for: seconds without a sign of life until it counts as dead; None: it is not watched.
+    when_silent: what follows then. restarts: None for a part that ends only with the daemon.
     """
 
     name: str
@@ -39,32 +43,32 @@ class Task(NamedTuple):
 
 
 def tasks(numbers: Numbers) -> tuple[Task, ...]:
-    """The table, with the limits that follow from the freshness limit T."""
+    """Return the table. Its limits follow from the freshness limit T, `Numbers.freshness`."""
     fresh = numbers.freshness
     # fmt: off
     return (
         Task("camera",  "keeps the newest frame",         "vision process, own rate", fresh, "fault: hold"),
         Task("vision",  "judges frames, applies answers", "vision process, as asked", fresh, "fault: hold",
              VISION),
-        Task("link",    "hears and sends MAVLink",        "main loop, 50 times a s",  None,  "no heartbeat"),
+        Task("link",    "receives and sends MAVLink",     "main loop, 50 times a s",  None,  "no heartbeat"),
         Task("calls",   "decides: call, hold, resume",    "main loop, every input",   None,  "no heartbeat"),
-        Task("reader",  "files that are asked for",       "thread, when asked",       None,  "refused"),
-        Task("writer",  "journal, pictures, status, log", "thread, when there is news", None, "said"),
+        Task("reader",  "reads files for the ground",     "thread, on request",       None,  "refused"),
+        Task("writer",  "writes journal, pictures, log",  "thread, on every change",  None,  "reported"),
     )
     # fmt: on
 
 
 class Liveness:
-    """When each watched task last gave a sign of life."""
+    """Records when each watched task last gave a sign of life."""
 
     def __init__(self, table: tuple[Task, ...], now: float) -> None:
         self._limits = {task.name: task.silent_for for task in table if task.silent_for is not None}
-        self._seen = dict.fromkeys(self._limits, now)
+        self._alive_at = dict.fromkeys(self._limits, now)
 
     def beat(self, name: str, at: float) -> None:
-        """`name` was alive at `at`."""
-        self._seen[name] = max(self._seen[name], at)
+        """Record that `name` was alive at `at`, monotonic seconds."""
+        self._alive_at[name] = max(self._alive_at[name], at)
 
     def silent(self, now: float) -> list[str]:
-        """The tasks that have been silent for too long, the most basic first."""
-        return [name for name, limit in self._limits.items() if now - self._seen[name] > limit]
+        """Return the tasks that have been silent for too long, in the order of the table."""
+        return [name for name, limit in self._limits.items() if now - self._alive_at[name] > limit]

@@ -1,1 +1,1 @@
-"""What any program on this computer needs: files written whole, the clock, errors that are survived."""
+"""Helpers for every room: atomic file writes, the wall clock, an error guard, and the shipped files."""

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, whatever happens while they are written."""
+"""Writes files atomically: a reader finds the old content or the new one, never a part of it."""
 
 from __future__ import annotations
 
@@ -7,19 +7,28 @@ from pathlib import Path
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Replace `path` by `content`; on disk when this returns. Raises OSError, with the old file in place."""
-    _replace(path, content, at_once=True)
+    """Replace the content of `path`, and return once it is on disk.
+
+    Raises OSError; the old file is then unchanged.
+    """
+    _replace(path, content, sync=True)
     sync_folder(path.parent)
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """The same, but after a power cut either may be there; its folder is made."""
+    """Replace the content of `path` without waiting for the disk, and create its folder.
+
+    After a power cut the file may hold the old content or the new one. Raises OSError.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    _replace(path, content, at_once=False)
+    _replace(path, content, sync=False)
 
 
 def sync_folder(folder: Path) -> None:
-    """Put the names in `folder` on disk. Raises OSError."""
+    """Write the directory entries of `folder` to disk, so that a rename in it survives a power cut.
+
+    Raises OSError.
+    """
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
@@ -27,15 +36,16 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def _replace(path: Path, content: bytes, *, at_once: bool) -> None:
-    torn = path.with_name(f".{path.name}.part")
+def _replace(path: Path, content: bytes, *, sync: bool) -> None:
+    # In the same folder, since os.replace is atomic only within one file system.
+    partial = path.with_name(f".{path.name}.part")
     try:
-        with torn.open("wb") as file:
+        with partial.open("wb") as file:
             file.write(content)
             file.flush()
-            if at_once:
+            if sync:
                 os.fsync(file.fileno())
-        os.replace(torn, path)
+        os.replace(partial, path)
     except OSError:
-        torn.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
         raise

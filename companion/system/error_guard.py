@@ -1,4 +1,4 @@
-"""Errors that nobody foresaw: the daemon survives them, and they are seen."""
+"""Catches unexpected errors, logs them and reports them to the operator."""
 
 from __future__ import annotations
 
@@ -8,30 +8,31 @@ from contextlib import contextmanager
 
 log = logging.getLogger(__name__)
 
-_SAID_AGAIN = 10.0
+_REPORT_INTERVAL = 10.0
 
 
 class ErrorGuard:
-    """Logs an error with its traceback and has it said, each kind at most once in 10 s, and counts it.
+    """Counts errors, and logs and reports each kind at most once in 10 s.
 
-    Only around what may fail without leaving the vehicle unwatched: a frame whose judgement is lost here ends
-    in a fault by itself, an answer goes unanswered. An error of the supervision itself must end the daemon.
+    Use it only around work whose loss is noticed elsewhere. A frame that is lost here becomes a fault, since
+    no fresh frame follows; a lost answer is sent again by its sender. An error of the supervision itself must
+    end the daemon, so that the service manager starts it again.
     """
 
-    def __init__(self, say: Callable[[float], None]) -> None:
-        """say: tells the operator; gets monotonic seconds."""
-        self._say = say
-        self._said_at: dict[str, float] = {}
+    def __init__(self, report: Callable[[float], None]) -> None:
+        """report: sends a text to the operator; it gets the time in monotonic seconds."""
+        self._report = report
+        self._reported_at: dict[str, float] = {}
         self.count = 0
 
     @contextmanager
     def survived(self, what: str, now: float) -> Iterator[None]:
-        """Go on after any error of `what`."""
+        """Catch any exception of the block. `what` names the work in the log, and limits its rate."""
         try:
             yield
         except Exception:
             self.count += 1
-            if now - self._said_at.get(what, float("-inf")) >= _SAID_AGAIN:
-                self._said_at[what] = now
+            if now - self._reported_at.get(what, float("-inf")) >= _REPORT_INTERVAL:
+                self._reported_at[what] = now
                 log.exception("%s failed", what)
-                self._say(now)
+                self._report(now)

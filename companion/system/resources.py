@@ -1,4 +1,4 @@
-"""Files that ship beside the code: what a person edits (config) and what boots the daemon (systemd)."""
+"""Finds the files that ship with the code: those that a person edits (config), and the systemd unit."""
 
 from pathlib import Path, PurePosixPath
 
@@ -7,7 +7,7 @@ _FOLDERS = ("config", "systemd")
 
 
 def resource(name: str) -> Path:
-    """The shipped file or folder of this name, e.g. ``config/companion.toml``, ``systemd``.
+    """Return the path of a shipped file or folder, e.g. ``config/companion.toml``, ``systemd``.
 
     Found in an installed wheel (``companion/data``) and in a checkout or editable install (the root).
     Raises ValueError for a name outside config and systemd, FileNotFoundError where nothing is shipped
@@ -15,7 +15,7 @@ def resource(name: str) -> Path:
     """
     parts = PurePosixPath(name).parts
     if not parts or parts[0] not in _FOLDERS or ".." in parts:
-        raise ValueError(f"{name!r} is no shipped file: names begin with {' or '.join(_FOLDERS)}")
+        raise ValueError(f"{name!r} is not a shipped file: names begin with {' or '.join(_FOLDERS)}")
     path = _root().joinpath(*parts)
     if not path.exists():
         raise FileNotFoundError(f"{name} is not at {path}: install anytraverse-companion again")
@@ -23,6 +23,7 @@ def resource(name: str) -> Path:
 
 
 def _root() -> Path:
-    # Beside an installed package stands site-packages, where a folder called config may be anybody's.
+    # The parent of an installed package is site-packages. A folder `config` there may belong to any other
+    # package, so the parent counts only where a pyproject.toml shows that it is our checkout.
     checkout = _PACKAGE.parent
     return checkout if (checkout / "pyproject.toml").is_file() else _PACKAGE / "data"

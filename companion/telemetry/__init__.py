@@ -1,1 +1,1 @@
-"""What the companion tells: summaries, the active alert, figures of its status."""
+"""Composes what is sent of frames, calls and holds: summaries, call data and texts."""

@@ -1,4 +1,4 @@
-"""What stands announced: the open call or hold, composed anew when there is news, not with every frame."""
+"""Composes the alert for the open call or hold: data for programs and a text for people."""
 
 from __future__ import annotations
 
@@ -17,11 +17,15 @@ from companion.wire.payloads import CallData
 
 ALERT, ERROR = 1, 3
 _REFRESH = 15.0
+"""Seconds after which an unchanged alert is composed again: its age and figures have changed."""
 
 
 @dataclass(frozen=True)
-class Said:
-    """The open call or hold as data and as text, with the text's MAV_SEVERITY."""
+class AlertMessage:
+    """The open call or hold as data and as text.
+
+    severity: the text's MAV_SEVERITY. quiet: "stay" was answered, so that the text does not escalate.
+    """
 
     data: CallData
     text: str
@@ -30,25 +34,29 @@ class Said:
 
 
 class ActiveAlert:
-    """Composes anew when the call, its stage, its reasons or the words change, and every 15 s."""
+    """Composes the alert again when the call, its stage, its reasons or the words change, and every 15 s."""
 
     def __init__(self, calls: OperatorCalls) -> None:
         self._calls = calls
         self._key: object = None
-        self._said: Said | None = None
+        self._alert: AlertMessage | None = None
         self._composed_at = 0.0
         self.last_call = calls.call.id if calls.call is not None else 0
-        """Id of the last call opened: what tells a call's hold from a hold without one."""
+        """Id of the last call that was opened. A hold with another id belongs to no call."""
 
     def now(
         self, words: Preferences, place: Place, picture: str, silent: list[str], now: float
-    ) -> Said | None:
-        """What to announce; None when nothing is open."""
+    ) -> AlertMessage | None:
+        """Return the alert to announce, None when nothing is open.
+
+        picture: path of the call's picture, "" without one. silent: tasks without a sign of life.
+        """
         calls = self._calls
         if calls.current_id == 0:
-            self._said = None
+            self._alert = None
             return None
         failed = calls.hold is not None and calls.hold.failed
+        # All that the alert says, except the figures, which change with every frame.
         key = (
             calls.current_id,
             calls.stage(),
@@ -62,7 +70,7 @@ class ActiveAlert:
             tuple(silent),
             failed,
         )
-        if self._said is None or key != self._key or now - self._composed_at >= _REFRESH:
+        if self._alert is None or key != self._key or now - self._composed_at >= _REFRESH:
             data = current_data(calls, words, place, picture, now)
             if data is None:
                 return None
@@ -70,12 +78,12 @@ class ActiveAlert:
             if failed:
                 text = texts.hold_failed(calls.kind, calls.current_id)
             quiet = calls.call is not None and calls.call.quiet
-            self._said = Said(data, text, ALERT if failed else ERROR, quiet)
+            self._alert = AlertMessage(data, text, ALERT if failed else ERROR, quiet)
             self._key, self._composed_at = key, now
-        return self._said
+        return self._alert
 
     def closed_call(self, call: Call, words: Preferences, place: Place, now: float) -> CallData:
-        """The last word on a call, with the figures of its frame."""
+        """Return the final data of a closed call, with the figures of its frame."""
         return self._closed(
             Kind.CALL,
             call.id,
@@ -91,7 +99,7 @@ class ActiveAlert:
     def closed_hold(
         self, number: int, outcome: Outcome, words: Preferences, place: Place, now: float
     ) -> CallData:
-        """The last word on a hold, with the figures of the newest frame."""
+        """Return the final data of a hold that has ended, with the figures of the newest frame."""
         seen = self._calls.reason_filter.newest
         frame_id = seen.frame.id if seen is not None else 0
         reasons = self._calls.reasons(now)
@@ -109,7 +117,7 @@ class ActiveAlert:
         place: Place,
         age: float,
     ) -> CallData:
-        self._said = None
+        self._alert = None
         return call_data(
             seen,
             self._calls.numbers.judging.region,

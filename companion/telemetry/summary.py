@@ -1,4 +1,4 @@
-"""From what the daemon knows to what it says: summary, call data and texts. Pure."""
+"""Makes the summary of a frame, and the data and text of a call or hold. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FLAGS = {
 
 
 def flags(reasons: Iterable[Reason]) -> Reasons:
-    """Reasons as the wire has them."""
+    """Convert reasons to the flags of the payloads."""
     found = Reasons.NONE
     for reason in reasons:
         found |= _FLAGS[reason]
@@ -31,7 +31,7 @@ def flags(reasons: Iterable[Reason]) -> Reasons:
 
 
 def fractions(box: Box) -> Fractions:
-    """A box as the wire has it."""
+    """Convert a box to the fractions of the payloads: left, top, right, bottom."""
     return box.left, box.top, box.right, box.bottom
 
 
@@ -44,9 +44,9 @@ def summary(
     view: int,
     now: float,
 ) -> Summary:
-    """The newest frame in one payload; the link fills in sequence and drops.
+    """Make the summary of the newest frame. The link fills in `sequence` and `dropped`.
 
-    sectors: drivable share of each image column, none where it was not judged. view: field of view, degrees.
+    sectors: drivable share of each image column; empty where it was not judged. view: field of view, degrees.
     """
     roi = seen.roi
     return Summary(
@@ -70,14 +70,14 @@ def summary(
 
 
 def milliseconds(seconds: float) -> int:
-    """Not negative, and no more than the wire can carry."""
+    """Convert seconds to whole milliseconds, clipped to the 16 bits of the payload."""
     return max(0, min(0xFFFF, round(seconds * 1000)))
 
 
 def current_data(
     calls: OperatorCalls, words: Preferences, place: Place, picture: str, now: float
 ) -> CallData | None:
-    """The open call or hold for programs; None when there is none."""
+    """Return the data of the open call or hold, None when nothing is open."""
     if calls.current_id == 0:
         return None
     call, hold = calls.call, calls.hold
@@ -118,9 +118,10 @@ def call_data(
     age: float,
     picture: str,
 ) -> CallData:
-    """A call or hold as the wire has it; its figures are those of `seen`.
+    """Make the payload of a call or hold. Its figures are those of the frame `seen`.
 
-    A hold points at a place only where a tile is bad: else whoever taps would name what is nothing.
+    A hold names the worst tile's box only where a tile is bad. Otherwise an operator who taps in that box
+    would teach a word for ordinary ground.
     """
     roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
     points = kind is Kind.CALL or (seen is not None and _has_bad_tile(seen))
@@ -154,7 +155,7 @@ def _has_bad_tile(seen: Assessment) -> bool:
 
 
 def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
-    """What a person reads of the open call or hold, "" without one. silent: as of `fault_name`."""
+    """Return the text for people of the open call or hold, "" without one. silent: as for `fault_name`."""
     number, kind, stage = calls.current_id, calls.kind, calls.stage()
     reasons = calls.reasons(now)
     newest = calls.reason_filter.newest
@@ -168,7 +169,7 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
         return texts.clear(kind, number)
     call = calls.call
     if call is not None and not call.answered and stage is not Stage.ANSWERED:
-        return _intervals(number, call.reasons, call.seen, tried=call.tried)
+        return _unanswered_text(number, call.reasons, call.seen, tried=call.tried)
     if Reason.BLOCKED in reasons:
         blocked = newest is not None and Reason.BLOCKED in newest.reasons
         shown = calls.hold.seen if calls.hold is not None and not blocked else None
@@ -179,7 +180,7 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
 
 
 def blocked_text(seen: Assessment | None, number: int, kind: Kind) -> str:
-    """By what the way is blocked in this frame: too little ground, no way through it, or a thing by name."""
+    """Return the text that says what blocks the way: a named thing, no corridor, or too little ground."""
     if seen is None or seen.roi is None:
         return texts.blocked(number, None, kind)
     finding = seen.finding(Reason.BLOCKED)
@@ -192,14 +193,17 @@ def blocked_text(seen: Assessment | None, number: int, kind: Kind) -> str:
 
 
 def fault_name(newest: Assessment | None, silent: list[str]) -> str:
-    """The fault in a few words: the first of `silent`, or what the newest frame suffers from."""
+    """Name the fault in a few words: the first silent task, or the newest frame's fault.
+
+    silent: tasks without a sign of life.
+    """
     if silent:
         return silent[0]
     finding = newest.finding(Reason.FAULT) if newest is not None else None
     return finding.figure if finding is not None else "no fresh frame"
 
 
-def _intervals(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, tried: bool) -> str:
+def _unanswered_text(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, tried: bool) -> str:
     uncertainty = seen.roi.uncertainty if seen is not None and seen.roi is not None else None
     similarity = seen.similarity if seen is not None else None
     reasons = frozenset(reasons)

@@ -1,4 +1,4 @@
-"""ArduPilot Rover."""
+"""Describes ArduPilot Rover: its modes, and the texts of the script on the autopilot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ _CUSTOM = 1
 
 
 class ScriptHold(NamedTuple):
-    """What the script on the autopilot holds the vehicle for, and the mode that a human sets to drive on."""
+    """A hold by the script that runs on the autopilot.
+
+    why: what it holds for. mode: the mode that a human must set to drive on.
+    """
 
     why: str
     mode: str
@@ -24,7 +27,7 @@ _SCRIPT_HOLD = re.compile(r"HOLD(?:: | since )([a-z ]{1,20})(?:\. |: set )([A-Z]
 
 
 def script_hold(text: str) -> ScriptHold | None:
-    """What a STATUSTEXT of the autopilot tells of a hold of its script's; None: it tells of none."""
+    """Parse a STATUSTEXT of the autopilot. None: it does not report a hold by the script."""
     found = _SCRIPT_HOLD.match(text)
     return ScriptHold(*found.groups()) if found is not None else None
 

@@ -1,4 +1,4 @@
-"""The form that every autopilot's table has."""
+"""Defines what the companion must know of a kind of autopilot: `Autopilot`, a table of its modes."""
 
 from __future__ import annotations
 
@@ -6,22 +6,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 ModeCommand = tuple[int, int, int]
-"""MAV_CMD_DO_SET_MODE's base mode, custom main mode and custom sub mode."""
+"""Parameters of MAV_CMD_DO_SET_MODE: base mode, custom main mode, custom sub mode."""
 
 
 @dataclass(frozen=True)
 class Autopilot:
-    """One kind of autopilot. Modes are HEARTBEAT.custom_mode.
+    """Describes one kind of autopilot. Modes are values of HEARTBEAT.custom_mode.
 
-    holdable: modes in which it drives by itself; only out of these may the companion hold.
-    hold_mode: the mode that holds. command: how a mode is asked for.
-    loses_target: modes that stand still after a hold until they are told again where to go.
-    streamed: modes that stand only while zero velocity is streamed to them.
-    lead: seconds of that stream before such a mode is taken.
+    holdable: modes in which it drives by itself. The companion may hold only out of these.
+    hold_mode: the mode that holds. command: parameters of MAV_CMD_DO_SET_MODE for a mode.
+    names: mode -> its name for people.
+    loses_target: modes that forget their target in a hold; the operator must send it again.
+    streamed: modes that stand still only while zero-velocity setpoints are streamed to them.
     booting: modes that it shows by itself while it boots.
-    rest_mode: stands without a stream: what a hold in a streamed mode is left in when the stream must end.
-    tells_late: HEARTBEAT shows a change up to a second later; CURRENT_MODE, asked for, tells it sooner.
-    overrun: m that hold_mode drives on, beyond the way of braking, before it circles back and stands.
+    rest_mode: a mode that stands still without setpoints. A hold in a streamed mode changes to it when the
+    setpoints must end.
+    lead: seconds of setpoints that a streamed mode needs before the autopilot accepts it.
+    tells_late: HEARTBEAT shows a mode change up to 1 s late; a requested CURRENT_MODE shows it sooner.
+    overrun: metres that hold_mode drives on, beyond the braking distance, before it turns back and stands.
     """
 
     name: str
@@ -39,9 +41,9 @@ class Autopilot:
 
     @property
     def circles(self) -> bool:
-        """hold_mode drives on and turns back before it stands: the operator is told."""
+        """Whether hold_mode drives on and turns back before it stands. The operator is warned of that."""
         return self.overrun > 0.0
 
     def mode_name(self, mode: int) -> str:
-        """ "AUTO"; "mode 99" for one that the table does not know."""
+        """Return a mode's name, e.g. "AUTO", or "mode 99" for a mode that is not in the table."""
         return self.names.get(mode, f"mode {mode}")

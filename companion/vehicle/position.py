@@ -1,4 +1,4 @@
-"""Where the vehicle is, and how far it has driven."""
+"""Converts a place to JSON values and back, and measures how far the vehicle has driven."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ _ANGLES = ("roll", "pitch", "yaw")
 
 
 def place_figures(place: Place) -> dict[str, float]:
-    """What is known of it: degrees, to about 1 cm; time in seconds since 1970."""
+    """Return what is known of a place as JSON values.
+
+    Angles are in degrees; latitude and longitude have 7 digits, about 1 cm. time: seconds since 1970.
+    """
     angles = dict(zip(_ANGLES, place.attitude or (), strict=False))
     named = {
         "latitude": place.latitude,
@@ -26,7 +29,7 @@ def place_figures(place: Place) -> dict[str, float]:
 
 
 def read_place(saved: Any) -> Place:
-    """What `place_figures` made; nothing is known of anything else."""
+    """Read what `place_figures` made. Values that are missing or not finite numbers are left unknown."""
     if not isinstance(saved, Mapping):
         return Place()
     found = {name: float(value) for name, value in saved.items() if _is_figure(value)}
@@ -42,24 +45,28 @@ def _is_figure(value: Any) -> bool:
 
 _METRES_PER_DEGREE = 111_320.0
 _JUMP = 20.0
-"""Metres between two positions beyond which it is no driving but a new fix."""
+"""Metres. A longer step between two positions is a new fix and no driving; it is not counted."""
 _JITTER = 0.3
-"""Metres below which a position may be noise; it counts once it adds up."""
+"""Metres. A shorter step may be noise; it counts once the vehicle is this far from the last counted point."""
 
 
 class Odometer:
-    """Adds up the way between positions; None until the first is known."""
+    """Adds up the distances between the vehicle's positions."""
 
     def __init__(self) -> None:
         self._last: tuple[float, float] | None = None
         self._metres = 0.0
 
     def travelled(self, position: tuple[float, float, float | None] | None) -> float | None:
-        """Metres so far, with the newest position (latitude, longitude in degrees) counted."""
+        """Add the newest position (latitude and longitude in degrees), and return the metres driven so far.
+
+        None until a first position is known.
+        """
         if position is not None:
             latitude, longitude, _ = position
             if self._last is None:
                 self._last = latitude, longitude
+            # A flat earth is exact enough here: steps are a few metres long.
             north = (latitude - self._last[0]) * _METRES_PER_DEGREE
             east = (longitude - self._last[1]) * _METRES_PER_DEGREE * math.cos(math.radians(latitude))
             step = math.hypot(north, east)

@@ -1,8 +1,8 @@
-"""PX4 rover, and its two ways to hold.
+"""Describes the PX4 rover and the two ways to hold it.
 
-LOITERING needs nothing of us once it is taken, but an Ackermann rover does not stop straight: it runs some
-metres on, turns and drives back to the point. OFFBOARD_HOLD brakes on the spot, but only for as long as zero
-velocity is streamed: without it PX4's loss of offboard control acts, which may be to drive home.
+LOITERING needs no setpoints, but an Ackermann rover does not stop straight in it: it drives some metres on,
+turns and drives back to the point. OFFBOARD_HOLD brakes on the spot, but only while zero-velocity setpoints
+are streamed. Without them PX4's offboard-loss fail-safe acts, which may be to drive home.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ MAV_AUTOPILOT = 12
 _CUSTOM = 1
 """MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
 _AUTO = 4
+"""PX4_CUSTOM_MAIN_MODE_AUTO."""
 
 
 def custom_mode(main: int, sub: int = 0) -> int:
-    """HEARTBEAT.custom_mode of a main and a sub mode."""
+    """Return the HEARTBEAT.custom_mode of a PX4 main mode and sub mode."""
     return main << 16 | sub << 24
 
 

@@ -1,4 +1,4 @@
-"""What the autopilot said last: where the vehicle is, how it moves, and what time it is."""
+"""Holds the autopilot's newest report: its mode, where the vehicle is, how it moves, and the time."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from companion.system.wall_clock import WallClock
 
 @dataclass(frozen=True)
 class Vehicle:
-    """The newest that the autopilot said. Times in s of the link's `now`.
+    """The newest report of the autopilot. Times that end in `_at` are seconds of the link's monotonic clock.
 
-    autopilot: MAV_AUTOPILOT. type: MAV_TYPE. heard_at: its last heartbeat. mode_at: its last CURRENT_MODE.
-    position: (latitude, longitude, heading or None) in degrees, None without a fix or when older than 5 s.
-    speed: over ground, m/s, known with the position. attitude: roll, pitch, yaw in degrees, None when older
-    than 5 s. clock: its time when `now` was 0, s since 1970; None where it knows none.
+    autopilot: MAV_AUTOPILOT. type: MAV_TYPE. heard_at: time of its last heartbeat. mode_at: time of its last
+    CURRENT_MODE.
+    position: (latitude, longitude, heading or None) in degrees; None without a fix or when older than 5 s.
+    speed: over ground, m/s; known with the position. attitude: roll, pitch, yaw in degrees; None when older
+    than 5 s.
+    clock: the autopilot's time at second 0 of the link's clock, in seconds since 1970; None where it has no
+    time.
     """
 
     system_id: int
@@ -37,19 +40,19 @@ class Vehicle:
 
 
 MOVES = 0.2
-"""m/s above which a vehicle moves: enough to change what its camera sees within a second."""
+"""m/s above which a vehicle counts as moving: its camera's image then changes within a second."""
 
 
 class VehiclePosition:
-    """Asked from any thread: it only reads the newest that the autopilot said."""
+    """Gives the vehicle's place and time. Any thread may call it, since it only reads the newest report."""
 
     def __init__(self, newest: Callable[[], Vehicle | None]) -> None:
-        """newest: what the autopilot said last, None before it was heard."""
+        """newest: returns the autopilot's newest report, None before its first heartbeat."""
         self._newest = newest
-        self.clock = WallClock(self._told)
+        self.clock = WallClock(self._autopilot_time)
 
     def place(self) -> Place:
-        """Where the vehicle is now, how it stands, and when that is."""
+        """Return the vehicle's position, heading and attitude, and the time; None for what is not known."""
         vehicle = self._newest()
         if vehicle is None:
             return Place(time=self.clock.known())
@@ -58,12 +61,12 @@ class VehiclePosition:
             heading = vehicle.attitude[2]
         return Place(latitude, longitude, heading, self.clock.known(), vehicle.attitude)
 
-    def _told(self) -> float | None:
+    def _autopilot_time(self) -> float | None:
         vehicle = self._newest()
         return None if vehicle is None or vehicle.clock is None else vehicle.clock + time.monotonic()
 
 
 def is_moving(vehicle: Vehicle | None, *, drives_itself: bool) -> bool:
-    """Whether the vehicle moves. drives_itself: what counts where its speed is not known."""
+    """Whether the vehicle moves. Where its speed is not known, `drives_itself` is returned."""
     speed = vehicle.speed if vehicle is not None else None
     return drives_itself if speed is None else speed > MOVES

@@ -62,7 +62,7 @@ class Acceptance:
                 if Reason.BLOCKED in reasons:
                     covered = covered and accepted._is_open(seen, seen.maps, inside, numbers)
                 if not covered:
-                    # The thing alone leaves no corridor, so the go would never be fulfilled: accept all that is unknown.
+                    # The thing alone leaves no corridor, so the go would have no effect: accept all unknown.
                     accepted._extend(_unexplained_in_roi(seen.maps, numbers))
         accepted.beside = _worst_outside(seen, accepted._thing_in(seen, numbers), numbers, by_name=False)
         return accepted

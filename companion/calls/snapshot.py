@@ -1,6 +1,6 @@
 """Saves the open call and the hold for the journal, and restores them after a restart.
 
-Times are not saved, since a monotonic clock starts anew with each boot. A go and an acceptance are not saved
+Times are not saved, since a monotonic clock starts again with each boot. A go and an acceptance are not saved
 either: after a restart the operator must give them again.
 """
 

@@ -18,7 +18,7 @@ from companion.wire import notices
 class HoldRefusal:
     """Why the policy hold is refused.
 
-    why: the whole explanation with remedies, for the log. short: a STATUSTEXT for whoever requests hold.
+    why: the whole explanation with remedies, for the log. short: a STATUSTEXT that answers a request.
     reminder: a STATUSTEXT to repeat. reason: the cause alone, as a part of other STATUSTEXTs.
     """
 

@@ -130,7 +130,7 @@ class AnswerHandler:
         """Handle an operator's answer."""
         stored = self._replies.before_restart(request)
         if stored is not None:
-            return self._repeat(request, stored)
+            return self._again(request, stored)
         target = self._calls.resolve(request.target, now)
         # Words need no open call or hold; any other answer to nothing is stale.
         if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
@@ -161,9 +161,9 @@ class AnswerHandler:
         in_order = call is None and self._last_sent == self._last_applied
         if not changes and (in_order or request.motion is Motion.STAY):
             return self._apply_motion(request, target or 0, now)
-        return self._send_to_vision(request, target or 0, changes, subject, now)
+        return self._ask(request, target or 0, changes, subject, now)
 
-    def _send_to_vision(
+    def _ask(
         self, request: AnswerRequest, target: int, changes: Changes, subject: Call | Hold | None, now: float
     ) -> Handled:
         """Send an answer to the vision process. subject: its call or hold, None for words alone."""
@@ -254,7 +254,7 @@ class AnswerHandler:
         """Return `at` where the hold now waits to fulfil this request's go, None elsewhere."""
         return at if request.motion is Motion.GO and self._calls.go_at == at else None
 
-    def _repeat(self, request: AnswerRequest, stored: StoredReply) -> Handled:
+    def _again(self, request: AnswerRequest, stored: StoredReply) -> Handled:
         """Repeat a reply from before the restart.
 
         A go that was not fulfilled before the restart is void, and the reply says so.

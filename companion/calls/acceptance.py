@@ -64,7 +64,7 @@ class Acceptance:
                 if not covered:
                     # The thing alone leaves no corridor, so the go would have no effect: accept all unknown.
                     accepted._extend(_unexplained_in_roi(seen.maps, numbers))
-        accepted.beside = _worst_outside(seen, accepted._thing_in(seen, numbers), numbers, by_name=False)
+        accepted.beside = _beside(seen, accepted._thing_in(seen, numbers), numbers, by_name=False)
         return accepted
 
     def joined(self, other: Acceptance) -> Acceptance:
@@ -85,7 +85,7 @@ class Acceptance:
         if limit is None:
             limit = self.beside + numbers.accepted_rise
         inside = self._thing_in(seen, numbers)
-        if seen.roi is not None and _worst_outside(seen, inside, numbers, by_name=False) <= limit:
+        if seen.roi is not None and _beside(seen, inside, numbers, by_name=False) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
             self.strangeness = max(self.strangeness, seen.roi.strangeness)
             self.follow(seen, numbers)
@@ -112,7 +112,7 @@ class Acceptance:
 
     def follow(self, seen: Assessment, numbers: Numbers) -> None:
         """Move the mask to where the thing is now. It moves down the image and grows, and never moves up."""
-        self.thing = self._tracked(seen, numbers)
+        self.thing = self._moved(seen, numbers)
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or the time or the distance is used up.
@@ -141,11 +141,11 @@ class Acceptance:
         """Return the thing's mask in the size of the frame's maps, (h, w)."""
         if seen.maps is None:
             return np.zeros((1, 1), dtype=np.bool_)
-        tracked = self._tracked(seen, numbers)
+        moved = self._moved(seen, numbers)
         shape = seen.maps.signed.shape
-        return np.zeros(shape, dtype=np.bool_) if tracked is None else resized(tracked, *shape)
+        return np.zeros(shape, dtype=np.bool_) if moved is None else resized(moved, *shape)
 
-    def _tracked(self, seen: Assessment, numbers: Numbers) -> Mask | None:
+    def _moved(self, seen: Assessment, numbers: Numbers) -> Mask | None:
         """Return the thing's mask in this frame, or the last mask where nothing of it is found."""
         if self.thing is None or seen.maps is None:
             return self.thing
@@ -199,7 +199,7 @@ class Acceptance:
             if not seen.roi.strangeness <= accepted + numbers.accepted_rise:
                 return False
         limit = numbers.judging.thresholds.tile
-        return limit is None or _worst_outside(seen, inside, numbers, by_name=by_name) <= limit
+        return limit is None or _beside(seen, inside, numbers, by_name=by_name) <= limit
 
     def _covers_corridor(self, seen: Assessment, inside: Mask, numbers: Numbers) -> bool:
         """Whether the vehicle fits through if it drives over the thing, and over what is no more uncertain.
@@ -242,7 +242,7 @@ class Acceptance:
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
 
 
-def _worst_outside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:
+def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:
     """Return the uncertainty of the worst tile of the ROI outside the thing; 0 where no tile fits there.
 
     by_name: pixels that only a negative word explains count as unexplained.

@@ -78,14 +78,14 @@ class HoldController:
             self.script_told = None
         if not new or self.hold is None or vehicle.mode is None or self.handover is not None:
             return None
-        silent_before = self._came_after_silence(before)
+        silent_before = self._unseen(before)
         if silent_before:
             self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
         return self._reboot(self.hold, before, now, silent_before=silent_before) or (
             None if self.hold.rebooted else self.hold.vehicle(vehicle.mode, now, self.numbers)
         )
 
-    def _came_after_silence(self, before: Vehicle) -> bool:
+    def _unseen(self, before: Vehicle) -> bool:
         """Whether the report came after a silence, in which the autopilot may have rebooted."""
         heard_at = self.vehicle.heard_at
         if heard_at is None or before.heard_at is None:

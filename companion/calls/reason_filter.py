@@ -87,7 +87,7 @@ class ReasonFilter:
             if acceptance.ended(seen, self.numbers, now, travelled):
                 self.acceptance = None
         for reason, debounce in self._debounced.items():
-            bad, clear = self._judgement(reason, seen, now)
+            bad, clear = self._vote(reason, seen, now)
             debounce.add(bad=bad, clear=clear)
         if self._ok:
             self.ok_run += settled
@@ -96,7 +96,7 @@ class ReasonFilter:
         """Take in the newest frame, judged again. It replaces its earlier judgement."""
         self._take_newest(seen, now)
         for reason, debounce in self._debounced.items():
-            bad, clear = self._judgement(reason, seen, now)
+            bad, clear = self._vote(reason, seen, now)
             debounce.amend(bad=bad, clear=clear)
 
     def pass_time(self, now: float) -> None:
@@ -159,7 +159,7 @@ class ReasonFilter:
     def _is_old(self, seen: Assessment, now: float) -> bool:
         return now - seen.frame.captured_at > self.numbers.freshness
 
-    def _judgement(self, reason: Reason, seen: Assessment, now: float) -> tuple[bool, bool]:
+    def _vote(self, reason: Reason, seen: Assessment, now: float) -> tuple[bool, bool]:
         """Return whether the frame is bad, and whether it is clear, for `reason`.
 
         A changed scene that matches a remembered one is neither, while the match waits to be adopted.

@@ -218,15 +218,15 @@ class Stopping:
             f"in HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
-            return f"{way}: fits up to {_rounded_down(self.fits):.2f} m/s"
+            return f"{way}: fits up to {_down(self.fits):.2f} m/s"
         return f"{way}: {', or '.join(self._remedies())}"
 
     def _remedies(self) -> list[str]:
-        slower, remedies = _rounded_down(self.fits), []
+        slower, remedies = _down(self.fits), []
         if slower >= _SLOWEST:
             remedies.append(f"drive at most {slower:.2f} m/s")
         if self.top is not None:
-            remedies.append(f"set [roi] top = {_rounded_down(self.top):.2f} (further up the picture)")
+            remedies.append(f"set [roi] top = {_down(self.top):.2f} (further up the picture)")
         if self.overrun:
             remedies.append('set [call] px4_hold = "offboard"')
         remedies.append("mount the camera higher or tilted less")
@@ -273,5 +273,5 @@ def judge(
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 
 
-def _rounded_down(figure: float) -> float:
+def _down(figure: float) -> float:
     return math.floor(100 * figure) / 100

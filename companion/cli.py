@@ -17,9 +17,9 @@ from anytraverse.release import own_version
 if TYPE_CHECKING:
     from companion.config import Config
 
-_SCHEMA = "companion.schema.json"
 _SHIPPED = (
     "companion.toml",
+    "companion.schema.json",
     "vehicles/rover.toml",
     "ardupilot/anytraverse.lua",
     "qgroundcontrol/anytraverse.json",
@@ -129,7 +129,6 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _init(options: argparse.Namespace) -> int:
-    from companion.config import json_schema
     from companion.system.resources import resource
 
     folder = Path(options.folder)
@@ -143,9 +142,6 @@ def _init(options: argparse.Namespace) -> int:
                 print(f"{path}: written")
             except FileExistsError:
                 print(f"{path}: is there already, left as it is")
-        schema = folder / _SCHEMA
-        schema.write_text(json.dumps(json_schema(), indent=1) + "\n", encoding="utf-8")
-        print(f"{schema}: written, by which an editor completes and checks")
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise UserError(f"{error.filename or folder}: {why}: name a folder that you may write") from error

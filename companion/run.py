@@ -67,9 +67,9 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     if ready is None:
         return 0
     start_notices = list(ready.notices)
+    daemon = compose(config, Opened(link, vision, journal, writer, served, saved), ready, start_notices)
     if ready.model.int8_idle and config.perceiver.precision == "auto":
         start_notices.append(notices.int8_idle())
-    daemon = compose(config, Opened(link, vision, journal, writer, served, saved), ready, start_notices)
     for notice in start_notices:
         log.warning("%s", notice)
         link.say(texts.fit(notice), 4, time.monotonic())

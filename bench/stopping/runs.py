@@ -140,10 +140,10 @@ def _pressed(job: Job, kind: str, pressure: Pressure, random: Random) -> Run:
             stage.wait("driving on", lambda: time.monotonic() >= until, HEALTHY + 1.0)
             status = stage.status()
             if status["mode"] != "AUTO":
-                change, reasons = status["mode_log"][-1], stage.told().get("reasons", [])
-                if change["by"] == "companion" and "fault" not in reasons:
-                    raise Disturbed(f"it was held for {', '.join(reasons)}: {change}")
-                return Run(kind, job.seed, f"held though all was well: {change}")
+                change, reasons = status["mode_log"][-1], stage.held_for()
+                if change["by"] == "companion" and reasons and "fault" not in reasons:
+                    raise Disturbed(f"it was held for {reasons}: {change}")
+                return Run(kind, job.seed, f"held for {reasons or 'nothing said'}: {change}")
             stop = stage.measure(lambda: stage.cover(on=True))
             stop = replace(stop, gap=stage.wire.longest_gap(begun, time.monotonic()))
         return Run(kind, job.seed, _verdict(stop), stop)

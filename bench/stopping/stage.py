@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import signal
 import threading
 import time
@@ -177,6 +178,13 @@ class Stage:
         with contextlib.suppress(OSError, ValueError):
             return dict(json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8")))
         return {}
+
+    def held_for(self) -> str:
+        """The reasons of the companion's first hold, as its log says them; "" where it held nothing."""
+        found = re.search(
+            r"hold \d+: ([a-z_, ]+)$", (self.out / "daemon.log").read_text(encoding="utf-8"), re.M
+        )
+        return found[1] if found else ""
 
     def wait(self, what: str, fits: Callable[[], bool], limit: float) -> None:
         """Until `fits`; Disturbed after `limit` s, or when a process has ended."""

@@ -38,8 +38,9 @@ class AnswerStore:
     def __init__(self, saved: Any) -> None:
         """saved: what `saved` returned before the restart. Anything else in it is ignored."""
         rows = saved if isinstance(saved, list) else []
-        self._before = {(one.sender, one.transaction): one for row in rows if (one := _read(row)) is not None}
-        self._replies = deque(self._before.values(), _CAPACITY)
+        read = [reply for row in rows if (reply := _read(row)) is not None]
+        self._before = {(reply.sender, reply.transaction): reply for reply in read}
+        self._replies = deque(read, _CAPACITY)
 
     def before_restart(self, request: AnswerRequest) -> StoredReply | None:
         """Return the reply from before the restart, None without one. The link repeats later replies."""
@@ -73,5 +74,5 @@ def _read(row: Any) -> StoredReply | None:
         return StoredReply(
             (int(system), int(component)), int(transaction), int(target), Result(result), str(text)
         )
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -36,12 +35,12 @@ def _fits(document: Any) -> bool:
 
 
 @pytest.mark.parametrize("name", ["companion.toml", "vehicles/rover.toml"])
-def test_the_shipped_files_fit_and_name_the_schema(name: str) -> None:
+def test_the_shipped_files_fit_the_schema_beside_them(name: str) -> None:
     path = SHIPPED / name
     assert _fits(Layer.read(path).data)
     first = path.read_text().splitlines()[0]
     assert first.startswith("#:schema ")
-    assert (path.parent / first.removeprefix("#:schema ")).resolve() == SHIPPED / "companion.schema.json"
+    assert (path.parent / first.removeprefix("#:schema ")).samefile(SHIPPED / "companion.schema.json")
 
 
 @pytest.mark.parametrize(
@@ -93,8 +92,7 @@ def test_every_setting_is_described(section: type[Section]) -> None:
         assert all(one["description"] for one in told[name]["properties"].values())
 
 
-def test_the_command_prints_it_and_init_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_what_is_shipped(capsys: pytest.CaptureFixture[str]) -> None:
+    """After a change: python -m companion config schema > config/companion.schema.json."""
     assert main(["config", "schema"]) == 0
-    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(json_schema()))
-    assert main(["init", str(tmp_path)]) == 0
-    assert json.loads((tmp_path / "companion.schema.json").read_text())["title"] == "AnyTraverse companion"
+    assert capsys.readouterr().out == (SHIPPED / "companion.schema.json").read_text()

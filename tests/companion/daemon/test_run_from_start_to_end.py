@@ -73,11 +73,11 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
 
 def children() -> list[str]:
     """The process ids of this process's children, running or not yet reaped."""
-    return [
-        child
-        for thread in Path("/proc/self/task").iterdir()
-        for child in (thread / "children").read_text().split()
-    ]
+    found: list[str] = []
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(FileNotFoundError):  # a thread that has just ended
+            found += (thread / "children").read_text().split()
+    return found
 
 
 def start(config: Config, stop: Callable[[], bool]) -> int:

@@ -31,9 +31,9 @@ def json_schema() -> dict[str, Any]:
     }
     properties: dict[str, Any] = {name: section_schema(section) for name, section in SECTIONS.items()}
     properties["vocabulary"] = {"description": "words offered to ground stations", **WORDS_OFFERED.schema}
-    for name, told in word_tables.items():
-        table = {"type": "object", "additionalProperties": told["schema"]}
-        properties[name] = {"description": told["description"], **table}
+    for name, word_table in word_tables.items():
+        table = {"type": "object", "additionalProperties": word_table["schema"]}
+        properties[name] = {"description": word_table["description"], **table}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "AnyTraverse companion",

@@ -44,16 +44,16 @@ class Connection(Section):
         try:
             self.settings()
         except ValueError as error:
-            yield _blamed(str(error)), str(error)
+            yield _key_of(str(error)), str(error)
 
     def settings(self) -> ConnectionSettings:
         """As the link takes them."""
         return ConnectionSettings(self.url, self.budget, self.burst, self.asked_budget, self.pace)
 
 
-def _blamed(said: str) -> tuple[str, ...]:
+def _key_of(message: str) -> tuple[str, ...]:
     """The setting that an error begins with, "more.wifi.url" or "budget"; the url where that is not given."""
-    first = said.split(maxsplit=1)[0].rstrip(":")
+    first = message.split(maxsplit=1)[0].rstrip(":")
     return (first, "url") if first.split(".")[0] in {field.name for field in fields(Link)} else ("url",)
 
 
@@ -64,27 +64,27 @@ def _connections(value: object) -> Connections:
     """Tables of settings, each below a name of its own."""
     if not isinstance(value, Mapping):
         raise ValueError("give each connection a name and its settings: [link.more.wifi], then url = ...")
-    wrong: list[Complaint] = []
-    found = tuple((name, _connection(name, table, wrong)) for name, table in value.items())
-    if wrong:
-        raise NestedError(wrong)
+    problems: list[Complaint] = []
+    found = tuple((name, _connection(name, table, problems)) for name, table in value.items())
+    if problems:
+        raise NestedError(problems)
     return found
 
 
-def _connection(name: str, table: object, wrong: list[Complaint]) -> Connection:
+def _connection(name: str, table: object, problems: list[Complaint]) -> Connection:
     if not isinstance(table, Mapping) or "url" not in table:
-        wrong.append(((name,), "needs a url, like udpin:0.0.0.0:14551"))
+        problems.append(((name,), "needs a url, like udpin:0.0.0.0:14551"))
         return Connection()
-    given, before = {}, len(wrong)
+    given, before = {}, len(problems)
     for key, value in table.items():
         try:
             given[key] = _checked(key, value)
         except ValueError as error:  # noqa: PERF203
-            wrong.append(((name, key), str(error)))
+            problems.append(((name, key), str(error)))
     read = Connection(**given)
-    if len(wrong) == before:
+    if len(problems) == before:
         for keys, reason in read.complaints():
-            wrong.append(((name, next((key for key in keys if key in table), keys[0])), reason))
+            problems.append(((name, next((key for key in keys if key in table), keys[0])), reason))
     return read
 
 
@@ -124,7 +124,7 @@ class Link(Connection):
         try:
             self.settings()
         except ValueError as error:
-            yield _blamed(str(error)), str(error)
+            yield _key_of(str(error)), str(error)
 
     def beside(self, folder: Path) -> Link:
         """With a relative path of the key counted from `folder`."""

@@ -70,24 +70,24 @@ def _refuse_unknown(layer: Layer, known: Sequence[str], problems: list[Problem])
     for name in layer.data:
         if name in known:
             continue
-        home = _home(layer, name)
+        place = _place_of(layer, name)
         if name in SECTIONS:
             reason = "does not belong in a vehicle's file: move it to companion.toml"
-        elif home:
-            reason = f"belongs {home}"
+        elif place:
+            reason = f"belongs {place}"
         else:
             reason = f"is not known; {nearest(name, known)}"
         problems.append(layer.problem((name,), reason))
 
 
-def _home(layer: Layer, key: str) -> str:
+def _place_of(layer: Layer, key: str) -> str:
     """Below which headline a setting belongs; empty when there is no such setting."""
-    home = next((name for name, section in SECTIONS.items() if key in _settings_of(section)), None)
-    if home is None:
+    place = next((name for name, section in SECTIONS.items() if key in _settings_of(section)), None)
+    if place is None:
         return ""
     # In the shipped file headlines are commented out like the settings below them, and easily left so.
-    missing = "" if home in layer.data else ": write that headline above it, or take its # away"
-    return f"below [{home}]{missing}"
+    missing = "" if place in layer.data else ": write that headline above it, or take its # away"
+    return f"below [{place}]{missing}"
 
 
 def _settings_of(section: type[Section]) -> list[str]:
@@ -105,8 +105,8 @@ def _read_section(
     for layer in reversed(layers):
         for key, value in layer.table(name, problems).items():
             if key not in checks:
-                home = _home(layer, key)
-                hint = f"it belongs {home}" if home else nearest(key, checks)
+                place = _place_of(layer, key)
+                hint = f"it belongs {place}" if place else nearest(key, checks)
                 problems.append(layer.problem((name, key), f"is not known; {hint}"))
                 continue
             try:

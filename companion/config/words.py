@@ -25,22 +25,22 @@ class Words(NamedTuple):
 def read_words(layers: Sequence[Layer], problems: list[Problem]) -> Words:
     """Of each of the three the first layer's counts as a whole. The words in use join the vocabulary."""
     before = len(problems)
-    owners = {
+    layer_of = {
         key: next((layer for layer in layers if key in layer.data), layers[0])
         for key in ("vocabulary", "words", "aliases")
     }
-    words = _table(owners["words"], "words", number(-1, 1), problems)
-    _try(owners["words"], ("words",), partial(Preferences.of, words), problems)
-    aliases = _table(owners["aliases"], "aliases", text, problems)
+    words = _table(layer_of["words"], "words", number(-1, 1), problems)
+    _try(layer_of["words"], ("words",), partial(Preferences.of, words), problems)
+    aliases = _table(layer_of["aliases"], "aliases", text, problems)
     for word, alias in aliases.items():
-        _try(owners["aliases"], ("aliases", word), partial(word_parameter, word, alias), problems)
-    listed = owners["vocabulary"].data.get("vocabulary", [])
-    listed = _try(owners["vocabulary"], ("vocabulary",), partial(_cleaned, listed), problems)
+        _try(layer_of["aliases"], ("aliases", word), partial(word_parameter, word, alias), problems)
+    listed = layer_of["vocabulary"].data.get("vocabulary", [])
+    listed = _try(layer_of["vocabulary"], ("vocabulary",), partial(_cleaned, listed), problems)
     vocabulary = tuple(dict.fromkeys((*words, *(listed or ()))))
     if len(problems) == before:
-        blamed = next((key for key in owners if key in owners[key].data), "words")
+        key_to_report = next((key for key in layer_of if key in layer_of[key].data), "words")
         together = partial(build, vocabulary, words, {}, aliases=aliases)
-        _try(owners[blamed], (blamed,), together, problems)
+        _try(layer_of[key_to_report], (key_to_report,), together, problems)
     return Words(words, vocabulary, aliases)
 
 

@@ -37,20 +37,20 @@ class TextSender:
 
     def __init__(self, outbox: Outbox) -> None:
         self._outbox = outbox
-        self._said: dict[str, float] = {}
+        self._sent_at: dict[str, float] = {}
         self._refusals = TokenBucket(1 / REFUSAL_GAP, REFUSALS_AT_ONCE, 0.0)
-        self._strangers = TokenBucket(1 / SAME_TEXT_GAP, 1, 0.0)
+        self._denials = TokenBucket(1 / SAME_TEXT_GAP, 1, 0.0)
         self.unsaid = 0
 
     def say(self, text: str, severity: int, now: float) -> None:
         """Queue a STATUSTEXT of MAV_SEVERITY `severity`; an ALERT goes as early as a call."""
         self._forget(now)
-        if text in self._said:
+        if text in self._sent_at:
             return
         if severity > ALERT and self._outbox.waiting("text") >= MAX_TEXTS:
             self.unsaid += 1
             return
-        self._said[text] = now
+        self._sent_at[text] = now
         self._outbox.push("call text" if severity <= ALERT else "text", encode.text(text, severity), now)
 
     def answer(self, text: str, now: float, *, taken: bool) -> None:
@@ -63,7 +63,7 @@ class TextSender:
     def refuse(self, text: str, now: float) -> None:
         """Say why somebody's wish is not granted: four at once, then one in 2 s, however many come."""
         self._forget(now)
-        if text in self._said:
+        if text in self._sent_at:
             return
         if self._refusals.take(1, now):
             self.say(text, WARNING, now)
@@ -72,11 +72,11 @@ class TextSender:
 
     def refuse_sender(self, sender: Sender, now: float) -> None:
         """Say that he may not change anything; in 5 s one of however many."""
-        if self._strangers.take(1, now):
+        if self._denials.take(1, now):
             self.say(notices.sender_refused(sender[0]), WARNING, now)
 
     def _forget(self, now: float) -> None:
-        self._said = {old: at for old, at in self._said.items() if now - at < SAME_TEXT_GAP}
+        self._sent_at = {old: at for old, at in self._sent_at.items() if now - at < SAME_TEXT_GAP}
 
 
 ERROR = 3
@@ -106,7 +106,7 @@ class AlertRepeater:
 
     def __init__(self) -> None:
         self._call: CallData | None = None
-        self._told_at = 0.0
+        self._announced_at = 0.0
         self._text = ""
         self._quiet = False
         self._severity = ERROR
@@ -118,7 +118,7 @@ class AlertRepeater:
         self._text_new = False
         self._closing: deque[_Closing] = deque(maxlen=4)
         self._closed: int | None = None
-        self._farewells: deque[str] = deque(maxlen=4)
+        self._closing_texts: deque[str] = deque(maxlen=4)
 
     @property
     def is_open(self) -> bool:
@@ -131,14 +131,14 @@ class AlertRepeater:
             self._close(call, text)
             return
         self._closed = None
-        if _place(call) != _place(self._call) or (call is None and text != self._text):
+        if _id_and_stage(call) != _id_and_stage(self._call) or (call is None and text != self._text):
             self._since = now
             self._repeats = 0
             self._text_new = True
         self._data_new |= _content(call) != _content(self._call)
         self._text_new |= text != self._text or severity != self._severity
         if call != self._call:
-            self._told_at = now
+            self._announced_at = now
         self._call, self._text, self._quiet, self._severity = call, text, quiet, severity
 
     def data(self, now: float) -> CallData | None:
@@ -158,12 +158,12 @@ class AlertRepeater:
             return None
         self._data_at, self._data_new = now, False
         self._repeats += 1
-        return replace(self._call, age_s=self._call.age_s + int(now - self._told_at))
+        return replace(self._call, age_s=self._call.age_s + int(now - self._announced_at))
 
     def text(self, now: float) -> Spoken | None:
         """The text that is due, if any; ask until there is none."""
-        if self._farewells:
-            return Spoken(self._farewells.popleft(), NOTICE)
+        if self._closing_texts:
+            return Spoken(self._closing_texts.popleft(), NOTICE)
         if not self._text:
             return None
         fast = not self._quiet and self._text_at - self._since < TEXT_ALERT_AFTER
@@ -180,11 +180,11 @@ class AlertRepeater:
         self._closed = call.id
         self._closing.append(_Closing(call))
         if text:
-            self._farewells.append(text)
+            self._closing_texts.append(text)
         self._call, self._text = None, ""
 
 
-def _place(call: CallData | None) -> tuple[int, Stage] | None:
+def _id_and_stage(call: CallData | None) -> tuple[int, Stage] | None:
     return None if call is None else (call.id, call.stage)
 
 

@@ -67,7 +67,7 @@ class Reassembly:
             pieces = _Pieces(now)
         pieces.newest_at = now
         self._open.put(key, pieces)
-        if any(_frame(other) != _frame(part) for other in pieces.parts.values()):
+        if any(_envelope(other) != _envelope(part) for other in pieces.parts.values()):
             self._open.pop(key)
             raise PayloadError("the parts do not belong together")
         pieces.parts[part.part] = part
@@ -78,7 +78,7 @@ class Reassembly:
         return replace(part, operations=operations, part=0, parts=1)
 
 
-def _frame(part: AnswerMessage) -> tuple[int, int, int]:
+def _envelope(part: AnswerMessage) -> tuple[int, int, int]:
     return part.target, part.motion, part.parts
 
 
@@ -96,7 +96,7 @@ _COMMAND_RESULTS = {
 }
 
 
-_TAKEN = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
+_ACCEPTED = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
 
 
 @dataclass
@@ -141,7 +141,7 @@ class AnswerService:
             self._text_sender.refuse_sender(sender, now)
             self._reply(sender, _refusal(part, Result.DENIED, "this sender may not answer"), now)
             return None
-        if self._known((sender, part.transaction), now):
+        if self._is_repeated((sender, part.transaction), now):
             return None
         try:
             whole = self._reassembly.add(sender, part, now)
@@ -161,7 +161,7 @@ class AnswerService:
             self._text_sender.refuse_sender(sender, now)
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
             return None
-        if message.param2 == SET_POLICY and (policy := _whole(message.param3, 0, max(Policy))) is not None:
+        if message.param2 == SET_POLICY and (policy := _integer(message.param3, 0, max(Policy))) is not None:
             return PolicyRequest(sender, Policy(policy))
         request = self._read_command(sender, message)
         if request is None:
@@ -171,7 +171,7 @@ class AnswerService:
             return None
         # The same command once more is a new wish, unless it says that it is a repetition.
         again = getattr(message, "confirmation", 0) > 0
-        if self._known((sender, request), now, repeat_within=REPEAT_WITHIN if again else 0.0):
+        if self._is_repeated((sender, request), now, repeat_within=REPEAT_WITHIN if again else 0.0):
             return None
         self._cases.put((sender, request), _Case(now))
         return request
@@ -225,7 +225,7 @@ class AnswerService:
 
     def _acknowledge_parameter(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """As echo and as text. What was not taken may be asked again at once."""
-        taken = ack.result in _TAKEN
+        taken = ack.result in _ACCEPTED
         self._text_sender.answer(ack.text, now, taken=taken)
         self._parameters.echo(ANSWER, (request.value or 0.0) if taken else 0.0, request.sender, now)
         for target in (request.target, ack.target):
@@ -234,7 +234,7 @@ class AnswerService:
             if taken or (ack.result is Result.STALE and request.target == 0):
                 self._cases.put(key, _Case(now, taken))
 
-    def _known(self, key: tuple[Any, ...], now: float, repeat_within: float = math.inf) -> bool:
+    def _is_repeated(self, key: tuple[Any, ...], now: float, repeat_within: float = math.inf) -> bool:
         case = self._cases.get(key)
         if case is None:
             return False
@@ -257,8 +257,8 @@ class AnswerService:
         self._outbox.push("command ack", encode.command_ack(ANSWER_COMMAND, result, sender), now, to=sender)
 
     def _read_command(self, sender: Sender, message: Any) -> AnswerRequest | None:
-        target = _whole(message.param1, 0, MAX_ID)
-        code = _whole(message.param2, 1, SET_WEIGHT)
+        target = _integer(message.param1, 0, MAX_ID)
+        code = _integer(message.param2, 1, SET_WEIGHT)
         if target is None or code is None:
             return None
         if code != SET_WEIGHT:
@@ -267,14 +267,14 @@ class AnswerService:
         return None if operation is None else AnswerRequest(sender, None, target, Motion.NONE, (operation,))
 
     def _weight(self, index: float, value: float) -> Operation | None:
-        number = _whole(index, 0, MAX_ID)
+        number = _integer(index, 0, MAX_ID)
         entry = None if number is None else self._parameters.at(number)
         if entry is None or entry.word is None or not entry.accepts(value):
             return None
         return ForgetWord(entry.word) if value == entry.special else SetWord(entry.word, round(value, 6))
 
 
-def _whole(value: float, first: int, last: int) -> int | None:
+def _integer(value: float, first: int, last: int) -> int | None:
     if not math.isfinite(value) or value != int(value) or not first <= value <= last:
         return None
     return int(value)

@@ -69,10 +69,10 @@ class Channel:
             self._connection, settings, now, system_id=system_id, signing=signing, link_id=link_id
         )
         self.periodic = PeriodicTelemetry(self.sender, now)
-        self._waits = settings.waits_for_vehicle
+        self._waits_for_vehicle = settings.waits_for_vehicle
         self._opened = 0
         self._clash_at: float | None = None
-        self._speaks = False
+        self._may_send = False
 
     @property
     def label(self) -> str:
@@ -113,7 +113,7 @@ class Channel:
 
     def wait(self, now: float) -> float:
         """Seconds after which `tick` may have something to send, at most 0.1."""
-        return min(_IDLE, self.sender.wait(now)) if self._speaks else _IDLE
+        return min(_IDLE, self.sender.wait(now)) if self._may_send else _IDLE
 
     def close(self) -> None:
         """Give the device back."""
@@ -172,19 +172,19 @@ class Channel:
 
     def urge(self, name: str, now: float) -> None:
         """Send what waits of this row without waiting for `tick`."""
-        if self._speaks:
+        if self._may_send:
             self.sender.urge(name, now)
 
     def may_speak(self, now: float, *, has_vehicle: bool) -> bool:
         """Whether more than `STOPPING` may leave. Where the autopilot comes to us, it is waited for."""
         if self._clash_at is not None and now - self._clash_at > CLASH_FOR:
             self._clash_at = None
-        self._speaks = has_vehicle or not self._waits
-        return self._speaks and not self.clash
+        self._may_send = has_vehicle or not self._waits_for_vehicle
+        return self._may_send and not self.clash
 
     def tick(self, now: float, *, calling: bool) -> None:
         """Send what is due, within pace and budgets; `may_speak` was asked before."""
-        if not self._speaks:
+        if not self._may_send:
             return
         if not self.clash:
             self.periodic.tick(now, calling=calling)

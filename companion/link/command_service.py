@@ -31,7 +31,7 @@ _RATES = {_SUMMARY: (SUMMARY_RATE, "summary"), _NUMBER: (NUMBER_RATE, "number")}
 _SECOND = 1_000_000
 _NEVER, _DEFAULT, _UNKNOWN = -1, 0, 0
 _LONGEST = 2**31 - 1
-_Asked = ParameterRequest | ResetRequest
+_Request = ParameterRequest | ResetRequest
 
 
 class CommandService:
@@ -46,21 +46,21 @@ class CommandService:
         self._parameters = parameters
         self._version = encode.autopilot_version(own_version())
 
-    def hear(self, sender: Sender, message: Any, now: float) -> _Asked | None:
+    def hear(self, sender: Sender, message: Any, now: float) -> _Request | None:
         """A COMMAND_LONG or COMMAND_INT; what the daemon must do is returned, the rest is done here."""
         result: int
-        request: _Asked | None = None
+        request: _Request | None = None
         first, second = message.param1, message.param2
         match message.command:
             case mavlink.MAV_CMD_REQUEST_MESSAGE:
-                result = self._tell(first, sender, now)
+                result = self._send_newest(first, sender, now)
             case mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
-                result = self._tell(_VERSION, sender, now) if first == 1 else DENIED
+                result = self._send_newest(_VERSION, sender, now) if first == 1 else DENIED
             case mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
-                result = self._tell_rate(first, sender, now)
+                result = self._send_interval(first, sender, now)
             case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
                 result, request = self._set_rate(first, second, sender, now)
-            case mavlink.MAV_CMD_PREFLIGHT_STORAGE if first == STORAGE_RESET and self._may(sender, now):
+            case mavlink.MAV_CMD_PREFLIGHT_STORAGE if first == STORAGE_RESET and self._allowed(sender, now):
                 return ResetRequest(sender)
             case mavlink.MAV_CMD_PREFLIGHT_STORAGE:
                 result = ACCEPTED if first in (STORAGE_LOAD, STORAGE_SAVE) else DENIED
@@ -75,34 +75,34 @@ class CommandService:
         command = mavlink.MAV_CMD_PREFLIGHT_STORAGE if reset else ANSWER_COMMAND
         self._acknowledge(request.sender, command, result, now)
 
-    def _may(self, sender: Sender, now: float) -> bool:
+    def _allowed(self, sender: Sender, now: float) -> bool:
         if self._access.may_change(sender):
             return True
         self._access.rejected["sender"] += 1
         self._text_sender.refuse_sender(sender, now)
         return False
 
-    def _tell(self, message_id: float, to: Sender, now: float) -> int:
+    def _send_newest(self, message_id: float, to: Sender, now: float) -> int:
         """The newest, once, out of the budget for what was asked."""
         channel = self._outbox.channel(to)
         if message_id == _VERSION:
-            told, row = [self._version], "version"
+            messages, row = [self._version], "version"
         elif channel is None:
             return LATER
         elif message_id == _HEARTBEAT:
-            told, row = [channel.periodic.newest_heartbeat()], "heartbeat asked"
+            messages, row = [channel.periodic.newest_heartbeat()], "heartbeat asked"
         elif message_id == _SUMMARY:
             summary = channel.periodic.newest_summary(to, now)
-            told, row = [] if summary is None else [summary], "summary asked"
+            messages, row = [] if summary is None else [summary], "summary asked"
         elif message_id == _NUMBER:
-            told, row = channel.periodic.newest_numbers(now), "number asked"
+            messages, row = channel.periodic.newest_numbers(now), "number asked"
         else:
             return UNSUPPORTED
-        for index, message in enumerate(told):
+        for index, message in enumerate(messages):
             self._outbox.push(row, message, now, key=(to, index), to=to)
-        return ACCEPTED if told else LATER
+        return ACCEPTED if messages else LATER
 
-    def _tell_rate(self, message_id: float, to: Sender, now: float) -> int:
+    def _send_interval(self, message_id: float, to: Sender, now: float) -> int:
         if not 0 <= message_id <= 0xFFFF or message_id != int(message_id):
             return DENIED
         rate = self._parameters.value(_RATES[int(message_id)][0]) if message_id in _RATES else None
@@ -120,7 +120,7 @@ class CommandService:
         self, message_id: float, interval: float, sender: Sender, now: float
     ) -> tuple[int, ParameterRequest | None]:
         """The same as setting the rate's parameter; nobody slows the heartbeat down."""
-        if not self._may(sender, now):
+        if not self._allowed(sender, now):
             return DENIED, None
         if message_id == _HEARTBEAT:
             return (ACCEPTED if interval in (_DEFAULT, _SECOND) else DENIED), None

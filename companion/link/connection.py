@@ -60,10 +60,10 @@ class Connection:
         try:
             data = self._transport.read()
         except OSError as error:
-            self._lost(error, now)
+            self._handle_error(error, now)
             return b""
         if data:
-            self._well()
+            self._mark_working()
         return data
 
     def write(self, frame: bytes, now: float) -> bool:
@@ -73,10 +73,10 @@ class Connection:
         try:
             taken = self._transport.write(frame)
         except OSError as error:
-            self._lost(error, now)
+            self._handle_error(error, now)
             return False
         if taken and now - self._opened_at >= LAST_RETRY:
-            self._well()
+            self._mark_working()
         return taken
 
     def believe(self, now: float, *, autopilot: bool) -> None:
@@ -99,13 +99,13 @@ class Connection:
             self.opened += 1
             self._opened_at = now
         except OSError as error:
-            self._lost(error, now)
+            self._handle_error(error, now)
 
-    def _well(self) -> None:
+    def _mark_working(self) -> None:
         self._delay = FIRST_RETRY
         self.trouble = None
 
-    def _lost(self, error: OSError, now: float) -> None:
+    def _handle_error(self, error: OSError, now: float) -> None:
         self.close()
         self.trouble = error.strerror or str(error)
         if error.errno in _ABSENT:

@@ -51,31 +51,31 @@ class LeaseTable(Generic[_Holder, _Value]):
     def __init__(self, places: int, lasts: float) -> None:
         self._places = places
         self._lasts = lasts
-        self._held: dict[_Holder, tuple[float, _Value]] = {}
+        self._leases: dict[_Holder, tuple[float, _Value]] = {}
 
     def __iter__(self) -> Iterator[_Holder]:
-        return iter(self._held)
+        return iter(self._leases)
 
     def __contains__(self, key: object) -> bool:
-        return key in self._held
+        return key in self._leases
 
     def get(self, key: _Holder) -> _Value | None:
         """The value that `key` has; None when it has no place."""
-        held = self._held.get(key)
-        return None if held is None else held[1]
+        lease = self._leases.get(key)
+        return None if lease is None else lease[1]
 
     def renew(self, key: _Holder, value: _Value, now: float) -> bool:
         """Whether `key` has a place now, which then has this value.
 
         now: s; minus infinity takes a free place only, and leaves it to whoever comes next.
         """
-        held = self._held.get(key)
-        if held is None and len(self._held) >= self._places:
-            silent = min(self._held, key=lambda other: self._held[other][0])
-            if not now - self._held[silent][0] > self._lasts:  # also where both are minus infinity
+        lease = self._leases.get(key)
+        if lease is None and len(self._leases) >= self._places:
+            stalest = min(self._leases, key=lambda other: self._leases[other][0])
+            if not now - self._leases[stalest][0] > self._lasts:  # also where both are minus infinity
                 return False
-            del self._held[silent]
-        self._held[key] = (now if held is None else max(now, held[0])), value
+            del self._leases[stalest]
+        self._leases[key] = (now if lease is None else max(now, lease[0])), value
         return True
 
 
@@ -88,29 +88,29 @@ class SenderCache(Generic[_T]):
 
     def __init__(self, of_a_sender: int = 64, in_all: int = 1024) -> None:
         self._of_a_sender, self._in_all = of_a_sender, in_all
-        self._kept: dict[_Key, _T] = {}
+        self._entries: dict[_Key, _T] = {}
         self._counts: dict[Sender, int] = {}
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._entries)
 
     def get(self, key: _Key) -> _T | None:
         """What was put there last; None when it is not known."""
-        return self._kept.get(key)
+        return self._entries.get(key)
 
     def put(self, key: _Key, value: _T) -> None:
         """`key` is the newest now."""
         self.pop(key)
-        self._kept[key] = value
+        self._entries[key] = value
         own = self._counts[key[0]] = self._counts.get(key[0], 0) + 1
         if own > self._of_a_sender:
-            self.pop(next(one for one in self._kept if one[0] == key[0]))
-        elif len(self._kept) > self._in_all:
-            self.pop(next(iter(self._kept)))
+            self.pop(next(one for one in self._entries if one[0] == key[0]))
+        elif len(self._entries) > self._in_all:
+            self.pop(next(iter(self._entries)))
 
     def pop(self, key: _Key) -> None:
         """Forget it, if it is known."""
-        if self._kept.pop(key, None) is not None:
+        if self._entries.pop(key, None) is not None:
             self._counts[key[0]] -= 1
             if not self._counts[key[0]]:
                 del self._counts[key[0]]

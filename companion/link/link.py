@@ -84,7 +84,7 @@ class Link:
         )
         self._router = MessageRouter(self._outbox, self._text_sender, self._access, self._tracker, requests)
         self._alerts = AlertRepeater()
-        self._returns = 0
+        self._returns_seen = 0
         self._intervals = MessageIntervals(self._outbox, self._router.remote_control)
         self._modes = ModeCommands(self._outbox, self._access)
         self._setpoints = Setpoints(self._outbox, now)
@@ -129,7 +129,7 @@ class Link:
         Connections are read by turns, for 50 ms and once each at least: none that is flooded keeps another
         unheard. An error over one message is survived and said: nobody ends the companion by a frame.
         """
-        heard: list[InboundEvent] = []
+        events: list[InboundEvent] = []
         until = self._clock() + READING_FOR
         reads = {channel: channel.poll(now) for channel in self._channels}
         while reads:
@@ -140,10 +140,10 @@ class Link:
                 if messages is None:
                     del reads[channel]
                 else:
-                    heard += self._hear(messages, channel, now)
+                    events += self._hear(messages, channel, now)
             if self._clock() >= until:
                 break
-        return heard
+        return events
 
     def skip(self, now: float) -> None:
         """Throw away what waits to be read."""
@@ -165,8 +165,8 @@ class Link:
             self._parameters.tick(now)
             self._texts.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
-        if returns != self._returns:
-            self._returns = returns
+        if returns != self._returns_seen:
+            self._returns_seen = returns
             for channel in speaking:
                 channel.periodic.hurry()
         for channel in self._channels:
@@ -281,8 +281,8 @@ class Link:
                     yield event
 
     def _announce_due(self, now: float) -> None:
-        while (spoken := self._alerts.text(now)) is not None:
-            self._outbox.push("call text", encode.text(spoken.text, spoken.severity), now)
+        while (due := self._alerts.text(now)) is not None:
+            self._outbox.push("call text", encode.text(due.text, due.severity), now)
         call = self._alerts.data(now)
         if call is not None:
             self._outbox.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)

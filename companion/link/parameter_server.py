@@ -21,7 +21,7 @@ from companion.wire.refusals import Rejected
 
 
 @dataclass
-class _Round:
+class _Listing:
     """A list on one connection: who asked last, what is next, how many are left."""
 
     to: Sender
@@ -37,22 +37,22 @@ class ListSender:
         self._outbox = outbox
         self._row = row
         self._count = count
-        self._lists: dict[str, _Round] = {}
+        self._lists: dict[str, _Listing] = {}
 
     def begin(self, sender: Sender) -> None:
         """`sender` asks for all."""
         channel = self._outbox.channel(sender)
         if channel is not None:
-            told = self._lists.setdefault(channel.name, _Round(sender))
-            told.to, told.left = sender, self._count
+            listing = self._lists.setdefault(channel.name, _Listing(sender))
+            listing.to, listing.left = sender, self._count
 
     def due(self) -> Iterator[tuple[int, Sender]]:
         """Index and receiver of what is to be told now: the next one where none of the row waits."""
-        for told in self._lists.values():
-            if told.left and not self._outbox.waiting(self._row, told.to):
-                yield told.at, told.to
-                told.at = (told.at + 1) % self._count
-                told.left -= 1
+        for listing in self._lists.values():
+            if listing.left and not self._outbox.waiting(self._row, listing.to):
+                yield listing.at, listing.to
+                listing.at = (listing.at + 1) % self._count
+                listing.left -= 1
 
 
 FOLDER = "@PARAM"
@@ -94,7 +94,7 @@ class ParameterServer:
         self._access = access
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
-        self._asked: dict[str, Sender] = {}
+        self._requested_by: dict[str, Sender] = {}
         self._lists = ListSender(outbox, "list", len(self._entries))
         self.configured: Mapping[str, float] = {}
         """Name -> the configured value, as far as it is known."""
@@ -136,7 +136,7 @@ class ParameterServer:
         if index is None or self.at(index) is None:
             self._refuse_unknown(sender, message, message.param_index, now)
             return
-        self._tell("echo", index, now, sender)
+        self._send("echo", index, now, sender)
 
     def set(self, sender: Sender, message: Any, now: float) -> ParameterRequest | None:
         """PARAM_SET of any type; the old value is echoed when it is refused."""
@@ -148,16 +148,16 @@ class ParameterServer:
         if not self._access.may_change(sender):
             self._access.rejected["sender"] += 1
             self._text_sender.refuse_sender(sender, now)
-            self._tell("echo", index, now, sender)
+            self._send("echo", index, now, sender)
             return None
         refusal = self._refusal(entry, message.param_value)
         if refusal is not None:
             reason, text = refusal
             self._access.rejected[reason] += 1
             self._text_sender.refuse(text, now)
-            self._tell("echo", index, now, sender)
+            self._send("echo", index, now, sender)
             return None
-        self._asked[entry.name] = sender
+        self._requested_by[entry.name] = sender
         return ParameterRequest(sender, entry.name, round(message.param_value, _DIGITS))
 
     def changed(self, name: str, value: float, now: float) -> None:
@@ -168,18 +168,18 @@ class ParameterServer:
         index = self._index.get(name)
         if index is None or not self._entries[index].accepts(value):
             raise ParameterError(f"{name} = {value:g} cannot be told: not listed, or out of range")
-        moved = self._entries[index].value != value
+        is_changed = self._entries[index].value != value
         self._entries[index] = replace(self._entries[index], value=value)
-        asker = self._asked.pop(name, None)
+        asker = self._requested_by.pop(name, None)
         if asker is not None:
-            self._tell("echo", index, now, None if moved else asker)
-        elif moved:
-            self._tell("news", index, now)
+            self._send("echo", index, now, None if is_changed else asker)
+        elif is_changed:
+            self._send("news", index, now)
 
     def tick(self, now: float) -> None:
         """Feed the lists."""
         for index, to in self._lists.due():
-            self._tell("list", index, now, to)
+            self._send("list", index, now, to)
 
     def _refuse_unknown(self, sender: Sender, message: Any, index: int, now: float) -> None:
         """What was asked of everybody may well be another component's."""
@@ -190,7 +190,7 @@ class ParameterServer:
                 "no parameter", error, now, key=(sender, message._param_id_raw, index), to=sender
             )
 
-    def _tell(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
+    def _send(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
         message = encode.parameter(self._entries[index], index, len(self._entries))
         self._outbox.push(row, message, now, key=index, to=to)
 
@@ -198,8 +198,8 @@ class ParameterServer:
         if entry.read_only:
             return "read-only", notices.read_only(entry.name)
         # An integer's bits in the float's place read as a number next to nothing.
-        disguised = 0 < abs(value) < _INTEGER_BITS
-        if disguised or not entry.accepts(_rounded(value)):
+        is_integer_bits = 0 < abs(value) < _INTEGER_BITS
+        if is_integer_bits or not entry.accepts(_rounded(value)):
             return "range", notices.value_refused(entry.name, entry.allowed())
         return None
 

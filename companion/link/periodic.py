@@ -22,7 +22,7 @@ _PATIENCE = 0.3
 """s to wait for a newer summary when one is due."""
 _BEFORE, _AFTER = 0.05, 0.15
 """s around the time at which a summary falls due: frames leave apart, so that one now would hold it up."""
-_AT_WORK = 1.0
+_RECENT = 1.0
 _TOLERANCE = 1e-6
 _OLDEST = 0xFFFF
 """ms that a summary can say."""
@@ -43,8 +43,8 @@ class PeriodicTelemetry:
     `math.inf` for never.
     """
 
-    def __init__(self, outbox: Sender, now: float) -> None:
-        self._outbox = outbox
+    def __init__(self, sender: Sender, now: float) -> None:
+        self._sender = sender
         self._started = now
         self._content = (State.STARTING, 0, Policy.REPORT)
         self._heartbeat_at = -math.inf
@@ -78,8 +78,8 @@ class PeriodicTelemetry:
 
     def newest_numbers(self, now: float) -> list[Any]:
         """For somebody who asks for them."""
-        told = [name for name in NUMBERS if name in self._numbers]
-        return [encode.number(name, self._numbers[name], self._uptime(now)) for name in told]
+        filled = [name for name in NUMBERS if name in self._numbers]
+        return [encode.number(name, self._numbers[name], self._uptime(now)) for name in filled]
 
     def hurry(self) -> None:
         """The next heartbeat is due now: somebody may have forgotten us."""
@@ -105,13 +105,13 @@ class PeriodicTelemetry:
         beat = _period("heartbeat") + (_BEFORE + _AFTER if awaited else 0.0)
         if silent >= (_STATE_GAP if self._heartbeat_now else beat):
             self._heartbeat_at, self._heartbeat_now = now, False
-            self._outbox.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
+            self._sender.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
         if not calling and not awaited and now - self._numbers_at < _NUMBER_LIFETIME:
-            self._tell_numbers(now)
+            self._send_numbers(now)
 
     def _awaits_summary(self, now: float, period: float) -> bool:
         """Whether one falls due about now; what is not urgent goes right behind it."""
-        if self._newest is None or now - self._newest[1] > _AT_WORK:
+        if self._newest is None or now - self._newest[1] > _RECENT:
             return False
         return -_BEFORE <= now - self._summary_at - period <= _AFTER
 
@@ -122,35 +122,35 @@ class PeriodicTelemetry:
             return
         _, given_at = self._summary
         if given_at >= due or now >= due + _PATIENCE:
-            self._tell_summary(*self._summary, now)
+            self._send_summary(*self._summary, now)
             self._summary_at = due if now - due <= _PATIENCE else now
 
-    def _tell_summary(self, summary: Summary, given_at: float, now: float) -> None:
+    def _send_summary(self, summary: Summary, given_at: float, now: float) -> None:
         self._summary = None
-        if not self._outbox.has_room("summary", now, reserve=_CALL_RESERVE):
+        if not self._sender.has_room("summary", now, reserve=_CALL_RESERVE):
             self.dropped += 1
             return
         message = self._encoded(summary, given_at, self._sequence, now)
         self._sequence = (self._sequence + 1) & 0xFFFF
-        self._outbox.push("summary", message, now, key=0, lifetime=1.0)
+        self._sender.push("summary", message, now, key=0, lifetime=1.0)
 
     def _encoded(
         self, summary: Summary, given_at: float, sequence: int, now: float, to: tuple[int, int] = (0, 0)
     ) -> Any:
         age = min(_OLDEST, summary.frame_age_ms + round((now - given_at) * 1000))
-        told = replace(summary, sequence=sequence, dropped=self.dropped, frame_age_ms=age)
-        return encode.tunnel(TUNNEL_SUMMARY, told.pack(), to)
+        filled = replace(summary, sequence=sequence, dropped=self.dropped, frame_age_ms=age)
+        return encode.tunnel(TUNNEL_SUMMARY, filled.pack(), to)
 
     def _uptime(self, now: float) -> int:
         return round((now - self._started) * 1000)
 
-    def _tell_numbers(self, now: float) -> None:
+    def _send_numbers(self, now: float) -> None:
         period = self.periods["number"]
         for name in NUMBERS:
             due = self._number_at[name] + period
             if name not in self._numbers or now < due:
                 continue
             self._number_at[name] = now if now - due > period else due
-            if self._outbox.has_room("number", now, reserve=_SUMMARY_RESERVE):
+            if self._sender.has_room("number", now, reserve=_SUMMARY_RESERVE):
                 message = encode.number(name, self._numbers[name], self._uptime(now))
-                self._outbox.push("number", message, now, key=name, lifetime=1.0)
+                self._sender.push("number", message, now, key=name, lifetime=1.0)

@@ -34,20 +34,20 @@ class Deduplicator:
     """Knows the newest requests. The same one again on the same connection is a wish of its own."""
 
     def __init__(self) -> None:
-        self._heard: OrderedDict[tuple[int, int, int, bytes], tuple[str, float]] = OrderedDict()
+        self._admitted: OrderedDict[tuple[int, int, int, bytes], tuple[str, float]] = OrderedDict()
 
     def is_repeated(self, message: Any, connection: str, now: float) -> bool:
         """Whether its sender said just that within the last second on another connection."""
-        before, at = self._heard.get(_key(message), (connection, now))
+        before, at = self._admitted.get(_key(message), (connection, now))
         return before != connection and now - at <= WITHIN
 
     def keep(self, message: Any, connection: str, now: float) -> None:
         """It was admitted."""
         key = _key(message)
-        self._heard[key] = (connection, now)
-        self._heard.move_to_end(key)
-        if len(self._heard) > MAX_REMEMBERED:
-            self._heard.popitem(last=False)
+        self._admitted[key] = (connection, now)
+        self._admitted.move_to_end(key)
+        if len(self._admitted) > MAX_REMEMBERED:
+            self._admitted.popitem(last=False)
 
 
 def _key(message: Any) -> tuple[int, int, int, bytes]:
@@ -150,7 +150,7 @@ class MessageRouter:
         self._access = access
         self._tracker = tracker
         self._requests = requests
-        self._repeats = Deduplicator()
+        self._deduplicator = Deduplicator()
         self.remote_control = RemoteControl()
         """Of the remote control."""
 
@@ -230,10 +230,10 @@ class MessageRouter:
             return False
         if kind == "TUNNEL" and message.payload_type != TUNNEL_ANSWER:
             return False  # what other rovers' companions tell everybody
-        if self._repeats.is_repeated(message, channel.name, now):
+        if self._deduplicator.is_repeated(message, channel.name, now):
             self._access.rejected["repeated"] += 1
             return False
         if not self._access.admits(sender, now, kind=FILES if kind == FILES else ""):
             return False
-        self._repeats.keep(message, channel.name, now)
+        self._deduplicator.keep(message, channel.name, now)
         return True

@@ -23,9 +23,9 @@ MAX_WAITING = 64
 """Frames of one budget: whoever asks for much pushes out only what others asked for."""
 BUDGETS = ("unsolicited", "asked", "autopilot")
 LIFETIME = 5.0
-_REMEMBERED = 256
+_RECENT_FRAMES = 256
 """As many frames as there are sequence numbers, so that our own are known when they come back."""
-_REFUSED = 0.02
+_RETRY_AFTER = 0.02
 """s until a device that took nothing is tried again: without it whoever asks `wait` would spin."""
 
 
@@ -79,7 +79,7 @@ class Sender:
         self._turns: dict[int, int] = {}
         self._next_at = now
         self._was_asked = self._was_crowd = False
-        self._recent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
+        self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT_FRAMES)
         self.sent = dict.fromkeys(BUDGETS, 0)
         self.lost = 0
         self.left_out = 0
@@ -201,7 +201,7 @@ class Sender:
             frame.size = len(packed) + self._block
             return
         if not self._write(packed, frame, now):
-            self._next_at = now + max(self._pace, _REFUSED)
+            self._next_at = now + max(self._pace, _RETRY_AFTER)
             return
         self._queue.remove(frame)
         self._was_asked = frame.bucket == "asked"

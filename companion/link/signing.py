@@ -30,22 +30,22 @@ class SigningClock:
     """
 
     def __init__(self, heard: int, wall: Callable[[], float] = time.time) -> None:
-        self._least = max(ticks(SOFTWARE_MADE), heard - DAY)
+        self._earliest = max(ticks(SOFTWARE_MADE), heard - DAY)
         self._wall = wall
-        self._told: int | None = None
+        self._offset: int | None = None
 
     def now(self, now: float) -> int | None:
         """The time as a timestamp; None where nobody knows it. now: s, monotonic."""
         own = ticks(self._wall())
-        if own >= self._least:
+        if own >= self._earliest:
             return own
-        return None if self._told is None else self._told + int(now * TICKS)
+        return None if self._offset is None else self._offset + int(now * TICKS)
 
     def tell(self, timestamp: int, now: float) -> None:
         """A verified source says that it is `timestamp`, or was a moment ago."""
-        if timestamp >= self._least:
-            told = timestamp - int(now * TICKS)
-            self._told = told if self._told is None else max(self._told, told)
+        if timestamp >= self._earliest:
+            offset = timestamp - int(now * TICKS)
+            self._offset = offset if self._offset is None else max(self._offset, offset)
 
 
 RECENT = 10.0

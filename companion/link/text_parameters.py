@@ -56,7 +56,7 @@ class TextParameters:
         if index < 0:
             index = self._names.index(message.param_id) if message.param_id in self._names else -1
         if 0 <= index < len(self._names):
-            self._tell("text echo", index, sender, now)
+            self._send("text echo", index, sender, now)
         else:
             self._access.rejected["unknown parameter"] += 1
 
@@ -102,7 +102,7 @@ class TextParameters:
         limit = self._access.undecided_for
         self._pending = {one: since for one, since in self._pending.items() if now - since < limit}
         for index, to in self._lists.due():
-            self._tell("text list", index, to, now)
+            self._send("text list", index, to, now)
 
     def _open(self, request: WordsRequest, now: float) -> WordsRequest | None:
         name = request.name.encode()
@@ -128,7 +128,7 @@ class TextParameters:
             return self._words.encode()
         return weight_text(self._parameters.value(name)).encode() if name in self._words_of else b""
 
-    def _tell(self, row: str, index: int, to: Sender, now: float) -> None:
+    def _send(self, row: str, index: int, to: Sender, now: float) -> None:
         name = self._names[index]
         message = encode.text_parameter(name, self._value(name).decode(), index, len(self._names))
         self._outbox.push(row, message, now, key=index, to=to)

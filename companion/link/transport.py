@@ -81,13 +81,13 @@ class Udp:
     def __init__(self, address: Address) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(0)
-        there = (address.place, address.number)
-        self._fixed: Peer | None = there if address.scheme == "udpout" else None
+        address_and_port = (address.place, address.number)
+        self._fixed: Peer | None = address_and_port if address.scheme == "udpout" else None
         self._peers = Peers()
-        self._heard: Peer | None = None
+        self._newest_peer: Peer | None = None
         try:
             if self._fixed is None:
-                self._socket.bind(there)
+                self._socket.bind(address_and_port)
         except OSError:
             self._socket.close()
             raise
@@ -104,20 +104,20 @@ class Udp:
             except (BlockingIOError, ConnectionRefusedError, InterruptedError):
                 break
             if datagram and self._fixed in (None, peer):
-                self._heard = peer
+                self._newest_peer = peer
                 return datagram
         return b""
 
     def believe(self, now: float, *, autopilot: bool) -> None:
-        if self._heard is not None:
-            self._peers.believe(self._heard, now, autopilot=autopilot)
+        if self._newest_peer is not None:
+            self._peers.believe(self._newest_peer, now, autopilot=autopilot)
 
     def write(self, frame: bytes) -> bool:
         if self._fixed is not None:
             self._send(frame, self._fixed)
             return True
-        taken = [self._send(frame, peer) for peer in self._peers]
-        return any(taken)
+        sent = [self._send(frame, peer) for peer in self._peers]
+        return any(sent)
 
     def _send(self, frame: bytes, peer: Peer) -> bool:
         """Nobody there yet, a full buffer, a network that is down: the next frame tries again."""

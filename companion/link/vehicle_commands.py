@@ -109,8 +109,8 @@ class MessageIntervals:
             if heard_at is None or now - heard_at > _MISSED * period:
                 self._ask(vehicle, message_id, period, MESSAGES["interval"].period or 0.0, now)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
-        told_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
-        if autopilot is not None and autopilot.tells_late and now - told_at > MODE_SILENCE:
+        reported_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
+        if autopilot is not None and autopilot.tells_late and now - reported_at > MODE_SILENCE:
             period = MESSAGES["mode told"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
         if self.wants_pulses and now - self._remote_control.pulses_at > PULSES_SILENCE:

@@ -35,9 +35,9 @@ class Asked:
     @classmethod
     def read(cls, query: str) -> Asked:
         """`start=5&count=10&withdefaults=1`, any of them; others are ignored. Raises ValueError."""
-        told = dict(parse_qsl(query, keep_blank_values=True))
-        start, count = (_number(told.get(name, "0"), _LAST) for name in ("start", "count"))
-        return cls(start, count, bool(_number(told.get("withdefaults", "0"), 1)))
+        options = dict(parse_qsl(query, keep_blank_values=True))
+        start, count = (_number(options.get(name, "0"), _LAST) for name in ("start", "count"))
+        return cls(start, count, bool(_number(options.get("withdefaults", "0"), 1)))
 
 
 def pack(parameters: Sequence[Parameter], asked: Asked, configured: Mapping[str, float]) -> bytes:

@@ -144,12 +144,12 @@ def _row(stream: Stream, timestamp: int) -> bytes:
 def _unpack(content: bytes) -> _Saved:
     """What can be read of it; `whole` when that is everything."""
     head = content[: _HEAD.size]
-    sound = len(content) == _SIZE and head[:4] == _MAGIC and _sums_up(head)
+    sound = len(content) == _SIZE and head[:4] == _MAGIC and _has_valid_checksum(head)
     _, boot, last, floor, _ = _HEAD.unpack(head) if sound else (b"", b"", 0, 0, 0)
     rows: dict[Stream, int] = {}
     for at in range(_HEAD.size, len(content) - _ROW.size + 1, _ROW.size):
         row = content[at : at + _ROW.size]
-        if _sums_up(row):
+        if _has_valid_checksum(row):
             system, component, link, timestamp, _ = _ROW.unpack(row)
             rows[Stream(system, component, link)] = timestamp
         elif any(row):
@@ -157,7 +157,7 @@ def _unpack(content: bytes) -> _Saved:
     return _Saved(boot, last, floor, rows, sound)
 
 
-def _sums_up(record: bytes) -> bool:
+def _has_valid_checksum(record: bytes) -> bool:
     return any(record) and zlib.crc32(record[:-4]).to_bytes(4, "little") == record[-4:]
 
 

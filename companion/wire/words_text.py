@@ -16,13 +16,13 @@ _PLACES = 6
 
 def words_text(weights: Mapping[str, float]) -> str:
     """The text, as many whole words as 128 bytes hold."""
-    told = ""
+    text = ""
     for word, weight in weights.items():
-        longer = f"{told}{'; ' if told else ''}{word}: {weight_text(weight)}"
-        if len(longer.encode()) > MAX_TEXT_VALUE:
+        extended = f"{text}{'; ' if text else ''}{word}: {weight_text(weight)}"
+        if len(extended.encode()) > MAX_TEXT_VALUE:
             break
-        told = longer
-    return told
+        text = extended
+    return text
 
 
 def weight_text(weight: float) -> str:

@@ -65,14 +65,14 @@ class FtpServer:
             return
         reply = self._reply(sender, request, now)
         if reply is not None:
-            self._tell(sender, reply, now)
+            self._send_reply(sender, reply, now)
 
     def tick(self, now: float) -> None:
         """Feed the bursts, one frame at a time for each connection, so that they never fill a queue."""
         self._sessions.tick(now)
         for (sender, _), request in list(self._later.items()):
             if (reply := self._reply(sender, request, now)) is not None:
-                self._tell(sender, reply, now)
+                self._send_reply(sender, reply, now)
         for session in self._sessions.bursting():
             if not self._outbox.waiting("file data", to=session.sender):
                 self._feed(session, now)
@@ -167,7 +167,7 @@ class FtpServer:
             data = session.opened.read(burst.offset, count)
         except FileError:
             session.burst = None
-            self._tell(session.sender, request.nak(FtpError.FAIL), now)
+            self._send_reply(session.sender, request.nak(FtpError.FAIL), now)
             return
         reply = request.ack(data, offset=burst.offset)
         burst.offset += len(data)
@@ -188,7 +188,7 @@ class FtpServer:
         finally:
             opened.close()
 
-    def _tell(self, sender: Sender, reply: FtpPayload, now: float) -> None:
+    def _send_reply(self, sender: Sender, reply: FtpPayload, now: float) -> None:
         key = (sender, reply.session, reply.sequence, reply.request)
         message = encode.file_transfer(reply.pack(), sender)
         self._outbox.push("file reply", message, now, key=key, to=sender)

@@ -18,7 +18,7 @@ class Lists:
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
-        self._kept: OrderedDict[Sender, tuple[str, tuple[Entry, ...]]] = OrderedDict()
+        self._newest_lists: OrderedDict[Sender, tuple[str, tuple[Entry, ...]]] = OrderedDict()
 
     def page(self, sender: Sender, request: FtpPayload, room: int) -> bytes:
         """Whole entries of the folder asked for, from number `request.offset`: one and what fits `room`.
@@ -35,13 +35,13 @@ class Lists:
 
     def _entries(self, sender: Sender, request: FtpPayload) -> tuple[Entry, ...]:
         path = request.path()
-        kept, entries = self._kept.get(sender, ("", ()))
-        if request.offset == 0 or kept != path:
+        listed_path, entries = self._newest_lists.get(sender, ("", ()))
+        if request.offset == 0 or listed_path != path:
             entries = self._tree.entries(path)
-            self._kept[sender] = path, entries
-            self._kept.move_to_end(sender)
-            if len(self._kept) > MAX_LISTS:
-                self._kept.popitem(last=False)
+            self._newest_lists[sender] = path, entries
+            self._newest_lists.move_to_end(sender)
+            if len(self._newest_lists) > MAX_LISTS:
+                self._newest_lists.popitem(last=False)
         return entries
 
 
@@ -106,7 +106,7 @@ class Sessions:
 
     def __init__(self) -> None:
         self._open: dict[tuple[Sender, int], Session] = {}
-        self._past: deque[tuple[Sender, FtpPayload]] = deque(maxlen=MAX_PAST)
+        self._closed: deque[tuple[Sender, FtpPayload]] = deque(maxlen=MAX_PAST)
 
     def __len__(self) -> int:
         return len(self._open)
@@ -130,7 +130,7 @@ class Sessions:
         session = self.get(sender, request.session)
         if session is None or now - session.used_at > REPEAT_WITHIN:
             return False
-        return session.outlives(request) and (sender, request) in self._past
+        return session.outlives(request) and (sender, request) in self._closed
 
     def has_room(self, sender: Sender) -> bool:
         """Whether `sender` may open one more; its own make room for it."""
@@ -158,7 +158,7 @@ class Sessions:
         session = self._open.pop((sender, number), None)
         if session is not None:
             session.opened.close()
-            self._past.append((sender, session.opening))
+            self._closed.append((sender, session.opening))
 
     def end(self, sender: Sender, request: FtpPayload) -> None:
         """The sender ends one session, or all with RESET_SESSIONS; never one younger than the request."""

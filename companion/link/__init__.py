@@ -1,4 +1,4 @@
-"""MAVLink: the one owner of the connection; what is said, how often, and what is heard.
+"""Owns the MAVLink connections: sends what is due within byte budgets, and routes what is received.
 
 `from companion.link.link import Link`, `from companion.link.settings import LinkSettings`.
 """

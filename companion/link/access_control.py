@@ -1,4 +1,4 @@
-"""Who may ask, how often, and what was turned away."""
+"""Decides whose messages are accepted and how often each sender may ask, and counts what is rejected."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ REQUESTS_AT_ONCE = 60.0
 STRANGERS_PER_SECOND = 5.0
 STRANGERS_AT_ONCE = 20.0
 UNDECIDED_FOR = 30.0
-"""s for which a request that is not decided yet is not handed on again, where nothing else is known."""
+"""s for which a repeated request is not passed on again while it is undecided, unless set otherwise."""
 MAX_SHARES = 4
 KEPT = 10.0
-"""s without a word after which another sender may have the share."""
+"""s of silence after which another sender may have the share."""
 STRANGERS: Sender = (0, 0)
-"""Who may only read counts as one: under many names nobody gets more than his share."""
+"""All senders that may only read share one rate limit: many ids gain a sender nothing."""
 OTHERS: Sender = (0, 1)
-"""So does everybody who may change something and has no share of his own."""
+"""All senders that may change something and have no share of their own share one rate limit, too."""
 CROWDS = frozenset({STRANGERS, OTHERS})
 _Buckets = dict[str, TokenBucket]
 
 
 class AccessControl:
-    """Signatures, the allow-list and the requests' rates. `rejected` counts by reason.
+    """Checks signatures, the allow-list and request rates. `rejected` counts by reason.
 
-    undecided_for: s for which the same request is not handed on again while nobody has decided it.
+    undecided_for: s for which a repeated request is not passed on again while it is undecided.
 
-    The first four senders that may change something have a share each, for as long as they are heard; all
-    others have one together. So what all may ask is bounded, however many names they have.
+    The first four senders that may change something have a rate limit each, for as long as they are received;
+    the others share one. So the sum of all requests is bounded, whatever ids a sender uses.
     """
 
     def __init__(self, allowed: tuple[int, int], signing: Signing | None = None) -> None:
@@ -45,7 +45,7 @@ class AccessControl:
         self.undecided_for = UNDECIDED_FOR
 
     def believes(self, message: Any, now: float) -> bool:
-        """Whether a message may be heard at all: with a key, whether it is signed and new."""
+        """Whether to accept a message at all: where a key is set, whether it is signed and new."""
         if self._signing is None:
             return True
         if self._signing.passes_over(message):
@@ -56,29 +56,32 @@ class AccessControl:
         return not reason
 
     def may_change(self, sender: Sender) -> bool:
-        """Whether this system id may answer calls and set values."""
+        """Whether the sender's system id may answer calls and set values."""
         return self._allowed[0] <= sender[0] <= self._allowed[1]
 
     def hear(self, sender: Sender, now: float) -> None:
-        """`sender` said something, which keeps his share for him."""
+        """Renew the share of `sender`, who sent something."""
         if self.may_change(sender):
             self._shares.renew(sender, self._shares.get(sender) or {}, now)
 
     def share(self, sender: Sender) -> Sender:
-        """Under whom he counts: himself, OTHERS or STRANGERS."""
+        """The key of the rate limit that `sender` counts under: its own id, OTHERS or STRANGERS."""
         if sender in self._shares:
             return sender
         return OTHERS if self.may_change(sender) else STRANGERS
 
     def outranks(self, sender: Sender, other: Sender) -> bool:
-        """Whether `sender` has more right to what is scarce: by a share of his own, or by what he may do."""
+        """Whether `sender` goes before `other` where places are scarce.
+
+        A share of its own counts, and the right to change something.
+        """
         return self._rank(sender) > self._rank(other)
 
     def admits(self, sender: Sender, now: float, *, kind: str = "") -> bool:
-        """Count one request of `sender`, who was heard; False beyond his share: 20 a second after 60 at once.
+        """Count one request of `sender`; False above its rate: 20 a second after a burst of 60.
 
-        All who may only read have 5 a second after 20. kind: of requests that are counted apart, so that a
-        download does not keep an answer out.
+        The senders that may only read have 5 a second together, after a burst of 20. kind: a kind of request
+        with a rate limit of its own, so that a download does not block an answer.
         """
         share = self.share(sender)
         buckets = self._shares.get(share)

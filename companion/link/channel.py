@@ -1,4 +1,4 @@
-"""One connection with all that is its own: device, parser, queue, budgets, sequence numbers, rates."""
+"""Runs one connection: its device, parser, queue, budgets, sequence numbers and rates."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ from companion.link.transport import Transport, opener
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
 
 READS_PER_POLL = 512
-"""More than a UDP socket keeps by default: after a stall the newest mode is heard before one decides."""
+"""More datagrams than a UDP socket buffers by default: after a stall, one poll reaches the newest mode."""
 BYTES_PER_POLL = 256 * 1024
-"""As much; whoever sends faster than it is read must not keep us from deciding."""
+"""Bytes of one poll: a sender that is faster than we read must not stop the main loop."""
 READS_AT_MOST = 4096
 CLASH_FOR = 10.0
+"""s of silence after another component sent under our ids."""
 STOPPING = frozenset({"hold", "setpoint"})
-"""Rows that leave beside others under our ids, too: nobody keeps us from stopping the vehicle by that."""
+"""Rows that are sent even while another component uses our ids: that must not prevent a hold."""
 _IDLE = 0.1
 
 
 @dataclass(frozen=True)
 class ChannelCounters:
-    """Of one connection, since the start. trouble: why nothing can be said there now.
+    """Counts what one connection sent and lost since the start.
 
-    mavlink: the version spoken now. sent: bytes by budget ("unsolicited", "asked", "autopilot").
-    dropped_summaries: kept off the wire by the budget. lost: frames that waited too long or found the queue
-    full. left_out: what MAVLink 1 cannot carry. bad: broken frames heard.
+    trouble: why nothing can be sent there now, None when all is well. mavlink: the version in use, 1 or 2.
+    sent: bytes by budget ("unsolicited", "asked", "autopilot"). dropped_summaries: not sent for lack of
+    budget. lost: frames that waited too long or found the queue full. left_out: messages that MAVLink 1
+    cannot carry. bad: broken frames received.
     """
 
     trouble: str | None
@@ -45,9 +47,10 @@ class ChannelCounters:
 
 
 class Channel:
-    """Opened again whenever it is lost.
+    """One connection, which is opened again whenever it is lost.
 
-    For 10 s after somebody else spoke under our ids only rows of `STOPPING` leave.
+    For 10 s after another component sent under our ids, only rows of `STOPPING` are sent: two components with
+    the same ids would confuse the ground.
     """
 
     def __init__(
@@ -76,17 +79,17 @@ class Channel:
 
     @property
     def label(self) -> str:
-        """For a person."""
+        """The connection's name for a person."""
         return "link" if self.name == MAIN else f"link {self.name}"
 
     @property
     def clash(self) -> bool:
-        """Whether somebody else talks under our ids here."""
+        """Whether another component uses our ids here."""
         return self._clash_at is not None
 
     @property
     def trouble(self) -> str | None:
-        """Why nothing can be said here now; None when all is well."""
+        """Why nothing can be sent here now; None when all is well."""
         if self.clash:
             own = f"{self.sender.system_id}/{COMPONENT_ID}"
             return f"another component {own} talks on {self.label}: stop it, or this one stays silent"
@@ -96,7 +99,7 @@ class Channel:
 
     @property
     def counters(self) -> ChannelCounters:
-        """What was sent and what was not."""
+        """The counters as they stand now."""
         return ChannelCounters(
             trouble=self.trouble,
             mavlink=1 if self.sender.version.is_1 else 2,
@@ -108,7 +111,7 @@ class Channel:
         )
 
     def fileno(self) -> int | None:
-        """For select; None while the device is absent."""
+        """The file descriptor to select on; None while the device is absent."""
         return self._connection.fileno()
 
     def wait(self, now: float) -> float:
@@ -116,11 +119,11 @@ class Channel:
         return min(_IDLE, self.sender.wait(now)) if self._may_send else _IDLE
 
     def close(self) -> None:
-        """Give the device back."""
+        """Close the device."""
         self._connection.close()
 
     def poll(self, now: float) -> Iterator[list[Any]]:
-        """The messages that arrived, read by read, until no more wait; `believe` before the next."""
+        """Yield the messages of each read, until none wait. Call `believe` before the next read."""
         room = BYTES_PER_POLL
         for _ in range(READS_PER_POLL):
             data = b""
@@ -133,11 +136,11 @@ class Channel:
             yield self._parser.feed(data, now, whole=self._connection.datagrams)
 
     def believe(self, sender: tuple[int, int], now: float) -> None:
-        """A message of `sender`, of what was read last, is genuine as far as anybody can tell."""
+        """Report that a message of `sender` in the last read was accepted."""
         self._connection.believe(now, autopilot=sender == (self.sender.system_id, AUTOPILOT_COMPONENT_ID))
 
     def skip(self, now: float) -> None:
-        """Throw away what waits to be read."""
+        """Discard what waits to be read."""
         self._parser.forget()
         for _ in range(READS_AT_MOST):
             if not self._connection.read(now):
@@ -151,7 +154,7 @@ class Channel:
             self.periodic.hurry()
 
     def hear_ourselves(self, now: float) -> bool:
-        """Somebody else spoke under our ids here; True when that is new."""
+        """Note that another component sent under our ids here; True when that is new."""
         new, self._clash_at = self._clash_at is None, now
         self.sender.keep(STOPPING)
         return new
@@ -166,24 +169,30 @@ class Channel:
         lifetime: float = LIFETIME,
         to: tuple[int, int] | None = None,
     ) -> None:
-        """Queue a message, unless another speaks under our ids: then only what stops the vehicle."""
+        """Queue a message; while another component uses our ids, only one that stops the vehicle."""
         if not self.clash or name in STOPPING:
             self.sender.push(name, message, now, key=key, lifetime=lifetime, to=to)
 
     def urge(self, name: str, now: float) -> None:
-        """Send what waits of this row without waiting for `tick`."""
+        """Send the queued messages of row `name` at once, not with the next `tick`."""
         if self._may_send:
             self.sender.urge(name, now)
 
     def may_speak(self, now: float, *, has_vehicle: bool) -> bool:
-        """Whether more than `STOPPING` may leave. Where the autopilot comes to us, it is waited for."""
+        """Whether more than `STOPPING` may be sent.
+
+        On udpin and serial connections, nothing is sent before the autopilot is received.
+        """
         if self._clash_at is not None and now - self._clash_at > CLASH_FOR:
             self._clash_at = None
         self._may_send = has_vehicle or not self._waits_for_vehicle
         return self._may_send and not self.clash
 
     def tick(self, now: float, *, calling: bool) -> None:
-        """Send what is due, within pace and budgets; `may_speak` was asked before."""
+        """Send what is due, within pace and budgets. Call `may_speak` first.
+
+        calling: whether a call or hold is open.
+        """
         if not self._may_send:
             return
         if not self.clash:
@@ -198,7 +207,7 @@ def channels_of(
     openers: Mapping[str, Callable[[], Transport]],
     signing: Signing | None,
 ) -> list[Channel]:
-    """One for each connection, in their order; openers and signing as for `Link`. Raises LinkError."""
+    """Make a channel for each connection, in order; openers and signing as for `Link`. Raises LinkError."""
     return [
         Channel(
             name,

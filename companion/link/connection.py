@@ -1,4 +1,4 @@
-"""The device, opened again when it goes away."""
+"""Keeps one device open, and opens it again after it went away."""
 
 from __future__ import annotations
 
@@ -23,14 +23,17 @@ _ABSENT = frozenset(
         errno.EADDRNOTAVAIL,
     }
 )
-"""There is nothing to open: to look for it often costs next to nothing, and harms nobody."""
+"""errno of a device that is not there. Trying it again is cheap, so the delay between tries does not grow."""
 
 
 class Connection:
-    """A transport that may be absent: looked for every 0.5 s, so that it is back as soon as it is there.
+    """Reads and writes a transport that may be absent, and opens it again. Raises nothing.
 
-    One that is there and breaks is tried again after 0.5 s, twice that, ... 8 s: to open some resets them. It
-    is well again when something is read, or taken 8 s after it was opened. Raises nothing.
+    An absent device is tried every 0.5 s. A device that opens and then fails is tried after 0.5 s, 1 s, ...
+    8 s, because opening resets some devices. The delay starts at 0.5 s again once something was read, or was
+    written 8 s or more after the opening.
+
+    opened: how often it was opened. trouble: the last error in words, None while the device works.
     """
 
     def __init__(self, opener: Callable[[], Transport], now: float) -> None:
@@ -43,16 +46,16 @@ class Connection:
         self.trouble: str | None = None
 
     def fileno(self) -> int | None:
-        """For select; None while the device is absent."""
+        """The file descriptor to select on; None while the device is absent."""
         return None if self._transport is None else self._transport.fileno()
 
     @property
     def datagrams(self) -> bool:
-        """Whether what is read holds whole frames only."""
+        """Whether each read returns whole frames only, as UDP does."""
         return self._transport is not None and self._transport.datagrams
 
     def read(self, now: float) -> bytes:
-        """What arrived; opens the device when it is time."""
+        """Return what arrived, at most a few KiB. Opens an absent device when its next try is due."""
         if self._transport is None:
             self._open(now)
         if self._transport is None:
@@ -67,7 +70,7 @@ class Connection:
         return data
 
     def write(self, frame: bytes, now: float) -> bool:
-        """Whether the device took `frame` whole."""
+        """Write `frame`; False when the device did not take all of it."""
         if self._transport is None:
             return False
         try:
@@ -75,17 +78,18 @@ class Connection:
         except OSError as error:
             self._handle_error(error, now)
             return False
+        # A device takes some bytes even when nobody reads them: a write alone counts only after a while.
         if taken and now - self._opened_at >= LAST_RETRY:
             self._mark_working()
         return taken
 
     def believe(self, now: float, *, autopilot: bool) -> None:
-        """A frame in what was read last was believed; autopilot: it was our autopilot's."""
+        """Report that a frame of the last read was accepted; autopilot: our autopilot sent it."""
         if self._transport is not None:
             self._transport.believe(now, autopilot=autopilot)
 
     def close(self) -> None:
-        """Give the device back, until the next read."""
+        """Close the device. The next read opens it again."""
         if self._transport is not None:
             with contextlib.suppress(OSError):
                 self._transport.close()

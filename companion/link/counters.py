@@ -1,4 +1,4 @@
-"""What left by all connections together, what was held back, and what was turned away."""
+"""Sums up what all connections sent, dropped and rejected."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from companion.link.sender import BUDGETS
 
 @dataclass(frozen=True)
 class Counters:
-    """Since the start, of all connections together; `connections`: of each by name.
+    """Counts of all connections together since the start; `connections`: of each by name.
 
-    sent: bytes by budget ("unsolicited", "asked", "autopilot"). dropped_summaries: kept off the wire by the
-    budget. lost: frames that waited too long or found the queue full. bad: broken frames heard. unsaid: texts
-    kept back because too many waited, or too many wishes were refused. rejected: requests turned away, by
-    reason. autopilot: name of the connection on which it is listened to, None before it was heard.
+    sent: bytes by budget ("unsolicited", "asked", "autopilot"). dropped_summaries: not sent for lack of
+    budget. lost: frames that waited too long or found the queue full. bad: broken frames received. unsaid:
+    texts not sent because too many waited, or too many requests were refused. rejected: requests by reason.
+    autopilot: name of the connection whose autopilot telemetry counts, None before it is received.
     """
 
     sent: Mapping[str, int]
@@ -35,7 +35,7 @@ class Counters:
 def count(
     channels: Iterable[Channel], outbox: Outbox, text_sender: TextSender, access: AccessControl
 ) -> Counters:
-    """As they stand now."""
+    """Sum up the counters as they stand now."""
     each = {channel.name: channel.counters for channel in channels}
     return Counters(
         sent={budget: sum(one.sent[budget] for one in each.values()) for budget in BUDGETS},

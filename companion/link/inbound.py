@@ -1,4 +1,4 @@
-"""What the link reports to the daemon."""
+"""Defines the events that the link reports to the daemon."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ Sender = tuple[int, int]
 """System and component id."""
 
 _SHORTEST, _LONGEST = 800, 2200
-"""us; MAVLink's 0 and 65535 mean that a channel is not there."""
+"""us. MAVLink's 0 and 65535 mean that a channel does not exist."""
 
 
 @dataclass(frozen=True)
 class VehicleHeard:
-    """A heartbeat or a position came."""
+    """The autopilot sent a heartbeat, mode or position."""
 
     vehicle: Vehicle
 
 
 @dataclass(frozen=True)
 class AnswerRequest:
-    """An operator's answer, whole and well-formed; `Link.acknowledge` it. transaction: None for a command.
+    """An operator's answer, complete and well-formed. Reply with `Link.acknowledge`.
 
-    target: id of the call or hold, 0 for the current one. value: of AT_ANSWER, where that parameter was set.
+    transaction: None for a command. target: id of the call or hold, 0 for the current one.
+    value: that AT_ANSWER was set to; None for an answer that came otherwise.
     """
 
     sender: Sender
@@ -40,7 +41,7 @@ class AnswerRequest:
 
 @dataclass(frozen=True)
 class ParameterRequest:
-    """A value to set, already in range; `Link.set_parameter` answers it."""
+    """A request to set a parameter to a value in its range. Reply with `Link.set_parameter`."""
 
     sender: Sender
     name: str
@@ -49,9 +50,9 @@ class ParameterRequest:
 
 @dataclass(frozen=True)
 class WordsRequest:
-    """Words to set by text, without a call; `Link.acknowledge_words` it.
+    """A request to set words as text, without a call. Reply with `Link.acknowledge_words`.
 
-    name: the extended parameter. raw: its value as it came.
+    name: the extended parameter. raw: its value as received.
     """
 
     sender: Sender
@@ -62,14 +63,14 @@ class WordsRequest:
 
 @dataclass(frozen=True)
 class ResetRequest:
-    """All shall be as configured; `Link.acknowledge_command` it. The same again is harmless."""
+    """A request to reset all settings as configured. Reply with `Link.acknowledge_command`. Idempotent."""
 
     sender: Sender
 
 
 @dataclass(frozen=True)
 class PolicyRequest:
-    """A policy to set, by command; `Link.acknowledge_command` it. The same again changes nothing."""
+    """A command to set the policy. Reply with `Link.acknowledge_command`. Idempotent."""
 
     sender: Sender
     policy: Policy
@@ -77,13 +78,13 @@ class PolicyRequest:
 
 @dataclass(frozen=True)
 class Pulses:
-    """What the remote control says: widths in us of channels 1 to 18 as they came, and how many count."""
+    """The remote control's newest channels. widths: us, of channels 1 to 18. count: channels in use."""
 
     widths: tuple[int, ...]
     count: int
 
     def of(self, channel: int) -> int | None:
-        """Channel 1 to 18's width, None where the receiver has none that makes sense."""
+        """The width in us of `channel` (1 to 18); None when it is not in use or outside 800 to 2200."""
         if channel > min(self.count, len(self.widths)):
             return None
         width = self.widths[channel - 1]
@@ -92,7 +93,10 @@ class Pulses:
 
 @dataclass(frozen=True)
 class ModeAck:
-    """The autopilot took the mode command or not, for the log. result: MAV_RESULT. The heartbeat counts."""
+    """The autopilot's reply to a mode command, for the log only: the mode is read from its heartbeat.
+
+    result: MAV_RESULT.
+    """
 
     accepted: bool
     result: int

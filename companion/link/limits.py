@@ -1,4 +1,4 @@
-"""Bounds on what others may cause: byte budgets, places for senders, the newest entries of each."""
+"""Bounds what other senders may use: bytes (TokenBucket), places (LeaseTable), memory (SenderCache)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from companion.link.inbound import Sender
 
 
 class TokenBucket:
-    """Over any t seconds at most `rate` x t + `burst` bytes pass. Rate 0: unlimited. Full at the start."""
+    """Lets at most `rate` x t + `burst` bytes pass in any t seconds. Rate 0: unlimited. Full at the start."""
 
     def __init__(self, rate: float, burst: float, now: float) -> None:
         self._rate = rate
@@ -22,7 +22,7 @@ class TokenBucket:
         return self._rate == 0 or self._filled(now) >= size
 
     def take(self, size: float, now: float) -> bool:
-        """Let `size` bytes pass, or say that they may not yet."""
+        """Take `size` bytes from the budget; False, and nothing taken, when they may not pass yet."""
         if not self.affords(size, now):
             return False
         if self._rate:
@@ -31,7 +31,7 @@ class TokenBucket:
         return True
 
     def set_rate(self, rate: float, now: float) -> None:
-        """Bytes per second from now on; what has gathered stays."""
+        """Set the bytes per second from now on; the level stays."""
         self._level, self._at, self._rate = self._filled(now), max(now, self._at), rate
 
     def _filled(self, now: float) -> float:
@@ -43,9 +43,10 @@ _Value = TypeVar("_Value")
 
 
 class LeaseTable(Generic[_Holder, _Value]):
-    """At most `places` keys, each with a value. A key keeps its place for `lasts` s after it was renewed.
+    """Stores at most `places` keys with a value each. A key keeps its place for `lasts` s after each renewal.
 
-    So rotating keys gain nothing: they wait until a place is free, or its key silent.
+    So a sender that keeps changing its id cannot push others out: a new key waits for a free or expired
+    place.
     """
 
     def __init__(self, places: int, lasts: float) -> None:
@@ -60,14 +61,14 @@ class LeaseTable(Generic[_Holder, _Value]):
         return key in self._leases
 
     def get(self, key: _Holder) -> _Value | None:
-        """The value that `key` has; None when it has no place."""
+        """The value of `key`; None when it has no place."""
         lease = self._leases.get(key)
         return None if lease is None else lease[1]
 
     def renew(self, key: _Holder, value: _Value, now: float) -> bool:
-        """Whether `key` has a place now, which then has this value.
+        """Renew the place of `key`, or give it a free or expired one, and set its value; False for none.
 
-        now: s; minus infinity takes a free place only, and leaves it to whoever comes next.
+        now: s; minus infinity takes a free place only, which any other key may take over.
         """
         lease = self._leases.get(key)
         if lease is None and len(self._leases) >= self._places:
@@ -84,7 +85,10 @@ _T = TypeVar("_T")
 
 
 class SenderCache(Generic[_T]):
-    """The newest 64 of each sender, whom a key begins with: nobody pushes out another's. 1024 in all."""
+    """Stores the newest 64 entries of each sender, 1024 in all. A key is a tuple that begins with the sender.
+
+    So no sender alone pushes out the entries of another.
+    """
 
     def __init__(self, of_a_sender: int = 64, in_all: int = 1024) -> None:
         self._of_a_sender, self._in_all = of_a_sender, in_all
@@ -95,11 +99,11 @@ class SenderCache(Generic[_T]):
         return len(self._entries)
 
     def get(self, key: _Key) -> _T | None:
-        """What was put there last; None when it is not known."""
+        """The value of `key`; None when there is none."""
         return self._entries.get(key)
 
     def put(self, key: _Key, value: _T) -> None:
-        """`key` is the newest now."""
+        """Store `value` as the newest entry; above a limit, drop the oldest of its sender, or of all."""
         self.pop(key)
         self._entries[key] = value
         own = self._counts[key[0]] = self._counts.get(key[0], 0) + 1
@@ -109,7 +113,7 @@ class SenderCache(Generic[_T]):
             self.pop(next(iter(self._entries)))
 
     def pop(self, key: _Key) -> None:
-        """Forget it, if it is known."""
+        """Remove `key`, if it is stored."""
         if self._entries.pop(key, None) is not None:
             self._counts[key[0]] -= 1
             if not self._counts[key[0]]:

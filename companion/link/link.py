@@ -1,4 +1,4 @@
-"""The one owner of the MAVLink connections. Everything takes `now` (s, monotonic); nothing here blocks."""
+"""Owns the MAVLink connections. Everything takes `now` (s, monotonic); nothing here blocks."""
 
 from __future__ import annotations
 
@@ -36,11 +36,14 @@ from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
 READING_FOR = 0.05
-"""s of one `poll`, all connections together: what waits longer stays in the devices' buffers."""
+"""s that one `poll` may take for all connections together. What is left waits in the devices' buffers."""
 
 
 class Link:
-    """MAVLink component 191. Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`."""
+    """Acts as MAVLink component 191.
+
+    Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`.
+    """
 
     def __init__(
         self,
@@ -53,10 +56,10 @@ class Link:
         signing: Signing | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """openers: make the transports in place of the urls', by name. tree: what the ground may read.
+        """openers: by connection name, what makes its transport in place of the url. tree: files to serve.
 
-        signing: signs all that leaves, and lets in only what is signed; each connection has a link id.
-        clock: s, by which `poll` sees that it took long enough.
+        signing: signs each frame sent, and accepts only signed frames; each connection has its own link id.
+        clock: monotonic s, by which `poll` limits its duration.
         Raises LinkError, ParameterError.
         """
         self.most_budget = settings.most_budget
@@ -91,12 +94,12 @@ class Link:
 
     @property
     def vehicle(self) -> Vehicle | None:
-        """The newest that the autopilot said."""
+        """The newest state that the autopilot reported; None before it is received."""
         return self._tracker.vehicle
 
     @property
     def trouble(self) -> str | None:
-        """Where and why nothing can be said now, for a person; None when all is well."""
+        """Where and why nothing can be sent now, for a person; None when all is well."""
         each = [channel.trouble for channel in self._channels]
         if self._signing is not None:
             each.append(self._signing.trouble)
@@ -104,11 +107,11 @@ class Link:
 
     @property
     def counters(self) -> Counters:
-        """What was sent and what was turned away."""
+        """The counters of all connections as they stand now."""
         return count(self._channels, self._outbox, self._text_sender, self._access)
 
     def filenos(self) -> list[int]:
-        """For select: the devices that are there. Ask each time: a reconnect changes them."""
+        """The file descriptors to select on. Read them each time: a reconnect changes them."""
         numbers = (channel.fileno() for channel in self._channels)
         return [number for number in numbers if number is not None]
 
@@ -117,17 +120,17 @@ class Link:
         return min(channel.wait(now) for channel in self._channels)
 
     def close(self) -> None:
-        """Give the devices back."""
+        """Close the devices and write signing timestamps to disk."""
         for channel in self._channels:
             channel.close()
         if self._signing is not None:
             self._signing.close()
 
     def poll(self, now: float) -> list[InboundEvent]:
-        """What arrived for the daemon; the protocol's own matters are answered here.
+        """Read what arrived; answer protocol requests here, and return the events for the daemon.
 
-        Connections are read by turns, for 50 ms and once each at least: none that is flooded keeps another
-        unheard. An error over one message is survived and said: nobody ends the companion by a frame.
+        Connections are read in turn, for 50 ms and at least once each, so that a flooded one does not block
+        the others. An error in one message is logged and reported: no frame can end the companion.
         """
         events: list[InboundEvent] = []
         until = self._clock() + READING_FOR
@@ -146,16 +149,17 @@ class Link:
         return events
 
     def skip(self, now: float) -> None:
-        """Throw away what waits to be read."""
+        """Discard what waits to be read."""
         for channel in self._channels:
             channel.skip(now)
 
     def tick(self, now: float) -> None:
-        """Send what is due, within pace and budgets."""
+        """Send what is due on all connections, within pace and budgets."""
         self._tracker.tick(now)
         has_vehicle = self.vehicle is not None
         if self._signing is not None:
             self._signing.tick(now)
+            # Frames of an autopilot with an old clock are refused; one frame of ours sets its clock right.
             has_vehicle |= self._signing.behind
         speaking = [one for one in self._channels if one.may_speak(now, has_vehicle=has_vehicle)]
         self._setpoints.tick(self.vehicle, now)
@@ -176,99 +180,102 @@ class Link:
             self._files.tick(now)
 
     def set_state(self, state: State, current_id: int, policy: Policy) -> None:
-        """The heartbeat's state, open id (0 for none) and policy in force."""
+        """Set what the heartbeat reports: state, id of the open call or hold (0: none), policy in force."""
         for channel in self._channels:
             channel.periodic.set_state(state, current_id, policy)
 
     def summary(self, summary: Summary, now: float) -> None:
-        """The newest figures; told at the table's rate; each connection fills in its sequence and drops."""
+        """Set the newest summary, which is sent at the table's rate.
+
+        Each connection fills in its own sequence number and count of dropped summaries.
+        """
         for channel in self._channels:
             channel.periodic.summary(summary, now)
 
     def numbers(self, values: Mapping[str, float], now: float) -> None:
-        """AT_TRAV, AT_UNC, AT_SIM, AT_CALL, for plots; silent while a call is open."""
+        """Set the newest AT_TRAV, AT_UNC, AT_SIM and AT_CALL, for plots. Not sent while a call is open."""
         for channel in self._channels:
             channel.periodic.numbers(values, now)
 
     def announce(
         self, call: CallData | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
     ) -> None:
-        """The open call or hold, repeated until None or a closed one takes its place; cheap to say again.
+        """Repeat the open call or hold, until None or a closed one takes its place. Cheap to call again.
 
-        A closed one is told three times. quiet: the text repeats, but slowly and without becoming an ALERT.
-        None with a text repeats the text alone ("Companion OFF: ...").
+        A closed one is sent three times. quiet: the text repeats slowly and never becomes an ALERT.
+        None with a text repeats the text alone ("Companion OFF: ..."). severity: MAV_SEVERITY.
         """
         self._alerts.announce(call, text, now, quiet=quiet, severity=severity)
 
     def say(self, text: str, severity: int, now: float) -> None:
-        """A text once, MAV_SEVERITY `severity`; the same one not again within 5 s."""
+        """Send a text once, with MAV_SEVERITY `severity`; not the same one again within 5 s."""
         self._text_sender.say(text, severity, now)
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
-        """What became of an answer, to the asker; kept for when it asks again."""
+        """Send the result of an answer to its sender, and store it for when the answer is repeated."""
         self._answers.acknowledge(request, ack, now)
 
     def acknowledge_words(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
-        """Whether words that were set as text are in force, to the asker."""
+        """Report to the sender whether the words that it set as text are in force."""
         self._texts.acknowledge(request, now, accepted=accepted)
 
     def acknowledge_command(self, request: PolicyRequest | ResetRequest, result: int, now: float) -> None:
-        """What became of it, MAV_RESULT, to the asker."""
+        """Send the result of a command (MAV_RESULT) to its sender."""
         self._commands.acknowledge(request, result, now)
 
     def ask_for_pulses(self) -> None:
-        """From now on ask the autopilot for RC_CHANNELS, again whenever they stay away."""
+        """Request RC_CHANNELS from the autopilot from now on, and again whenever they stop."""
         self._intervals.wants_pulses = True
 
     def set_parameter(self, name: str, value: float, now: float) -> None:
-        """The value now in force: echoed to the asker, or told to all when it changed by itself.
+        """Set a parameter's value in force; echo it to its requester, or send it to all when it changed.
 
         Raises ParameterError for a name that is not listed or a value out of range.
         """
         self._parameters.changed(name, value, now)
 
     def set_configured(self, values: Mapping[str, float]) -> None:
-        """What the parameters are as configured, for who asks for their defaults."""
+        """Set the parameters' configured values, which a client may request as their defaults."""
         self._parameters.configured = values
 
     def keep_parameter(self, name: str, now: float) -> None:
-        """A value that was asked for is not taken: the one in force is echoed."""
+        """Echo the value in force, because a requested one was not accepted."""
         self._parameters.changed(name, self._parameters.value(name), now)
 
     def set_undecided_for(self, seconds: float) -> None:
-        """A request that was handed on is decided within so long, and not handed on again before."""
+        """Set the s within which the daemon decides a request; a repetition is not passed on before."""
         self._access.undecided_for = seconds
 
     def set_words(self, words: Mapping[str, float]) -> None:
-        """The words in force, for who reads them as text."""
+        """Set the words in force, which clients read as text."""
         self._texts.set_words(words)
 
     def set_rate(self, name: str, rate: float) -> None:
-        """How often a second summaries ("summary") or each of the numbers ("number") are told; 0: never."""
+        """Set how many summaries ("summary"), or of each number ("number"), are sent per second; 0: none."""
         for channel in self._channels:
             channel.periodic.periods[name] = 1.0 / rate if rate else math.inf
 
     def set_budget(self, rate: float, now: float) -> None:
-        """B/s of unsolicited traffic on the first connection, 0 unlimited; `most_budget` at most."""
+        """Set the B/s of unsolicited traffic on the first connection, 0 unlimited; `most_budget` at most."""
         self._channels[0].sender.set_budget(rate, now)
 
     def set_mode(self, custom_mode: int, now: float) -> None:
-        """Ask the autopilot for a mode, before all else; forgotten when it cannot be sent within 1 s.
+        """Command a mode, before all other messages; it is dropped when it cannot be sent within 1 s.
 
-        Where somebody else speaks under our ids, only for one that does not drive.
+        While another component uses our ids, only modes that hold the vehicle are sent.
         """
         self._modes.ask(self.vehicle, custom_mode, now)
 
     def urge_hold(self, now: float) -> None:
-        """A mode that was asked for and does not drive leaves now, not with the next `tick`."""
+        """Send a queued hold command at once, not with the next `tick`."""
         self._modes.urge_hold(now)
 
     def stand_still(self, *, on: bool) -> None:
-        """Whether zero velocity is streamed to the autopilot, at the table's rate, until told otherwise."""
+        """Start or stop streaming zero velocity to the autopilot, at the table's rate."""
         self._setpoints.on = on
 
     def forget_mode(self) -> None:
-        """A mode that was asked for and waits to be sent is not wanted any more."""
+        """Drop a mode command that waits to be sent."""
         self._modes.forget()
 
     def _hear(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:

@@ -1,4 +1,4 @@
-"""Which connections a message leaves by. Nothing that was heard on one is passed on to another."""
+"""Chooses the connections that a message is sent on. Nothing is forwarded from one to another."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
 MAX_ROUTES = 64
 KEPT = 10.0
-"""s without a word after which another sender may be remembered in one's place."""
+"""s of silence after which another sender may take a remembered sender's place."""
 AUTOPILOT_SILENCE = 3.0
+"""s without a heartbeat after which the autopilot counts as not received on a connection."""
 
 
 class Outbox:
-    """To everybody by all connections, to somebody by the one where he was heard last.
+    """Sends broadcasts on all connections, and a reply on the one where its receiver was last received.
 
-    To the autopilot by the first, in the order of the configuration, that heard it in the last 3 s; while
-    none did, by the one before.
+    Messages to the autopilot go to its home: the first connection, in the order of the configuration, that
+    received it in the last 3 s. While none did, the home stays. `moves` counts how often it changed.
     """
 
     def __init__(self, channels: Sequence[Channel], share: Callable[[Sender], Sender]) -> None:
-        """share: under whom a sender counts where replies go by turns."""
+        """share: maps a sender to the key under which its replies take turns, see `AccessControl.share`."""
         self._channels = channels
         self._share = share
         self._routes: LeaseTable[Sender, Channel] = LeaseTable(MAX_ROUTES, KEPT)
@@ -44,13 +45,14 @@ class Outbox:
             channel.sender.system_id = value
 
     def hear(self, sender: Sender, channel: Channel, now: float) -> None:
-        """`sender` was heard on `channel`. 64 senders are remembered, those first who were there first."""
+        """Remember that `sender` was received on `channel`. At most 64; the first keep their places."""
         self._routes.renew(sender, channel, now)
 
     def hear_autopilot(self, channel: Channel, now: float) -> bool:
-        """Our autopilot's heartbeat came by `channel`; True when what it says there counts."""
+        """Note our autopilot's heartbeat on `channel`; True when its telemetry there counts."""
         self._autopilot_at[channel.name] = now
         near = [one for one in self._channels if self._hears_autopilot(one, now)]
+        # Where another component uses our ids only holds may be sent, so any other connection is better.
         home = next((one for one in near if not one.clash), near[0])
         if home is not self._home:
             self._home = home
@@ -59,15 +61,15 @@ class Outbox:
 
     @property
     def home(self) -> str | None:
-        """Name of the connection on which the autopilot is listened to; None before it was heard."""
+        """Name of the connection whose autopilot telemetry counts; None before it is received."""
         return None if self._home is None else self._home.name
 
     def is_home(self, channel: Channel) -> bool:
-        """Whether the autopilot is listened to on `channel`: on one only, or all would count twice."""
+        """Whether the autopilot's telemetry counts on `channel`: on one only, or it would count twice."""
         return self._home is channel
 
     def channel(self, to: Sender) -> Channel | None:
-        """Where somebody is reached; None when he was not heard."""
+        """The connection on which `to` is reached; None when it was not received yet."""
         if self._home is not None and to == (self.system_id, AUTOPILOT_COMPONENT_ID):
             return self._home
         return self._routes.get(to)
@@ -82,32 +84,32 @@ class Outbox:
         lifetime: float = LIFETIME,
         to: Sender | None = None,
     ) -> None:
-        """Queue a message of the table's row `name`; one with the same name and key takes its place.
+        """Queue a message of the table's row `name`; it replaces one with the same name and key.
 
-        Forgotten after `lifetime` s. When a queue is full the least urgent frame of whoever waits for most
-        is lost, and counted.
-        to: system and component id that it is meant for, None for everybody; one never heard: by all.
+        It is dropped after `lifetime` s. When a queue is full, the least urgent frame of the receiver with
+        the most waiting frames is dropped, and counted as lost. to: system and component id of the receiver,
+        None for all; a receiver that we never received from is sent to on all connections.
         """
         share = None if to is None else self._share(to)
         for channel in self._reach(to):
             channel.push(name, message, now, key=key, lifetime=lifetime, to=share)
 
     def urge(self, name: str, now: float) -> None:
-        """What waits of this row leaves now, where the device takes it."""
+        """Send the queued messages of row `name` now, if the device takes them."""
         for channel in self._channels:
             channel.urge(name, now)
 
     def waiting(self, name: str, to: Sender | None = None) -> int:
-        """How many frames of this row wait where fewest do; to: for him, or who shares with him."""
+        """Frames of row `name` that wait, on the connection with the fewest. to: only those of its share."""
         share = None if to is None else self._share(to)
         return min(channel.sender.waiting(name, to=share) for channel in self._reach(to))
 
     def is_own(self, message: Any) -> bool:
-        """Whether `message` is one that was sent from here a moment ago and came back, maybe elsewhere."""
+        """Whether `message` is one of our own newest frames, which came back on any connection."""
         return any(channel.sender.is_own(message) for channel in self._channels)
 
     def forget(self, name: str) -> None:
-        """What waits of this row is not wanted any more."""
+        """Drop the queued messages of row `name`."""
         for channel in self._channels:
             channel.sender.forget(name)
 

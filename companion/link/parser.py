@@ -1,4 +1,4 @@
-"""Bytes to MAVLink messages. Noise costs at most the frame that it hit."""
+"""Parses bytes into MAVLink messages. Noise costs at most the frame that it hit."""
 
 from __future__ import annotations
 
@@ -14,35 +14,38 @@ _SIGNATURE = 13
 PATIENCE = 1.5
 """s for the rest of a frame; the longest takes 1.2 s at 2400 baud."""
 MAX_BROKEN = 64
-"""Broken frames looked into at a time: each may cost the checksum of a long one."""
+"""Broken frames that one `feed` examines: each may cost the checksum of a long frame."""
 
 
 class Parser:
-    """Finds frames with a correct checksum in a stream, or in datagrams (`whole`: half a frame is forgotten).
+    """Finds frames with a correct checksum in a stream or in datagrams.
 
-    pymavlink's own parser gives up all that a broken frame claims as its length, good frames in it too.
+    pymavlink's own parser skips the whole length that a broken frame claims, and good frames inside it.
+
+    bad: broken frames so far. behind: whether received bytes still wait to be parsed.
     """
 
     def __init__(self) -> None:
         self._mav = mavlink.MAVLink(None)
         self._buffer = bytearray()
         self._came_at: list[float] = []
-        """Of each byte."""
+        """When each byte of the buffer arrived, s."""
         self.bad = 0
         self.behind = False
 
     def forget(self) -> None:
-        """What waits, whole or not, belongs to nothing that comes now."""
+        """Discard the buffer: the bytes before and after a reconnect do not belong together."""
         self._buffer.clear()
         self._came_at.clear()
         self.behind = False
 
     def feed(self, data: bytes, now: float, *, whole: bool) -> list[Any]:
-        """The messages that are complete now, of ids that the dialect knows. Broken ones count in `bad`.
+        """Return the messages that are complete now, of ids that the dialect knows.
 
-        So does a frame that is not whole after 1.5 s: noise that looks like the head of a long one would keep
-        back what comes behind it, which would then be believed late. After 64 broken ones the rest of a
-        datagram is given up; a stream is `behind` then: feed it nothing to go on.
+        whole: `data` is a datagram, so an incomplete frame at its end is discarded. In a stream, a frame
+        counts as broken when it is incomplete 1.5 s after its start: noise that looks like the head of a long
+        frame would otherwise delay the frames behind it. After 64 broken frames the rest of a datagram is
+        dropped; a stream is `behind`: call again with b"" to go on. Broken frames are counted in `bad`.
         """
         enough = self.bad + MAX_BROKEN
         overdue = bisect_left(self._came_at, now - PATIENCE)
@@ -61,7 +64,7 @@ class Parser:
             message = self._decode(self._buffer[at : at + length])
             unknown = message is not None and message.get_msgId() < 0
             if unknown and not whole and at + length == len(self._buffer):
-                break
+                break  # wait for the next byte, which tells a frame of unknown id from noise
             if message is None or (unknown and not self._begins(at + length)):
                 self.bad += 1
                 at += 1
@@ -87,11 +90,15 @@ class Parser:
         return 12 + head[1] + (_SIGNATURE if head[2] & _SIGNED else 0)
 
     def _begins(self, at: int) -> bool:
-        """Whether a frame may begin here. Of unknown ids, noise as a rule, no checksum can tell."""
+        """Whether a frame may begin here.
+
+        The checksum of an unknown id cannot be verified, and most such frames are noise. So one passes only
+        when another frame follows it.
+        """
         return at == len(self._buffer) or self._buffer[at] in (_V1, _V2)
 
     def _decode(self, frame: bytearray) -> Any | None:
-        """None when it is broken, or of a later MAVLink."""
+        """Decode a whole frame; None when it is broken, or has incompatibility flags that we do not know."""
         if frame[0] == _V2 and frame[2] & ~_SIGNED:
             return None
         try:

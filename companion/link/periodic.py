@@ -1,6 +1,6 @@
-"""What is said at a rate: heartbeat, summary, numbers. The newest counts, nothing of it is kept for later.
+"""Sends heartbeat, summary and numbers at their rates, always the newest values.
 
-It leaves room in the budget for a call, and numbers leave room for the summary.
+They leave room in the byte budget for a call, and numbers leave room for the summary.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from companion.wire.payloads import Summary
 _STATE_GAP = 0.25
 _NUMBER_LIFETIME = 5.0
 _PATIENCE = 0.3
-"""s to wait for a newer summary when one is due."""
+"""s to wait for a newer frame's summary when one is due."""
 _BEFORE, _AFTER = 0.05, 0.15
-"""s around the time at which a summary falls due: frames leave apart, so that one now would hold it up."""
+"""s before and after a summary is due, in which less urgent frames wait: the pace would delay the summary."""
 _RECENT = 1.0
+"""s without a new summary after which none is expected."""
 _TOLERANCE = 1e-6
 _OLDEST = 0xFFFF
-"""ms that a summary can say."""
+"""ms: the greatest frame age that a summary can carry."""
 _CALL_RESERVE = MESSAGES["call text"].bytes + MESSAGES["call data"].bytes
 _SUMMARY_RESERVE = _CALL_RESERVE + MESSAGES["summary"].bytes
 
@@ -37,10 +38,10 @@ def _period(name: str) -> float:
 
 
 class PeriodicTelemetry:
-    """Knows what is due when on one connection; rates come from the message table.
+    """Queues the periodic messages of one connection; rates come from the message table.
 
     periods: s between summaries ("summary") and between two of the same number ("number"); may be changed,
-    `math.inf` for never.
+    `math.inf` for never. dropped: summaries not sent for lack of budget.
     """
 
     def __init__(self, sender: Sender, now: float) -> None:
@@ -61,41 +62,41 @@ class PeriodicTelemetry:
         self._number_at = {name: now + (place - len(NUMBERS)) * step for place, name in enumerate(NUMBERS)}
 
     def set_state(self, state: State, current_id: int, policy: Policy) -> None:
-        """The heartbeat's content; a change is told at once."""
+        """Set the heartbeat's content; a change is sent at once, at most four times a second."""
         if (state, current_id, policy) != self._content:
             self._content = (state, current_id, policy)
             self._heartbeat_now = True
 
     def newest_heartbeat(self) -> Any:
-        """For somebody who asks for it."""
+        """The heartbeat as it is now, for a client that requests it."""
         return encode.heartbeat(*self._content)
 
     def newest_summary(self, to: tuple[int, int], now: float) -> Any | None:
-        """For `to` alone, under the sequence number of the last one told to all; None before the first."""
+        """The newest summary for `to`, with the last broadcast one's sequence number; None before any."""
         if self._newest is None:
             return None
         return self._encoded(*self._newest, (self._sequence - 1) & 0xFFFF, now, to)
 
     def newest_numbers(self, now: float) -> list[Any]:
-        """For somebody who asks for them."""
+        """The newest numbers, for a client that requests them."""
         filled = [name for name in NUMBERS if name in self._numbers]
         return [encode.number(name, self._numbers[name], self._uptime(now)) for name in filled]
 
     def hurry(self) -> None:
-        """The next heartbeat is due now: somebody may have forgotten us."""
+        """Make the next heartbeat due now, after a reconnect or when the autopilot is back."""
         self._heartbeat_at = -math.inf
 
     def summary(self, summary: Summary, now: float) -> None:
-        """The newest summary."""
+        """Set the newest summary."""
         self._summary = self._newest = (summary, now)
 
     def numbers(self, values: Mapping[str, float], now: float) -> None:
-        """The newest numbers; those that are not finite are left out."""
+        """Set the newest numbers; those that are not finite are left out."""
         self._numbers = {name: value for name, value in values.items() if math.isfinite(value)}
         self._numbers_at = now
 
     def tick(self, now: float, *, calling: bool) -> None:
-        """Queue what is due."""
+        """Queue what is due. calling: whether a call or hold is open."""
         period = self.periods["summary"]
         if calling:
             period = max(period, SUMMARY_PERIOD_WHILE_CALLING)
@@ -110,13 +111,13 @@ class PeriodicTelemetry:
             self._send_numbers(now)
 
     def _awaits_summary(self, now: float, period: float) -> bool:
-        """Whether one falls due about now; what is not urgent goes right behind it."""
+        """Whether a summary is due about now; less urgent messages then wait for it."""
         if self._newest is None or now - self._newest[1] > _RECENT:
             return False
         return -_BEFORE <= now - self._summary_at - period <= _AFTER
 
     def _summary_tick(self, now: float, period: float) -> None:
-        """The first that comes once one is due; an older one only where no new one comes soon."""
+        """Send the first summary that comes after one is due; after 0.3 s without one, send the older one."""
         due = self._summary_at + period - _TOLERANCE
         if self._summary is None or now < due:
             return

@@ -1,4 +1,4 @@
-"""What is heard: sorted, checked, and handed to whoever answers it."""
+"""Routes each received message: checks it, and passes it to the service that answers it."""
 
 from __future__ import annotations
 
@@ -25,24 +25,28 @@ from companion.wire.messages import TELEMETRY
 from companion.wire.parameters import ANSWER
 
 WITHIN = 1.0
+"""s within which the same request on another connection is a copy."""
 MAX_REMEMBERED = 512
-"""More than are admitted within a second, whoever asks."""
+"""Requests that are remembered: more than the rate limits admit in a second."""
 _HEADER_1, _HEADER_2 = 6, 10
 
 
 class Deduplicator:
-    """Knows the newest requests. The same one again on the same connection is a wish of its own."""
+    """Recognizes copies of a request that reached us by several connections.
+
+    The same request again on the same connection is a new request.
+    """
 
     def __init__(self) -> None:
         self._admitted: OrderedDict[tuple[int, int, int, bytes], tuple[str, float]] = OrderedDict()
 
     def is_repeated(self, message: Any, connection: str, now: float) -> bool:
-        """Whether its sender said just that within the last second on another connection."""
+        """Whether the same request was admitted from another connection within the last second."""
         before, at = self._admitted.get(_key(message), (connection, now))
         return before != connection and now - at <= WITHIN
 
     def keep(self, message: Any, connection: str, now: float) -> None:
-        """It was admitted."""
+        """Remember `message`, which was admitted."""
         key = _key(message)
         self._admitted[key] = (connection, now)
         self._admitted.move_to_end(key)
@@ -51,7 +55,7 @@ class Deduplicator:
 
 
 def _key(message: Any) -> tuple[int, int, int, bytes]:
-    """Payload less the zeros at its end, which MAVLink 2 leaves out and MAVLink 1 does not."""
+    """Sender, message id and payload, without the zeros at its end that only MAVLink 2 leaves out."""
     frame = message.get_msgbuf()
     start = _HEADER_1 if frame[0] == mavlink.PROTOCOL_MARKER_V1 else _HEADER_2
     payload = bytes(frame[start : start + frame[1]]).rstrip(b"\0")
@@ -76,7 +80,7 @@ REQUESTS = frozenset(
 
 
 class RequestDispatcher:
-    """Takes messages of `REQUESTS` that are meant for us and were admitted."""
+    """Passes each admitted request (`REQUESTS`) to the service that answers it."""
 
     def __init__(
         self,
@@ -95,7 +99,7 @@ class RequestDispatcher:
         self._files = files
 
     def hear(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
-        """Answer it, or return what the daemon must know."""
+        """Answer a request here, or return the event that the daemon must handle."""
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
             self._parameters.list_all(sender)
@@ -135,7 +139,7 @@ class RequestDispatcher:
 
 
 class MessageRouter:
-    """Our autopilot's messages, and requests to component 191, each on its way."""
+    """Takes every accepted message: our autopilot's telemetry, and requests to component 191."""
 
     def __init__(
         self,
@@ -152,10 +156,9 @@ class MessageRouter:
         self._requests = requests
         self._deduplicator = Deduplicator()
         self.remote_control = RemoteControl()
-        """Of the remote control."""
 
     def hear(self, message: Any, channel: Channel, now: float) -> InboundEvent | None:
-        """Answer what came by `channel` here, or return what the daemon must know."""
+        """Handle a message received on `channel`; return the event that the daemon must handle, if any."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if sender == (self._outbox.system_id, COMPONENT_ID):
             self._hear_ourselves(message, channel, now)
@@ -165,6 +168,7 @@ class MessageRouter:
         self._access.hear(sender, now)
         self._outbox.hear(sender, channel, now)
         kind = message.get_type()
+        # Telemetry counts from one connection only: on two, every value would arrive twice and out of order.
         if sender[1] == AUTOPILOT_COMPONENT_ID and kind in TELEMETRY:
             if kind == "HEARTBEAT":
                 return self._hear_heartbeat(sender[0], message, channel, now)
@@ -229,7 +233,7 @@ class MessageRouter:
         if message.target_component not in (0, COMPONENT_ID):
             return False
         if kind == "TUNNEL" and message.payload_type != TUNNEL_ANSWER:
-            return False  # what other rovers' companions tell everybody
+            return False  # what the companions of other rovers broadcast
         if self._deduplicator.is_repeated(message, channel.name, now):
             self._access.rejected["repeated"] += 1
             return False

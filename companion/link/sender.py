@@ -1,4 +1,4 @@
-"""What leaves by one connection: it waits in a queue, goes in order of priority and within budgets."""
+"""Queues frames for one connection, and sends them in order of priority, within byte budgets."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ from companion.wire.messages import MESSAGES, Bucket, Message
 from companion.wire.signing import BLOCK
 
 MAX_WAITING = 64
-"""Frames of one budget: whoever asks for much pushes out only what others asked for."""
+"""Frames of one budget that wait: a flood of requests pushes out only other replies."""
 BUDGETS = ("unsolicited", "asked", "autopilot")
 LIFETIME = 5.0
+"""s that a frame waits at most, unless said otherwise."""
 _RECENT_FRAMES = 256
-"""As many frames as there are sequence numbers, so that our own are known when they come back."""
+"""Sent frames that are remembered, to recognize our own when they come back: one per sequence number."""
 _RETRY_AFTER = 0.02
-"""s until a device that took nothing is tried again: without it whoever asks `wait` would spin."""
+"""s until a device that took nothing is tried again. Without it, a loop that sleeps for `wait` would spin."""
 
 
 @dataclass(order=True)
@@ -44,12 +45,14 @@ class _Frame:
 
 
 class Sender:
-    """One frame per `pace` s, the most urgent first. What a budget does not allow yet waits a while.
+    """Sends one frame per `pace` s, the most urgent first. A frame waits until its budget affords it.
 
-    Within a budget nothing overtakes a more urgent frame, so a call never starves behind small change. What
-    was asked for never goes twice in a row while something else may, so no flood of requests silences us.
-    Of what is equally urgent, whoever asked gets one in his turn, so no flood holds up what others asked for;
-    and `CROWDS`, who have many names, never get two replies in a row while somebody else waits for one.
+    - Within a budget no frame overtakes a more urgent one, so small frames cannot starve a call.
+    - No two replies are sent in a row while another frame may go, so requests cannot block our own messages.
+    - Replies of one priority go round the requesters in turn, so one requester cannot delay the others.
+    - `CROWDS` (senders that share a rate limit) get no two replies in a row while another requester waits.
+
+    sent: bytes by budget. lost: frames dropped. left_out: messages that MAVLink 1 cannot carry.
     """
 
     def __init__(
@@ -62,7 +65,7 @@ class Sender:
         signing: Signing | None = None,
         link_id: int = 0,
     ) -> None:
-        """signing: signs all that leaves, with `link_id`."""
+        """signing: signs each frame, with `link_id`."""
         self._connection = connection
         self._pace = settings.pace
         self._mav = mavlink.MAVLink(None, system_id, COMPONENT_ID)
@@ -103,11 +106,11 @@ class Sender:
         lifetime: float = LIFETIME,
         to: tuple[int, int] | None = None,
     ) -> None:
-        """Queue a message of the table's row `name`; one with the same name and key takes its place.
+        """Queue a message of the table's row `name`; it replaces one with the same name and key.
 
-        Forgotten after `lifetime` s. When 64 frames of a budget wait, the least urgent of those for whom most
-        wait is lost, and counted. to: whose turn it takes, None for everybody.
-        What MAVLink 1 has no id for is left out where that is spoken, and counted.
+        It is dropped after `lifetime` s. When 64 frames of a budget wait, the least urgent one of the
+        receiver with the most is dropped, and counted as lost. to: whose turn the frame takes, None for all.
+        While MAVLink 1 is in use, messages whose id it cannot carry are counted in `left_out` and dropped.
         """
         row = MESSAGES[name]
         assert row.priority is not None, f"the companion does not send {name}"
@@ -124,6 +127,7 @@ class Sender:
         if key is not None:
             for place, waiting in enumerate(self._queue):
                 if (waiting.name, waiting.key) == (name, key):
+                    # It keeps its place, or a value that changes often would never reach the front.
                     frame.turn, frame.order = waiting.turn, waiting.order
                     self._queue[place] = frame
                     return
@@ -136,15 +140,15 @@ class Sender:
             self.lost += 1
 
     def set_budget(self, rate: float, now: float) -> None:
-        """B/s of unsolicited traffic from now on, 0 unlimited."""
+        """Set the B/s of unsolicited traffic from now on, 0 unlimited."""
         self._buckets["unsolicited"].set_rate(rate, now)
 
     def waiting(self, name: str, to: tuple[int, int] | None = None) -> int:
-        """How many frames of this row wait, for `to` alone where he is named."""
+        """How many frames of row `name` wait; with `to`, only those for that receiver."""
         return sum(frame.name == name and to in (None, frame.to) for frame in self._queue)
 
     def has_room(self, name: str, now: float, *, reserve: int = 0) -> bool:
-        """Whether the row's budget carries one more frame beside what waits for it and `reserve` bytes."""
+        """Whether the row's budget affords one more frame, besides the waiting ones and `reserve` bytes."""
         row = MESSAGES[name]
         if row.bucket is None:
             return True
@@ -152,7 +156,7 @@ class Sender:
         return self._buckets[row.bucket].affords(ahead + row.bytes + self._block + reserve, now)
 
     def tick(self, now: float) -> None:
-        """Send what is due."""
+        """Drop frames that waited too long, and send what is due."""
         fresh = [frame for frame in self._queue if frame.until >= now]
         self.lost += len(self._queue) - len(fresh)
         self._queue = fresh
@@ -160,30 +164,33 @@ class Sender:
             self._send(frame, now)
 
     def urge(self, name: str, now: float) -> None:
-        """Send what waits of this row, for which no budget pays, before all else and whatever the pace."""
+        """Send the waiting frames of row `name` now, regardless of pace. Only for rows without a budget."""
         for frame in [one for one in self._queue if one.name == name and one.until >= now]:
             self._send(frame, now)
 
     def wait(self, now: float) -> float:
-        """Seconds until the queue can move, 1 when it is empty."""
+        """Seconds until the next frame may be sent, 1 when none waits."""
         if not self._queue:
             return 1.0
         return max(self._next_at - now, 0.0 if self._first(now) is not None else 0.05)
 
     def is_own(self, message: Any) -> bool:
-        """Whether `message` is one that was sent from here a moment ago and came back."""
+        """Whether `message` is one of the newest frames sent here, which came back."""
         return (message.get_seq(), message.get_crc()) in self._recent
 
     def forget(self, name: str) -> None:
-        """What waits of this row is not wanted any more."""
+        """Drop the waiting frames of row `name`."""
         self._queue = [frame for frame in self._queue if frame.name != name]
 
     def keep(self, names: Container[str]) -> None:
-        """Forget what waits of all other rows."""
+        """Drop the waiting frames of all rows but `names`."""
         self._queue = [frame for frame in self._queue if frame.name in names]
 
     def _turn(self, row: Message, to: tuple[int, int] | None) -> int:
-        """One behind the last for `to` that is as urgent, or behind what has left: nobody waits for ever."""
+        """The turn of a new reply: one after the last waiting one for `to` of the same priority.
+
+        Without one, it is one after the newest that was sent, so that a new requester joins the current turn.
+        """
         if row.bucket != "asked":
             return 0
         equals = [one for one in self._queue if (one.bucket, one.priority) == (row.bucket, row.priority)]
@@ -191,13 +198,13 @@ class Sender:
         return 1 + max(own, default=self._turns.get(row.priority or 0, 0))
 
     def _send(self, frame: _Frame, now: float) -> None:
-        """As it leaves now: where the device takes nothing, or the time is not known, it waits on."""
+        """Send `frame`. It goes on waiting when the device is full, or signing does not know the time."""
         packed = self._pack(frame.name, frame.message, now)
         if packed is None:
             self._queue.remove(frame)
             self.left_out += 1
             return
-        if len(packed) + self._block > frame.size:  # the version has changed since it was queued
+        if len(packed) + self._block > frame.size:  # the MAVLink version changed: check the budget again
             frame.size = len(packed) + self._block
             return
         if not self._write(packed, frame, now):
@@ -226,13 +233,13 @@ class Sender:
         return True
 
     def _pack(self, name: str, message: Any, now: float) -> bytes | None:
-        """The frame as it leaves; None when the version that is spoken here cannot carry it."""
+        """Pack `message` in the MAVLink version in use; None when that cannot carry it."""
         if not self.version.packs_1(name, now):
             return bytes(message.pack(self._mav))
         return pack_1(message, self._mav) if fits_1(message) else None
 
     def _first(self, now: float) -> _Frame | None:
-        """The most urgent of those that each budget lets go now, the budgets' turns considered."""
+        """The next frame to send: the most urgent that its budget affords and the rules of turns allow."""
         first: dict[Bucket | None, _Frame] = {}
         for frame in self._queue:
             before = first.setdefault(frame.bucket, frame)

@@ -1,4 +1,4 @@
-"""What a person says about the link, checked."""
+"""Checks the settings of the link."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _SMALLEST_BUDGET = 50.0
 _BITS_PER_BYTE = 10
 _SLOWEST = 2400
 LONGEST_PACE = 0.1
-"""s: heartbeats and setpoints take six frames a second, and an answer must get out beside them."""
+"""s, the longest pace: heartbeats and setpoints take six frames a second, and replies need some, too."""
 
 
 class LinkError(ValueError):
-    """A setting of the link that cannot work; the message says what can."""
+    """A setting of the link is not valid; the message says what is."""
 
 
 class Address(NamedTuple):
-    """scheme: udpin, udpout, tcp or serial. place: numeric host or device. number: port or baud rate."""
+    """A parsed url. scheme: udpin, udpout, tcp or serial. place: host or device. number: port or baud rate."""
 
     scheme: str
     place: str
@@ -34,7 +34,7 @@ class Address(NamedTuple):
 
 
 def read_url(url: str) -> Address:
-    """`url`, taken apart. Hosts are numeric: looking up a name can block for seconds. Raises LinkError."""
+    """Parse `url`. Hosts must be numeric: looking up a name can block for seconds. Raises LinkError."""
     scheme, _, rest = url.partition(":")
     place, _, number = rest.rpartition(":")
     if scheme not in {"udpin", "udpout", "tcp", "serial"} or not place or not number.isdecimal():
@@ -52,12 +52,12 @@ def read_url(url: str) -> Address:
 
 @dataclass(frozen=True)
 class ConnectionSettings:
-    """url: udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud.
+    """The settings of one connection. Raises LinkError.
 
-    budget: B/s of unsolicited traffic, 0 unlimited; asked_budget: B/s of what somebody asked for; burst:
-    bytes for each of the two. pace: least s between frames (0.05 behind PX4), 0 to 0.1. On a serial line both
-    budgets together may take half of what it carries: a hold waits behind what is in its buffers. Raises
-    LinkError.
+    url: udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud. budget: B/s of unsolicited
+    traffic, 0 unlimited. asked_budget: B/s of replies, 0 unlimited. burst: bytes that each of the two may
+    send at once. pace: least s between frames (0.05 behind PX4), 0 to 0.1. On a serial line both budgets
+    together may take half of its capacity: a hold waits behind the bytes in the port's buffers.
     """
 
     url: str
@@ -87,12 +87,12 @@ class ConnectionSettings:
             )
 
     def address(self) -> Address:
-        """The url, taken apart."""
+        """Parse the url."""
         return read_url(self.url)
 
     @property
     def room(self) -> float:
-        """B/s for both budgets together: half of what a serial line carries, since others speak on it too."""
+        """B/s for both budgets together: half of a serial line's capacity, infinite otherwise."""
         address = self.address()
         return address.number / _BITS_PER_BYTE / 2 if address.scheme == "serial" else math.inf
 
@@ -103,16 +103,17 @@ class ConnectionSettings:
 
     @property
     def waits_for_vehicle(self) -> bool:
-        """Whether to stay silent until the autopilot is heard. A router may wait for us instead."""
+        """Whether to stay silent until the autopilot is received. Not where a router may wait for us."""
         return self.address().scheme in {"udpin", "serial"}
 
 
 @dataclass(frozen=True)
 class LinkSettings(ConnectionSettings):
-    """The first connection, `MAIN`, which goes before the others where several reach the autopilot.
+    """The settings of the first connection, `MAIN`, and of the whole link. Raises LinkError.
 
-    system_id: used until the autopilot's own is known. allowed_senders: first and last system id that may
-    change anything. more: the other connections by name, at most three. Raises LinkError.
+    `MAIN` is preferred where several connections reach the autopilot. system_id: ours until the autopilot's
+    is known. allowed_senders: first and last system id that may change anything. more: the other connections
+    by name, at most three.
     """
 
     system_id: int = 1
@@ -136,7 +137,7 @@ class LinkSettings(ConnectionSettings):
                 raise LinkError(f"more.{name}.url is that of {section} too: give each a url of its own")
 
     def connections(self) -> dict[str, ConnectionSettings]:
-        """All of them by name, the first one first."""
+        """All connections by name, `MAIN` first."""
         for name in self.more:
             if name == MAIN or not _NAME.fullmatch(name):
                 raise LinkError(f'more.{name}: choose a name like "wifi": 1 to 12 of a-z, 0-9, - and _')
@@ -144,7 +145,7 @@ class LinkSettings(ConnectionSettings):
 
 
 def _device(address: Address) -> tuple[object, ...]:
-    """What two connections cannot share. Any port is as good as another to udpin with port 0."""
+    """A key that two connections to the same device share. udpin with port 0 gets a free port each time."""
     if address.scheme == "serial":
         return address.scheme, address.place
     return address if address.number else (address, object())

@@ -1,4 +1,4 @@
-"""Bytes in, bytes out, never blocking: UDP, TCP, serial."""
+"""Reads and writes bytes over UDP, TCP or a serial port, without blocking."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from companion.wire.devices import open_port, watch_peer
 
 MAX_PEERS = 4
 KEPT = 10.0
-"""s without a believed frame after which another may take an address's place."""
+"""s without an accepted frame after which another address may take this one's place."""
 
 Peer = tuple[str, int]
 """Address and port."""
 
 
 class Peers:
-    """The autopilot's address, and at most four others: only those from which a frame was believed.
+    """Stores the addresses that a bound UDP socket sends to: the autopilot's and at most four others.
 
-    The address from which the autopilot was heard first stays its own while it is still heard there. Another
-    one that speaks in its name is answered where there is room, and makes room for anybody else.
+    Only addresses from which a frame was accepted are stored. The first address from which the autopilot was
+    received stays its address while frames arrive from there. Another address that sends in the autopilot's
+    name gets a free place only, and loses it to any other sender.
     """
 
     def __init__(self) -> None:
@@ -37,44 +38,45 @@ class Peers:
         return iter(dict.fromkeys((*self._autopilot, *self._others)))
 
     def believe(self, peer: Peer, now: float, *, autopilot: bool) -> None:
-        """A frame from `peer` was believed; autopilot: it was our autopilot's."""
+        """Store `peer`, from which a frame was accepted; autopilot: our autopilot sent it."""
+        # Minus infinity gives a second "autopilot" the lowest claim to its place.
         if not (autopilot and self._autopilot.renew(peer, None, now)):
             self._others.renew(peer, None, -math.inf if autopilot else now)
 
 
 _CHUNK = 2048
-"""Bytes of one read; a datagram is cut to as many. A frame has 280 at most."""
+"""Bytes of one read; a longer datagram is cut. A frame has at most 280."""
 _MAX_PENDING = 2048
 _MAX_SKIPPED = 512
-"""Datagrams that say nothing, or come from elsewhere: they must not keep back what waits behind them."""
+"""Datagrams that one read skips, because they are empty or from another address, to reach those behind."""
 
 
 class Transport(Protocol):
     """One open device. `read` and `write` raise OSError when it is broken and has to be opened again.
 
-    datagrams: what `read` returns holds whole frames only.
+    datagrams: whether each `read` returns whole frames only.
     """
 
     datagrams: bool
 
     def read(self) -> bytes:
-        """What arrived, at most a few KiB; b"" when there is nothing now."""
+        """Return what arrived, at most a few KiB; b"" when there is nothing now."""
 
     def write(self, frame: bytes) -> bool:
-        """Send all of `frame`, or nothing and return False when the device takes nothing now."""
+        """Send all of `frame`; send nothing and return False when the device takes nothing now."""
 
     def believe(self, now: float, *, autopilot: bool) -> None:
-        """A frame in what was read last was believed; autopilot: it was our autopilot's."""
+        """Report that a frame of the last read was accepted; autopilot: our autopilot sent it."""
 
     def fileno(self) -> int | None:
-        """For select; None where there is none."""
+        """The file descriptor to select on; None where there is none."""
 
     def close(self) -> None:
-        """Give the device back."""
+        """Close the device."""
 
 
 class Udp:
-    """udpin: bound, answers whoever was believed (`Peers`). udpout: sends to one address, hears only it."""
+    """Exchanges datagrams: udpin is bound to a port and sends to `Peers`, udpout has one fixed peer."""
 
     datagrams = True
 
@@ -120,11 +122,12 @@ class Udp:
         return any(sent)
 
     def _send(self, frame: bytes, peer: Peer) -> bool:
-        """Nobody there yet, a full buffer, a network that is down: the next frame tries again."""
+        """Send `frame`; False on an error that may pass: no receiver yet, full buffer, network down."""
         try:
             self._socket.sendto(frame, peer)
         except OSError as error:
-            if self._fixed is not None and isinstance(error, PermissionError):  # as to a broadcast address
+            # Such as for a broadcast address: this error never passes.
+            if self._fixed is not None and isinstance(error, PermissionError):
                 raise
             return False
         return True
@@ -137,7 +140,7 @@ class Udp:
 
 
 class _Stream:
-    """Whole frames into a device that may take only a part of one."""
+    """Writes whole frames to a device that may take only a part of one: the rest waits here."""
 
     datagrams = False
 
@@ -148,7 +151,7 @@ class _Stream:
         raise NotImplementedError
 
     def believe(self, now: float, *, autopilot: bool) -> None:
-        """There is one other end only."""
+        """Do nothing: a stream has one peer only."""
 
     def write(self, frame: bytes) -> bool:
         if self._pending:
@@ -162,7 +165,7 @@ class _Stream:
 
 
 class Tcp(_Stream):
-    """A TCP client. A peer that went without a word is noticed within 15 s, where the platform can."""
+    """Connects to a TCP server. A vanished peer is noticed within 15 s, where the platform supports it."""
 
     def __init__(self, address: Address) -> None:
         super().__init__()
@@ -183,7 +186,7 @@ class Tcp(_Stream):
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError as error:
-            if error.errno == errno.ENOTCONN:
+            if error.errno == errno.ENOTCONN:  # still connecting
                 return b""
             raise
         if not data:
@@ -218,7 +221,7 @@ class Tcp(_Stream):
 
 
 class Serial(_Stream):
-    """A serial port, opened by pyserial."""
+    """Exchanges bytes over a serial port, which pyserial opens."""
 
     def __init__(self, address: Address) -> None:
         super().__init__()
@@ -241,13 +244,13 @@ class Serial(_Stream):
 
 
 def opener(address: Address) -> Callable[[], Transport]:
-    """Opens `address` each time that it is called. Raises LinkError where a library is missing for it."""
+    """Return a function that opens `address`. Raises LinkError when `address` needs a missing library."""
     check_installed(address)
     return partial(open_transport, address)
 
 
 def open_transport(address: Address) -> Transport:
-    """Open what the url names. Raises OSError while it is absent."""
+    """Open the device at `address`. Raises OSError while it is absent."""
     if address.scheme == "tcp":
         return Tcp(address)
     if address.scheme == "serial":
@@ -256,7 +259,7 @@ def open_transport(address: Address) -> Transport:
 
 
 def check_installed(address: Address) -> None:
-    """Raises LinkError when the url needs a library that is not installed."""
+    """Raise LinkError when `address` needs a library that is not installed."""
     if address.scheme == "serial":
         try:
             import serial  # noqa: F401

@@ -1,4 +1,4 @@
-"""Texts that are said once, and the open call or hold, repeated until it is answered."""
+"""Sends texts once, and repeats the open call or hold until it is answered."""
 
 from __future__ import annotations
 
@@ -23,16 +23,19 @@ from companion.wire.messages import (
 from companion.wire.payloads import CallData
 
 SAME_TEXT_GAP = 5.0
+"""s in which the same text is not sent again."""
 MAX_TEXTS = 8
+"""Texts that wait to be sent."""
 REFUSALS_AT_ONCE = 4
 REFUSAL_GAP = 2.0
+"""s between refusals after the first four."""
 ALERT, WARNING, INFO = 1, 4, 6
 
 
 class TextSender:
-    """Says each text at most once in 5 s; at most eight wait.
+    """Queues texts, the same one at most once in 5 s; at most eight wait.
 
-    unsaid: texts that found eight waiting, and refusals that came too thick.
+    unsaid: texts that were not sent, because eight waited or the rate of refusals was too high.
     """
 
     def __init__(self, outbox: Outbox) -> None:
@@ -43,7 +46,7 @@ class TextSender:
         self.unsaid = 0
 
     def say(self, text: str, severity: int, now: float) -> None:
-        """Queue a STATUSTEXT of MAV_SEVERITY `severity`; an ALERT goes as early as a call."""
+        """Queue a STATUSTEXT of MAV_SEVERITY `severity`; an ALERT has the priority of a call."""
         self._forget(now)
         if text in self._sent_at:
             return
@@ -54,14 +57,14 @@ class TextSender:
         self._outbox.push("call text" if severity <= ALERT else "text", encode.text(text, severity), now)
 
     def answer(self, text: str, now: float, *, taken: bool) -> None:
-        """What became of somebody's answer."""
+        """Send the result of an answer: as INFO when it was accepted (`taken`), else as a refusal."""
         if taken:
             self.say(text, INFO, now)
         else:
             self.refuse(text, now)
 
     def refuse(self, text: str, now: float) -> None:
-        """Say why somebody's wish is not granted: four at once, then one in 2 s, however many come."""
+        """Send why a request was refused. Rate limit of all refusals: four at once, then one in 2 s."""
         self._forget(now)
         if text in self._sent_at:
             return
@@ -71,7 +74,7 @@ class TextSender:
             self.unsaid += 1
 
     def refuse_sender(self, sender: Sender, now: float) -> None:
-        """Say that he may not change anything; in 5 s one of however many."""
+        """Send that `sender` may not change anything; at most one such text in 5 s."""
         if self._denials.take(1, now):
             self.say(notices.sender_refused(sender[0]), WARNING, now)
 
@@ -82,6 +85,7 @@ class TextSender:
 ERROR = 3
 NOTICE = 5
 TEXT_GAP = 2.0
+"""s between texts of a call whose content changes."""
 _NEVER = float("-inf")
 
 
@@ -101,8 +105,10 @@ class _Closing:
 
 
 class AlertRepeater:
-    """What to say about the one open call or hold, and when. New content goes out at once, but not faster
-    than one payload a second and one text in 2 s."""
+    """Decides when the payload and the text of the one open call or hold are sent again.
+
+    New content is sent at once, but at most one payload a second and one text in 2 s.
+    """
 
     def __init__(self) -> None:
         self._call: CallData | None = None
@@ -122,11 +128,11 @@ class AlertRepeater:
 
     @property
     def is_open(self) -> bool:
-        """Whether a call or hold asks for something: numbers stop, summaries slow down."""
+        """Whether a call or hold is open. The numbers then stop and the summaries slow down."""
         return self._call is not None
 
     def announce(self, call: CallData | None, text: str, now: float, *, quiet: bool, severity: int) -> None:
-        """See `Link.announce`. Saying the same again changes nothing."""
+        """Set what is repeated, see `Link.announce`. The same content again changes nothing."""
         if call is not None and call.stage == Stage.CLOSED:
             self._close(call, text)
             return
@@ -142,7 +148,7 @@ class AlertRepeater:
         self._call, self._text, self._quiet, self._severity = call, text, quiet, severity
 
     def data(self, now: float) -> CallData | None:
-        """The call data that is due, its age brought up to date."""
+        """The payload that is due, with its age as of `now`; None when none is due."""
         for closing in self._closing:
             if now - closing.sent_at >= DATA_PERIOD:
                 closing.left -= 1
@@ -161,7 +167,7 @@ class AlertRepeater:
         return replace(self._call, age_s=self._call.age_s + int(now - self._announced_at))
 
     def text(self, now: float) -> Spoken | None:
-        """The text that is due, if any; ask until there is none."""
+        """The text that is due, None when none is. Several may be due: call until None."""
         if self._closing_texts:
             return Spoken(self._closing_texts.popleft(), NOTICE)
         if not self._text:

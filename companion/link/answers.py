@@ -1,4 +1,4 @@
-"""Answers come in here, each once, and their acknowledgements go out."""
+"""Receives operators' answers, passes each one on once, and sends the acknowledgements."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from companion.wire.parameters import ANSWER
 
 MAX_PARTS = 4
 OF_A_SENDER, IN_ALL = 8, 1024
-"""In all more than are admitted in 30 s of those who share, however many names they have."""
+"""Incomplete answers of one sender and in all: more than the senders of one shared rate may begin in 30 s."""
 PATIENCE = 30.0
-"""s without another part; a sender that backs off and a radio that loses half take 8 s or twice that."""
+"""s to wait for the next part. A sender that backs off, on a radio that loses half, takes 8 to 16 s."""
 
 
 @dataclass
@@ -47,13 +47,13 @@ class _Pieces:
 
 
 class Reassembly:
-    """Collects at most four parts of an answer, 30 s from one to the next; of a sender eight at once."""
+    """Reassembles answers that come in two to four parts; at most eight of one sender at once."""
 
     def __init__(self) -> None:
         self._open: SenderCache[_Pieces] = SenderCache(OF_A_SENDER, IN_ALL)
 
     def add(self, sender: Sender, part: AnswerMessage, now: float) -> AnswerMessage | None:
-        """The whole answer with the operations of all parts in order, once the last one is here.
+        """Add a part; return the whole answer, operations in order, when it completes one, else None.
 
         Raises PayloadError for more than four parts, and for parts that contradict each other.
         """
@@ -83,6 +83,7 @@ def _envelope(part: AnswerMessage) -> tuple[int, int, int]:
 
 
 REPEAT_WITHIN = 5.0
+"""s in which the same command or AT_ANSWER counts as a repetition."""
 MAX_ID = 0xFFFF
 
 _COMMAND_RESULTS = {
@@ -101,9 +102,10 @@ _ACCEPTED = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
 
 @dataclass
 class _Case:
-    """An answer that was handed on at `at`.
+    """An answer that was passed on at `at` (s), and its stored reply.
 
-    reply: once it is decided: an Acknowledgement; of a command MAV_RESULT; of AT_ANSWER whether it was taken.
+    reply: an Acknowledgement; for a command the MAV_RESULT; for AT_ANSWER whether it was accepted. None while
+    it is undecided.
     """
 
     at: float
@@ -111,9 +113,9 @@ class _Case:
 
 
 class AnswerService:
-    """TUNNEL 45003, the answer command and AT_ANSWER in; AnswerRequest out, once for each answer.
+    """Turns TUNNEL 45003, the answer command and AT_ANSWER into one AnswerRequest for each answer.
 
-    What comes again gets the stored acknowledgement; while it is undecided, silence.
+    A repeated answer gets the stored acknowledgement; while it is undecided, it gets no reply.
     """
 
     def __init__(
@@ -127,7 +129,7 @@ class AnswerService:
         self._cases: SenderCache[_Case] = SenderCache()
 
     def tunnel(self, sender: Sender, payload: bytes, now: float) -> AnswerRequest | None:
-        """An answer's payload, or one part of it."""
+        """Take the payload of an answer, or of one part of it; return the answer once it is complete."""
         try:
             part = AnswerMessage.unpack(payload)
         except PayloadError:
@@ -155,7 +157,7 @@ class AnswerService:
         return AnswerRequest(sender, whole.transaction, whole.target, whole.motion, whole.operations)
 
     def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | PolicyRequest | None:
-        """The answer command; always acknowledged, by the daemon or here."""
+        """Take the answer command. It is always acknowledged, here when it is refused, else by the daemon."""
         if not self._access.may_change(sender):
             self._access.rejected["sender"] += 1
             self._text_sender.refuse_sender(sender, now)
@@ -169,7 +171,7 @@ class AnswerService:
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
             self._text_sender.refuse(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), now)
             return None
-        # The same command once more is a new wish, unless it says that it is a repetition.
+        # The same command again is a new answer, unless its confirmation count marks it as a repetition.
         again = getattr(message, "confirmation", 0) > 0
         if self._is_repeated((sender, request), now, repeat_within=REPEAT_WITHIN if again else 0.0):
             return None
@@ -177,13 +179,13 @@ class AnswerService:
         return request
 
     def parameter(self, request: ParameterRequest, now: float) -> AnswerRequest | None:
-        """AT_ANSWER, an answer without words from any parameter editor: id x 10 + motion. 0 says nothing.
+        """Take AT_ANSWER, an answer without words from a parameter editor: id x 10 + motion; 0 is ignored.
 
-        The echo carries what was taken, 0 what was not; later reads give 0. A parameter cannot say that it
-        is a repetition. So the same go or look again within 5 s is one, whether it names the id or not.
-        "Stay" is handed on each time: it may have come after a go. What named no id and was stale is a
-        repetition, too: ground stations set a refused parameter again by themselves, and would answer a call
-        that nobody has read.
+        The echo is the value when it was accepted, else 0; later reads give 0. PARAM_SET has no mark for a
+        repetition, so the same "go" or "look again" within 5 s counts as one, with the call's id or with 0.
+        "Stay" is passed on each time, as it may follow a go. An answer to id 0 that was stale counts as
+        repeated for 5 s, too: ground stations set a refused parameter again by themselves, and would
+        otherwise answer a new call that the operator has not read.
         """
         sender, value = request.sender, request.value
         target, code = divmod(int(value), 10)
@@ -205,7 +207,7 @@ class AnswerService:
         return AnswerRequest(sender, None, target, Motion(code), (), value)
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
-        """Tell the asker, and remember it for repetitions, unless it says "send it again"."""
+        """Send the result to the sender, and store it for repetitions, unless it is BUSY (send it again)."""
         if request.value is not None:
             self._acknowledge_parameter(request, ack, now)
             return
@@ -224,10 +226,11 @@ class AnswerService:
             self._cases.put(key, _Case(now, reply))
 
     def _acknowledge_parameter(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
-        """As echo and as text. What was not taken may be asked again at once."""
+        """Send the result as echo and as text. An answer that was not accepted may be sent again at once."""
         taken = ack.result in _ACCEPTED
         self._text_sender.answer(ack.text, now, taken=taken)
         self._parameters.echo(ANSWER, (request.value or 0.0) if taken else 0.0, request.sender, now)
+        # Also under the id that it was applied to: id 0 and then the call's own id are one answer.
         for target in (request.target, ack.target):
             key = (request.sender, target, request.motion)
             self._cases.pop(key)

@@ -1,4 +1,4 @@
-"""Commands beside the answer command: versions, messages on request, rates, storage. Always acknowledged."""
+"""Answers COMMAND_LONG and COMMAND_INT, except the answer command: messages on request, rates, storage."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _Request = ParameterRequest | ResetRequest
 
 
 class CommandService:
-    """What only reads is for all; what changes something is for allowed senders, and denied to the rest."""
+    """Executes commands and acknowledges each. Any sender may read; only allowed senders change values."""
 
     def __init__(
         self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: ParameterServer
@@ -47,7 +47,7 @@ class CommandService:
         self._version = encode.autopilot_version(own_version())
 
     def hear(self, sender: Sender, message: Any, now: float) -> _Request | None:
-        """A COMMAND_LONG or COMMAND_INT; what the daemon must do is returned, the rest is done here."""
+        """Take a COMMAND_LONG or COMMAND_INT; execute it here, or return the request for the daemon."""
         result: int
         request: _Request | None = None
         first, second = message.param1, message.param2
@@ -63,6 +63,7 @@ class CommandService:
             case mavlink.MAV_CMD_PREFLIGHT_STORAGE if first == STORAGE_RESET and self._allowed(sender, now):
                 return ResetRequest(sender)
             case mavlink.MAV_CMD_PREFLIGHT_STORAGE:
+                # Nothing to do for load and save: the daemon stores each change as it is made.
                 result = ACCEPTED if first in (STORAGE_LOAD, STORAGE_SAVE) else DENIED
             case _:
                 result = UNSUPPORTED
@@ -70,7 +71,7 @@ class CommandService:
         return request
 
     def acknowledge(self, request: PolicyRequest | ResetRequest, result: int, now: float) -> None:
-        """What became of it, MAV_RESULT."""
+        """Send the result (MAV_RESULT) of a request that the daemon decided."""
         reset = isinstance(request, ResetRequest)
         command = mavlink.MAV_CMD_PREFLIGHT_STORAGE if reset else ANSWER_COMMAND
         self._acknowledge(request.sender, command, result, now)
@@ -83,7 +84,7 @@ class CommandService:
         return False
 
     def _send_newest(self, message_id: float, to: Sender, now: float) -> int:
-        """The newest, once, out of the budget for what was asked."""
+        """Send the newest message of this id once, from the budget for replies; return the MAV_RESULT."""
         channel = self._outbox.channel(to)
         if message_id == _VERSION:
             messages, row = [self._version], "version"
@@ -119,7 +120,7 @@ class CommandService:
     def _set_rate(
         self, message_id: float, interval: float, sender: Sender, now: float
     ) -> tuple[int, ParameterRequest | None]:
-        """The same as setting the rate's parameter; nobody slows the heartbeat down."""
+        """Translate an interval (us) into a request to set the rate's parameter. The heartbeat's is fixed."""
         if not self._allowed(sender, now):
             return DENIED, None
         if message_id == _HEARTBEAT:

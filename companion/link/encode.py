@@ -1,4 +1,4 @@
-"""MAVLink messages as the companion sends them, and the MAVLink version of their frames."""
+"""Builds the MAVLink messages that the companion sends, and chooses the MAVLink version of their frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MAX_TEXT, Policy, State, 
 from companion.wire.parameters import Parameter
 
 PATIENCE = 10.0
+"""s of MAVLink 1 alone after which we send MAVLink 1, too."""
 PROBE_PERIOD = 10.0
+"""s between heartbeats in MAVLink 2 meanwhile."""
 _LAST_ID = 255
 _PLAIN_LENGTH = {
     mavlink.MAVLINK_MSG_ID_COMMAND_ACK: 3,
@@ -23,10 +25,10 @@ _PLAIN_LENGTH = {
 
 
 class MavlinkVersion:
-    """Version 1 once nothing but it has been heard for 10 s, else 2. The first frame of 2 changes back.
+    """Chooses version 1 once only version 1 was received for 10 s, and 2 otherwise.
 
-    An autopilot that begins in 1 and changes over when it hears 2 needs to hear some: while we speak 1, a
-    heartbeat goes out as 2 every 10 s.
+    Some autopilots start in version 1 and change to 2 when they receive it. So while we send version 1, one
+    heartbeat every 10 s is sent in version 2.
     """
 
     def __init__(self) -> None:
@@ -35,11 +37,11 @@ class MavlinkVersion:
         self.is_1 = False
 
     def forget(self) -> None:
-        """The device was opened anew: who knows what is at its other end now."""
+        """Return to version 2, after a reconnect or a received version 2 frame."""
         self._alone_since, self.is_1 = None, False
 
     def hear(self, message: Any, now: float) -> None:
-        """A message of somebody else came."""
+        """Note the version of a received message."""
         if message.get_msgbuf()[0] != mavlink.PROTOCOL_MARKER_V1:
             self.forget()
         elif self._alone_since is None:
@@ -48,22 +50,22 @@ class MavlinkVersion:
             self.is_1, self._probe_at = True, now + PROBE_PERIOD
 
     def packs_1(self, name: str, now: float) -> bool:
-        """Whether a message of the table's row `name` goes out as version 1."""
+        """Whether to send a message of the table's row `name` in version 1."""
         return self.is_1 and not (name == "heartbeat" and now >= self._probe_at)
 
     def told(self, frame: bytes, now: float) -> None:
-        """`frame` left."""
+        """Note that `frame` was sent."""
         if frame[0] != mavlink.PROTOCOL_MARKER_V1:
             self._probe_at = now + PROBE_PERIOD
 
 
 def fits_1(message: Any) -> bool:
-    """Whether version 1 has a place for this message's id."""
+    """Whether version 1 can carry this message's id, at most 255."""
     return bool(message.get_msgId() <= _LAST_ID)
 
 
 def pack_1(message: Any, mav: Any) -> bytes:
-    """A frame of version 1, without what is an extension of version 2."""
+    """Pack a version 1 frame, without the extension fields, which exist in version 2 only."""
     packed = bytes(message.pack(mav, force_mavlink1=True))
     plain = _PLAIN_LENGTH.get(message.get_msgId())
     if plain is None:
@@ -73,7 +75,7 @@ def pack_1(message: Any, mav: Any) -> bytes:
 
 
 _VELOCITY_ONLY = 0b1101_1100_0111
-"""POSITION_TARGET_TYPEMASK: all but the three velocities are to be ignored."""
+"""POSITION_TARGET_TYPEMASK: ignore all but the three velocities."""
 
 CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
@@ -82,7 +84,7 @@ CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_FTP
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
-"""MAV_PROTOCOL_CAPABILITY; none exists for the extended parameters."""
+"""MAV_PROTOCOL_CAPABILITY; there is no flag for the extended parameter protocol."""
 
 _STATUS = {
     State.STARTING: mavlink.MAV_STATE_BOOT,
@@ -96,7 +98,7 @@ _STATUS = {
 
 
 def heartbeat(state: State, current_id: int, policy: Policy) -> Any:
-    """base_mode stays 0: anything else changes mode displays at the ground."""
+    """HEARTBEAT. base_mode stays 0: anything else changes the mode that ground stations display."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,
@@ -108,24 +110,24 @@ def heartbeat(state: State, current_id: int, policy: Policy) -> Any:
 
 
 def tunnel(payload_type: int, payload: bytes, target: tuple[int, int] = (0, 0)) -> Any:
-    """`payload` of at most 128 bytes; to everyone unless a target is given."""
+    """TUNNEL with a payload of at most 128 bytes; broadcast unless `target` (system, component) is given."""
     padded = payload + bytes(128 - len(payload))
     return mavlink.MAVLink_tunnel_message(*target, payload_type, len(payload), padded)
 
 
 def text(content: str, severity: int) -> Any:
-    """Cut between characters to 50 bytes."""
+    """STATUSTEXT of MAV_SEVERITY `severity`; `content` is cut between characters to 50 bytes."""
     cut = content.encode(errors="replace")[:MAX_TEXT].decode(errors="ignore").encode()
     return mavlink.MAVLink_statustext_message(severity, cut)
 
 
 def number(name: str, value: float, uptime_ms: int) -> Any:
-    """A name of at most 10 characters."""
+    """NAMED_VALUE_FLOAT; `name` has at most 10 characters."""
     return mavlink.MAVLink_named_value_float_message(uptime_ms & 0xFFFFFFFF, name.encode(), value)
 
 
 def parameter(entry: Parameter, index: int, count: int) -> Any:
-    """Always REAL32: the one encoding that all ground stations treat alike."""
+    """PARAM_VALUE, always REAL32: the one type that all ground stations decode in the same way."""
     return mavlink.MAVLink_param_value_message(
         entry.name.encode(), entry.value, mavlink.MAV_PARAM_TYPE_REAL32, count, index
     )
@@ -150,7 +152,7 @@ def text_ack(name: bytes, value: bytes, result: int) -> Any:
 
 
 def autopilot_version(version: str) -> Any:
-    """What we can do, and `version` ("0.1.0", anything behind it makes it a development version)."""
+    """AUTOPILOT_VERSION with `CAPABILITIES`. version: "0.1.0"; a suffix marks a development version."""
     release = re.match(r"(\d+)\.(\d+)\.(\d+)$", version)
     numbers = [min(255, int(one)) for one in re.findall(r"\d+", version)[:3]] + [0, 0, 0]
     kind = mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL if release else mavlink.FIRMWARE_VERSION_TYPE_DEV
@@ -163,27 +165,27 @@ def autopilot_version(version: str) -> Any:
 
 
 def message_interval(message_id: int, microseconds: int) -> Any:
-    """MESSAGE_INTERVAL: -1 is never, 0 is unknown."""
+    """MESSAGE_INTERVAL; microseconds: -1 the message is not sent, 0 it is unknown."""
     return mavlink.MAVLink_message_interval_message(message_id, microseconds)
 
 
 def file_transfer(payload: bytes, target: tuple[int, int]) -> Any:
-    """All 251 bytes of an FTP payload, to the asker."""
+    """FILE_TRANSFER_PROTOCOL with the 251 bytes of an FTP payload, to `target`."""
     return mavlink.MAVLink_file_transfer_protocol_message(0, *target, payload)
 
 
 def command_ack(command: int, result: int, target: tuple[int, int]) -> Any:
-    """To the asker."""
+    """COMMAND_ACK to `target`. result: MAV_RESULT."""
     return mavlink.MAVLink_command_ack_message(command, result, 0, 0, *target)
 
 
 def set_mode(system_id: int, command: ModeCommand) -> Any:
-    """DO_SET_MODE with base, main and sub mode."""
+    """MAV_CMD_DO_SET_MODE with base, main and sub mode."""
     return _command(system_id, mavlink.MAV_CMD_DO_SET_MODE, *command)
 
 
 def stand_still(system_id: int, uptime_ms: int) -> Any:
-    """Zero velocity over ground; everything else is left to the autopilot."""
+    """SET_POSITION_TARGET_LOCAL_NED with zero velocity; everything else is left to the autopilot."""
     return mavlink.MAVLink_set_position_target_local_ned_message(
         uptime_ms & 0xFFFFFFFF,
         system_id,
@@ -195,7 +197,7 @@ def stand_still(system_id: int, uptime_ms: int) -> Any:
 
 
 def ask_for(system_id: int, message_id: int, period: float) -> Any:
-    """SET_MESSAGE_INTERVAL: the message every `period` s, on our own port only."""
+    """MAV_CMD_SET_MESSAGE_INTERVAL: request a message every `period` s, on our own port only."""
     return _command(system_id, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(period * 1e6))
 
 

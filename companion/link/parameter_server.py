@@ -1,4 +1,4 @@
-"""The parameter protocol: list, read, set; and all parameters as one file."""
+"""Serves the MAVLink parameter protocol (list, read, set), and all parameters as one file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from companion.wire.refusals import Rejected
 
 @dataclass
 class _Listing:
-    """A list on one connection: who asked last, what is next, how many are left."""
+    """A list that is being sent on one connection. to: newest requester. at: next index. left: entries."""
 
     to: Sender
     at: int = 0
@@ -30,24 +30,28 @@ class _Listing:
 
 
 class ListSender:
-    """Whoever asks while a list is told gets it round once from there: two on a connection cost one list."""
+    """Sends a list of values entry by entry, one list at a time on each connection.
+
+    A client that requests the list while it is being sent gets all entries from that index on, round to it
+    again. So two clients on a connection share one list.
+    """
 
     def __init__(self, outbox: Outbox, row: str, count: int) -> None:
-        """row: of the message table. count: values in the list."""
+        """row: row of the message table that the entries are sent by. count: entries in the list."""
         self._outbox = outbox
         self._row = row
         self._count = count
         self._lists: dict[str, _Listing] = {}
 
     def begin(self, sender: Sender) -> None:
-        """`sender` asks for all."""
+        """Start the list for `sender`, or make the running one go round once more."""
         channel = self._outbox.channel(sender)
         if channel is not None:
             listing = self._lists.setdefault(channel.name, _Listing(sender))
             listing.to, listing.left = sender, self._count
 
     def due(self) -> Iterator[tuple[int, Sender]]:
-        """Index and receiver of what is to be told now: the next one where none of the row waits."""
+        """Yield index and receiver of each entry to send now: the next one, where none of the row waits."""
         for listing in self._lists.values():
             if listing.left and not self._outbox.waiting(self._row, listing.to):
                 yield listing.at, listing.to
@@ -60,17 +64,17 @@ NAME = "param.pck"
 
 
 class ParameterFile:
-    """A folder of the tree that holds this one file."""
+    """Serves the folder `@PARAM`, which holds one file: all parameters, packed."""
 
     def __init__(self, pack: Callable[[Asked], bytes]) -> None:
-        """pack: makes it; may raise ValueError."""
+        """pack: makes the file's content; may raise ValueError."""
         self._pack = pack
 
     def sizes(self) -> Mapping[str, int]:
         return {NAME: len(self._pack(Asked()))}
 
     def open(self, name: str) -> Opened:
-        """With what is asked behind a `?`. Raises FileError, ValueError."""
+        """Open `param.pck`; options follow a `?`, see `Asked.read`. Raises FileError, ValueError."""
         file, _, query = name.partition("?")
         if file != NAME:
             raise MissingError(name)
@@ -82,7 +86,7 @@ _INTEGER_BITS = 1e-30
 
 
 class ParameterServer:
-    """Answers reads by itself; a set is checked here, applied by the daemon and echoed by `changed`."""
+    """Answers reads itself; checks sets, which the daemon applies and `changed` then echoes."""
 
     def __init__(
         self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: Sequence[Parameter]
@@ -97,41 +101,41 @@ class ParameterServer:
         self._requested_by: dict[str, Sender] = {}
         self._lists = ListSender(outbox, "list", len(self._entries))
         self.configured: Mapping[str, float] = {}
-        """Name -> the configured value, as far as it is known."""
+        """Name -> configured value, for the parameters that have one."""
 
     def at(self, index: int) -> Parameter | None:
-        """The parameter with this index."""
+        """The parameter with this index; None when there is none."""
         return self._entries[index] if 0 <= index < len(self._entries) else None
 
     @property
     def words(self) -> Mapping[str, str]:
-        """Name of a weight's parameter -> its word, in the list's order."""
+        """Parameter name -> word, of the parameters that are weights of words, in the list's order."""
         return {entry.name: entry.word for entry in self._entries if entry.word is not None}
 
     def value(self, name: str) -> float:
-        """The value in force of a parameter that is listed."""
+        """The value in force of a listed parameter."""
         return self._entries[self._index[name]].value
 
     def accepts(self, name: str, value: float) -> bool:
-        """Whether a parameter that is listed takes `value`."""
+        """Whether a listed parameter accepts `value`."""
         return self._entries[self._index[name]].accepts(value)
 
     def echo(self, name: str, value: float, to: Sender, now: float) -> None:
-        """Tell `to` a value that is not kept: what was asked of a parameter that always reads the same."""
+        """Send `to` a value that is not stored, for AT_ANSWER, which always reads as 0."""
         index = self._index[name]
         message = encode.parameter(replace(self._entries[index], value=value), index, len(self._entries))
         self._outbox.push("echo", message, now, key=index, to=to)
 
     def list_all(self, sender: Sender) -> None:
-        """PARAM_REQUEST_LIST."""
+        """Answer PARAM_REQUEST_LIST."""
         self._lists.begin(sender)
 
     def packed(self, asked: Asked) -> bytes:
-        """The list as a file. Raises ValueError where it begins behind the last one."""
+        """Pack the parameters into a file. Raises ValueError when `asked.start` is behind the last one."""
         return pack(self._entries, asked, self.configured)
 
     def read(self, sender: Sender, message: Any, now: float) -> None:
-        """PARAM_REQUEST_READ, by name when the index is -1."""
+        """Answer PARAM_REQUEST_READ, by name when the index is -1."""
         index = self._index.get(message.param_id) if message.param_index < 0 else message.param_index
         if index is None or self.at(index) is None:
             self._refuse_unknown(sender, message, message.param_index, now)
@@ -139,7 +143,7 @@ class ParameterServer:
         self._send("echo", index, now, sender)
 
     def set(self, sender: Sender, message: Any, now: float) -> ParameterRequest | None:
-        """PARAM_SET of any type; the old value is echoed when it is refused."""
+        """Check PARAM_SET of any type; return the request, or echo the old value when it is refused."""
         index = self._index.get(message.param_id)
         if index is None:
             self._refuse_unknown(sender, message, -1, now)
@@ -161,13 +165,13 @@ class ParameterServer:
         return ParameterRequest(sender, entry.name, round(message.param_value, _DIGITS))
 
     def changed(self, name: str, value: float, now: float) -> None:
-        """The value in force: told to whoever asked, and to all when it changed by itself.
+        """Set the value in force. A changed value is sent to all, an unchanged one only to its requester.
 
-        Raises ParameterError for a name that is not listed or a value that it cannot have.
+        Raises ParameterError for a name that is not listed or a value that it does not accept.
         """
         index = self._index.get(name)
         if index is None or not self._entries[index].accepts(value):
-            raise ParameterError(f"{name} = {value:g} cannot be told: not listed, or out of range")
+            raise ParameterError(f"{name} = {value:g} cannot be set: not listed, or out of range")
         is_changed = self._entries[index].value != value
         self._entries[index] = replace(self._entries[index], value=value)
         asker = self._requested_by.pop(name, None)
@@ -177,12 +181,15 @@ class ParameterServer:
             self._send("news", index, now)
 
     def tick(self, now: float) -> None:
-        """Feed the lists."""
+        """Queue the next entries of the lists."""
         for index, to in self._lists.due():
             self._send("list", index, now, to)
 
     def _refuse_unknown(self, sender: Sender, message: Any, index: int, now: float) -> None:
-        """What was asked of everybody may well be another component's."""
+        """Refuse an unknown parameter, with an error only when we alone were asked.
+
+        A request to all components may be for a parameter of another one.
+        """
         self._access.rejected["unknown parameter"] += 1
         if message.target_component == COMPONENT_ID:
             error = encode.no_parameter(message._param_id_raw, index, sender)
@@ -197,7 +204,7 @@ class ParameterServer:
     def _refusal(self, entry: Parameter, value: float) -> tuple[Rejected, str] | None:
         if entry.read_only:
             return "read-only", notices.read_only(entry.name)
-        # An integer's bits in the float's place read as a number next to nothing.
+        # Some clients put an integer's bits in place of the float, which reads as a tiny number.
         is_integer_bits = 0 < abs(value) < _INTEGER_BITS
         if is_integer_bits or not entry.accepts(_rounded(value)):
             return "range", notices.value_refused(entry.name, entry.allowed())

@@ -23,7 +23,7 @@ MAX_WAITING = 64
 """Frames of one budget that wait: a flood of requests pushes out only other replies."""
 BUDGETS = ("unsolicited", "asked", "autopilot")
 LIFETIME = 5.0
-"""s that a frame waits at most, unless said otherwise."""
+"""s that a frame waits at most by default."""
 _RECENT_FRAMES = 256
 """Sent frames that are remembered, to recognize our own when they come back: one per sequence number."""
 _RETRY_AFTER = 0.02

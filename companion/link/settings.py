@@ -26,7 +26,7 @@ class LinkError(ValueError):
 
 
 class Address(NamedTuple):
-    """A parsed url. scheme: udpin, udpout, tcp or serial. place: host or device. number: port or baud rate."""
+    """A parsed url. scheme: udpin, udpout, tcp or serial. place: host or device. number: port or baud."""
 
     scheme: str
     place: str

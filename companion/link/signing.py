@@ -1,4 +1,4 @@
-"""Signing on the rover's side: what leaves is signed, what arrives is believed only when it is."""
+"""Signs the frames that the companion sends, and accepts only frames that are signed with its key."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ DAY = 24 * 60 * MINUTE
 
 
 class SigningClock:
-    """A board without a battery starts anywhere in the past; then only verified frames tell the time.
+    """Finds the time for signing. A board without a clock battery may start anywhere in the past.
 
-    heard: the newest timestamp before the restart. wall: s since 1970.
+    The wall clock counts while it is later than this software, and at most a day before the newest timestamp
+    of the last run (`heard`). Otherwise only verified frames give the time. wall: returns s since 1970.
     """
 
     def __init__(self, heard: int, wall: Callable[[], float] = time.time) -> None:
@@ -35,14 +36,14 @@ class SigningClock:
         self._offset: int | None = None
 
     def now(self, now: float) -> int | None:
-        """The time as a timestamp; None where nobody knows it. now: s, monotonic."""
+        """The time as a signing timestamp; None while it is not known. now: s, monotonic."""
         own = ticks(self._wall())
         if own >= self._earliest:
             return own
         return None if self._offset is None else self._offset + int(now * TICKS)
 
     def tell(self, timestamp: int, now: float) -> None:
-        """A verified source says that it is `timestamp`, or was a moment ago."""
+        """Take the time of a verified frame, which may be a little late; the latest one counts."""
         if timestamp >= self._earliest:
             offset = timestamp - int(now * TICKS)
             self._offset = offset if self._offset is None else max(self._offset, offset)
@@ -63,9 +64,9 @@ PRIVATE_TELEMETRY = frozenset(
         "STATUSTEXT",
     }
 )
-"""What an autopilot without a key may say on a wire of its own."""
+"""Messages that are accepted unsigned from an autopilot without a key, on a wire of its own."""
 RADIO_FRAMES = frozenset({"RADIO", "RADIO_STATUS"})
-"""Made by the radio itself, which has no key: anybody could make them."""
+"""Messages of the radio itself, which has no key. They are ignored, as anybody could send them."""
 _V2 = 0xFD
 _NO_TIME = "no clock: silent until a signed frame of the autopilot or the ground tells the time"
 _HINTS = {
@@ -77,7 +78,7 @@ _HINTS = {
 
 
 class Signing:
-    """One key for every connection; each signs with a link id of its own."""
+    """Signs and checks frames with one key for all connections; each signs with its own link id."""
 
     def __init__(
         self,
@@ -99,17 +100,17 @@ class Signing:
         self._count: Counter[str] = Counter()
 
     def ready(self, now: float) -> bool:
-        """Whether the time is known: nothing is signed before."""
+        """Whether the time is known; nothing can be signed before."""
         return self._clock.now(now) is not None
 
     @property
     def behind(self) -> bool:
-        """Whether an autopilot with our key and an old time is heard: one frame of ours sets it right."""
+        """Whether an autopilot with our key and an old time is received: one frame of ours corrects it."""
         return self._refused_lately() == wire.REPLAY
 
     @property
     def trouble(self) -> str | None:
-        """What keeps us from speaking or hearing, and what to do; None when nothing does."""
+        """Why frames cannot be sent or accepted, and what to do; None when all is well."""
         if not self.ready(self._now):
             return _NO_TIME
         reason = self._refused_lately()
@@ -121,11 +122,11 @@ class Signing:
 
     @staticmethod
     def passes_over(message: Any) -> bool:
-        """Whether it is a radio's own report, which is neither heard nor refused."""
+        """Whether `message` is a radio's own report, which is ignored without being counted as refused."""
         return message.get_type() in RADIO_FRAMES and not wire.is_signed(bytes(message.get_msgbuf()))
 
     def refusal(self, message: Any, now: float) -> wire.HoldRefusal | Literal["echo"]:
-        """Why a decoded message is not heard: unsigned, signature, replay, ahead, echo; "" when it is."""
+        """Why a decoded message is refused: unsigned, signature, replay, ahead or echo; "" when accepted."""
         frame = bytes(message.get_msgbuf())
         if not wire.is_signed(frame) and self._may_be_unsigned(frame, message):
             return ""
@@ -140,9 +141,9 @@ class Signing:
         return ""
 
     def sign(self, frame: bytes, message: Any, now: float, link: int = 0) -> bytes:
-        """`message`, packed as `frame`, signed with a link id of its own for each connection.
+        """Return `frame`, the packed `message`, with a signature. link: the connection's link id.
 
-        Ask first whether it is `ready`. Raises ValueError for a frame of MAVLink 1.
+        Call it only when `ready`. Raises ValueError for a MAVLink 1 frame.
         """
         stream = Stream(frame[5], frame[6], link)
         timestamp = self._timestamps.next(stream, self._clock.now(now) or 0)
@@ -151,12 +152,12 @@ class Signing:
         return self._key.sign(frame, message.crc_extra, link, timestamp)
 
     def tick(self, now: float) -> None:
-        """Put on disk what is due."""
+        """Write timestamps to disk when that is due."""
         self._now = now
         self._store.tick(now)
 
     def close(self) -> None:
-        """Put everything on disk."""
+        """Write all timestamps to disk."""
         self._store.close()
 
     def _may_be_unsigned(self, frame: bytes, message: Any) -> bool:
@@ -179,7 +180,7 @@ class Signing:
         self._count[reason] += 1
         if sender[1] == AUTOPILOT_COMPONENT_ID:
             if reason == wire.UNSIGNED and self._unsigned_autopilot and message.get_msgbuf()[0] == _V2:
-                return  # refused and counted, but no trouble: it is known not to sign
+                return  # counted as refused, but not reported: this autopilot is configured not to sign
             self._refused = reason, now
         if now - self._logged.get(reason, -LOG_EVERY) >= LOG_EVERY:
             self._logged[reason] = now
@@ -196,7 +197,7 @@ class Signing:
 def open_signing(
     key: Path, folder: Path, *, unsigned_autopilot: bool = False, wall: Callable[[], float] = time.time
 ) -> Signing:
-    """With the key in the file `key`, and timestamps kept in `folder`. Raises LinkError."""
+    """Make a Signing from the key file `key`, with timestamps stored in `folder`. Raises LinkError."""
     try:
         secret = read_key(key)
         store = TimestampFile(folder, clock=wire.ticks(wall()))

@@ -1,4 +1,4 @@
-"""The extended parameter protocol: words and weights as strings, for clients that set text (MAVSDK)."""
+"""Serves the extended parameter protocol: words and weights as text, for clients such as MAVSDK."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAX_PENDING = 16
 
 
 class TextParameters:
-    """AT_WORDS, then each word's weight. A set is read here, applied by the daemon, then acknowledged.
+    """Lists AT_WORDS, then each word's weight. It parses a set, which the daemon applies and acknowledges.
 
     The same set again while it is undecided is answered with "in progress".
     """
@@ -43,15 +43,15 @@ class TextParameters:
         self._lists = ListSender(outbox, "text list", len(self._names))
 
     def set_words(self, words: Mapping[str, float]) -> None:
-        """The words in force."""
+        """Set the words in force."""
         self._words = words_text(words)
 
     def list_all(self, sender: Sender) -> None:
-        """PARAM_EXT_REQUEST_LIST."""
+        """Answer PARAM_EXT_REQUEST_LIST."""
         self._lists.begin(sender)
 
     def read(self, sender: Sender, message: Any, now: float) -> None:
-        """PARAM_EXT_REQUEST_READ, by name when the index is -1. An unknown one is only counted."""
+        """Answer PARAM_EXT_REQUEST_READ, by name when the index is -1. An unknown name is only counted."""
         index = message.param_index
         if index < 0:
             index = self._names.index(message.param_id) if message.param_id in self._names else -1
@@ -61,7 +61,7 @@ class TextParameters:
             self._access.rejected["unknown parameter"] += 1
 
     def set(self, sender: Sender, message: Any, now: float) -> WordsRequest | None:
-        """PARAM_EXT_SET; acknowledged here when it is refused."""
+        """Parse PARAM_EXT_SET; acknowledge it here when it is refused, otherwise return the request."""
         name, raw = message.param_id, bytes(message._param_value_raw)
         reason: Rejected | None = None
         text = ""
@@ -91,14 +91,14 @@ class TextParameters:
         return self._open(WordsRequest(sender, name, raw, operations), now)
 
     def acknowledge(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
-        """What became of it: with what was set, or with the value in force."""
+        """Send the result of a set, with the value that was set, or the one in force when it was refused."""
         self._pending.pop(request, None)
         result = mavlink.PARAM_ACK_ACCEPTED if accepted else mavlink.PARAM_ACK_FAILED
         value = request.raw if accepted else self._value(request.name)
         self._acknowledge(request.sender, request.name.encode(), value, result, now)
 
     def tick(self, now: float) -> None:
-        """Feed the lists."""
+        """Queue the next entries of the lists, and forget sets that were undecided for too long."""
         limit = self._access.undecided_for
         self._pending = {one: since for one, since in self._pending.items() if now - since < limit}
         for index, to in self._lists.due():
@@ -116,7 +116,7 @@ class TextParameters:
         return request
 
     def _read(self, name: str, raw: bytes) -> tuple[Operation, ...]:
-        """Raises PreferencesError, UnicodeDecodeError."""
+        """Parse a value as set. Raises PreferencesError, UnicodeDecodeError."""
         content, _, rest = raw.partition(b"\0")
         if rest.strip(b"\0"):
             raise PreferencesError("NUL inside the text")

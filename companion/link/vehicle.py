@@ -1,4 +1,4 @@
-"""The one vehicle that this companion rides on, and its remote control."""
+"""Tracks the state of our vehicle and the signal of its remote control, from the autopilot's telemetry."""
 
 from __future__ import annotations
 
@@ -13,36 +13,37 @@ from companion.system.wall_clock import is_set
 from companion.vehicle.state import Vehicle
 
 FAILED_LASTS = 5.0
-"""s that a receiver counts as failed without being told so again."""
+"""s that a failed RC receiver counts as failed without a new report."""
 _UNKNOWN_STRENGTH = 255
 _CHANNELS = 18
 
 
 class RemoteControl:
-    """Tells pulses from repeated ones as far as the autopilot does: by health or strength, where it has them.
+    """Judges whether RC channels are live: an autopilot may repeat the last ones after a loss of signal.
 
-    pulses_at, health_at: s, when RC_CHANNELS and SYS_STATUS came last.
+    It goes by the receiver's health (SYS_STATUS) and signal strength, where the autopilot reports them.
+    pulses_at, health_at: s, when RC_CHANNELS and SYS_STATUS were last received.
     """
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
-        """The autopilot may have rebooted."""
+        """Forget everything, as the autopilot may have rebooted."""
         self.pulses_at = self.health_at = self._failed_at = -math.inf
         self._had_strength = False
 
     def hear_health(self, message: Any, now: float) -> None:
-        """SYS_STATUS. One that knows of no receiver in use says nothing about it."""
+        """Take SYS_STATUS. It counts only where the autopilot has an RC receiver present and enabled."""
         self.health_at = now
         used = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
         failed = used & ~message.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
         self._failed_at = now if failed else -math.inf
 
     def hear_pulses(self, message: Any, now: float) -> Pulses:
-        """RC_CHANNELS; without a channel that counts where the transmitter is known to be gone.
+        """Take RC_CHANNELS; return them, with a count of 0 where the signal is known to be lost.
 
-        A strength that is always 0 is none that is measured; one that falls to 0 is a loss.
+        A strength that was always 0 is not measured. One that falls to 0 is a loss.
         """
         self.pulses_at = now
         strength = int(message.rssi)
@@ -53,15 +54,20 @@ class RemoteControl:
 
 
 POSITION_LIFETIME = 5.0
+"""s after which a position or attitude is forgotten."""
 SETTLE = 2.5
+"""s for which the autopilot with the configured id is waited for, before another is adopted."""
 SILENCE = 3.0
+"""s without a heartbeat after which the autopilot counts as silent."""
 _UNKNOWN_HEADING = 65535
 
 
 class VehicleTracker:
-    """Adopts the autopilot with the configured id, or after 2.5 s without it the first one; then only that.
+    """Adopts one autopilot and tracks its state.
 
-    `returns` rises when it is first heard, and again after a silence: it may not know our route.
+    It adopts the autopilot with the configured id, or the first other one that was received for 2.5 s.
+    `returns` counts its first heartbeat and each one after a silence: it may have rebooted and forgotten what
+    we asked.
     """
 
     def __init__(self, configured: int) -> None:
@@ -76,13 +82,13 @@ class VehicleTracker:
         return self.vehicle is not None and self.vehicle.system_id == system_id
 
     def claims(self, system_id: int, message: Any, now: float) -> bool:
-        """Whether this heartbeat of some component 1 is our vehicle's, or that of one to adopt."""
+        """Whether this heartbeat of a component 1 is from our vehicle, or from one to adopt."""
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:
             return False
         return self._adopts(system_id, now) if self.vehicle is None else self.is_ours(system_id)
 
     def heartbeat(self, system_id: int, message: Any, now: float) -> None:
-        """A heartbeat that `claims` it."""
+        """Take a heartbeat for which `claims` was True."""
         before = self.vehicle or Vehicle(system_id, 0, 0, armed=False, heard_at=-math.inf)
         self.returns += now - before.heard_at > SILENCE
         self.vehicle = replace(
@@ -95,17 +101,17 @@ class VehicleTracker:
         )
 
     def mode(self, system_id: int, message: Any, now: float) -> bool:
-        """CURRENT_MODE; True when it is our vehicle's. Only a heartbeat tells that it is armed, and alive."""
+        """Take CURRENT_MODE; True when it is our vehicle's. It does not count as a sign of life."""
         if self.vehicle is None or self.vehicle.system_id != system_id:
             return False
         self.vehicle = replace(self.vehicle, custom_mode=int(message.custom_mode), mode_at=now)
         return True
 
     def position(self, system_id: int, message: Any, now: float) -> bool:
-        """GLOBAL_POSITION_INT; True when it told something about our vehicle."""
+        """Take GLOBAL_POSITION_INT; True when it is our vehicle's and valid."""
         if self.vehicle is None or system_id != self.vehicle.system_id:
             return False
-        if message.lat == 0 and message.lon == 0:
+        if message.lat == 0 and message.lon == 0:  # sent before the first fix
             return False
         if abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000:
             return False
@@ -119,7 +125,7 @@ class VehicleTracker:
         return True
 
     def attitude(self, system_id: int, message: Any, now: float) -> None:
-        """ATTITUDE; told in radians."""
+        """Take ATTITUDE, in radians; it is stored in degrees."""
         angles = (message.roll, message.pitch, message.yaw)
         if self.vehicle is None or system_id != self.vehicle.system_id:
             return
@@ -128,13 +134,13 @@ class VehicleTracker:
             self.vehicle = replace(self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now)
 
     def time(self, system_id: int, message: Any, now: float) -> None:
-        """SYSTEM_TIME; 0 or some year long ago where the autopilot does not know it."""
+        """Take SYSTEM_TIME. An autopilot without the time sends 0 or a year long ago: that is ignored."""
         seconds = message.time_unix_usec / 1e6
         if self.is_ours(system_id) and self.vehicle is not None and is_set(seconds):
             self.vehicle = replace(self.vehicle, clock=seconds - now, clock_at=now)
 
     def tick(self, now: float) -> None:
-        """Forget a position and an attitude that are too old."""
+        """Forget a position and an attitude that are older than 5 s."""
         vehicle = self.vehicle
         if vehicle is None:
             return

@@ -1,4 +1,4 @@
-"""What the companion sends to its autopilot: modes, zero velocity, and which messages it wants."""
+"""Sends the autopilot mode commands, zero-velocity setpoints and message interval requests."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
 
 LIFETIME = 1.0
-"""s that a mode waits to be sent: what holds then may not hold later."""
+"""s that a mode command may wait to be sent: later it may no longer be right."""
 
 
 class ModeCommands:
-    """One at a time: the newest takes the place of one that waits."""
+    """Sends mode commands, one at a time: the newest replaces one that waits."""
 
     def __init__(self, outbox: Outbox, access: AccessControl) -> None:
         self._outbox = outbox
         self._access = access
 
     def ask(self, vehicle: Vehicle | None, custom_mode: int, now: float) -> None:
-        """See `Link.set_mode`. An autopilot that is not heard, or not known, is asked for nothing."""
+        """Queue a mode command, see `Link.set_mode`. Without a known autopilot it is counted as rejected."""
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
         if vehicle is None or autopilot is None:
             self._access.rejected["no autopilot for modes"] += 1
@@ -39,17 +39,17 @@ class ModeCommands:
         self._outbox.push(row, message, now, lifetime=LIFETIME, to=to)
 
     def urge_hold(self, now: float) -> None:
-        """One that does not drive leaves now."""
+        """Send a queued hold command now."""
         self._outbox.urge("hold", now)
 
     def forget(self) -> None:
-        """What waits is not wanted any more."""
+        """Drop a mode command that waits."""
         self._outbox.forget("hold")
         self._outbox.forget("resume")
 
 
 class Setpoints:
-    """While `on`, a setpoint is due at the table's rate. An end of them may set the vehicle moving."""
+    """Sends zero-velocity setpoints at the table's rate while `on`. When they stop, the vehicle may move."""
 
     def __init__(self, outbox: Outbox, now: float) -> None:
         self.on = False
@@ -58,7 +58,7 @@ class Setpoints:
         self._due = now
 
     def tick(self, vehicle: Vehicle | None, now: float) -> None:
-        """Queue what is due; one that could not leave in time gives way to the next."""
+        """Queue a setpoint when one is due; it replaces one that is still waiting."""
         if not self.on or vehicle is None:
             self._outbox.forget("setpoint")
             return
@@ -71,19 +71,20 @@ class Setpoints:
         self._outbox.push("setpoint", message, now, key=0, lifetime=period, to=to)
 
 
+# SILENCE: s without a message after which it is requested. PATIENCE: s from one request to the next.
 PULSES_SILENCE = 1.0
 PULSES_PATIENCE = 2.0
-"""The off switch is asked for again sooner than a position."""
+"""RC channels carry the off switch, so they are requested again sooner than a position."""
 HEALTH_SILENCE = 3.0
 HEALTH_PATIENCE = 10.0
 MODE_SILENCE = 2.0
 MODE_PATIENCE = 5.0
 _MISSED = 6
-"""Periods of silence after which a stream is asked for again."""
+"""Periods of silence after which a message is requested again."""
 
 
 class MessageIntervals:
-    """Asks for what stays away, and at once for all when the autopilot is back: it may have rebooted."""
+    """Requests missing messages, and all of them when the autopilot returns: it may have rebooted."""
 
     def __init__(self, outbox: Outbox, remote_control: RemoteControl) -> None:
         self.wants_pulses = False
@@ -93,7 +94,7 @@ class MessageIntervals:
         self._asked_at: dict[int, float] = {}
 
     def tick(self, vehicle: Vehicle | None, returns: int, now: float) -> None:
-        """Ask for what is due. returns: how often the autopilot was heard after a silence."""
+        """Request what is missing. returns: how often the autopilot came back after a silence."""
         if vehicle is None:
             return
         if returns != self._returns:

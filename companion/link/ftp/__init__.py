@@ -1,1 +1,1 @@
-"""MAVLink FTP, read only: `from companion.link.ftp.server import FtpServer`."""
+"""Serves files over MAVLink FTP, read only: `from companion.link.ftp.server import FtpServer`."""

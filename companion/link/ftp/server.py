@@ -1,4 +1,4 @@
-"""The file server: whoever may speak may read, nothing can be written. It keeps no more than it must."""
+"""Serves files over MAVLink FTP. Every accepted sender may read; nothing can be written."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from companion.wire.ftp import MAX_DATA, SMALL_DATA, WRITES, FtpError, FtpPayloa
 from companion.wire.packing import PayloadError
 
 BURST_FRAMES = 64
-"""Frames of one burst at most: a client that is gone costs no more."""
+"""Frames of one burst at most, which bounds what a vanished client costs."""
 BURST_FOR = 2.0
-"""s of one burst at most: pymavlink's client gives up when it has said nothing for 3.7 s."""
+"""s of one burst at most: pymavlink's client gives up after 3.7 s without a request of its own."""
 BURST_REPEAT = 0.3
-"""s in which the same burst asked for again is a copy made on the way: clients wait longer."""
+"""s in which the same burst request is a copy made by the network: clients wait longer before they repeat."""
 NARROW = 10_000.0
-"""B/s of budget up to which a burst goes in short frames."""
+"""B/s of budget up to which a burst is sent in short frames."""
 MAX_REPLIES = 8
+"""Replies to one sender that wait; beyond, its requests are dropped."""
 MAX_LATER = 8
-"""Requests that wait for the disk, one of a session: beyond, they fail at once."""
+"""Requests that wait for the disk, one for each session; beyond, they fail at once."""
 MAX_CHECKED = 1024 * 1024
-"""Bytes of the largest file whose CRC is told: it is reckoned while the radio waits."""
+"""Bytes of the largest file whose CRC is computed, because the whole link waits meanwhile."""
 _BLOCK = 64 * 1024
 
 
 class FtpServer:
-    """Answers FILE_TRANSFER_PROTOCOL; every request may come twice."""
+    """Answers FILE_TRANSFER_PROTOCOL. Every request may arrive twice."""
 
     def __init__(self, outbox: Outbox, access: AccessControl, tree: Tree) -> None:
         self._outbox = outbox
@@ -41,15 +42,15 @@ class FtpServer:
         self._sessions = Sessions()
         self._lists = Lists(tree)
         self._later: dict[tuple[Sender, int], FtpPayload] = {}
-        """What waits for the disk."""
+        """(sender, session) -> request that waits for the disk."""
 
     @property
     def open_files(self) -> int:
-        """How many somebody is reading."""
+        """How many files are open."""
         return len(self._sessions)
 
     def hear(self, sender: Sender, message: Any, now: float) -> None:
-        """A request to us. A reply is never answered: two servers would not stop."""
+        """Take a request. A reply is never answered: two servers would answer each other without end."""
         try:
             request = FtpPayload.unpack(bytes(message.payload))
         except PayloadError:
@@ -68,7 +69,11 @@ class FtpServer:
             self._send_reply(sender, reply, now)
 
     def tick(self, now: float) -> None:
-        """Feed the bursts, one frame at a time for each connection, so that they never fill a queue."""
+        """Retry the requests that wait for the disk, and queue the next frame of each burst.
+
+        A burst queues a frame only when none of its kind waits for its client, so that it never fills a
+        queue.
+        """
         self._sessions.tick(now)
         for (sender, _), request in list(self._later.items()):
             if (reply := self._reply(sender, request, now)) is not None:
@@ -83,11 +88,11 @@ class FtpServer:
         if channel is None:
             return SMALL_DATA
         wide = channel.asked_budget == 0 or channel.asked_budget > NARROW
-        # A frame of MAVLink 1 is as long as it can be, whatever is in it.
+        # MAVLink 1 sends all 251 bytes of the payload, zeros too: short data would save nothing.
         return MAX_DATA if wide or channel.sender.version.is_1 else SMALL_DATA
 
     def _reply(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
-        """None: by and by, or never. Of a session the newest request counts."""
+        """The reply to a request; None when it comes later or never. A session's newest request counts."""
         waited = self._later.pop((sender, request.session), None)
         try:
             match request.opcode:
@@ -133,7 +138,7 @@ class FtpServer:
         return request.ack(session.opened.size.to_bytes(4, "little"))
 
     def _outranks(self, sender: Sender) -> bool:
-        """Whether somebody with less right has made room."""
+        """Whether a session of a sender with less right could be ended for `sender`."""
         return self._sessions.make_room(by=lambda other: self._access.outranks(sender, other))
 
     def _read(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
@@ -150,7 +155,7 @@ class FtpServer:
         if running is None or running.request != request or now - running.started > BURST_REPEAT:
             step = min(asked, self._data_size(sender))
             session.burst = Burst(request, now, request.sequence, request.offset, step, asked, BURST_FRAMES)
-            if running is not None:  # what waits of it was asked for again
+            if running is not None:  # replace the waiting frame of the old burst
                 self._feed(session, now)
         return None
 
@@ -160,7 +165,7 @@ class FtpServer:
         burst.left -= 1
         burst.sequence += 1
         last = burst.left == 0 or now - burst.started >= BURST_FOR
-        # Clients take a shorter last frame than they asked for as the file's end.
+        # A client takes a last frame that is shorter than requested for the end of the file.
         count = burst.asked if last else burst.step
         request = replace(burst.request, sequence=burst.sequence - 1 & 0xFFFF)
         try:
@@ -195,7 +200,7 @@ class FtpServer:
 
 
 def _crc(opened: Opened) -> int:
-    """CRC-32 begun at 0 and not inverted, as MAVLink's FTP has it."""
+    """CRC-32 that starts at 0 and is not inverted, as MAVLink's FTP specifies."""
     crc = 0xFFFFFFFF
     for offset in range(0, opened.size, _BLOCK):
         crc = zlib.crc32(opened.read(offset, _BLOCK), crc)

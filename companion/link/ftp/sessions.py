@@ -1,4 +1,4 @@
-"""Lists of folders, and files that are open for somebody."""
+"""Stores the folder listings and open files of MAVLink FTP clients."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ MAX_LISTS = 8
 
 
 class Lists:
-    """Remembers the last list of eight senders, so that it does not change from one page to the next."""
+    """Lists folders. It stores the newest listing of eight senders, which must not change between pages."""
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
         self._newest_lists: OrderedDict[Sender, tuple[str, tuple[Entry, ...]]] = OrderedDict()
 
     def page(self, sender: Sender, request: FtpPayload, room: int) -> bytes:
-        """Whole entries of the folder asked for, from number `request.offset`: one and what fits `room`.
+        """Whole entries of the requested folder from number `request.offset` on: one, and up to `room` bytes.
 
-        Empty after the last. Raises FileError, PayloadError.
+        Empty after the last entry. Raises FileError, PayloadError.
         """
         data = b""
         for entry in self._entries(sender, request)[request.offset :]:
@@ -46,7 +46,7 @@ class Lists:
 
 
 def _line(entry: Entry) -> bytes:
-    """Type, name, size and a NUL: one client overwrites the last byte of what it gets."""
+    """Encode type, name and size, and a NUL behind them: one client overwrites the last byte of a page."""
     text = f"D{entry.name}" if entry.size is None else f"F{entry.name}\t{entry.size}"
     return text.encode() + b"\0"
 
@@ -54,13 +54,16 @@ def _line(entry: Entry) -> bytes:
 MAX_SESSIONS = 4
 SESSIONS_PER_SENDER = 2
 MAX_PAST = 16
+"""Closed sessions whose opening request is remembered, to recognize late copies of it."""
 IDLE = 30.0
+"""s without a request after which a session is closed."""
 REPEAT_WITHIN = 3.0
+"""s in which the same opening request is a repetition."""
 
 
 @dataclass
 class Burst:
-    """What is being sent by itself. step: bytes a frame; asked: bytes a frame that the client asked for."""
+    """A burst read in progress. step: bytes a frame. asked: bytes a frame that the client asked for."""
 
     request: FtpPayload
     started: float
@@ -73,7 +76,7 @@ class Burst:
 
 @dataclass
 class Session:
-    """One open file. opening: the request that opened it. sequence: the newest heard in it."""
+    """One open file. opening: the request that opened it. sequence: of its newest request."""
 
     sender: Sender
     opening: FtpPayload
@@ -84,25 +87,25 @@ class Session:
 
     @property
     def number(self) -> int:
-        """As the client calls it."""
+        """The session number that the client chose."""
         return self.opening.session
 
     def outlives(self, request: FtpPayload) -> bool:
-        """Whether `request` was sent before the newest of this session, and came late.
+        """Whether `request` was sent before this session's newest request, and arrived late.
 
-        By the low byte: one client counts to 255 only.
+        Only the low byte is compared, as one client counts to 255 only.
         """
         return (request.sequence - self.sequence) & 0xFF >= 0x80
 
     def use(self, request: FtpPayload, now: float) -> None:
-        """`request` is for this session."""
+        """Note that `request` uses this session."""
         self.used_at = now
         if not self.outlives(request):
             self.sequence = request.sequence
 
 
 class Sessions:
-    """At most four, two for one sender, closed after 30 s without a request."""
+    """Stores at most four sessions, two of one sender, and closes each after 30 s without a request."""
 
     def __init__(self) -> None:
         self._open: dict[tuple[Sender, int], Session] = {}
@@ -115,36 +118,36 @@ class Sessions:
         return iter(self._open.values())
 
     def get(self, sender: Sender, number: int) -> Session | None:
-        """The sender's session of this number."""
+        """The sender's session with this number; None when there is none."""
         return self._open.get((sender, number))
 
     def repeated(self, sender: Sender, request: FtpPayload, now: float) -> Session | None:
-        """The session that this very request has just opened, when its answer was lost."""
+        """The session that the same request opened within the last 3 s: its reply was lost."""
         session = self.get(sender, request.session)
         if session is None or session.opening != request or now - session.used_at > REPEAT_WITHIN:
             return None
         return session
 
     def overtaken(self, sender: Sender, request: FtpPayload, now: float) -> bool:
-        """Whether it is a late copy of what opened the session's file before the one that is read now."""
+        """Whether `request` is a late copy of one that opened an earlier file in the same session."""
         session = self.get(sender, request.session)
         if session is None or now - session.used_at > REPEAT_WITHIN:
             return False
         return session.outlives(request) and (sender, request) in self._closed
 
     def has_room(self, sender: Sender) -> bool:
-        """Whether `sender` may open one more; its own make room for it."""
+        """Whether `sender` may open another session, in a free place or in place of one of its own."""
         return len(self._open) < MAX_SESSIONS or any(session.sender == sender for session in self)
 
     def make_room(self, by: Callable[[Sender], bool]) -> bool:
-        """Whether the longest idle session `by` one of these could be ended."""
+        """End the longest idle session whose sender fulfils `by`; False when there is none."""
         idle = min((one for one in self if by(one.sender)), key=lambda one: one.used_at, default=None)
         if idle is not None:
             self.close(idle.sender, idle.number)
         return idle is not None
 
     def open(self, sender: Sender, request: FtpPayload, opened: Opened, now: float) -> Session:
-        """A new session; ends the sender's own of that number, and its longest idle one of too many."""
+        """Open a session; close the sender's one of that number, and its longest idle one above a limit."""
         self.close(sender, request.session)
         own = sorted((one for one in self if one.sender == sender), key=lambda one: one.used_at)
         if own and (len(own) >= SESSIONS_PER_SENDER or len(self._open) >= MAX_SESSIONS):
@@ -154,28 +157,28 @@ class Sessions:
         return session
 
     def close(self, sender: Sender, number: int) -> None:
-        """The file is not needed any more."""
+        """Close a session and its file."""
         session = self._open.pop((sender, number), None)
         if session is not None:
             session.opened.close()
             self._closed.append((sender, session.opening))
 
     def end(self, sender: Sender, request: FtpPayload) -> None:
-        """The sender ends one session, or all with RESET_SESSIONS; never one younger than the request."""
+        """Close the request's session, or all of the sender's with RESET_SESSIONS; none newer than it."""
         for session in [one for one in self if one.sender == sender and not one.outlives(request)]:
             if request.opcode == Opcode.RESET_SESSIONS or session.number == request.session:
                 self.close(sender, session.number)
 
     def tick(self, now: float) -> None:
-        """End what nobody asks for."""
+        """Close the sessions that were idle for 30 s."""
         for session in [one for one in self if now - one.used_at > IDLE]:
             self.close(session.sender, session.number)
 
     def bursting(self) -> list[Session]:
-        """Those that have something to send, in the order of their turns."""
+        """The sessions with a burst in progress, in the order of their turns."""
         return [session for session in self if session.burst is not None]
 
     def had_turn(self, session: Session) -> None:
-        """All others come first now."""
+        """Move `session` behind all others."""
         key = (session.sender, session.number)
         self._open[key] = self._open.pop(key)

@@ -1,4 +1,4 @@
-"""What is on the wire: ids, payload layouts, parameter names, texts and the message table.
+"""Defines what is on the wire: ids, payload layouts, parameter names, texts and the message table.
 
-Both ends import it. No I/O, but for the key and the timestamps that signing keeps in files.
+The companion and the ground side import it. It does no I/O, except for the files of signing and `devices`.
 """

@@ -1,4 +1,4 @@
-"""`python -m companion.wire` prints the table of messages as markdown, or one of the other `PAGES`."""
+"""Prints the tables of docs/protocol.md as markdown: `python -m companion.wire [PAGE]`, see `PAGES`."""
 
 import sys
 

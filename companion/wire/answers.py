@@ -1,4 +1,4 @@
-"""The operator's answer (TUNNEL 45003) and what comes back: its acknowledgement (45004)."""
+"""Packs and unpacks the operator's answer (TUNNEL 45003) and its acknowledgement (45004)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,10 @@ class SetWord:
 
 @dataclass(frozen=True)
 class TapBox:
-    """Make what `box` (fractions) shows in the frame `frame_id` an example of `word`, with a weight."""
+    """Make the contents of `box` in frame `frame_id` an example of `word`, with a weight in [-1, 1].
+
+    box: left, top, right, bottom in fractions of the frame.
+    """
 
     frame_id: int
     box: Fractions
@@ -63,14 +66,14 @@ class ForgetWord:
 
 @dataclass(frozen=True)
 class ForgetCall:
-    """Take what the answer to call `id` taught out of the memory."""
+    """Remove from the history what the answer to call `id` taught."""
 
     id: int
 
 
 @dataclass(frozen=True)
 class NewEpisode:
-    """Forget all answered scenes."""
+    """Remove all answered scenes from the history."""
 
 
 Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode
@@ -125,9 +128,9 @@ def _read_operation(reader: Reader) -> Operation:
 
 @dataclass(frozen=True)
 class AnswerMessage:
-    """An answer, or one part of it when it is long.
+    """An answer, or one part of a long one.
 
-    transaction: chosen at random by the sender, never 0; the same one is applied once.
+    transaction: chosen at random by the sender, never 0; an answer is applied once for each transaction.
     target: id of the call or hold, 0 for the current one.
     part, parts: this is part `part` (from 0) of `parts`; the operations of all parts count in order.
     """
@@ -140,7 +143,7 @@ class AnswerMessage:
     parts: int = 1
 
     def pack(self) -> bytes:
-        """The payload's bytes. Raises PayloadError over 128 bytes: send the operations in several parts."""
+        """Pack into the payload's bytes. Raises PayloadError above 128 bytes: send several parts."""
         head = layouts.ANSWER.struct.pack(
             VERSION, self.transaction, self.target, self.motion, self.part, self.parts, len(self.operations)
         )
@@ -151,7 +154,7 @@ class AnswerMessage:
 
     @classmethod
     def unpack(cls, payload: bytes) -> AnswerMessage:
-        """Read and check. Raises PayloadError."""
+        """Unpack and check a payload. Raises PayloadError."""
         reader = Reader(payload)
         version, transaction, target, motion, part, parts, count = reader.take(layouts.ANSWER.struct)
         check_version(version)
@@ -167,9 +170,9 @@ class AnswerMessage:
 
 @dataclass(frozen=True)
 class Acknowledgement:
-    """What became of an answer, also after judging the frames again.
+    """The result of an answer, after its frames were judged again.
 
-    target: the id it was applied to. stage, outcome: where the call or hold stands now.
+    target: the id that it was applied to. stage, outcome: of that call or hold now.
     reasons: of the newest frame; roi_uncertainty, worst_tile: of the call's frame, all judged again.
     words: hash of all words in use. text: for a person, at most 90 bytes.
     """
@@ -186,7 +189,7 @@ class Acknowledgement:
     text: str
 
     def pack(self) -> bytes:
-        """The payload's bytes."""
+        """Pack into the payload's bytes."""
         return layouts.ACKNOWLEDGEMENT.struct.pack(
             VERSION,
             self.transaction,
@@ -202,7 +205,7 @@ class Acknowledgement:
 
     @classmethod
     def unpack(cls, payload: bytes) -> Acknowledgement:
-        """Read and check. Raises PayloadError."""
+        """Unpack and check a payload. Raises PayloadError."""
         reader = Reader(payload)
         version, transaction, target, result, stage, outcome, mean, tile, reasons, words = reader.take(
             layouts.ACKNOWLEDGEMENT.struct

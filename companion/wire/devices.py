@@ -1,4 +1,4 @@
-"""TCP and serial ports for either end, and what a person can do about one that does not open."""
+"""Opens serial ports and configures TCP sockets, for the companion and the ground side."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ OPTIONS = {
     "TCP_KEEPINTVL": 2,
     "TCP_KEEPCNT": 3,
 }
-"""ms that what was sent may go unconfirmed, connecting included, and s for a connection that is silent."""
+"""TCP options. TCP_USER_TIMEOUT, for connecting and for sent data without ACK, is in ms; the others in s."""
 
 
 def watch_peer(connection: socket.socket) -> None:
-    """A peer that is gone breaks the connection within 15 s, where the platform can. Before connecting."""
+    """Make a vanished peer break the connection within 15 s, where the platform can. Before connecting."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for option, value in OPTIONS.items():
         if hasattr(socket, option):
@@ -37,17 +37,18 @@ _REMEDIES = {
 
 
 class SerialPort:
-    """A port of pyserial's that is open and waits for nothing. Raises OSError only."""
+    """Reads and writes an open port of pyserial without blocking. Raises OSError only."""
 
     def __init__(self, port: Any) -> None:
         self._port = port
 
     def read(self, size: int) -> bytes:
-        """What has come, `size` bytes at most."""
+        """Return what arrived, at most `size` bytes."""
         return bytes(_guarded(lambda: self._port.read(size)))
 
     def write(self, data: bytes) -> int:
-        """How much it took; BlockingIOError while it is full: pyserial's own tries for ever then."""
+        """Write `data`; return how many bytes were taken. Raises BlockingIOError when the buffer is full."""
+        # Not pyserial's own write: that tries for ever while the buffer is full.
         return os.write(self._port.fileno(), data)
 
     def fileno(self) -> int:
@@ -59,7 +60,7 @@ class SerialPort:
 
 
 def open_port(device: str, baud: int) -> SerialPort:
-    """Open a port, held for ourselves alone. Raises OSError only."""
+    """Open a serial port for exclusive use. Raises OSError only; its text says what to do."""
     import serial
 
     try:
@@ -73,7 +74,7 @@ def open_port(device: str, baud: int) -> SerialPort:
 
 
 def _guarded(call: Callable[[], Any]) -> Any:
-    """Raises OSError only: pyserial lets ValueError, termios.error and TypeError out."""
+    """Call `call`; turn pyserial's ValueError, termios.error and TypeError into OSError."""
     try:
         return call()
     except OSError:

@@ -1,4 +1,4 @@
-"""Numbers and parameters as docs/protocol.md lists them; ranges come from the parameters themselves."""
+"""Formats the tables of numbers and parameters for docs/protocol.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NUMBERS: dict[str, type[IntEnum] | type[IntFlag]] = {
 
 
 def numbers_markdown() -> str:
-    """One line for each kind of number."""
+    """Format a table with one row for each kind of number."""
     rows = ["| number | values |", "|---|---|"]
     for name, numbers in NUMBERS.items():
         values = (f"{one.value} {str(one.name).lower().replace('_', ' ')}" for one in numbers)
@@ -30,7 +30,11 @@ def numbers_markdown() -> str:
 
 
 class Line(NamedTuple):
-    """unit: "" for a plain number. default: what it is at first, and where it is configured."""
+    """One row of the table of parameters.
+
+    unit: "" for a plain number. default: the first value, and where it is configured. kept: whether it
+    survives a restart.
+    """
 
     meaning: str
     unit: str
@@ -78,7 +82,7 @@ _WORD = "any"
 
 
 def parameters_markdown() -> str:
-    """The table for docs/protocol.md, in the list's order."""
+    """Format the table of parameters, in their order and with their own ranges."""
     rows = ["| parameter | meaning | values | unit | default | kept |", "|---|---|---|---|---|---|"]
     for parameter in build((_WORD,), {}, {}):
         name = f"{WORD_PREFIX}<WORD>" if parameter.word else parameter.name

@@ -1,4 +1,4 @@
-"""MAVLink FTP: the 251-byte payload of FILE_TRANSFER_PROTOCOL (110), as mavlink.io's FTP service says."""
+"""Packs and unpacks the 251-byte payload of FILE_TRANSFER_PROTOCOL (110), see mavlink.io, service "FTP"."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from companion.wire.packing import PayloadError
 PAYLOAD = 251
 MAX_DATA = 239
 SMALL_DATA = 80
-"""Bytes of a file in one frame of a burst on a link with a budget: radios cut and lose long frames."""
+"""Bytes of a file in one burst frame on a link with a byte budget: radios split and lose long frames."""
 
 _HEAD = FILE_TRANSFER.struct
 
@@ -41,11 +41,11 @@ class Opcode(IntEnum):
 
 
 WRITES = frozenset(range(Opcode.CREATE_FILE, Opcode.RENAME + 1))
-"""The requests that would change something."""
+"""Opcodes of the requests that would change a file."""
 
 
 class FtpError(IntEnum):
-    """The one byte of a NAK."""
+    """The error code in a NAK."""
 
     FAIL = 1
     FAIL_ERRNO = 2
@@ -63,8 +63,8 @@ class FtpError(IntEnum):
 class FtpPayload:
     """A request or a reply.
 
-    opcode, request: `Opcode`, or what this version does not know; request: what a reply answers.
-    size: bytes of `data`; in a read without data, how many are asked for. offset: bytes into the file, or
+    opcode: `Opcode`, or a number that this version does not know. request: in a reply, the opcode that it
+    answers. size: bytes of `data`; in a read request, the bytes asked for. offset: bytes into the file, or
     entries into a list.
     """
 
@@ -78,7 +78,7 @@ class FtpPayload:
     data: bytes = b""
 
     def pack(self) -> bytes:
-        """All 251 bytes, padded with zeros. Raises PayloadError for what does not fit its field."""
+        """Pack into 251 bytes, padded with zeros. Raises PayloadError when a value does not fit its field."""
         if not len(self.data) <= self.size <= MAX_DATA:
             raise PayloadError(f"{len(self.data)} bytes of data, said to be {self.size}, at most {MAX_DATA}")
         try:
@@ -98,7 +98,7 @@ class FtpPayload:
 
     @classmethod
     def unpack(cls, payload: bytes) -> FtpPayload:
-        """Read and check; `data` has `size` bytes, zeros that were cut off too. Raises PayloadError."""
+        """Unpack and check; zeros that MAVLink cut off are put back into `data`. Raises PayloadError."""
         if not _HEAD.size <= len(payload) <= PAYLOAD:
             raise PayloadError(f"file transfer payload of {len(payload)} bytes")
         sequence, session, opcode, size, request, complete, _padding, offset = _HEAD.unpack_from(payload)
@@ -108,18 +108,18 @@ class FtpPayload:
         return cls(sequence, session, opcode, size, request, bool(complete), offset, data)
 
     def path(self) -> str:
-        """The data as a path, up to its first NUL. Raises PayloadError."""
+        """Decode the data as a path, up to its first NUL. Raises PayloadError."""
         try:
             return self.data.partition(b"\0")[0].decode()
         except UnicodeDecodeError as error:
             raise PayloadError("the path is not UTF-8") from error
 
     def ack(self, data: bytes = b"", *, offset: int | None = None) -> FtpPayload:
-        """The reply that grants this request, in its session, one sequence number on."""
+        """Make the ACK for this request: same session, next sequence number."""
         return self._reply(Opcode.ACK, data, self.offset if offset is None else offset)
 
     def nak(self, error: FtpError) -> FtpPayload:
-        """The reply that refuses it."""
+        """Make the NAK for this request."""
         return self._reply(Opcode.NAK, bytes([error]), self.offset)
 
     def _reply(self, opcode: Opcode, data: bytes, offset: int) -> FtpPayload:

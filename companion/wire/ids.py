@@ -1,4 +1,4 @@
-"""The numbers of the wire. They never change meaning: a new meaning takes a new number."""
+"""Defines the numbers on the wire. A number never changes its meaning: a new meaning gets a new number."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ TUNNEL_ANSWER = 45003
 TUNNEL_ACKNOWLEDGEMENT = 45004
 
 VERSION = 1
-"""Version of all payload layouts; a receiver refuses another."""
+"""Version of all payload layouts; a receiver refuses any other."""
 
 MAX_TEXT = 50
-"""Bytes of a STATUSTEXT that every ground station shows whole."""
+"""Bytes of a STATUSTEXT that every ground station shows in full."""
 
 
 class State(IntEnum):
@@ -50,19 +50,19 @@ class Reasons(IntFlag):
 
 
 class Kind(IntEnum):
-    """What an id names: a call for words, or a hold without one."""
+    """What an id names: a call for words, or a hold without a call."""
 
     CALL = 1
     HOLD = 2
 
 
 class Stage(IntEnum):
-    """Where a call or hold stands."""
+    """The stage of a call or hold."""
 
     OPEN = 1
-    """It asks for an answer."""
+    """It waits for an answer."""
     ANSWERED = 2
-    """Its answer covers it; the hold waits for "go" or for a clear view."""
+    """Its answer covers its reasons; the hold waits for "go", or for OK frames."""
     CLEAR = 3
     """Its reasons are gone; it asks "clear now, go?"."""
     CLOSED = 4
@@ -81,7 +81,7 @@ class Outcome(IntEnum):
 
 
 class Motion(IntEnum):
-    """What an answer says about driving. NONE: the words apply, the hold stands."""
+    """What an answer says about driving. NONE: the words apply, and the hold goes on."""
 
     NONE = 0
     GO = 1
@@ -93,25 +93,25 @@ SET_WEIGHT = 4
 """param2 of the answer command: param3 index of the word's parameter, param4 its weight."""
 
 SET_POLICY = 5
-"""param2 of the answer command: param3 is a `Policy`; param1 counts for nothing."""
+"""param2 of the answer command: param3 is a `Policy`; param1 is ignored."""
 
 
 class Result(IntEnum):
-    """What became of an answer."""
+    """The result of an answer."""
 
     APPLIED = 0
     APPLIED_NOT_REMEMBERED = 1
     """In force until the next restart: the journal could not be written."""
     NOT_COVERED = 2
-    """In force and remembered, but the call's frame still has its reason: the call stays open."""
+    """In force and stored, but the call's frame still has its reason: the call stays open."""
     STALE = 3
     """The id names no open call or hold."""
     REFUSED = 4
     """Nothing was changed; the text says why."""
     DENIED = 5
-    """The sender may not."""
+    """The sender may not answer."""
     BUSY = 6
-    """Nothing was changed yet: send it again."""
+    """Nothing was changed yet: the sender should send it again."""
 
 
 class Policy(IntEnum):
@@ -124,7 +124,7 @@ class Policy(IntEnum):
 
 
 class HeartbeatMode(NamedTuple):
-    """What the companion's heartbeat says. current_id: of the open call or hold, 0 for none."""
+    """The content of the companion's heartbeat. current_id: of the open call or hold, 0 for none."""
 
     state: State
     current_id: int
@@ -132,16 +132,16 @@ class HeartbeatMode(NamedTuple):
 
 
 def heartbeat_mode(state: State, current_id: int, policy: Policy) -> int:
-    """custom_mode of the heartbeat: bits 0-7 state, 8-23 id of the open call or hold, 24-25 policy."""
+    """Pack custom_mode of the heartbeat: bits 0-7 state, 8-23 id of the open call or hold, 24-25 policy."""
     return int(state) | (current_id & 0xFFFF) << 8 | int(policy) << 24
 
 
 def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
-    """The parts of a heartbeat's custom_mode. Raises ValueError for a state of a later version."""
+    """Unpack a heartbeat's custom_mode. Raises ValueError for a state of a later version."""
     return HeartbeatMode(State(custom_mode & 0xFF), custom_mode >> 8 & 0xFFFF, Policy(custom_mode >> 24 & 3))
 
 
 def words_hash(weights: Mapping[str, float]) -> int:
-    """CRC-32 of words and weights (to 1e-4), in any order: do both ends mean the same?"""
+    """CRC-32 of words and weights (to 1e-4), in any order, by which both ends compare their words."""
     text = ";".join(f"{word}:{round(weight * 10_000)}" for word, weight in sorted(weights.items()))
     return zlib.crc32(text.encode())

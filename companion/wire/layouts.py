@@ -1,6 +1,6 @@
-"""Where what stands in the TUNNEL payloads. Packing, reading and docs/protocol.md take it from here.
+"""Defines the fields of the TUNNEL payloads. Packing, unpacking and docs/protocol.md use these definitions.
 
-Little-endian, without gaps. A text is a length byte and so many bytes of UTF-8.
+Little-endian, without gaps. A text is a length byte, followed by that many bytes of UTF-8.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _HASH = "CRC-32 of the words in use, see Payloads"
 
 
 class Field(NamedTuple):
-    """code: of `struct`, or TEXT. values: unit, scale and range. unknown: what says that there is none."""
+    """One field. code: of `struct`, or TEXT. values: unit, scale, range. unknown: the value for "unknown"."""
 
     code: str
     name: str
@@ -27,28 +27,28 @@ class Field(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes; of a text without its content."""
+        """Size in bytes; for a text, of the length byte alone."""
         return 1 if self.code == TEXT else struct.calcsize(f"<{self.code}")
 
     @property
     def type(self) -> str:
-        """ "u16", "u8[16]"."""
+        """The type as docs/protocol.md names it, such as "u16" or "u8[16]"."""
         count, letter = self.code[:-1], self.code[-1]
         return TEXT if self.code == TEXT else _TYPES[letter] + (f"[{count}]" if count else "")
 
 
 class Layout:
-    """A payload, or one operation of an answer: fixed fields, and a text at the end where there is one."""
+    """The layout of a payload, or of one operation of an answer: fixed fields, then at most one text."""
 
     def __init__(self, title: str, *fields: Field, start: int = 0) -> None:
-        """start: bytes before the first field, which are read apart."""
+        """start: offset of the first field in bytes; what comes before is read separately."""
         self.title = title
         self.fields = fields
         self._start = start
         self.struct = struct.Struct("<" + "".join(one.code for one in fields if one.code != TEXT))
 
     def markdown(self) -> str:
-        """The table for docs/protocol.md."""
+        """Format the layout as a table for docs/protocol.md."""
         rows = ["| offset | bytes | type | field | values | unknown |", "|---|---|---|---|---|---|"]
         offset = self._start
         for field in self.fields:
@@ -167,10 +167,10 @@ FILE_TRANSFER = Layout(
     Field("B", "padding", "0"),
     Field("I", "offset", "bytes into the file, or entries into a list"),
 )
-"""As mavlink.io's FTP service has it; 239 bytes of data follow, a path among them without a length byte."""
+"""As specified at mavlink.io, service "FTP". 239 bytes of data follow; a path in them has no length byte."""
 
 
 def markdown() -> str:
-    """All tables under their titles."""
+    """Format all layouts as tables under their titles."""
     layouts = (SUMMARY, CALL, ANSWER, *OPERATIONS.values(), ACKNOWLEDGEMENT, FILE_TRANSFER)
     return "\n".join(f"{one.title}\n\n{one.markdown()}" for one in layouts)

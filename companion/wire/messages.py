@@ -1,4 +1,4 @@
-"""Every message on the wire, in one table. Rates, sizes, priorities, docs and tests come from it."""
+"""Lists every message on the wire in one table. Rates, sizes, priorities, docs and tests use it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ ASKED: Bucket = "asked"
 
 
 class Message(NamedTuple):
-    """One row. period: s, or None for no fixed rate. bytes: the longest frame, unsigned MAVLink 2.
+    """One row of the table.
 
-    priority: 0 is sent first; None: the companion does not send it. bucket: which byte budget pays, if any.
+    period: s, None for no fixed rate. bytes: of the longest frame, unsigned MAVLink 2. priority: 0 is sent
+    first; None: the companion does not send it. bucket: the byte budget that it counts against, if any.
     """
 
     name: str
@@ -85,33 +86,36 @@ _ROWS: tuple[_Row, ...] = (
 TABLE = tuple(Message(*row) for row in _ROWS)
 MESSAGES = {message.name: message for message in TABLE}
 TELEMETRY = frozenset(message.mavlink for message in TABLE if message.direction == IN)
-"""What the autopilot tells, by MAVLink name."""
+"""Messages that the companion reads from the autopilot, by MAVLink name."""
 
 SUMMARY_PERIOD_WHILE_CALLING = 5.0
-"""s between summaries while a call or hold is open; the numbers stop."""
+"""s between summaries while a call or hold is open; the numbers then stop."""
 
 DATA_PERIOD = 1.0
 DATA_REPEATS = 5
 DATA_SLOW_PERIOD = 10.0
 CLOSED_REPEATS = 3
-"""Call data: `DATA_REPEATS` times one a second, then every `DATA_SLOW_PERIOD` s; a closed one three times."""
+"""Call data is sent `DATA_REPEATS` times, every `DATA_PERIOD` s, then every `DATA_SLOW_PERIOD` s.
+
+A closed one is sent `CLOSED_REPEATS` times.
+"""
 
 TEXT_PERIOD = 15.0
 TEXT_ALERT_AFTER = 45.0
 TEXT_SLOW_PERIOD = 60.0
-"""Call text: at once, every 15 s, after 45 s as an ALERT, then every 60 s."""
+"""Call text is sent at once, then every 15 s; after 45 s as an ALERT, then every 60 s."""
 
 NUMBERS = ("AT_TRAV", "AT_UNC", "AT_SIM", "AT_CALL")
 
 
 def quiet_rate() -> float:
-    """Bytes per second at most while nothing happens: heartbeat, summary and numbers."""
+    """Bytes per second at most while no call or hold is open: heartbeat, summary and numbers."""
     count = {"heartbeat": 1, "summary": 1, "number": len(NUMBERS)}
     return sum(n * MESSAGES[name].bytes / (MESSAGES[name].period or 1.0) for name, n in count.items())
 
 
 def markdown() -> str:
-    """The table for docs/protocol.md."""
+    """Format the table for docs/protocol.md."""
     lines = [
         "| message | MAVLink | what for | direction | every | bytes | priority | budget | when lost |",
         "|---|---|---|---|---|---|---|---|---|",

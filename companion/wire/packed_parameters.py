@@ -1,7 +1,7 @@
-"""A list of parameters in one small file, packed as ArduPilot's `@PARAM/param.pck` is. Little-endian.
+"""Packs all parameters into one small file, in the format of ArduPilot's `@PARAM/param.pck`. Little-endian.
 
-Source: libraries/AP_Filesystem of ArduPilot, README.md and AP_Filesystem_Param.cpp. There zeros pad it, so
-that no value lies in two blocks; here it does not change while it is read, and has none.
+Source: libraries/AP_Filesystem of ArduPilot, README.md and AP_Filesystem_Param.cpp. ArduPilot pads with
+zeros, so that no value crosses a block. We do not: our file does not change while it is read.
 """
 
 from __future__ import annotations
@@ -21,12 +21,15 @@ _HAS_DEFAULT = 1 << 4
 _MOST_IN_COMMON = 15
 _LAST = 0xFFFE
 _DIGITS = 6
-"""Of a value that is set: a difference behind them is none."""
+"""Decimal places of a value; values that differ only behind them are equal."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """`count` parameters from number `start` on, 0: all the rest. with_defaults: configured values, too."""
+    """A client's options: `count` parameters (0: all) from index `start` on.
+
+    with_defaults: whether to add the configured values.
+    """
 
     start: int = 0
     count: int = 0
@@ -34,16 +37,16 @@ class Asked:
 
     @classmethod
     def read(cls, query: str) -> Asked:
-        """`start=5&count=10&withdefaults=1`, any of them; others are ignored. Raises ValueError."""
+        """Parse `start=5&count=10&withdefaults=1`, any of them; others are ignored. Raises ValueError."""
         options = dict(parse_qsl(query, keep_blank_values=True))
         start, count = (_number(options.get(name, "0"), _LAST) for name in ("start", "count"))
         return cls(start, count, bool(_number(options.get("withdefaults", "0"), 1)))
 
 
 def pack(parameters: Sequence[Parameter], asked: Asked, configured: Mapping[str, float]) -> bytes:
-    """The file. configured: values by name, told where they are others; one that is missing is not known.
+    """Pack the file. configured: name -> configured value, packed where it differs from the value in force.
 
-    Raises ValueError where there are fewer than `asked.start`.
+    Raises ValueError when there are no parameters from `asked.start` on.
     """
     chosen = parameters[asked.start :][: asked.count or None]
     if asked.start and not chosen:

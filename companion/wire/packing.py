@@ -1,4 +1,4 @@
-"""Fixed-point numbers, boxes and short texts in payloads; every reader checks before it believes."""
+"""Packs fixed-point numbers, boxes and short texts into payloads, and unpacks them with checks."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Fractions = tuple[float, float, float, float]
 
 
 class PayloadError(ValueError):
-    """A payload that is torn, foreign, of another version or out of range."""
+    """A payload cannot be unpacked or packed: cut off, of another version, out of range, or too long."""
 
 
 def fraction_to_u16(value: float | None) -> int:
-    """[0, 1] in steps of 1e-4; None or not finite: 65535."""
+    """Encode a number in [0, 1] in steps of 1e-4; None or not finite becomes 65535."""
     if value is None or not math.isfinite(value):
         return UNKNOWN_U16
     return round(min(1.0, max(0.0, value)) * _SCALE)
 
 
 def u16_to_fraction(raw: int) -> float | None:
-    """The inverse. Raises PayloadError above 1."""
+    """Decode a number in [0, 1], None for 65535. Raises PayloadError above 1."""
     if raw == UNKNOWN_U16:
         return None
     if raw > _SCALE:
@@ -35,14 +35,14 @@ def u16_to_fraction(raw: int) -> float | None:
 
 
 def signed_to_i16(value: float | None) -> int:
-    """[-1, 1] in steps of 1e-4; None or not finite: -32768."""
+    """Encode a number in [-1, 1] in steps of 1e-4; None or not finite becomes -32768."""
     if value is None or not math.isfinite(value):
         return UNKNOWN_I16
     return round(min(1.0, max(-1.0, value)) * _SCALE)
 
 
 def i16_to_signed(raw: int) -> float | None:
-    """The inverse. Raises PayloadError outside [-1, 1]."""
+    """Decode a number in [-1, 1], None for -32768. Raises PayloadError outside [-1, 1]."""
     if raw == UNKNOWN_I16:
         return None
     if not -_SCALE <= raw <= _SCALE:
@@ -51,7 +51,7 @@ def i16_to_signed(raw: int) -> float | None:
 
 
 def box_to_u16(box: Fractions | None) -> tuple[int, int, int, int]:
-    """Four fractions; None: four times 65535."""
+    """Encode a box as four fractions; None becomes four times 65535."""
     if box is None:
         return (UNKNOWN_U16,) * 4
     left, top, right, bottom = box
@@ -59,7 +59,7 @@ def box_to_u16(box: Fractions | None) -> tuple[int, int, int, int]:
 
 
 def u16_to_box(raw: tuple[int, int, int, int]) -> Fractions | None:
-    """The inverse. Raises PayloadError for an empty box."""
+    """Decode a box, None for four times 65535. Raises PayloadError for an empty box."""
     if all(side == UNKNOWN_U16 for side in raw):
         return None
     sides = [u16_to_fraction(side) for side in raw]
@@ -70,13 +70,16 @@ def u16_to_box(raw: tuple[int, int, int, int]) -> Fractions | None:
 
 
 def text_to_bytes(text: str, limit: int) -> bytes:
-    """A length byte and UTF-8, cut between characters to at most `limit` bytes."""
+    """Encode `text` as a length byte and UTF-8, cut between characters to at most `limit` bytes."""
     encoded = text.encode()[:limit].decode(errors="ignore").encode()
     return bytes([len(encoded)]) + encoded
 
 
 def shortened(text: str, limit: int) -> str:
-    """`text` in at most `limit` bytes of UTF-8; a longer one ends in "...", behind a whole word, if short."""
+    """Shorten `text` to at most `limit` bytes of UTF-8, with "..." at the end.
+
+    It is cut behind a whole word, unless that would drop more than 16 bytes of a long one.
+    """
     if len(text.encode()) <= limit:
         return text
     kept = text.encode()[: limit - 3].decode(errors="ignore")
@@ -85,13 +88,13 @@ def shortened(text: str, limit: int) -> str:
 
 
 class Reader:
-    """Takes fields off a payload from the front; raises PayloadError when it is too short."""
+    """Reads fields from the front of a payload; raises PayloadError when it is too short."""
 
     def __init__(self, payload: bytes) -> None:
         self._rest = payload
 
     def take(self, layout: struct.Struct) -> tuple[int, ...]:
-        """The next fields of `layout`."""
+        """Read the next fields, of `layout`."""
         if len(self._rest) < layout.size:
             raise PayloadError(f"payload ends {layout.size - len(self._rest)} bytes early")
         fields = layout.unpack_from(self._rest)
@@ -99,7 +102,7 @@ class Reader:
         return fields
 
     def text(self) -> str:
-        """The next text: a length byte and UTF-8."""
+        """Read the next text: a length byte and UTF-8."""
         if not self._rest or len(self._rest) < 1 + self._rest[0]:
             raise PayloadError("text is cut off")
         encoded, self._rest = self._rest[1 : 1 + self._rest[0]], self._rest[1 + self._rest[0] :]
@@ -109,6 +112,6 @@ class Reader:
             raise PayloadError("text is not UTF-8") from error
 
     def end(self) -> None:
-        """Nothing may be left."""
+        """Raise PayloadError when bytes are left."""
         if self._rest:
             raise PayloadError(f"{len(self._rest)} bytes too many")

@@ -1,7 +1,7 @@
-"""The parameters of component 191: names of at most 16 characters, fixed while the companion runs.
+"""Defines the parameters of component 191: names of at most 16 characters, fixed while the companion runs.
 
-The prefix AT_ is used by no autopilot: before an autopilot has heard component 191, ArduPilot itself
-executes what is meant for it.
+No autopilot uses the prefix AT_. That matters, because ArduPilot executes a request for component 191 itself
+until it has received a message of that component.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MAX_NAME = 16
 MAX_WORDS = 24
 MAX_PARAMETERS = 48
 NOT_IN_USE = -2.0
-"""A word's or a tile threshold's value when it is not in use."""
+"""The value of a word's weight, or of the tile threshold, that is not in use."""
 
 THR_ROI = "AT_THR_ROI"
 THR_SCENE = "AT_THR_SCENE"
@@ -33,17 +33,17 @@ ROI: Mapping[str, str] = MappingProxyType(
 """Side of the region of interest -> its parameter, a fraction of the image's width or height."""
 SUMMARY_RATE = "AT_SUM_HZ"
 NUMBER_RATE = "AT_NUM_HZ"
-"""Summaries, and each of the numbers, per second; 0: none."""
+"""Summaries per second, and messages per second of each number; 0: none."""
 BUDGET = "AT_BUDGET"
 """B/s of unsolicited traffic on the first connection."""
 ANSWER = "AT_ANSWER"
-"""An answer without words: id of the call or hold x 10 + `Motion`; id 0 is the current one. Reads as 0."""
+"""An answer without words: id of the call or hold x 10 + `Motion`; id 0 is the current one. It reads as 0."""
 WORDS_TEXT = "AT_WORDS"
 """All words with their weights as one text; only in the extended parameter protocol."""
 SHADOW_HOLDS = "AT_SHD_HOLDS"
-"""Would-be holds in shadow policy. Set to 0, all the counts begin anew."""
+"""Number of would-be holds in shadow policy. Setting it to 0 resets all the shadow counts."""
 SHADOW_HOURS = "AT_SHD_HOURS"
-"""Hours in which they were counted."""
+"""Hours over which they were counted."""
 SHADOW_REASONS: Mapping[str, str] = MappingProxyType(
     {
         "unknown_scene": "AT_SHD_SCENE",
@@ -52,7 +52,7 @@ SHADOW_REASONS: Mapping[str, str] = MappingProxyType(
         "fault": "AT_SHD_FAULT",
     }
 )
-"""Reason -> how many of them began for it."""
+"""Reason -> the parameter with the number of would-be holds that began for it."""
 WORD_PREFIX = "AT_W_"
 _ROOM = MAX_NAME - len(WORD_PREFIX)
 _ALIAS = re.compile(r"[A-Z0-9_]+")
@@ -60,14 +60,14 @@ _NO_ALIASES: Mapping[str, str] = MappingProxyType({})
 
 
 class ParameterError(ValueError):
-    """A vocabulary or a value that no parameter can carry."""
+    """A vocabulary, name or value is not possible as parameters; the message says why."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter (REAL32). Values: [minimum, maximum], `special` besides, whole numbers only if `whole`.
+    """One parameter (REAL32). It accepts [minimum, maximum] and `special`; whole numbers only if `whole`.
 
-    word: what a weight belongs to, None for settings.
+    word: the word that the value is the weight of, None for settings.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Parameter:
     word: str | None = None
 
     def accepts(self, value: float) -> bool:
-        """Whether `value` is finite and allowed."""
+        """Whether `value` is finite and in the allowed range."""
         if not math.isfinite(value):
             return False
         if self.special is not None and value == self.special:
@@ -88,7 +88,7 @@ class Parameter:
         return self.minimum <= value <= self.maximum and not (self.whole and value != int(value))
 
     def allowed(self) -> str:
-        """The range as a person reads it: "0 to 1 or -2"."""
+        """Format the range for a person: "0 to 1 or -2"."""
         special = "" if self.special is None else f" or {self.special:g}"
         return f"{self.minimum:.9g} to {self.maximum:.9g}{special}"
 
@@ -113,10 +113,10 @@ _MORE = (
     Parameter(BUDGET, 300.0, 50.0, 1e6, special=0.0),
     Parameter(ANSWER, 0.0, 0.0, 10.0 * 0xFFFF + max(Motion), whole=True),
 )
-"""They stand last, so that the words' indices stay as they were."""
+"""Settings that were added later. They come last, so that the words keep their indices."""
 
 MANY = 1e6
-"""What is counted counts no further."""
+"""The greatest value of a counter; it stays there."""
 _COUNTS = (
     Parameter(SHADOW_HOLDS, 0.0, 0.0, MANY, whole=True),
     Parameter(SHADOW_HOURS, 0.0, 0.0, MANY, read_only=True),
@@ -125,7 +125,7 @@ _COUNTS = (
 
 
 def word_parameter(word: str, alias: str | None = None) -> str:
-    """The name of a word's weight: "dry grass" -> "AT_W_DRY_GRASS". Raises ParameterError."""
+    """Name the parameter of a word's weight: "dry grass" -> "AT_W_DRY_GRASS". Raises ParameterError."""
     if alias is not None:
         plain = alias
     else:
@@ -144,12 +144,13 @@ def build(
     *,
     aliases: Mapping[str, str] = _NO_ALIASES,
 ) -> tuple[Parameter, ...]:
-    """The fixed list: thresholds and policy, a weight for every word of the configured vocabulary, shadow
-    policy's counts, then the other settings.
+    """Build the list of parameters, whose order is fixed.
 
-    weights: of the words in use; the others get -2. settings: values by parameter name (AT_THR_ROI, ...);
-    those not named keep their defaults. aliases: word -> what follows AT_W_ where the plain one does not do.
-    Raises ParameterError for unknown names, values out of range, more than 24 words, names that collide.
+    First thresholds and policy, then the weight of every word of the configured vocabulary, the counts of
+    shadow policy, and the other settings. weights: of the words in use; the others get -2. settings:
+    parameter name (AT_THR_ROI, ...) -> value; the others keep their defaults. aliases: word -> name after
+    AT_W_, where the word's own does not fit. Raises ParameterError for unknown names, values out of range,
+    more than 24 words, and names that collide.
     """
     if len(vocabulary) > MAX_WORDS:
         raise ParameterError(f"{len(vocabulary)} words are configured, at most {MAX_WORDS} fit: remove some")

@@ -1,4 +1,4 @@
-"""What the companion tells in TUNNEL messages: summary (45001) and call (45002). Little-endian, <= 128 bytes.
+"""Packs and unpacks the TUNNEL payloads summary (45001) and call (45002). Little-endian, <= 128 bytes.
 
 The operator's answer (45003) and its acknowledgement (45004) are in `answers`.
 """
@@ -30,21 +30,21 @@ _NO_HEADING = 0xFFFF
 
 
 def check_version(version: int) -> None:
-    """Raises PayloadError unless both ends speak the same layouts."""
+    """Raise PayloadError unless `version` is the version of our own layouts."""
     if version != VERSION:
         raise PayloadError(f"payload version {version}, this end speaks {VERSION}: update the older end")
 
 
 @dataclass(frozen=True)
 class Summary:
-    """How the ground ahead looks; one a second. Packs to 47 bytes.
+    """Summarizes the newest frame, once a second. Packs to 47 bytes.
 
-    sequence: rises by one, so that a loss shows. current_id: open call or hold, 0 for none.
-    frame_age_ms: capture to sending. latency_ms: capture to assessment (both end at 65535).
+    sequence: rises by one, so that receivers see losses. current_id: open call or hold, 0 for none.
+    frame_age_ms: capture to sending. latency_ms: capture to assessment (65535: that or more, for both).
     roi_traversability, roi_uncertainty, worst_tile: [0, 1] or None. similarity: [-1, 1] or None.
     field_of_view: horizontal, degrees, 0 unknown. words: hash of all words in use.
-    dropped: summaries kept off the wire by the budget. sectors: 16 equal image columns from the left, the
-    drivable share of each in [0, 1] or None.
+    dropped: summaries not sent for lack of byte budget. sectors: the drivable share, in [0, 1] or None, of 16
+    image columns of equal width from the left.
     """
 
     state: State
@@ -65,7 +65,7 @@ class Summary:
     sectors: tuple[float | None, ...]
 
     def pack(self) -> bytes:
-        """The payload's bytes."""
+        """Pack into the payload's bytes."""
         sectors = [
             UNKNOWN_SECTOR if share is None else round(min(1.0, max(0.0, share)) * _SECTOR_SCALE)
             for share in self.sectors
@@ -92,7 +92,7 @@ class Summary:
 
     @classmethod
     def unpack(cls, payload: bytes) -> Summary:
-        """Read and check. Raises PayloadError."""
+        """Unpack and check a payload. Raises PayloadError."""
         reader = Reader(payload)
         (version, state, policy, reasons, sequence, current, frame, age, latency, *rest) = reader.take(
             layouts.SUMMARY.struct
@@ -127,13 +127,14 @@ class Summary:
 
 @dataclass(frozen=True)
 class CallData:
-    """A call or hold, for programs. Packs to 54 bytes and the picture's name.
+    """Describes a call or hold for programs. Packs to 54 bytes, plus the length of the picture's path.
 
-    id: from the one counter of calls and holds. holding: the vehicle stands because of it.
+    id: from the one counter of calls and holds. holding: the vehicle stands because of it. test: a test call.
     roi, worst_tile_box: (left, top, right, bottom) in fractions of the call's frame, or None.
     roi_uncertainty, worst_tile, drivable_share: [0, 1] or None. similarity: [-1, 1] or None.
     age_s: since it was announced. latitude, longitude: degrees; heading: degrees from north; None unknown.
-    picture: the path under which it can be fetched, at most 60 bytes; "" for none.
+    word_count, words: number and hash of the words in use.
+    picture: its path on the file server, at most 60 bytes; "" for none.
     """
 
     id: int
@@ -159,7 +160,7 @@ class CallData:
     picture: str = ""
 
     def pack(self) -> bytes:
-        """The payload's bytes."""
+        """Pack into the payload's bytes."""
         return layouts.CALL.struct.pack(
             VERSION,
             self.kind,
@@ -185,7 +186,7 @@ class CallData:
 
     @classmethod
     def unpack(cls, payload: bytes) -> CallData:
-        """Read and check. Raises PayloadError."""
+        """Unpack and check a payload. Raises PayloadError."""
         reader = Reader(payload)
         (version, kind, stage, outcome, reasons, flags, call_id, frame, age, *rest) = reader.take(
             layouts.CALL.struct

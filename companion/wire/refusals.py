@@ -1,4 +1,4 @@
-"""What the companion turns away, by the names under which it counts it, and what the asker is told."""
+"""Lists why the companion refuses requests: the counters' names, and what the requester is sent."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ COUNTED: dict[Rejected, tuple[str, str]] = {
     ),
     "no autopilot for modes": ("a hold without a known autopilot; nobody asked", _SILENCE),
 }
-"""What was refused, and what its asker gets."""
+"""Counter -> what was refused, and what its sender gets."""
 
 TEXTS: tuple[tuple[str, str], ...] = (
     (notices.sender_refused(7), "system id 7 may not change anything: `[link] allowed_senders`"),
@@ -82,23 +82,23 @@ TEXTS: tuple[tuple[str, str], ...] = (
     (notices.other_version(), "a TUNNEL answer of another layout version"),
     (notices.refused('"7" has no weight'), "anything else: what follows says why"),
 )
-"""STATUSTEXTs that say no, of severity WARNING (4), with figures as examples; and why."""
+"""STATUSTEXTs of refusals, of severity WARNING (4), with example figures, and the reason of each."""
 
 
 def counted_markdown() -> str:
-    """The counters for docs/protocol.md."""
+    """Format the counters as a table for docs/protocol.md."""
     rows = ["| counted as | what was refused | its asker gets |", "|---|---|---|"]
     rows += [f"| `{name}` | {' | '.join(COUNTED[name])} |" for name in get_args(Rejected)]
     return "\n".join(rows) + "\n"
 
 
 def texts_markdown() -> str:
-    """The texts for docs/protocol.md."""
+    """Format the texts as a table for docs/protocol.md."""
     rows = ["| text | why |", "|---|---|"]
     rows += [f"| `{text}` | {why} |" for text, why in TEXTS]
     return "\n".join(rows) + "\n"
 
 
 def markdown() -> str:
-    """Both tables."""
+    """Format both tables for docs/protocol.md."""
     return f"{counted_markdown()}\n{texts_markdown()}"

@@ -1,4 +1,4 @@
-"""MAVLink 2 signing: frames are signed and checked here, and judged by their timestamps. No I/O, no clock.
+"""Signs MAVLink 2 frames, and checks their signatures and timestamps. No I/O, no clock.
 
 A signature is link id (u8), timestamp (48 bit, 10 us since 2015) and the first 48 bits of
 SHA-256(key, header, payload, checksum, link id, timestamp).
@@ -18,20 +18,20 @@ BLOCK = 13
 """Bytes that a signature adds to a frame."""
 KEY_BYTES = 32
 TICKS = 100_000
-"""Timestamps count tens of microseconds."""
+"""Ticks per second: timestamps count units of 10 us."""
 EPOCH = 1_420_070_400
-"""Their zero, 2015-01-01 UTC, in s since 1970."""
+"""Zero of the timestamps, 2015-01-01 UTC, in s since 1970."""
 LAST = (1 << 48) - 1
 MINUTE = 60 * TICKS
 FARTHEST_AHEAD = 366 * 24 * 60 * MINUTE
-"""What a clock that is thought right moves forward at most, when a verified frame says so."""
+"""How far a verified frame may be ahead of a clock that counts as right."""
 MAX_STREAMS = 64
 
 UNSIGNED: Final = "unsigned"
 SIGNATURE: Final = "signature"
 REPLAY: Final = "replay"
 AHEAD: Final = "ahead"
-"""Why a frame is refused: no signature; not by our key; not newer than what was heard; a year ahead of us."""
+"""Why a frame is refused: no signature; not our key; not newer than those received; a year ahead of us."""
 
 HoldRefusal = Literal["", "unsigned", "signature", "replay", "ahead"]
 
@@ -42,7 +42,7 @@ _HEADER = 10
 
 
 class Stream(NamedTuple):
-    """Who signs: each has timestamps of its own."""
+    """A source of signed frames. Each stream has its own timestamps."""
 
     system: int
     component: int
@@ -50,7 +50,7 @@ class Stream(NamedTuple):
 
 
 def ticks(unix: float) -> int:
-    """The timestamp of a time in s since 1970; 0 before 2015."""
+    """Convert s since 1970 to a timestamp; 0 before 2015."""
     return min(LAST, max(0, int((unix - EPOCH) * TICKS)))
 
 
@@ -60,17 +60,17 @@ def is_signed(frame: bytes) -> bool:
 
 
 def stream_of(frame: bytes) -> Stream:
-    """Of a signed frame, which may be anybody's until it is verified."""
+    """The stream that a signed frame claims; it may be forged until the frame is verified."""
     return Stream(frame[5], frame[6], frame[-BLOCK])
 
 
 def timestamp_of(frame: bytes) -> int:
-    """Of a signed frame, which may be anybody's until it is verified."""
+    """The timestamp that a signed frame claims; it may be forged until the frame is verified."""
     return int.from_bytes(frame[1 - BLOCK : 7 - BLOCK], "little")
 
 
 class SigningKey:
-    """32 secret bytes that never come out again: not by repr, not by pickle."""
+    """Holds 32 secret bytes, which can be used but not read: neither repr nor pickle shows them."""
 
     __slots__ = ("_seeded",)
 
@@ -87,11 +87,11 @@ class SigningKey:
 
     @property
     def fingerprint(self) -> str:
-        """8 hex digits that tell keys apart."""
+        """8 hex digits by which a person distinguishes keys."""
         return self._signature(b"fingerprint").hex()[:8]
 
     def sign(self, frame: bytes, crc_extra: int, link: int, timestamp: int) -> bytes:
-        """A packed, unsigned MAVLink 2 frame with its signature. Raises ValueError for any other frame."""
+        """Sign a packed, unsigned MAVLink 2 frame. Raises ValueError for any other frame."""
         if len(frame) < _HEADER + _CHECKSUM or frame[0] != _V2 or frame[2] & _SIGNED:
             raise ValueError("only an unsigned MAVLink 2 frame can be signed")
         body = frame[1:2] + bytes([frame[2] | _SIGNED]) + frame[3:-_CHECKSUM]
@@ -101,7 +101,7 @@ class SigningKey:
         return signed + self._signature(signed)
 
     def signed(self, frame: bytes) -> bool:
-        """Whether this key made the signature of a signed frame."""
+        """Whether a signed frame's signature was made with this key."""
         return hmac.compare_digest(self._signature(frame[:-6]), bytes(frame[-6:]))
 
     def _signature(self, signed: bytes) -> bytes:
@@ -111,9 +111,10 @@ class SigningKey:
 
 
 class Timestamps:
-    """The newest timestamps: `last` of all, ours among them, and that of each stream heard. They only rise.
+    """Stores the newest timestamp of each stream, and `last`, the newest of all. They only rise.
 
-    floor: what a stream that is not remembered must be above, as streams beyond 64 are forgotten.
+    floor: a stream that is not stored must be above it. It is the newest timestamp of the streams that were
+    dropped, because at most 64 are stored.
     """
 
     def __init__(self, last: int = 0, floor: int = 0, streams: Mapping[Stream, int] | None = None) -> None:
@@ -123,19 +124,19 @@ class Timestamps:
 
     @property
     def streams(self) -> Mapping[Stream, int]:
-        """The newest timestamp of each stream, the one heard last at the end."""
+        """Stream -> its newest timestamp; the stream received last is at the end."""
         return self._streams
 
     def next(self, stream: Stream, clock: int) -> int:
-        """The timestamp to sign the next frame of a stream of ours with; it is refused when it comes back."""
+        """The timestamp for the next frame of our own `stream`. It is stored, so that an echo is refused."""
         self.last = min(LAST, max(clock, self.last + 1))
         self._note(stream, self.last)
         return self.last
 
     def hear(self, stream: Stream, timestamp: int, clock: int | None) -> HoldRefusal:
-        """Take in what a verified frame carries; why it is refused, "" when it is not.
+        """Check and store the timestamp of a verified frame; return why it is refused, "" when accepted.
 
-        clock: our time, None where it is not known: then only what was heard before counts.
+        clock: our time, None while it is not known: then only the stored timestamps count.
         """
         ours = max(clock or 0, self.last)
         known = self._streams.get(stream)
@@ -158,7 +159,7 @@ class Timestamps:
 
 
 def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> HoldRefusal:
-    """Why a whole frame is not believed, "" when it is. The timestamp counts only after the signature."""
+    """Why a whole frame is refused, "" when accepted. The timestamp is checked only after the signature."""
     if not is_signed(frame):
         return UNSIGNED
     if not key.signed(frame):

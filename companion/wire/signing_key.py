@@ -1,4 +1,4 @@
-"""The file that holds the signing key: for its owner's eyes only."""
+"""Reads the signing key from its file, which only its owner may access."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _NOT_OURS = "the signing key {path} is somebody else's: chown it to the user who
 
 
 class SigningKeyError(ValueError):
-    """A key file that cannot be used; the message says what to do, and nothing of what is in it."""
+    """A key file cannot be used; the message says what to do, and does not quote the file."""
 
 
 def read_key(path: Path) -> SigningKey:
-    """The key in `path`: 32 raw bytes or 64 hex digits. Raises SigningKeyError."""
+    """Read the key in `path`: 32 raw bytes or 64 hex digits. Raises SigningKeyError."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     except FileNotFoundError:

@@ -1,7 +1,8 @@
-"""Timestamps that outlive the process, so that what was heard before a restart is not believed again.
+"""Stores the timestamps of signed frames, so that frames from before a restart are refused as replays.
 
-Each one is written, though not put on disk, before its frame counts: a killed process loses none. They are
-put on disk every few seconds, so a power cut may lose some; after the next boot all count as that much newer.
+Each timestamp is written to the file before its frame counts, so a killed process loses none. The file is
+synced to disk every 5 s, so a power cut may lose some. After the next boot, all count as 15 s newer to cover
+that.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ NAME = "signing.state"
 SYNC_EVERY = 5.0
 CLOSE_WITHIN = 1.0
 RESERVE = 15 * TICKS
+"""What is added to each timestamp after a boot without a clean end, for those that were not synced."""
 _MAGIC = b"ATS1"
 _HEAD = struct.Struct("<4s16sQQI")
 _ROW = struct.Struct("<BBBxQI")
@@ -38,10 +40,13 @@ class _Saved:
 
 
 class TimestampFile:
-    """`folder`/signing.state. notice: what was wrong with it. trouble: why it is not written now."""
+    """Stores timestamps in `folder`/signing.state.
+
+    notice: what was wrong with the file at the start, "" for nothing. trouble: why it cannot be written now.
+    """
 
     def __init__(self, folder: Path, boot: bytes | None = None, *, clock: int = 0) -> None:
-        """boot: 16 bytes that are others after every start of the computer. clock: the time, 0 unknown.
+        """boot: 16 bytes, others after each boot of the computer. clock: the time as a timestamp, 0 unknown.
 
         Raises OSError.
         """
@@ -60,18 +65,20 @@ class TimestampFile:
         self._descriptor = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
 
     def keep(self, stream: Stream) -> None:
-        """Keep the newest timestamp of a stream and of all, before its frame counts or leaves."""
+        """Write a stream's newest timestamp, and the newest of all, before its frame counts or is sent."""
         if stream not in self._slots:
             self._slots = {known: at for known, at in self._slots.items() if known in self.timestamps.streams}
             free = set(range(MAX_STREAMS)) - set(self._slots.values())
             self._slots[stream] = min(free)
         timestamp = self.timestamps.streams[stream]
+        # A stream that moved on by more than the reserve since the last sync could be replayed after a power
+        # cut.
         self._urgent |= timestamp > self._on_disk.get(stream, 0) + RESERVE
         self._write(0, self._head(self._boot))
         self._write(_HEAD.size + self._slots[stream] * _ROW.size, _row(stream, timestamp))
 
     def tick(self, now: float) -> None:
-        """Put it on disk, in a thread, when that is due."""
+        """Sync the file to disk, in a thread, when that is due."""
         if self._syncing is not None and self._syncing.is_alive():
             return
         if self._urgent or (self._changed and now - self._synced_at >= SYNC_EVERY):
@@ -82,7 +89,7 @@ class TimestampFile:
             self._syncing.start()
 
     def close(self) -> None:
-        """All is on disk, exactly, when this returns, unless the disk hangs for `CLOSE_WITHIN` seconds."""
+        """Mark the file as complete and sync it. Gives up after `CLOSE_WITHIN` s when the disk hangs."""
         last = threading.Thread(target=self._finish, name="signing-state", daemon=True)
         last.start()
         last.join(CLOSE_WITHIN)
@@ -142,7 +149,7 @@ def _row(stream: Stream, timestamp: int) -> bytes:
 
 
 def _unpack(content: bytes) -> _Saved:
-    """What can be read of it; `whole` when that is everything."""
+    """Read what is valid; `whole` says whether that is everything."""
     head = content[: _HEAD.size]
     sound = len(content) == _SIZE and head[:4] == _MAGIC and _has_valid_checksum(head)
     _, boot, last, floor, _ = _HEAD.unpack(head) if sound else (b"", b"", 0, 0, 0)

@@ -1,4 +1,4 @@
-"""Words and weights as text: "grass: 1; rock: -0.8", short enough for an extended parameter."""
+"""Formats and parses words and weights as text, such as "grass: 1; rock: -0.8"."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PLACES = 6
 
 
 def words_text(weights: Mapping[str, float]) -> str:
-    """The text, as many whole words as 128 bytes hold."""
+    """Format the words, as many as fit into 128 bytes of UTF-8."""
     text = ""
     for word, weight in weights.items():
         extended = f"{text}{'; ' if text else ''}{word}: {weight_text(weight)}"
@@ -26,12 +26,12 @@ def words_text(weights: Mapping[str, float]) -> str:
 
 
 def weight_text(weight: float) -> str:
-    """1, -0.8; -2 is not in use."""
+    """Format a weight, such as "1" or "-0.8"; "-2" means that the word is not in use."""
     return f"{round(weight, _PLACES):g}"
 
 
 def operation_text(operation: Operation) -> str:
-    """An answer's operation as an operator types it."""
+    """Format an answer's operation as an operator types it."""
     match operation:
         case SetWord(word, weight):
             return f"{word}: {weight_text(weight)}"
@@ -47,7 +47,7 @@ def operation_text(operation: Operation) -> str:
 
 
 def read_words(text: str) -> tuple[Operation, ...]:
-    """What a text asks for; weight -2 takes a word out of use, words that it does not name stay.
+    """Parse a text into operations. Weight -2 takes a word out of use; words that are not named stay.
 
     Raises PreferencesError.
     """
@@ -69,7 +69,7 @@ def read_words(text: str) -> tuple[Operation, ...]:
 
 
 def read_weight(word: str, text: str) -> Operation:
-    """The operation of one word. Raises PreferencesError."""
+    """Parse one word's weight into its operation. Raises PreferencesError."""
     try:
         weight = float(text) if text.isascii() and "_" not in text else None
     except ValueError:

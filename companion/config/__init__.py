@@ -1,4 +1,4 @@
-"""What a person configures: config/companion.toml and the file of a vehicle, as frozen dataclasses."""
+"""Reads and checks config/companion.toml and a vehicle's file, as frozen dataclasses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of single values, and what every table of the file is made of."""
+"""Provides the checks of single values, and the base of the tables (sections) of the file."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Schema = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Check:
-    """Takes a value of the file and gives it as the configuration has it; ValueError for a wrong one.
+    """Checks a value of the file and converts it for the configuration. Raises ValueError for a wrong one.
 
-    schema: what an editor may say of it beforehand, where no more is right than `take` takes.
+    schema: the same check for editors. It may accept more than `take`, never less.
     """
 
     take: Callable[[object], Any]
@@ -26,7 +26,7 @@ class Check:
 
 
 class NestedError(ValueError):
-    """What is wrong in tables inside a setting: the keys below it that lead there, and why."""
+    """Tables inside a setting are wrong. found: for each problem, keys below the setting, and the reason."""
 
     def __init__(self, found: Sequence[tuple[tuple[str, ...], str]]) -> None:
         super().__init__("; ".join(f"{'.'.join(keys)} {reason}" for keys, reason in found))
@@ -34,7 +34,7 @@ class NestedError(ValueError):
 
 
 def number(low: float, high: float, *, above: bool = False, word: str | None = None) -> Check:
-    """A finite number from `low` (or above it) to `high`, as a float; `word` is let through as it is."""
+    """Accept a finite number from `low` to `high` as a float, or the text `word`. above: not `low` itself."""
     least = f"above {low:g} and up" if above else f"from {low:g}"
     other = f', or "{word}"' if word else ""
 
@@ -52,7 +52,7 @@ def number(low: float, high: float, *, above: bool = False, word: str | None = N
 
 
 def whole(low: int, high: int) -> Check:
-    """A whole number from `low` to `high`."""
+    """Accept a whole number from `low` to `high`."""
 
     def check(value: object) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
@@ -77,13 +77,13 @@ def _text(value: object) -> str:
 
 
 flag = Check(_flag, {"type": "boolean"})
-"""true or false."""
+"""Accepts true or false."""
 text = Check(_text, {"type": "string"})
-"""A printable string; it may be empty."""
+"""Accepts a printable string, which may be empty."""
 
 
 def choice(*options: str) -> Check:
-    """One of these texts."""
+    """Accept one of these texts."""
 
     def check(value: object) -> str:
         if not isinstance(value, str) or value not in options:
@@ -94,7 +94,7 @@ def choice(*options: str) -> Check:
 
 
 def listing(check_one: Check, least: int, most: int) -> Check:
-    """A list of `least` to `most` values, each of which passes; as a tuple."""
+    """Accept a list of `least` to `most` values that pass `check_one`, as a tuple."""
     count = str(least) if least == most else f"{least} to {most}"
 
     def check(value: object) -> tuple[Any, ...]:
@@ -106,7 +106,7 @@ def listing(check_one: Check, least: int, most: int) -> Check:
 
 
 def checked(parse: Callable[[str], object]) -> Check:
-    """A text that `parse` takes without a ValueError; kept as it was written."""
+    """Accept a text for which `parse` raises no ValueError; the text itself is stored."""
 
     def check(value: object) -> str:
         written = _text(value)
@@ -117,16 +117,16 @@ def checked(parse: Callable[[str], object]) -> Check:
 
 
 Complaint = tuple[tuple[str, ...], str]
-"""Keys that do not go together, with dots inside the section's own tables, and why."""
+"""Keys of a section that contradict each other ("more.wifi.url" for an inner table), and the reason."""
 
 
 def setting(default: Any, check: Check, meaning: str, *, tables: bool = False) -> Any:
-    """A field of a section. tables: its value is pairs of a name and the section below it."""
+    """Define a setting of a section. tables: its value is a tuple of (name, section) pairs."""
     return field(default=default, metadata={"check": check, "meaning": meaning, "tables": tables})
 
 
 def section_schema(section: type[Section]) -> Schema:
-    """A table as JSON schema: what each setting means, may be, and is where the file does not say."""
+    """Make a section's JSON schema: meaning, allowed values and default of each setting."""
     properties = {}
     for one in fields(section):
         default = {} if one.default is None or one.metadata["tables"] else {"default": one.default}
@@ -141,8 +141,8 @@ def section_schema(section: type[Section]) -> Schema:
 
 @dataclass(frozen=True)
 class Section:
-    """A table of the file."""
+    """Base of the sections: one table of the file."""
 
     def complaints(self) -> Iterator[Complaint]:
-        """What is wrong between settings that are fine one by one."""
+        """Yield the problems between settings that are valid each by itself."""
         yield from ()

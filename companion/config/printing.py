@@ -1,4 +1,4 @@
-"""A configuration as TOML: what is in force, for a person to read. And its JSON schema, for an editor."""
+"""Formats the configuration in force as TOML, and its JSON schema for editors."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def format_config(config: Config) -> str:
-    """TOML that loads as `config`, with what each setting means. The vehicle's file is merged into it."""
+    """Format `config` as TOML, with each setting's meaning. The vehicle's file is merged into it."""
     return "\n".join(_lines(config)) + "\n"
 
 
 def json_schema() -> dict[str, Any]:
-    """What the files may hold, as JSON schema (draft 2020-12).
+    """Make the JSON schema (draft 2020-12) of the configuration files.
 
-    An editor that knows schemas for TOML completes and checks by it. What only holds between settings, or
-    between words, is checked by `load_config` alone.
+    Editors that support schemas for TOML complete and check by it. Only `load_config` checks rules between
+    settings or between words.
     """
     word_tables = {
         "words": {"description": "word -> weight", "schema": number(-1, 1).schema},
@@ -73,7 +73,7 @@ def _section(name: str, section: Section) -> Iterator[str]:
 
 
 def toml_value(value: object) -> str:
-    """`value` as TOML writes it."""
+    """Format a value in TOML."""
     match value:
         case bool():
             return str(value).lower()

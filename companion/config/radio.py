@@ -1,4 +1,4 @@
-"""The settings of the MAVLink connections."""
+"""Defines and checks the settings of the MAVLink connections."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class Connection(Section):
         "udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud",
     )
     budget: float = setting(300.0, number(0, 1e6), "bytes/s of unsolicited traffic, 0 unlimited")
-    burst: float = setting(600.0, number(300, 1e6), "bytes at once")
-    asked_budget: float = setting(1500.0, number(0, 1e6), "bytes/s of what somebody asked for, 0 unlimited")
+    burst: float = setting(600.0, number(300, 1e6), "bytes that may be sent at once")
+    asked_budget: float = setting(1500.0, number(0, 1e6), "bytes/s of replies to requests, 0 unlimited")
     pace: float = setting(0.03, number(0, LONGEST_PACE), "least s between frames; 0.05 behind PX4")
 
     def complaints(self) -> Iterator[Complaint]:
@@ -47,12 +47,12 @@ class Connection(Section):
             yield _key_of(str(error)), str(error)
 
     def settings(self) -> ConnectionSettings:
-        """As the link takes them."""
+        """Convert to the link's own settings. Raises LinkError."""
         return ConnectionSettings(self.url, self.budget, self.burst, self.asked_budget, self.pace)
 
 
 def _key_of(message: str) -> tuple[str, ...]:
-    """The setting that an error begins with, "more.wifi.url" or "budget"; the url where that is not given."""
+    """The keys that an error is about, the likeliest first: the link's errors begin with a setting's name."""
     first = message.split(maxsplit=1)[0].rstrip(":")
     return (first, "url") if first.split(".")[0] in {field.name for field in fields(Link)} else ("url",)
 
@@ -61,7 +61,7 @@ Connections = tuple[tuple[str, Connection], ...]
 
 
 def _connections(value: object) -> Connections:
-    """Tables of settings, each below a name of its own."""
+    """Check the tables [link.more.NAME], of one connection each. Raises NestedError, ValueError."""
     if not isinstance(value, Mapping):
         raise ValueError("give each connection a name and its settings: [link.more.wifi], then url = ...")
     problems: list[Complaint] = []
@@ -104,9 +104,9 @@ _MORE = {
 
 @dataclass(frozen=True)
 class Link(Connection):
-    """MAVLink: the first connection, and what holds for all."""
+    """MAVLink: the first connection, and settings of all connections."""
 
-    system_id: int = setting(1, whole(1, 254), "ours until the autopilot's is known")
+    system_id: int = setting(1, whole(1, 254), "our system id until the autopilot's is known")
     allowed_senders: tuple[int, int] = setting(
         (245, 255), listing(whole(1, 255), 2, 2), "first and last system id that may change anything"
     )
@@ -114,7 +114,7 @@ class Link(Connection):
     unsigned_autopilot: bool = setting(
         False,  # noqa: FBT003
         flag,
-        "with a key: whether the autopilot's telemetry is heard unsigned",
+        "with a key: whether the autopilot's telemetry is accepted unsigned",
     )
     more: Connections = setting((), Check(_connections, _MORE), "further connections, at most 3", tables=True)  # noqa: RUF009
 
@@ -127,13 +127,13 @@ class Link(Connection):
             yield _key_of(str(error)), str(error)
 
     def beside(self, folder: Path) -> Link:
-        """With a relative path of the key counted from `folder`."""
+        """Return these settings with a relative path of the key resolved against `folder`."""
         if self.signing_key is None:
             return self
         return replace(self, signing_key=str(folder / os.path.expanduser(self.signing_key)))
 
     def settings(self) -> LinkSettings:
-        """As the link takes them."""
+        """Convert to the link's own settings. Raises LinkError."""
         return LinkSettings(
             url=self.url,
             system_id=self.system_id,

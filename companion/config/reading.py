@@ -1,4 +1,4 @@
-"""From TOML files to a `Config`, with every problem found at once."""
+"""Loads a `Config` from TOML files, and reports all problems at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from companion.config.words import read_words
 
 
 def load_config(path: str | Path) -> Config:
-    """The configuration in `path` over the vehicle's file that it names. Raises ConfigError."""
+    """Load the file `path` and the vehicle's file that it names; `path` wins. Raises ConfigError."""
     main = Layer.read(Path(os.path.expanduser(path)))
     problems: list[Problem] = []
     layers = [main]
@@ -42,7 +42,7 @@ def load_config(path: str | Path) -> Config:
 
 
 def word_problem(path: str | Path, word: str, reason: str) -> Problem:
-    """A problem with a word in use, where it stands: in `path` or the vehicle's file. Raises ConfigError."""
+    """Make a problem with a word in use, located in `path` or in the vehicle's file. Raises ConfigError."""
     main = Layer.read(Path(os.path.expanduser(path)))
     vehicle = _read_vehicle(main, [])
     owner = main if vehicle is None or "words" in main.data else vehicle
@@ -81,7 +81,7 @@ def _refuse_unknown(layer: Layer, known: Sequence[str], problems: list[Problem])
 
 
 def _place_of(layer: Layer, key: str) -> str:
-    """Below which headline a setting belongs; empty when there is no such setting."""
+    """Say below which [section] a setting belongs; "" when there is no such setting."""
     place = next((name for name, section in SECTIONS.items() if key in _settings_of(section)), None)
     if place is None:
         return ""
@@ -97,12 +97,12 @@ def _settings_of(section: type[Section]) -> list[str]:
 def _read_section(
     name: str, section: type[Section], layers: Sequence[Layer], problems: list[Problem]
 ) -> Section:
-    """The section with the first layer's values, setting by setting; what is wrong keeps its default."""
+    """Read a section. The first layer that has a setting gives its value; a wrong value is left out."""
     checks = {field.name: field.metadata["check"] for field in fields(section)}
     given: dict[str, Any] = {}
     source: dict[str, Layer] = {}
     before = len(problems)
-    for layer in reversed(layers):
+    for layer in reversed(layers):  # the first layer comes last, and overwrites the others
         for key, value in layer.table(name, problems).items():
             if key not in checks:
                 place = _place_of(layer, key)
@@ -117,6 +117,8 @@ def _read_section(
             except ValueError as error:
                 problems.append(layer.problem((name, key), str(error)))
     read = section(**given)
+    # Only when each setting is valid by itself: the default in place of a wrong one could cause false
+    # complaints.
     if len(problems) == before:
         for keys, reason in read.complaints():
             path = next((path for path in map(_path, keys) if path[0] in source), _path(keys[0]))

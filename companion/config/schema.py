@@ -1,6 +1,6 @@
-"""Every setting: its default, what it may be, and what it means; config/companion.toml says the same.
+"""Defines every setting: its default, allowed values and meaning. config/companion.toml describes them, too.
 
-None as a default: what counts then is said in the setting's text.
+Where the default is None, the meaning says what applies then.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ class Camera(Section):
     )
     loop: bool = setting(False, flag, "whether a video or folder starts again at its end")  # noqa: FBT003
     view: float = setting(60.0, number(10, 180), "horizontal field of view, degrees")
-    latency: float = setting(0.15, number(0, 5), "s that a frame is old when it is here, and does not say")
+    latency: float = setting(
+        0.15, number(0, 5), "s from exposure to arrival of a frame, where the camera does not report it"
+    )
 
 
 def _known_perceiver(name: str) -> None:
@@ -54,25 +56,25 @@ def _known_perceiver(name: str) -> None:
 
 @dataclass(frozen=True)
 class Perceiver(Section):
-    """Who turns words and frames into maps, and how its networks are run."""
+    """Which perceiver turns words and frames into maps, and how its networks run."""
 
     name: str = setting("builtin", checked(_known_perceiver), "kind, or kind:folder of its bundle")
     providers: tuple[str, ...] = setting(
         ("CPU",),
         listing(choice(*PROVIDERS), 1, len(PROVIDERS)),
-        "what runs networks, the best first",
+        "execution providers of ONNX Runtime for networks, the preferred one first",
     )
-    threads: int = setting(0, whole(0, 256), "cores that networks may use, 0: all")
+    threads: int = setting(0, whole(0, 256), "CPU cores that networks may use, 0: all")
     precision: str = setting("auto", choice(*PRECISIONS), "the bundle's variant: auto, fp32 or int8")
-    scene_every: int = setting(1, whole(1, 100), "the scene is looked at anew every so many frames")
+    scene_every: int = setting(1, whole(1, 100), "frames from one embedding of the scene to the next")
 
     @property
     def runtime(self) -> Runtime:
-        """How networks are run."""
+        """The settings of ONNX Runtime."""
         return Runtime(self.providers, self.threads, self.precision)
 
     def beside(self, folder: Path) -> Perceiver:
-        """With a bundle's or network's relative path counted from `folder`; a name that is no path stays."""
+        """Return these settings with a relative path in `name` resolved against `folder`."""
         kind, colon, argument = self.name.partition(":")
         if not argument or self.name in NAMED:
             return self
@@ -81,19 +83,19 @@ class Perceiver(Section):
 
 @dataclass(frozen=True)
 class Vehicle(Section):
-    """What is driven."""
+    """Which vehicle's file is merged into this one."""
 
-    file: str = setting("vehicles/rover.toml", text, 'beside this file; "" for none')
+    file: str = setting("vehicles/rover.toml", text, 'the vehicle\'s file, relative to this one; "" for none')
 
 
 @dataclass(frozen=True)
 class Mount(Section):
-    """Where on the vehicle the camera sits. Without it nobody can say whether the vehicle stops in time."""
+    """Where the camera is mounted. Without it, it is unknown whether the vehicle stops in time."""
 
-    height: float | None = setting(None, number(0.05, 20), "m of the lens above the ground")
-    tilt: float | None = setting(None, number(-45, 85), "degrees that it looks below the horizon")
-    aspect: float = setting(1.333, number(0.3, 5), "the picture's width by its height")
-    front: float = setting(0.0, number(0, 20), "m from the lens forward to the vehicle's front")
+    height: float | None = setting(None, number(0.05, 20), "height of the lens above the ground, m")
+    tilt: float | None = setting(None, number(-45, 85), "angle of the lens axis below the horizon, degrees")
+    aspect: float = setting(1.333, number(0.3, 5), "the picture's width divided by its height")
+    front: float = setting(0.0, number(0, 20), "distance from the lens forward to the vehicle's front, m")
 
     def complaints(self) -> Iterator[Complaint]:
         if (self.height is None) != (self.tilt is None):
@@ -104,16 +106,22 @@ class Mount(Section):
 class Stopping(Section):
     """How fast the vehicle drives by itself, and how it stops."""
 
-    speed: float | None = setting(None, number(0.05, 30), "m/s, the fastest that it drives by itself")
-    time_constant: float | None = setting(
-        None, number(0, 20), "s, from `companion check --measure`; unset: 2.1, or braking where that is worse"
+    speed: float | None = setting(
+        None, number(0.05, 30), "the fastest speed that it is commanded to drive by itself, m/s"
     )
-    braking: float = setting(0.5, number(0.01, 100), "m/s2 in HOLD, beside the time constant, measured")
-    delay: float = setting(0.5, number(0, 10), "s from an order to hold until the brakes act")
+    time_constant: float | None = setting(
+        None,
+        number(0, 20),
+        "s, from `companion check --measure`; unset: 2.1 s, or braking alone where that is longer",
+    )
+    braking: float = setting(
+        0.5, number(0.01, 100), "deceleration in HOLD besides the time constant, m/s2, measured"
+    )
+    delay: float = setting(0.5, number(0, 10), "s from a hold command until the autopilot has accepted it")
     unchecked: bool = setting(
         False,  # noqa: FBT003
         flag,
-        "whether policy hold is allowed although nobody can say whether it stops in time",
+        "whether policy hold is allowed although it is unknown whether the vehicle stops in time",
     )
 
 
@@ -136,7 +144,7 @@ class Roi(Section):
 
 @dataclass(frozen=True)
 class Corridor(Section):
-    """The vehicle's width as it would be seen, in fractions of the image's width."""
+    """The vehicle's width as it appears in the image, in fractions of the image's width."""
 
     bottom: float = setting(0.3, number(0, 1, above=True), "at the lower side of the ROI")
     top: float = setting(0.2, number(0, 1, above=True), "at the upper side of the ROI")
@@ -144,37 +152,53 @@ class Corridor(Section):
 
 @dataclass(frozen=True)
 class Thresholds(Section):
-    """Where a figure turns bad. Unset: the perceiver's own."""
+    """The limits from which a figure counts as bad. Unset: the perceiver's own."""
 
-    roi: float | None = setting(None, number(0, 1, above=True), "mean uncertainty of the ROI")
-    scene: float | None = setting(None, number(-1, 1), "cosine to the reference scene")
-    tile: float | Literal["off"] | None = setting(
-        None, number(0, 1, above=True, word="off"), 'uncertainty of the worst tile; "off": not judged'
+    roi: float | None = setting(
+        None, number(0, 1, above=True), "mean uncertainty of the ROI above which something is unknown"
     )
-    trav: float = setting(0.4, number(0, 1), "drivable share of the known ground in the ROI")
+    scene: float | None = setting(
+        None, number(-1, 1), "cosine to the reference scene below which the scene is new"
+    )
+    tile: float | Literal["off"] | None = setting(
+        None,
+        number(0, 1, above=True, word="off"),
+        'uncertainty of the worst tile above which something is unknown; "off": not judged',
+    )
+    trav: float = setting(
+        0.4, number(0, 1), "drivable share of the ROI's known ground below which the way is blocked"
+    )
 
 
 @dataclass(frozen=True)
 class Call(Section):
-    """When the operator is called, and what may be done to the vehicle."""
+    """When the operator is called, and what the companion may do to the vehicle."""
 
     policy: str = setting("report", choice("report", "shadow", "hold"), "report, shadow or hold")
-    off_channel: int = setting(0, whole(0, 18), "RC channel that switches all of it off, 0: none")
-    off_side: str = setting("high", choice("high", "low"), "the channel's end that is off: high or low")
+    off_channel: int = setting(0, whole(0, 18), "RC channel that switches calls and holds off, 0: none")
+    off_side: str = setting(
+        "high", choice("high", "low"), "the end of the channel that means off: high or low"
+    )
     votes: int = setting(2, whole(1, 60), "a reason counts after this many bad frames ...")
     window: int = setting(3, whole(1, 60), "... of the last this many")
-    margin: float = setting(0.03, number(0, 0.5), "a figure is good again this far on the good side")
-    similarity_margin: float = setting(0.01, number(0, 0.5), "the same for the scene's cosine")
-    ok_frames: int = setting(5, whole(1, 600), "OK frames in a row before anything resumes")
-    passed_after: float = setting(5.0, number(0, 600), "s without its reasons that close a reported call")
+    margin: float = setting(
+        0.03, number(0, 0.5), "a figure is good again this far on the good side of its threshold"
+    )
+    similarity_margin: float = setting(0.01, number(0, 0.5), "the same margin, for the scene's cosine")
+    ok_frames: int = setting(5, whole(1, 600), "OK frames in a row before the vehicle resumes")
+    passed_after: float = setting(
+        5.0, number(0, 600), "s without its reasons after which a call that holds nothing is closed"
+    )
     accepted_for: float = setting(20.0, number(1, 600), "s that a go without words lasts")
     accepted_distance: float = setting(10.0, number(0.5, 1000), "m that a go without words lasts")
-    accepted_rise: float = setting(0.1, number(0, 1), "uncertainty above the accepted one that calls")
+    accepted_rise: float = setting(
+        0.1, number(0, 1), "rise of the mean uncertainty above the accepted one that ends it"
+    )
     go_lasts: float = setting(60.0, number(1, 600), "s that a go waits for OK frames")
     freshness: float | None = setting(
         None,
         number(0.2, LONGEST_FRESHNESS),
-        "s until a frame is too old; unset: 3 frame periods, at least 1, at most 2",
+        "s after which a frame is too old; unset: 3 frame periods, at least 1, at most 2",
     )
     fault_ends_hold: bool = setting(False, flag, "whether a fault's hold may end by itself")  # noqa: FBT003
     px4_hold: str = setting("loiter", choice(*PX4_HOLDS), "how a PX4 rover is held: loiter or offboard")
@@ -186,31 +210,31 @@ class Call(Section):
 
 @dataclass(frozen=True)
 class Journal(Section):
-    """What must survive a restart."""
+    """Where data is stored that must survive a restart."""
 
     folder: str | None = setting(
-        None, text, "unset: $STATE_DIRECTORY under systemd, else ~/.local/state/anytraverse"
+        None, text, "folder; unset: $STATE_DIRECTORY under systemd, else ~/.local/state/anytraverse"
     )
-    scenes: int = setting(256, whole(1, 10_000), "answered scenes remembered")
+    scenes: int = setting(256, whole(1, 10_000), "answered scenes that are stored")
 
     def beside(self, folder: Path) -> Journal:
-        """With a relative path counted from `folder`."""
+        """Return these settings with a relative path resolved against `folder`."""
         if not self.folder:
             return self
         return replace(self, folder=str(folder / os.path.expanduser(self.folder)))
 
     @property
     def path(self) -> Path:
-        """The folder that counts."""
+        """The folder in use."""
         given = self.folder or os.environ.get("STATE_DIRECTORY", "").split(":")[0]
         return Path(os.path.expanduser(given or "~/.local/state/anytraverse"))
 
 
 @dataclass(frozen=True)
 class Pictures(Section):
-    """What may be looked at later."""
+    """Which pictures are stored for later."""
 
-    keep: int = setting(50, whole(0, 10_000), "pictures of calls that are kept")
+    keep: int = setting(50, whole(0, 10_000), "pictures of calls that are stored")
 
 
 SECTIONS: Mapping[str, type[Section]] = {
@@ -229,15 +253,15 @@ SECTIONS: Mapping[str, type[Section]] = {
 }
 WORD_KEYS = ("vocabulary", "words", "aliases")
 OF_A_VEHICLE = (*WORD_KEYS, "mount", "stopping", "roi", "corridor", "thresholds", "call")
-"""What may stand in a vehicle's file. In companion.toml it may stand too, and overrides."""
+"""The tables that a vehicle's file may have. companion.toml may have them, too, and its values win."""
 
 
 @dataclass(frozen=True)
 class Config:
     """The whole configuration.
 
-    words: word -> weight in [-1, 1], in force at the first start. vocabulary: these and the other words that
-    are offered to ground stations as parameters. aliases: word -> its parameter's name less AT_W_.
+    words: word -> weight in [-1, 1], in force at the first start. vocabulary: these words, and the other ones
+    that are offered to ground stations as parameters. aliases: word -> its parameter's name without AT_W_.
     """
 
     camera: Camera = field(default_factory=Camera)
@@ -263,5 +287,5 @@ class Config:
 
     @property
     def freshness(self) -> float:
-        """T in seconds: 3 frame periods, at least 1 and at most 2, unless said otherwise."""
+        """The freshness limit T in s: 3 frame periods, at least 1 and at most 2, unless configured."""
         return self.call.freshness or min(2.0, max(1.0, 3.0 / self.camera.rate))

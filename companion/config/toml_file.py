@@ -1,4 +1,4 @@
-"""One TOML file: its data, where in it each key stands, and what is wrong with it."""
+"""Reads a TOML file with the line of each key, so that each problem can be reported with its line."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _LONGEST_VALUE = 40
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing to mend. line: from 1, or None when the whole file is meant. key: "call.votes", may be empty.
+    """One problem to correct. line: from 1, None for the whole file. key: such as "call.votes", may be empty.
 
-    value: what stands there as Python has it, or None when that does not matter.
+    value: the value in the file, as Python object; None when it does not matter.
     """
 
     file: Path
@@ -33,7 +33,7 @@ class Problem:
 
 
 class ConfigError(Exception):
-    """A configuration that cannot be used: all its problems at once, one a line."""
+    """A configuration cannot be used; the message lists all its problems, one a line."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = tuple(problems)
@@ -63,9 +63,9 @@ _SIMPLE_ESCAPES = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "
 
 
 def key_lines(text: str) -> dict[KeyPath, int]:
-    """Path of every table and key -> its line, from 1. `text` is valid TOML.
+    """Map the path of every table and key to its line, from 1. `text` must be valid TOML.
 
-    Keys inside inline tables and arrays count as part of the key that holds them.
+    Keys inside inline tables and arrays are not listed: they have the line of the key that holds them.
     """
     lines: dict[KeyPath, int] = {}
     for table, keys, line in _statements(text):
@@ -75,8 +75,9 @@ def key_lines(text: str) -> dict[KeyPath, int]:
     return lines
 
 
+# tomllib reports no lines of keys, so the statements are found a second time, by their tokens alone.
 def _statements(text: str) -> Iterator[tuple[KeyPath, KeyPath, int]]:
-    """(table, keys, line) of each header (with no keys) and each assignment."""
+    """Yield (table, keys, line) of each header (without keys) and each assignment."""
     table: KeyPath = ()
     parts: list[str] = []
     line, depth, in_header, in_value = 1, 0, False, False
@@ -123,7 +124,7 @@ _AT_LINE = re.compile(r"^(.*?) \(at line (\d+), column \d+\)$", re.DOTALL)
 
 
 class Layer:
-    """A file that was read. Of two layers the first one's values win."""
+    """One file that was read. Of several layers, the values of the first one win."""
 
     def __init__(self, path: Path, data: Mapping[str, Any], lines: Mapping[KeyPath, int]) -> None:
         self.path = path
@@ -132,7 +133,7 @@ class Layer:
 
     @classmethod
     def read(cls, path: Path) -> Layer:
-        """Raises ConfigError when the file cannot be read or is no TOML."""
+        """Read a file. Raises ConfigError when it cannot be read or is no TOML."""
         try:
             with path.open("rb") as file:
                 raw = file.read(_LARGEST + 1)
@@ -155,21 +156,21 @@ class Layer:
             raise ConfigError([Problem(path, line, "", None, f"{reason}{hint}: mend the TOML")]) from error
 
     def problem(self, keys: KeyPath, reason: str) -> Problem:
-        """A problem with what stands under `keys`, on its line or that of the table around it."""
+        """Make a problem with the value at `keys`, on its line or that of the table around it."""
         around = (keys[:depth] for depth in range(len(keys), 0, -1))
         line = next((self._lines[key] for key in around if key in self._lines), None)
         value = self.value(keys)
         return Problem(self.path, line, ".".join(keys), None if isinstance(value, Mapping) else value, reason)
 
     def value(self, keys: KeyPath) -> object:
-        """What stands under `keys`; None for nothing."""
+        """The value at `keys`; None when there is none."""
         found: Any = self.data
         for key in keys:
             found = found.get(key) if isinstance(found, Mapping) else None
         return found
 
     def table(self, name: str, problems: list[Problem]) -> Mapping[str, Any]:
-        """The table `name`, empty when it is absent or, which is a problem, no table."""
+        """The table `name`, empty when it is absent. A value that is no table is added to `problems`."""
         found = self.data.get(name, {})
         if isinstance(found, Mapping):
             return found
@@ -178,7 +179,7 @@ class Layer:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """ "; did you mean ...?" when something is near, else the choice."""
+    """Suggest the known name that is most similar to `name`; list all known names when none is."""
     options = list(known)
     near = get_close_matches(name, options, 1)
     return f'did you mean "{near[0]}"?' if near else f"known are {', '.join(options)}"

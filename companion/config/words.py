@@ -1,4 +1,4 @@
-"""Words, the vocabulary that is offered as parameters, and aliases: read and checked together."""
+"""Reads the words in use, the vocabulary that is offered as parameters, and aliases; checks them together."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WORDS_OFFERED = listing(text, 0, MAX_WORDS)
 
 
 class Words(NamedTuple):
-    """As `Config` has them."""
+    """The words, vocabulary and aliases of a `Config`."""
 
     words: Mapping[str, float] = {}
     vocabulary: tuple[str, ...] = ()
@@ -23,7 +23,10 @@ class Words(NamedTuple):
 
 
 def read_words(layers: Sequence[Layer], problems: list[Problem]) -> Words:
-    """Of each of the three the first layer's counts as a whole. The words in use join the vocabulary."""
+    """Read the three tables. The first layer that has a table replaces that of the others as a whole.
+
+    The words in use are added to the vocabulary. Problems are added to `problems`.
+    """
     before = len(problems)
     layer_of = {
         key: next((layer for layer in layers if key in layer.data), layers[0])
@@ -62,7 +65,7 @@ def _table(layer: Layer, name: str, check: Check, problems: list[Problem]) -> di
 
 
 def _try(layer: Layer, keys: tuple[str, ...], make: Callable[[], Any], problems: list[Problem]) -> Any:
-    """What `make` makes; a ValueError of it becomes a problem, and None."""
+    """Return what `make` returns; turn its ValueError into a problem, and return None."""
     try:
         return make()
     except ValueError as error:

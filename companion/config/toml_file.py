@@ -97,11 +97,11 @@ def _statements(text: str) -> Iterator[tuple[KeyPath, KeyPath, int]]:
             yield table, tuple(parts), line
             in_value, depth = True, 0
         elif kind in {"string", "bare"}:
-            parts.append(_plain(token))
+            parts.append(_unquoted(token))
         line += token.count("\n")
 
 
-def _plain(key: str) -> str:
+def _unquoted(key: str) -> str:
     if key[0] == "'":
         return key[1:-1]
     return _ESCAPE.sub(_unescape, key[1:-1]) if key[0] == '"' else key
@@ -138,17 +138,17 @@ class Layer:
             with path.open("rb") as file:
                 raw = file.read(_LARGEST + 1)
             if len(raw) > _LARGEST:
-                raise _whole(path, "is larger than 1 MiB: this is no configuration")
+                raise _file_error(path, "is larger than 1 MiB: this is no configuration")
             text = raw.decode().replace("\r\n", "\n")
             return cls(path, tomllib.loads(text), key_lines(text))
         except FileNotFoundError:
-            raise _whole(path, "there is no such file: `companion init` writes one") from None
+            raise _file_error(path, "there is no such file: `companion init` writes one") from None
         except OSError as error:
-            raise _whole(path, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+            raise _file_error(path, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
         except UnicodeDecodeError as error:
-            raise _whole(path, f"is not UTF-8 (byte {error.start}): save it as UTF-8") from error
+            raise _file_error(path, f"is not UTF-8 (byte {error.start}): save it as UTF-8") from error
         except RecursionError as error:
-            raise _whole(path, "is nested too deeply: this is no configuration") from error
+            raise _file_error(path, "is nested too deeply: this is no configuration") from error
         except tomllib.TOMLDecodeError as error:
             located = _AT_LINE.match(str(error))
             reason, line = (located[1], int(located[2])) if located else (str(error), None)
@@ -185,5 +185,5 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f'did you mean "{near[0]}"?' if near else f"known are {', '.join(options)}"
 
 
-def _whole(path: Path, reason: str) -> ConfigError:
+def _file_error(path: Path, reason: str) -> ConfigError:
     return ConfigError([Problem(path, None, "", None, reason)])

@@ -32,21 +32,21 @@ class MavlinkVersion:
     """
 
     def __init__(self) -> None:
-        self._alone_since: float | None = None
+        self._only_version_1_since: float | None = None
         self._probe_at = 0.0
         self.is_1 = False
 
     def forget(self) -> None:
         """Return to version 2, after a reconnect or a received version 2 frame."""
-        self._alone_since, self.is_1 = None, False
+        self._only_version_1_since, self.is_1 = None, False
 
     def hear(self, message: Any, now: float) -> None:
         """Note the version of a received message."""
         if message.get_msgbuf()[0] != mavlink.PROTOCOL_MARKER_V1:
             self.forget()
-        elif self._alone_since is None:
-            self._alone_since = now
-        elif not self.is_1 and now - self._alone_since >= PATIENCE:
+        elif self._only_version_1_since is None:
+            self._only_version_1_since = now
+        elif not self.is_1 and now - self._only_version_1_since >= PATIENCE:
             self.is_1, self._probe_at = True, now + PROBE_PERIOD
 
     def packs_1(self, name: str, now: float) -> bool:

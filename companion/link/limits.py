@@ -19,22 +19,22 @@ class TokenBucket:
 
     def affords(self, size: float, now: float) -> bool:
         """Whether `size` bytes may pass at `now`."""
-        return self._rate == 0 or self._filled(now) >= size
+        return self._rate == 0 or self._level_at(now) >= size
 
     def take(self, size: float, now: float) -> bool:
         """Take `size` bytes from the budget; False, and nothing taken, when they may not pass yet."""
         if not self.affords(size, now):
             return False
         if self._rate:
-            self._level = self._filled(now) - size
+            self._level = self._level_at(now) - size
             self._at = max(now, self._at)
         return True
 
     def set_rate(self, rate: float, now: float) -> None:
         """Set the bytes per second from now on; the level stays."""
-        self._level, self._at, self._rate = self._filled(now), max(now, self._at), rate
+        self._level, self._at, self._rate = self._level_at(now), max(now, self._at), rate
 
-    def _filled(self, now: float) -> float:
+    def _level_at(self, now: float) -> float:
         return min(self._burst, self._level + max(0.0, now - self._at) * self._rate)
 
 

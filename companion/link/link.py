@@ -143,7 +143,7 @@ class Link:
                 if messages is None:
                     del reads[channel]
                 else:
-                    events += self._hear(messages, channel, now)
+                    events += self._route(messages, channel, now)
             if self._clock() >= until:
                 break
         return events
@@ -161,17 +161,18 @@ class Link:
             self._signing.tick(now)
             # Frames of an autopilot with an old clock are refused; one frame of ours sets its clock right.
             has_vehicle |= self._signing.behind
-        speaking = [one for one in self._channels if one.may_speak(now, has_vehicle=has_vehicle)]
+        sending = [one for one in self._channels if one.may_speak(now, has_vehicle=has_vehicle)]
         self._setpoints.tick(self.vehicle, now)
         returns = self._tracker.returns + self._outbox.moves
-        if speaking:
+        if sending:
             self._announce_due(now)
             self._parameters.tick(now)
             self._texts.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
+        # The autopilot may have rebooted, or be on another connection: a heartbeat announces us at once.
         if returns != self._returns_seen:
             self._returns_seen = returns
-            for channel in speaking:
+            for channel in sending:
                 channel.periodic.hurry()
         for channel in self._channels:
             with self._error_guard.survived(channel.label, now):
@@ -278,7 +279,7 @@ class Link:
         """Drop a mode command that waits to be sent."""
         self._modes.forget()
 
-    def _hear(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:
+    def _route(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:
         for message in messages:
             with self._error_guard.survived(message.get_type(), now):
                 if not self._access.believes(message, now):

@@ -51,9 +51,9 @@ class Outbox:
     def hear_autopilot(self, channel: Channel, now: float) -> bool:
         """Note our autopilot's heartbeat on `channel`; True when its telemetry there counts."""
         self._autopilot_at[channel.name] = now
-        near = [one for one in self._channels if self._hears_autopilot(one, now)]
+        in_reach = [one for one in self._channels if self._receives_autopilot(one, now)]
         # Where another component uses our ids only holds may be sent, so any other connection is better.
-        home = next((one for one in near if not one.clash), near[0])
+        home = next((one for one in in_reach if not one.clash), in_reach[0])
         if home is not self._home:
             self._home = home
             self.moves += 1
@@ -91,7 +91,7 @@ class Outbox:
         None for all; a receiver that we never received from is sent to on all connections.
         """
         share = None if to is None else self._share(to)
-        for channel in self._reach(to):
+        for channel in self._channels_to(to):
             channel.push(name, message, now, key=key, lifetime=lifetime, to=share)
 
     def urge(self, name: str, now: float) -> None:
@@ -102,7 +102,7 @@ class Outbox:
     def waiting(self, name: str, to: Sender | None = None) -> int:
         """Frames of row `name` that wait, on the connection with the fewest. to: only those of its share."""
         share = None if to is None else self._share(to)
-        return min(channel.sender.waiting(name, to=share) for channel in self._reach(to))
+        return min(channel.sender.waiting(name, to=share) for channel in self._channels_to(to))
 
     def is_own(self, message: Any) -> bool:
         """Whether `message` is one of our own newest frames, which came back on any connection."""
@@ -113,10 +113,10 @@ class Outbox:
         for channel in self._channels:
             channel.sender.forget(name)
 
-    def _reach(self, to: Sender | None) -> Sequence[Channel]:
+    def _channels_to(self, to: Sender | None) -> Sequence[Channel]:
         channel = None if to is None else self.channel(to)
         return self._channels if channel is None else (channel,)
 
-    def _hears_autopilot(self, channel: Channel, now: float) -> bool:
-        heard_at = self._autopilot_at.get(channel.name)
-        return heard_at is not None and now - heard_at <= AUTOPILOT_SILENCE
+    def _receives_autopilot(self, channel: Channel, now: float) -> bool:
+        received_at = self._autopilot_at.get(channel.name)
+        return received_at is not None and now - received_at <= AUTOPILOT_SILENCE

@@ -28,7 +28,7 @@ class Parser:
     def __init__(self) -> None:
         self._mav = mavlink.MAVLink(None)
         self._buffer = bytearray()
-        self._came_at: list[float] = []
+        self._arrived_at: list[float] = []
         """When each byte of the buffer arrived, s."""
         self.bad = 0
         self.behind = False
@@ -36,7 +36,7 @@ class Parser:
     def forget(self) -> None:
         """Discard the buffer: the bytes before and after a reconnect do not belong together."""
         self._buffer.clear()
-        self._came_at.clear()
+        self._arrived_at.clear()
         self.behind = False
 
     def feed(self, data: bytes, now: float, *, whole: bool) -> list[Any]:
@@ -48,15 +48,15 @@ class Parser:
         dropped; a stream is `behind`: call again with b"" to go on. Broken frames are counted in `bad`.
         """
         enough = self.bad + MAX_BROKEN
-        overdue = bisect_left(self._came_at, now - PATIENCE)
+        expired = bisect_left(self._arrived_at, now - PATIENCE)
         self._buffer += data
-        self._came_at += [now] * len(data)
+        self._arrived_at += [now] * len(data)
         messages = []
         at = 0
         while (at := self._marker(at)) < len(self._buffer) and self.bad < enough:
             length = self._length(at)
             if length is None or at + length > len(self._buffer):
-                if at >= overdue:
+                if at >= expired:
                     break
                 self.bad += 1
                 at += 1
@@ -74,7 +74,7 @@ class Parser:
                 messages.append(message)
         done = len(self._buffer) if whole else at
         self.behind = done < len(self._buffer) and self.bad >= enough
-        del self._buffer[:done], self._came_at[:done]
+        del self._buffer[:done], self._arrived_at[:done]
         return messages
 
     def _marker(self, start: int) -> int:

@@ -58,6 +58,7 @@ class PeriodicTelemetry:
         self._numbers: dict[str, float] = {}
         self._numbers_at = -math.inf
         self.periods = {"summary": _period("summary"), "number": _period("number")}
+        # The numbers take turns within their period, so that they do not all want the wire at once.
         step = _period("number") / len(NUMBERS)
         self._number_at = {name: now + (place - len(NUMBERS)) * step for place, name in enumerate(NUMBERS)}
 
@@ -124,6 +125,7 @@ class PeriodicTelemetry:
         _, given_at = self._summary
         if given_at >= due or now >= due + _PATIENCE:
             self._send_summary(*self._summary, now)
+            # After a small delay the schedule stays as it was; after a pause a new one begins.
             self._summary_at = due if now - due <= _PATIENCE else now
 
     def _send_summary(self, summary: Summary, given_at: float, now: float) -> None:

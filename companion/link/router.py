@@ -118,7 +118,7 @@ class RequestDispatcher:
         elif kind == "PARAM_EXT_SET":
             return self._texts.set(sender, message, now)
         elif kind == "TUNNEL":
-            return self._hear_answer(sender, message, now)
+            return self._take_answer(sender, message, now)
         elif message.command == ANSWER_COMMAND:
             return self._answers.command(sender, message, now)
         else:
@@ -131,7 +131,7 @@ class RequestDispatcher:
             return self._answers.parameter(request, now)
         return request
 
-    def _hear_answer(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
+    def _take_answer(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
         if message.payload_length > len(message.payload):
             self._access.rejected["payload"] += 1
             return None
@@ -161,7 +161,7 @@ class MessageRouter:
         """Handle a message received on `channel`; return the event that the daemon must handle, if any."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if sender == (self._outbox.system_id, COMPONENT_ID):
-            self._hear_ourselves(message, channel, now)
+            self._take_own_ids(message, channel, now)
             return None
         channel.believe(sender, now)
         channel.sender.version.hear(message, now)
@@ -171,15 +171,15 @@ class MessageRouter:
         # Telemetry counts from one connection only: on two, every value would arrive twice and out of order.
         if sender[1] == AUTOPILOT_COMPONENT_ID and kind in TELEMETRY:
             if kind == "HEARTBEAT":
-                return self._hear_heartbeat(sender[0], message, channel, now)
+                return self._take_heartbeat(sender[0], message, channel, now)
             if self._outbox.is_home(channel):
-                return self._hear_autopilot(kind, sender[0], message, now)
+                return self._take_telemetry(kind, sender[0], message, now)
             return None
         if channel.clash or not self._is_request(kind, sender, message, channel, now):
             return None
         return self._requests.hear(sender, message, now)
 
-    def _hear_ourselves(self, message: Any, channel: Channel, now: float) -> None:
+    def _take_own_ids(self, message: Any, channel: Channel, now: float) -> None:
         if self._outbox.is_own(message):
             self._access.rejected["echo"] += 1
             return
@@ -187,7 +187,7 @@ class MessageRouter:
         if channel.hear_ourselves(now):
             self._text_sender.say(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
 
-    def _hear_heartbeat(
+    def _take_heartbeat(
         self, system_id: int, message: Any, channel: Channel, now: float
     ) -> InboundEvent | None:
         if not self._tracker.claims(system_id, message, now):
@@ -198,13 +198,13 @@ class MessageRouter:
         self._outbox.system_id = system_id
         return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
 
-    def _hear_autopilot(self, kind: str, system_id: int, message: Any, now: float) -> InboundEvent | None:
+    def _take_telemetry(self, kind: str, system_id: int, message: Any, now: float) -> InboundEvent | None:
         if (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
             kind == "CURRENT_MODE" and self._tracker.mode(system_id, message, now)
         ):
             pass
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
-            return self._hear_mode_ack(message)
+            return self._take_mode_ack(message)
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
@@ -219,7 +219,7 @@ class MessageRouter:
             return None
         return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
 
-    def _hear_mode_ack(self, message: Any) -> ModeAck | None:
+    def _take_mode_ack(self, message: Any) -> ModeAck | None:
         for_us = message.target_component in (0, COMPONENT_ID)
         if message.command != mavlink.MAV_CMD_DO_SET_MODE or not for_us:
             return None

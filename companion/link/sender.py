@@ -81,7 +81,7 @@ class Sender:
         self._order = 0
         self._turns: dict[int, int] = {}
         self._next_at = now
-        self._was_asked = self._was_crowd = False
+        self._last_was_reply = self._last_was_shared = False
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT_FRAMES)
         self.sent = dict.fromkeys(BUDGETS, 0)
         self.lost = 0
@@ -135,8 +135,8 @@ class Sender:
         self._queue.sort()
         of_budget = [waiting for waiting in self._queue if waiting.bucket == row.bucket]
         if len(of_budget) > MAX_WAITING:
-            crowd = Counter(waiting.to for waiting in of_budget)
-            self._queue.remove(max(of_budget, key=lambda waiting: (crowd[waiting.to], waiting)))
+            counts = Counter(waiting.to for waiting in of_budget)
+            self._queue.remove(max(of_budget, key=lambda waiting: (counts[waiting.to], waiting)))
             self.lost += 1
 
     def set_budget(self, rate: float, now: float) -> None:
@@ -211,10 +211,10 @@ class Sender:
             self._next_at = now + max(self._pace, _RETRY_AFTER)
             return
         self._queue.remove(frame)
-        self._was_asked = frame.bucket == "asked"
-        if self._was_asked:
+        self._last_was_reply = frame.bucket == "asked"
+        if self._last_was_reply:
             self._turns[frame.priority] = frame.turn
-            self._was_crowd = frame.to in CROWDS
+            self._last_was_shared = frame.to in CROWDS
         self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
         self._mav.seq = (self._mav.seq + 1) % 256
         self._next_at = now + self._pace
@@ -243,12 +243,12 @@ class Sender:
         first: dict[Bucket | None, _Frame] = {}
         for frame in self._queue:
             before = first.setdefault(frame.bucket, frame)
-            if self._was_crowd and before.to in CROWDS and frame.to not in CROWDS:
+            if self._last_was_shared and before.to in CROWDS and frame.to not in CROWDS:
                 first[frame.bucket] = frame
         ready = [
             frame
             for bucket, frame in first.items()
             if bucket is None or self._buckets[bucket].affords(frame.size, now)
         ]
-        unasked = [frame for frame in ready if frame.bucket != "asked"]
-        return min(unasked if self._was_asked and unasked else ready, default=None)
+        others = [frame for frame in ready if frame.bucket != "asked"]
+        return min(others if self._last_was_reply and others else ready, default=None)

@@ -44,7 +44,7 @@ def read_url(url: str) -> Address:
     try:
         host = str(ipaddress.IPv4Address("127.0.0.1" if place == "localhost" else place))
     except ValueError as error:
-        raise LinkError(f'link "{url}": "{place}" is no IPv4 address (no names)') from error
+        raise LinkError(f'link "{url}": "{place}" is no IPv4 address (names are not looked up)') from error
     if int(number) > 65535 or (int(number) == 0 and scheme != "udpin"):
         raise LinkError(f'link "{url}": port {number} is not in 1..65535')
     return Address(scheme, host, int(number))
@@ -69,14 +69,14 @@ class ConnectionSettings:
     def __post_init__(self) -> None:
         self.address()
         if self.room < 2 * _SMALLEST_BUDGET:
-            raise LinkError(f'link "{self.url}" is too slow: {_SLOWEST} baud and up')
+            raise LinkError(f'link "{self.url}" is too slow: use {_SLOWEST} baud or more')
         for name, rate in (("budget", self.budget), ("asked_budget", self.asked_budget)):
             if rate != 0 and not rate >= _SMALLEST_BUDGET:
                 raise LinkError(
-                    f"{name} {rate:g} B/s is too little: 0 (unlimited) or {_SMALLEST_BUDGET:g} up"
+                    f"{name} {rate:g} B/s is too little: give 0 (unlimited) or at least {_SMALLEST_BUDGET:g}"
                 )
         if not self.burst >= _SMALLEST_BURST:
-            raise LinkError(f"burst {self.burst:g} holds no frame: {_SMALLEST_BURST:g} bytes up")
+            raise LinkError(f"burst {self.burst:g} is too small: give at least {_SMALLEST_BURST:g} bytes")
         if not 0.0 <= self.pace <= LONGEST_PACE:
             raise LinkError(f"pace {self.pace:g} s is not in 0..{LONGEST_PACE:g}")
         if (self.budget or math.inf) > self.most_budget:

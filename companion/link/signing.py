@@ -137,7 +137,7 @@ class Signing:
             self._refuse(reason, message, now)
             return reason
         self._store.keep(wire.stream_of(frame))
-        self._learn(frame, message, now)
+        self._take_time(frame, message, now)
         return ""
 
     def sign(self, frame: bytes, message: Any, now: float, link: int = 0) -> bytes:
@@ -167,7 +167,7 @@ class Signing:
             message.get_srcComponent() == AUTOPILOT_COMPONENT_ID and message.get_type() in PRIVATE_TELEMETRY
         )
 
-    def _learn(self, frame: bytes, message: Any, now: float) -> None:
+    def _take_time(self, frame: bytes, message: Any, now: float) -> None:
         self._clock.tell(wire.timestamp_of(frame), now)
         if message.get_srcComponent() != AUTOPILOT_COMPONENT_ID:
             return

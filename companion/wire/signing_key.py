@@ -10,7 +10,7 @@ from companion.wire.signing import KEY_BYTES, SigningKey
 
 _LARGEST = 256
 _OTHERS = 0o077
-_NOT_OURS = "the signing key {path} is somebody else's: chown it to the user who runs this program"
+_NOT_OURS = "the signing key {path} belongs to another user: chown it to the user who runs this program"
 
 
 class SigningKeyError(ValueError):

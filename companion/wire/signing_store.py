@@ -28,6 +28,7 @@ _HEAD = struct.Struct("<4s16sQQI")
 _ROW = struct.Struct("<BBBxQI")
 _SIZE = _HEAD.size + MAX_STREAMS * _ROW.size
 _CLOSED = bytes(16)
+"""In place of the boot id, after a clean end: all timestamps are on disk."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class TimestampFile:
         last = max([saved.last + reserve, *rows.values()])
         if saved.whole:
             return Timestamps(last, saved.floor, dict(sorted(rows.items(), key=lambda row: row[1])))
-        self.notice = f"{self._path} was damaged and is written anew: only frames newer than now are believed"
+        self.notice = f"{self._path} was damaged and is written anew: only frames newer than now are accepted"
         newest = max(last, clock)
         return Timestamps(newest, newest)
 
@@ -151,8 +152,8 @@ def _row(stream: Stream, timestamp: int) -> bytes:
 def _unpack(content: bytes) -> _Saved:
     """Read what is valid; `whole` says whether that is everything."""
     head = content[: _HEAD.size]
-    sound = len(content) == _SIZE and head[:4] == _MAGIC and _has_valid_checksum(head)
-    _, boot, last, floor, _ = _HEAD.unpack(head) if sound else (b"", b"", 0, 0, 0)
+    is_intact = len(content) == _SIZE and head[:4] == _MAGIC and _has_valid_checksum(head)
+    _, boot, last, floor, _ = _HEAD.unpack(head) if is_intact else (b"", b"", 0, 0, 0)
     rows: dict[Stream, int] = {}
     for at in range(_HEAD.size, len(content) - _ROW.size + 1, _ROW.size):
         row = content[at : at + _ROW.size]
@@ -160,8 +161,8 @@ def _unpack(content: bytes) -> _Saved:
             system, component, link, timestamp, _ = _ROW.unpack(row)
             rows[Stream(system, component, link)] = timestamp
         elif any(row):
-            sound = False
-    return _Saved(boot, last, floor, rows, sound)
+            is_intact = False
+    return _Saved(boot, last, floor, rows, is_intact)
 
 
 def _has_valid_checksum(record: bytes) -> bool:

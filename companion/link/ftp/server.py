@@ -80,7 +80,7 @@ class FtpServer:
                 self._send_reply(sender, reply, now)
         for session in self._sessions.bursting():
             if not self._outbox.waiting("file data", to=session.sender):
-                self._feed(session, now)
+                self._queue_burst_frame(session, now)
                 self._sessions.had_turn(session)
 
     def _data_size(self, sender: Sender) -> int:
@@ -156,10 +156,10 @@ class FtpServer:
             step = min(asked, self._data_size(sender))
             session.burst = Burst(request, now, request.sequence, request.offset, step, asked, BURST_FRAMES)
             if running is not None:  # replace the waiting frame of the old burst
-                self._feed(session, now)
+                self._queue_burst_frame(session, now)
         return None
 
-    def _feed(self, session: Session, now: float) -> None:
+    def _queue_burst_frame(self, session: Session, now: float) -> None:
         burst = session.burst
         assert burst is not None
         burst.left -= 1

@@ -69,7 +69,7 @@ class ConnectionSettings:
     def __post_init__(self) -> None:
         self.address()
         if self.room < 2 * _SMALLEST_BUDGET:
-            raise LinkError(f'link "{self.url}" is too slow: use {_SLOWEST} baud or more')
+            raise LinkError(f'link "{self.url}" is too slow: {_SLOWEST} baud or more')
         for name, rate in (("budget", self.budget), ("asked_budget", self.asked_budget)):
             if rate != 0 and not rate >= _SMALLEST_BUDGET:
                 raise LinkError(

@@ -93,7 +93,7 @@ class Pulses:
 
 @dataclass(frozen=True)
 class ModeAck:
-    """The autopilot's reply to a mode command, for the log only: the mode is read from its heartbeat.
+    """The autopilot's reply to a mode command, for the log only: the mode that it reports counts.
 
     result: MAV_RESULT.
     """

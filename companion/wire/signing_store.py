@@ -1,8 +1,7 @@
 """Stores the timestamps of signed frames, so that frames from before a restart are refused as replays.
 
 Each timestamp is written to the file before its frame counts, so a killed process loses none. The file is
-synced to disk every 5 s, so a power cut may lose some. After the next boot, all count as 15 s newer to cover
-that.
+synced to disk every 5 s, so a power cut may lose some. After the next boot, all count as 15 s newer.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Who turns words and a frame into attention maps and an embedding: the `Perceiver` protocol and its kinds.
+"""Defines the `Perceiver` protocol, and makes perceivers by name.
 
-A perceiver works in three steps, so that judging a frame again and a new word cost no second encoding:
+A perceiver turns words and a frame into attention maps and an embedding. It works in three steps, so that
+judging a frame again, and a new word, cost no second encoding:
 encode(image) -> features; attend(features, prompts) -> maps; embed(features) -> embedding.
 """
 
@@ -20,14 +21,14 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
 
 Features = Any
-"""What `encode` made of a frame. Opaque: only the perceiver that made it can read it."""
+"""The result of `encode`. Opaque: only the perceiver that made it can read it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """What a perceiver keeps of a tapped box: a finite float32 vector of its own meaning.
+    """Holds what a perceiver learnt from a tapped box: a finite float32 vector, (n,).
 
-    It is tied to `model_id`: another model refuses it.
+    Only the model of `model_id` can read it. Raises ExampleError for another shape, or when not finite.
     """
 
     model_id: str
@@ -38,7 +39,7 @@ class Example:
             raise ExampleError("an example must be one finite vector: tap the thing again")
 
     def vector_for(self, model_id: str, length: int | None = None) -> NDArray[np.float32]:
-        """The vector, for the model that reads it. Raises ExampleError for another model's or length."""
+        """Return the vector. Raises ExampleError when another model made it, or for another length."""
         if self.model_id != model_id:
             raise ExampleError(
                 f"this example was tapped with {self.model_id}, not {model_id}: tap the thing again"
@@ -50,7 +51,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Prompt:
-    """What is looked for: a word, tapped examples of it, or both."""
+    """Holds what to look for: a word, tapped examples of it, or both."""
 
     word: str
     examples: tuple[Example, ...] = ()
@@ -58,11 +59,11 @@ class Prompt:
 
 @dataclass(frozen=True)
 class DefaultThresholds:
-    """The thresholds that go with a perceiver and its embedding; config may override each.
+    """Holds the thresholds that suit a perceiver and its embedding; the configuration may override each.
 
     roi: mean uncertainty of the ROI above which something in it is unknown, in (0, 1].
     scene: cosine to the reference below which the scene has changed, in [-1, 1].
-    tile: uncertainty of the worst tile above which something is unknown, in (0, 1], or None: not judged.
+    tile: uncertainty of the worst tile above which something is unknown, in (0, 1]; None: not judged.
     """
 
     roi: float
@@ -71,11 +72,11 @@ class DefaultThresholds:
 
 
 class Perceiver(Protocol):
-    """The eyes: one instance serves one thread."""
+    """Turns words and a frame into attention maps and an embedding. One instance serves one thread."""
 
     @property
     def model_id(self) -> str:
-        """Names model, weights and embedding; examples and embeddings of another id mean nothing here."""
+        """Names model, weights and embedding; examples and embeddings of another id cannot be used."""
 
     @property
     def vocabulary(self) -> tuple[str, ...] | None:
@@ -86,34 +87,34 @@ class Perceiver(Protocol):
         """Thresholds that suit its maps and its embedding."""
 
     def meaning(self, word: str) -> str:
-        """The name under which synonyms meet ("path", "trail"); UnknownWordError when it cannot ground it."""
+        """Return the name that a word shares with its synonyms ("path", "trail"). Raises UnknownWordError."""
 
     def encode(self, image: Image) -> Features:
-        """One pass over an RGB frame, (height, width, 3) uint8 of any size. The expensive step."""
+        """Encode an RGB frame, (height, width, 3) uint8 of any size. The expensive step."""
 
     def attend(self, features: Features, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
-        """Attention maps, (len(prompts), h, w), each value in [0, 1], at the model's own resolution.
+        """Make attention maps, (len(prompts), h, w) in [0, 1], at the model's own resolution.
 
-        Absolute, not relative: a thing that fits no prompt is low in every map. A prompt with examples needs
-        no known word; of a known word and its examples the larger attention counts.
+        Values are absolute, not relative: a thing that fits no prompt is low in every map. A prompt with
+        examples needs no known word; of a known word and its examples the larger attention counts.
         Raises UnknownWordError, ExampleError.
         """
 
     def embed(self, features: Features) -> NDArray[np.float32]:
-        """The scene: a unit-norm vector, (d,)."""
+        """Make the scene's embedding: a unit-norm vector, (d,)."""
 
     def example(self, features: Features, box: Box) -> Example:
-        """An example of what the box shows. Raises ExampleError when it is too small to teach anything."""
+        """Make an example of what the box shows. Raises ExampleError when the box is too small."""
 
 
 WEAK = "weak"
-"""The trust in a word that is a guess: such a thing is better tapped than named."""
+"""The trust in a word whose maps are a guess: tap such a thing instead of naming it."""
 
 
 def weak_words(perceiver: Perceiver, words: Iterable[str]) -> tuple[str, ...]:
-    """Those of the words that the perceiver finds badly by name, where it says so of its words.
+    """Return those of the words whose trust is `WEAK`; none for a perceiver without `trust`.
 
-    A perceiver that does has `trust(word)`, which raises UnknownWordError.
+    `trust(word)` is optional in a perceiver. It raises UnknownWordError.
     """
     trust = getattr(perceiver, "trust", None)
     return tuple(word for word in words if trust is not None and trust(word) == WEAK)
@@ -124,17 +125,17 @@ KINDS: dict[str, tuple[str, str]] = {
     "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),
     "classes": ("anytraverse.perception.classes.perceiver", "Classes"),
 }
-"""Kind -> (module, what makes one of (argument, runtime)). Imported only when the kind is chosen."""
+"""Kind -> (module, its factory, called with (argument, runtime)). Imported only when the kind is chosen."""
 
 NAMED = ("builtin", "builtin:lexicon")
-"""Perceivers that come with this package; what follows the kind is a name here, and a path in all others."""
+"""Perceivers that come with this package. After the kind stands a name here, and a path in all others."""
 
 
 def make_perceiver(name: str, runtime: Runtime | None = None) -> Perceiver:
-    """The perceiver called `name`: "kind" or "kind:argument", e.g. "builtin" or "clipseg:/opt/bundle".
+    """Make the perceiver called `name`: "kind" or "kind:argument", e.g. "builtin" or "clipseg:/opt/bundle".
 
     runtime: how its networks are run, by default on all cores of the CPU.
-    Raises PerceiverError for an unknown kind or one that fails to load.
+    Raises PerceiverError for an unknown kind, or a perceiver that fails to load.
     """
     kind, _, argument = name.partition(":")
     if kind not in KINDS:

@@ -1,8 +1,9 @@
-"""Frames brought to a network's size exactly as Pillow's `Image.resize` does it, as networks are trained.
+"""Resizes frames to a network's size exactly as Pillow's `Image.resize`, with which networks are trained.
 
 Antialiased, in Pillow's fixed-point arithmetic (its Resample.c): weights of 22 bits, first along the rows,
-then along the columns, rounded to uint8 after each. Pillow 13 turns that order round where the height shrinks
-by more than twice the pixels of the width; here it stays as it was when today's networks were trained.
+then along the columns, rounded to uint8 after each. Pillow 13 reverses that order where the height shrinks
+by more than twice the pixels of the width; this module keeps the order with which today's networks were
+trained.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ from anytraverse.frame import Image, check_image
 
 FILTERS = ("bilinear", "bicubic")
 LARGEST = 4096
-"""Pixels of a network's input along one side."""
+"""The most pixels of a network's input along one side."""
 
 _BITS = 22
-_REACH = {"bilinear": 1.0, "bicubic": 2.0}
-_LINES = 32  # worked on together: what fits a core's cache
+_REACH = {"bilinear": 1.0, "bicubic": 2.0}  # half the filter's width, in input lines at scale 1
+_LINES = 32  # output lines computed together, so that they fit a core's cache
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How a frame of any size becomes a network's input.
+    """Describes how a frame of any size becomes a network's input.
 
     width, height: pixels of the input, 1 to `LARGEST`. filter: one of `FILTERS`, antialiased.
-    crop: False: both sides are stretched to fit; True: the shorter side is brought to size and the middle
-    of the longer one kept, as CLIP's own preprocessing does; width and height are then the same.
+    crop: False: both sides are stretched to fit; True: the shorter side is resized to fit and the middle
+    of the longer side is cut out, as in CLIP's own preprocessing; width and height are then the same.
     Raises PerceiverError for anything else.
     """
 
@@ -53,7 +54,7 @@ class Fit:
             )
 
     def window(self, width: int, height: int) -> tuple[int, int, int, int]:
-        """What a frame of this size is resized to, and the input's corner in it: width, height, left, top."""
+        """Return the size to which a frame is resized, and where the input lies in it: (w, h, left, top)."""
         if not self.crop:
             return self.width, self.height, 0, 0
         longer = int(self.width * max(width, height) / min(width, height))
@@ -62,7 +63,7 @@ class Fit:
 
 
 class Resizer:
-    """Brings frames to one size. It keeps the weights for the last frame's size."""
+    """Resizes frames to one size. It caches the weights for the last frame's size."""
 
     def __init__(self, fit: Fit) -> None:
         self._fit = fit
@@ -70,7 +71,7 @@ class Resizer:
         self._shape: tuple[int, ...] = ()
 
     def __call__(self, image: Image) -> Image:
-        """The frame, (height, width, 3) uint8 RGB, at the size of `fit`. Raises PerceiverError."""
+        """Resize a frame, (height, width, 3) uint8 RGB, to the size of `fit`. Raises PerceiverError."""
         check_image(image)
         if self._taps is None or self._shape != image.shape:
             self._taps, self._shape = _taps_for(self._fit, *image.shape[1::-1]), image.shape
@@ -81,7 +82,7 @@ class Resizer:
 
 
 class _Taps(NamedTuple):
-    """For each of n output lines: the first of the k input lines that it is made of, and their weights.
+    """Holds, for each of n output lines, the first of the k input lines it is made of, and their weights.
 
     first: (n,). weights: (n, k) int32, in units of 2^-22.
     """
@@ -91,12 +92,12 @@ class _Taps(NamedTuple):
 
     @property
     def overshoots(self) -> bool:
-        """Whether sums may leave 0 to 255."""
+        """Whether sums may be outside 0 to 255."""
         return bool((self.weights < 0).any())
 
 
 def _taps_for(fit: Fit, width: int, height: int) -> tuple[_Taps, _Taps]:
-    """Taps along the rows and along the columns of a frame of this size."""
+    """Calculate the taps along the rows and along the columns of a frame of this size."""
     wide, high, left, top = fit.window(width, height)
     columns = np.arange(left, left + fit.width)
     rows = np.arange(top, top + fit.height)
@@ -104,7 +105,7 @@ def _taps_for(fit: Fit, width: int, height: int) -> tuple[_Taps, _Taps]:
 
 
 def _taps(lines: NDArray[np.intp], scale: float, size: int, name: str) -> _Taps:
-    """Taps of these output lines, of which each is worth `scale` of the `size` input lines."""
+    """Calculate the taps of these output lines; each spans `scale` of the `size` input lines."""
     stretch = max(scale, 1.0)
     centres = (lines + 0.5) * scale
     reach = _REACH[name] * stretch
@@ -115,13 +116,13 @@ def _taps(lines: NDArray[np.intp], scale: float, size: int, name: str) -> _Taps:
     places = first[:, None] + np.arange(count)
     weights = _kernel(np.abs((places - centres[:, None] + 0.5) * (1.0 / stretch)), name)
     weights[(places < begin[:, None]) | (places >= end[:, None])] = 0.0
-    weights /= np.cumsum(weights, axis=1)[:, -1:]
+    weights /= np.cumsum(weights, axis=1)[:, -1:]  # cumsum and not sum: it adds one by one, as Pillow does
     half = np.where(weights < 0, -0.5, 0.5)
     return _Taps(first, np.trunc(weights * (1 << _BITS) + half).astype(np.int32))
 
 
 def _kernel(x: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    """The filter's weight at a distance x >= 0 from its centre."""
+    """Return the filter's weight at a distance x >= 0 from its centre."""
     if name == "bilinear":
         return np.maximum(1.0 - x, 0.0)
     near = (1.5 * x - 2.5) * x * x + 1.0
@@ -130,19 +131,19 @@ def _kernel(x: NDArray[np.float64], name: str) -> NDArray[np.float64]:
 
 
 def _turned(image: Image) -> Image:
-    """Columns as rows."""
+    """Transpose rows and columns."""
     return np.asarray(cv2.transpose(image), dtype=np.uint8)
 
 
 def _along_first_axis(image: Image, taps: _Taps) -> Image:
-    """The weighted sums of lines, (n, ...) uint8."""
+    """Calculate the weighted sums of lines, (n, ...) uint8."""
     lines = image.reshape(len(image), -1).astype(np.int32)
     made = np.empty((len(taps.first), lines.shape[1]), dtype=np.uint8)
     sums, tap = np.empty((2, min(_LINES, len(made)), lines.shape[1]), dtype=np.int32)
     for start in range(0, len(made), _LINES):
         first, weights = taps.first[start : start + _LINES], taps.weights[start : start + _LINES]
         total, tap = sums[: len(first)], tap[: len(first)]
-        total[...] = 1 << (_BITS - 1)
+        total[...] = 1 << (_BITS - 1)  # one half, so that the shift below rounds
         for index in range(weights.shape[1]):
             np.take(lines, first + index, axis=0, out=tap, mode="clip")
             tap *= weights[:, index : index + 1]

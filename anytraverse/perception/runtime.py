@@ -1,4 +1,4 @@
-"""Running networks with ONNX Runtime: which providers, how many cores, which precision."""
+"""Runs networks with ONNX Runtime: with which providers, on how many cores, in which precision."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ PRECISIONS = ("auto", "fp32", "int8")
 
 @dataclass(frozen=True)
 class Runtime:
-    """How networks are run.
+    """Holds how networks are run.
 
-    providers: names of `PROVIDERS`, the preferred one first; the CPU stands in for what they cannot run.
+    providers: names of `PROVIDERS`, the preferred one first; the CPU runs what they cannot run.
     threads: cores that one network may use; 0: all that this process may use.
     precision: the bundle's variant; "auto": int8 where a check on this machine has passed it, else fp32.
-    Raises PerceiverError for a name or number that it does not know.
+    Raises PerceiverError for an unknown name or a number out of range.
     """
 
     providers: tuple[str, ...] = ("CPU",)
@@ -58,21 +58,21 @@ class Runtime:
 
     @property
     def cores(self) -> int:
-        """The threads that one network gets."""
+        """The number of threads that one network gets."""
         return self.threads or len(os.sched_getaffinity(0))
 
 
 def available_providers() -> tuple[str, ...]:
-    """The names of `PROVIDERS` that the installed ONNX Runtime brings. Raises PerceiverError without one."""
+    """Return the names of `PROVIDERS` that the installed ONNX Runtime has. Raises PerceiverError."""
     installed = load_onnxruntime().get_available_providers()
     return tuple(name for name, theirs in PROVIDERS.items() if theirs in installed)
 
 
 def open_session(model: Path, runtime: Runtime) -> onnxruntime.InferenceSession:
-    """A session for a network file.
+    """Open a session for a network file.
 
-    Sessions take turns in one thread, so each may use all cores, but its workers must not go on spinning
-    when its turn is over. Raises PerceiverError when a provider is missing or the network cannot be read.
+    Sessions take turns in one thread. So each may use all cores, but its workers must not keep spinning
+    after its turn. Raises PerceiverError when a provider is missing or the network cannot be read.
     """
     ort = load_onnxruntime()
     available = available_providers()
@@ -89,14 +89,14 @@ def open_session(model: Path, runtime: Runtime) -> onnxruntime.InferenceSession:
     options.inter_op_num_threads = 1
     options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 3
-    options.enable_mem_pattern = False  # a plan for the largest run is memory that is never given back
+    options.enable_mem_pattern = False  # its plan allocates memory for the largest run and never frees it
     _share_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     options.add_session_config_entry("session.force_spinning_stop", "1")
     names = [PROVIDERS[name] for name in dict.fromkeys((*runtime.providers, "CPU"))]
     try:
         return ort.InferenceSession(str(model), options, names)
-    except Exception as error:  # ONNX Runtime has a dozen kinds of its own
+    except Exception as error:  # ONNX Runtime raises a dozen classes of its own
         why = " ".join(str(error).split())
         raise PerceiverError(f"ONNX Runtime cannot load {model.name}: {why}") from error
 
@@ -106,24 +106,30 @@ def run_session(
     given: Mapping[str, NDArray[Any]],
     outputs: Sequence[str] | None = None,
 ) -> list[NDArray[Any]]:
-    """A network's outputs, all or those named, in order. Raises PerceiverError when it fails."""
+    """Run a network and return its outputs in order, all or those named. Raises PerceiverError."""
     try:
         return list(session.run(outputs, dict(given)))
-    except Exception as error:  # ONNX Runtime has a dozen kinds of its own
+    except Exception as error:  # ONNX Runtime raises a dozen classes of its own
         raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error
 
 
 @cache
 def _share_memory() -> None:
-    """One pool of working memory for all sessions, which take turns, grown by what is asked and no more."""
+    """Let all sessions share one memory arena, since they take turns.
+
+    arena_extend_strategy 1 (kSameAsRequested) extends it by what is requested, and not in powers of two.
+    """
     ort = load_onnxruntime()
     place = ort.OrtMemoryInfo("Cpu", ort.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, ort.OrtMemType.DEFAULT)
     ort.create_and_register_allocator(place, ort.OrtArenaCfg({"arena_extend_strategy": 1}))
 
 
 def load_onnxruntime() -> onnxruntime:
-    """ONNX Runtime with its telemetry off: since 1.29 it reports to its maker and keeps files in the home
-    unless it is told not to before its import. Raises PerceiverError without it."""
+    """Import ONNX Runtime with its telemetry off. Raises PerceiverError when it is not installed.
+
+    Since 1.29 it reports to its maker and writes files to the home folder, unless this variable is set
+    before the import.
+    """
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     try:
         import onnxruntime

@@ -1,4 +1,4 @@
-"""The built-in perceivers: what a rover sees with before anything is downloaded."""
+"""Makes the built-in perceivers, which need no download."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from anytraverse.perception.runtime import Runtime
 
 
 def make_builtin(argument: str, runtime: Runtime) -> Perceiver:
-    """ "": the package's network; FILE.onnx: one of the user's own; "lexicon": colours alone, no network.
+    """Make a built-in perceiver. Raises PerceiverError for another argument, or a network that fails to load.
 
-    Raises PerceiverError for anything else, and for a network that cannot be loaded.
+    argument: "": the package's network; FILE.onnx: the user's own; "lexicon": colours alone, no network.
     """
     if argument == "lexicon":
         from anytraverse.perception.builtin.lexicon import Lexicon

@@ -1,7 +1,7 @@
-"""What the built-in perceiver measures at each point of a frame: colour, light, roughness and height.
+"""Measures colour, light, roughness and height at each point of a frame, for the lexicon perceiver.
 
-All of it is made to stay the same under another exposure: colours are ratios of channels, and light is
-relative to the frame's own median.
+The measurements hardly change with the exposure: colours are ratios of channels, and light is relative to
+the frame's own median.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ FEATURES = ("redness", "yellowness", "light", "roughness", "height")
 roughness: log of the local contrast of log luminance. height: 0 at the image's top edge, 1 at its bottom."""
 
 LOOK = slice(0, 4)
-"""The features that a thing takes along when it moves through the image: all but height."""
+"""The features that do not depend on where in the image a thing is: all but height."""
 
 GRID = 96  # cells along the image's longer side
 _DETAIL = 2  # pixels along a cell's side at which roughness is measured
 _WINDOW = 7  # pixels across, over which roughness is measured
-_DIM = 0.08  # of the median luminance: what ratios of dark pixels are damped by, against sensor noise
-_FLAT = 0.03  # local contrast below which everything is equally smooth
+_DIM = 0.08  # share of the median luminance added to all channels: it damps sensor noise in dark ratios
+_FLAT = 0.03  # local contrast below which all surfaces count as equally smooth
 
 Grid = NDArray[np.float32]
 
 
 def ground_features(image: Image) -> Grid:
-    """FEATURES on a grid of the image's aspect, (h, w, 5) float32, finite; the longer side has 96 cells."""
+    """Measure FEATURES on a grid of the image's aspect, (h, w, 5) float32; the longer side has 96 cells."""
     height, width = grid_shape(*image.shape[:2])
     size = width * _DETAIL, height * _DETAIL
     detailed = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -49,7 +49,7 @@ def ground_features(image: Image) -> Grid:
 
 
 def grid_shape(height: int, width: int) -> tuple[int, int]:
-    """(rows, columns) of the grid for an image of this many pixels."""
+    """Return the (rows, columns) of the grid for an image of this size in pixels."""
     scale = GRID / max(height, width)
     return max(1, round(height * scale)), max(1, round(width * scale))
 
@@ -58,6 +58,7 @@ _MEAN = np.full((1, 3), 1 / 3, dtype=np.float32)
 
 
 def _roughness(detailed: Image, dim: float, size: tuple[int, int]) -> Grid:
+    """Measure the log of the local standard deviation of log luminance; size: (width, height) of the grid."""
     tones = cv2.log(cv2.transform(detailed.astype(np.float32), _MEAN) + dim)
     mean = cv2.blur(tones, (_WINDOW, _WINDOW))
     variance = cv2.blur(tones * tones, (_WINDOW, _WINDOW)) - mean * mean

@@ -1,7 +1,8 @@
-"""The words of the built-in perceiver and how each of them looks.
+"""Perceives ground by the colour and roughness of its words: the perceiver `builtin:lexicon`, no network.
 
-Centres and spreads of the features in ground_features.py, from labelled frames of forest tracks, gravel roads
-and meadows (`bench/fit_lexicon.py`), rounded and widened by hand for other cameras.
+The looks are centres and spreads of the features in features.py. They were fitted to labelled frames of
+forest tracks, gravel roads and meadows (`bench/fit_lexicon.py`), then rounded and widened by hand for other
+cameras.
 """
 
 from __future__ import annotations
@@ -66,13 +67,13 @@ LOOKS: dict[str, tuple[Look, ...]] = {
 """Concept -> its looks."""
 
 TRUST = {"water": WEAK, "rock": WEAK, "log": WEAK, "mud": WEAK, "sand": WEAK}
-"""Concept -> how far it can be trusted, where not "good"."""
+"""Concept -> its trust, where it is not "good"."""
 
 VOCABULARY: tuple[str, ...] = words_for(LOOKS)
 
 
 def meaning(word: str) -> str:
-    """The concept of a word. Raises UnknownWordError."""
+    """Return the concept of a word. Raises UnknownWordError."""
     return concept_of(word, LOOKS)
 
 
@@ -80,39 +81,39 @@ MODEL_ID = "builtin-lexicon-1"
 
 
 class Lexicon:
-    """A `Perceiver` that knows some forty words. Stateless: its features are the grid of measurements."""
+    """Implements `Perceiver` with some forty words. Stateless: its features are the grid of measurements."""
 
     model_id = MODEL_ID
     vocabulary = VOCABULARY
     defaults = DefaultThresholds(roi=0.3, scene=SAME_PLACE, tile=0.25)
 
     def meaning(self, word: str) -> str:
-        """The concept under which synonyms meet. Raises UnknownWordError."""
+        """Return the concept that a word shares with its synonyms. Raises UnknownWordError."""
         return meaning(word)
 
     def trust(self, word: str) -> str:
-        """How far the word can be trusted, "good" or "weak". Raises UnknownWordError."""
+        """Return the trust in a word, "good" or "weak". Raises UnknownWordError."""
         return TRUST.get(meaning(word), "good")
 
     def encode(self, image: Image) -> Grid:
-        """The measurements of an RGB frame: see `ground_features`."""
+        """Measure an RGB frame: see `ground_features`. Raises PerceiverError."""
         check_image(image)
         return ground_features(image)
 
     def attend(self, features: Grid, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
-        """Attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
+        """Make attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
         return attention(features, [self._looks(prompt) for prompt in prompts])
 
     def embed(self, features: Grid) -> NDArray[np.float32]:
-        """The scene, a unit vector: see `scene_vector`."""
+        """Make the scene's embedding, a unit vector: see `scene_vector`."""
         return scene_vector(features)
 
     def example(self, features: Grid, box: Box) -> Example:
-        """The look of the thing in the box. Raises ExampleError when the box is too small."""
+        """Learn the look of the thing in the box. Raises ExampleError when the box is too small."""
         return Example(self.model_id, vector_of(learn_look(features, box)))
 
     def _looks(self, prompt: Prompt) -> tuple[Look, ...]:
-        """What the prompt looks for: the looks of its word, if it is a known one, and of its examples."""
+        """Return the looks of the prompt's word, if it is a known one, and of its examples."""
         try:
             named = LOOKS[self.meaning(prompt.word)]
         except UnknownWordError:

@@ -1,4 +1,4 @@
-"""What kind of place a frame shows: a unit vector that is alike for like ground under any light."""
+"""Embeds the scene of a frame for the lexicon perceiver: similar ground gives similar unit vectors."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from numpy.typing import NDArray
 from anytraverse.perception.builtin.features import Grid
 
 SAME_PLACE = 0.85
-"""Cosine below which the ground is another kind of ground."""
+"""Cosine below which the ground is of another kind."""
 
 _ROWS = (0.47, 0.64)  # of the image's height: the ground some metres ahead, with what grows beside the path
-_FEATURES = [0, 1, 3]  # redness, yellowness, roughness: light changes too much within one place
-_RADIAN = np.array([0.07, 0.08, 0.6], dtype=np.float32)  # how much of each turns its angle by one radian
+_FEATURES = [0, 1, 3]  # redness, yellowness, roughness; not light, which varies too much within one place
+_RADIAN = np.array([0.07, 0.08, 0.6], dtype=np.float32)  # difference of each feature that is one radian
 _WEIGHT = np.array([1.0, 1.0, 0.3], dtype=np.float32)
-_FITTED = 0.48  # the threshold that fits the varying entries alone; bench/builtin_field.py counts its calls
+_FITTED = 0.48  # best threshold on the cosine of the varying entries alone; see bench/builtin_field.py
 _VARYING = (1 - SAME_PLACE) / (1 - _FITTED)
 
 
 def scene_vector(grid: Grid) -> NDArray[np.float32]:
-    """The ground ahead as a unit vector, (7,) float32.
+    """Embed the ground ahead as a unit vector, (7,) float32.
 
-    Each cell's features are angles, and the mean of their cosines and sines is taken over the cells (a kernel
-    mean embedding): ground that is part one, part the other lies between both, and a thing turns the vector
-    by little more than its share of the view. The constant first entry lifts the threshold to SAME_PLACE.
+    The features of a cell are taken as angles. The vector holds the means of their cosines and sines over
+    all cells (a kernel mean embedding). So mixed ground lies between its parts, and a single thing turns the
+    vector by little more than its share of the view. The constant first entry raises the threshold from
+    `_FITTED` to SAME_PLACE.
     """
     height = grid.shape[0]
     top = int(_ROWS[0] * height)

@@ -1,4 +1,4 @@
-"""Looks: how a kind of ground appears, as broad bell curves over features, and how well a frame fits them."""
+"""Describes kinds of ground by Gaussians over features, and calculates how well a frame fits them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from anytraverse.errors import ExampleError
 from anytraverse.perception.builtin.features import LOOK, Grid
 from anytraverse.regions import Box
 
-FITS = 3.0  # spreads away from a look's centre at which a cell fits it by half
-_STEEPNESS = 3.0  # how fast the fit falls there
-_RIVALRY = 0.5  # how strongly a word yields to one that explains a cell better
-_ROW_SOFTNESS = 0.03  # of the image's height: how fast a look ends above and below its rows
+FITS = 3.0  # distance from a look's centre, in spreads, at which the fit of a cell is one half
+_STEEPNESS = 3.0  # slope of the logistic function at that distance
+_RIVALRY = 0.5  # exponent of the likelihood ratio by which a prompt is lowered below a better one
+_ROW_SOFTNESS = 0.03  # of the image's height: distance outside of a look's rows that counts as one spread
 
 
 class Look(NamedTuple):
-    """Centre and spread of four features, and the rows (0 top, 1 bottom) in which the look occurs."""
+    """Holds centre and spread of four features, and the rows (0 top, 1 bottom) in which the look occurs."""
 
     redness: tuple[float, float]
     yellowness: tuple[float, float]
@@ -30,7 +30,7 @@ class Look(NamedTuple):
 
 
 def attention(grid: Grid, prompts: Sequence[Sequence[Look]]) -> NDArray[np.float32]:
-    """How well each cell fits each prompt's looks, (len(prompts), h, w) in [0, 1].
+    """Calculate how well each cell fits each prompt's looks, (len(prompts), h, w) in [0, 1].
 
     The best fit of a cell is absolute: it depends on no other prompt. Where several prompts explain a cell,
     those that explain it less well are lowered in proportion to their likelihood.
@@ -58,7 +58,7 @@ def _smoothed(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _squared_distance(grid: Grid, looks: Sequence[Look]) -> NDArray[np.float32]:
-    """Squared Mahalanobis distance of each cell to each look, (looks, cells)."""
+    """Calculate the squared Mahalanobis distance of each cell to each look, (looks, cells)."""
     cells = grid[..., LOOK].reshape(-1, 4)
     centres, spreads = _curves(looks)
     weights = 1 / spreads**2
@@ -71,7 +71,7 @@ def _squared_distance(grid: Grid, looks: Sequence[Look]) -> NDArray[np.float32]:
 
 
 def _curves(looks: Sequence[Look]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Centres and spreads, (looks, 4) each."""
+    """Return the looks' centres and spreads, (looks, 4) each."""
     curves = np.array([look[LOOK] for look in looks], dtype=np.float32)
     return curves[..., 0], curves[..., 1]
 
@@ -79,27 +79,27 @@ def _curves(looks: Sequence[Look]) -> tuple[NDArray[np.float32], NDArray[np.floa
 Mask = NDArray[np.bool_]
 
 _SCALE = np.array([0.08, 0.08, 0.3, 1.0], dtype=np.float32)
-"""Differences in redness, yellowness, light and roughness that count alike. Roughness says little here:
-it is high at every edge."""
+"""Differences in redness, yellowness, light and roughness that have equal weight. Roughness counts little,
+since it is high at every edge."""
 _LEAST = np.array([0.05, 0.06, 0.3, 0.5], dtype=np.float32)
-"""Spreads that a look keeps at least: another distance, another light."""
+"""The least spreads of a learnt look: the thing will be seen from other distances and in other light."""
 _MOST = np.array([0.1, 0.12, 0.5, 0.8], dtype=np.float32)
 _VIVID = np.array([0.12, 0.12, 0.0, 0.0], dtype=np.float32)
-"""How much the spreads of vivid colours widen: they fade as a channel saturates."""
+"""How much spreads widen with the vividness of a colour: vivid colours fade as a channel saturates."""
 _NEARER = np.array([1.1, 1.1, 1.0, 1.0], dtype=np.float32)
-"""Nearer, a thing's colours are purer: from afar its cells are mixed with what is around it."""
+"""Factors on the learnt centre: colours get purer as a thing comes nearer and fewer cells are mixed."""
 _LEAST_CELLS = 6
-_REACH = 3.0  # how far the thing may continue beyond the box, in sizes of the box
-_ENOUGH = 0.15  # share of the image that makes a background
-_SAMPLES = 900  # cells of the background that are compared with
-_COMMON = 0.04  # share of the background that must look alike to count as background
-_NOVEL = 1.5  # scaled difference from which something is there that the background lacks
-_CORE = 0.75  # of the highest difference in the box: surely the thing
-_SAME = 2.0  # scaled difference from the core up to which neighbouring cells belong to it
+_REACH = 3.0  # factor on the box, within which the thing may continue
+_ENOUGH = 0.15  # least share of the image that serves as background
+_SAMPLES = 900  # cells of the background to compare with
+_COMMON = 0.04  # share of the background that a cell must resemble to count as background
+_NOVEL = 1.5  # scaled difference from the background above which a cell is not background
+_CORE = 0.75  # share of the highest difference in the box above which a cell surely shows the thing
+_SAME = 2.0  # scaled difference from the core below which neighbouring cells belong to the thing
 
 
 def learn_look(grid: Grid, box: Box) -> Look:
-    """The look of what the box shows. Raises ExampleError when the box is too small."""
+    """Learn the look of what the box shows. Raises ExampleError when the box is too small."""
     inside = box.mask(*grid.shape[:2])
     if inside.sum() < _LEAST_CELLS:
         raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
@@ -110,20 +110,21 @@ def learn_look(grid: Grid, box: Box) -> Look:
 
 
 def look_of(vector: NDArray[np.float32]) -> Look:
-    """The look that a vector of four centres and four spreads stands for."""
+    """Make a look from a vector of four centres and four spreads, (8,)."""
     pairs = [(float(centre), float(spread)) for centre, spread in vector.reshape(2, 4).T]
     return Look(pairs[0], pairs[1], pairs[2], pairs[3])
 
 
 def vector_of(look: Look) -> NDArray[np.float32]:
-    """Four centres and four spreads, (8,)."""
+    """Return a look's four centres and four spreads, (8,)."""
     return np.array(look[LOOK], dtype=np.float32).T.reshape(-1)
 
 
 def _find_thing(cells: NDArray[np.float32], inside: Mask, box: Box) -> tuple[Mask, Mask]:
-    """The thing's cells, and the purer half of them.
+    """Return masks of the thing's cells and of the half of them that differs most from the background.
 
-    They are the box's most unusual cells and their like around them, or else the whole box.
+    The thing is the box's cells that differ most from the background, with similar connected cells in and
+    around the box; the whole box where none differs enough.
     """
     reach = box.grown(_REACH).mask(*inside.shape)
     background = cells[_background(inside, reach)]
@@ -143,9 +144,10 @@ def _find_thing(cells: NDArray[np.float32], inside: Mask, box: Box) -> tuple[Mas
 
 
 def _background(inside: Mask, reach: Mask) -> Mask:
-    """What the thing stands out from: its own height in the image and below, where there is enough of it.
+    """Choose the background to compare a thing with: the cells at its height in the image and below.
 
-    Above it is the sky, which grey things resemble.
+    The cells above are left out, since grey things resemble the sky. Where too few cells remain, all cells
+    outside of the box count.
     """
     level = np.zeros_like(inside)
     level[np.flatnonzero(inside.any(axis=1))[0] :] = True
@@ -156,7 +158,7 @@ def _background(inside: Mask, reach: Mask) -> Mask:
 
 
 def _distance_to(background: NDArray[np.float32], cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """How far each cell is from what is common in the background, (cells,)."""
+    """Calculate how much each cell differs from what is common in the background, (cells,)."""
     sample = background[:: max(1, len(background) // _SAMPLES)]
     gaps = (cells**2).sum(axis=1)[:, None] + (sample**2).sum(axis=1) - 2 * cells @ sample.T
     rank = int(_COMMON * len(sample))

@@ -1,4 +1,4 @@
-"""The built-in network: how it is run, the size it wants, and what its outputs mean."""
+"""Runs the built-in network, chooses its input size, and turns its outputs into attention maps."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ Floats = NDArray[np.float32]
 
 WIDTH = 256
 STEP = 16
-"""Both sides of the network's input are multiples of it."""
+"""Both sides of the network's input are multiples of this."""
 LEAST_HEIGHT, GREATEST_HEIGHT, GREATEST_WIDTH = 128, 256, 512
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The numbers beside a network of C classes and D features, written with it by its training.
+    """Holds the numbers that a training writes beside a network of C classes and D features.
 
     classes: their names, in the order of the logits. bias (C,): added to the logits. gamma: see `attention`.
-    tap_mean (T,), tap_whitening (T, T): of the background that tapped things stand out from, T = D + 5.
-    scene_mean (4 D,), scene_projection (S, 4 D), scene_threshold: see ground_scene.py.
+    tap_mean (T,), tap_whitening (T, T): statistics of the background, T = D + 5; see taps.py.
+    scene_mean (4 D,), scene_projection (S, 4 D), scene_threshold: see scene.py.
     """
 
     classes: tuple[str, ...]
@@ -44,14 +44,14 @@ class Calibration:
     scene_threshold: float
 
     def save(self, path: Path) -> None:
-        """Write it as .npz."""
+        """Write the numbers as .npz. Raises OSError."""
         values: dict[str, Any] = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
         with path.open("wb") as file:
             np.savez_compressed(file, **values)
 
     @classmethod
     def load(cls, path: Path) -> Calibration:
-        """Read it back. Raises PerceiverError when it is missing, torn or not finite."""
+        """Read the numbers back. Raises PerceiverError when the file is missing, damaged or not finite."""
         try:
             with np.load(path, allow_pickle=False) as stored:
                 values: dict[str, Any] = {field.name: stored[field.name] for field in fields(cls)}
@@ -68,10 +68,11 @@ class Calibration:
 
 
 def network_size(width: int, height: int) -> tuple[int, int]:
-    """Width and height of the network's input for a frame of this size.
+    """Choose the width and height of the network's input for a frame of this size.
 
-    256 wide and as high as the frame's aspect asks, in steps of 16; frames flatter than 2:1 are 128 high and
-    wider instead, up to 512. What then remains of the aspect is stretched, by 6 % at most for common cameras.
+    The input is 256 wide, and as high as the frame's aspect requires, in steps of 16. For a frame flatter
+    than 2:1 it is 128 high, and wider instead, up to 512. The rest of the aspect is made up by stretching, at
+    most 6 % for common cameras.
     """
     wide, high = WIDTH, _stepped(WIDTH * height / width)
     if high < LEAST_HEIGHT:
@@ -80,14 +81,14 @@ def network_size(width: int, height: int) -> tuple[int, int]:
 
 
 def network_input(image: Image) -> Floats:
-    """The frame as the network wants it, (1, 3, h, w) float32 RGB 0 to 255."""
+    """Resize a frame to the network's input, (1, 3, h, w) float32 RGB 0 to 255."""
     size = network_size(image.shape[1], image.shape[0])
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(small.transpose(2, 0, 1)[None], dtype=np.float32)
 
 
 def posteriors(logits: Floats, calibration: Calibration) -> Floats:
-    """Probabilities of the classes, (C, h, w): the softmax of calibrated logits."""
+    """Calculate the probabilities of the classes, (C, h, w): the softmax of calibrated logits."""
     raised = logits + calibration.bias[:, None, None]
     powers = np.exp(raised - raised.max(axis=0))
     return np.asarray(powers / powers.sum(axis=0), dtype=np.float32)
@@ -102,17 +103,19 @@ def attention(
     reach: Floats | None = None,
     unknown: int | None = None,
 ) -> Floats:
-    """Attention of N words, (N, h, w) in [0, 1], from the posteriors (C, h, w).
+    """Calculate the attention of N words, (N, h, w) in [0, 1], from the posteriors (C, h, w).
 
-    covers (N, C): 1 where a word explains a class, else 0. own (N, C): how much a class speaks for a word
-    when words compete. fits (N, h, w) or None: how well a point's colours suit each word, to the same end.
-    reach (N, h, w) or None: how much of what it covers each word explains at each point; None is all of it.
-    unknown: the class of what has no name; None where there is none, or a word for every other class.
-    K = (1 - posterior of `unknown`)^gamma x (share of the covered classes in all with a name) is how well the
-    words explain a point together: gamma makes sure of things without a name, while ground between two names
-    of which one is asked for is as known as that is likely. Without `unknown`, all that is not covered is.
-    A word gets K times its own evidence over that of the best word. So 1 - max is 1 - K, a synonym explains
-    nothing twice, and what no asked word means stays low in all of them.
+    covers (N, C): 1 where a word explains a class, else 0. own (N, C): the weight of a class as evidence for
+    a word when words compete. fits (N, h, w) or None: how well a point's colours suit each word, a factor on
+    its evidence. reach (N, h, w) or None: the share of its classes that each word explains at each point;
+    None: all. unknown: the index of the class of things without a name; None: whatever no word covers counts
+    as unknown.
+
+    K = (1 - posterior of `unknown`)^gamma x (share of the covered classes in all named classes) is how well
+    all words together explain a point. A larger gamma makes things without a name more uncertain. It does not
+    affect a point between two named classes of which one is covered: there K is the probability of that one.
+    A word's attention is K times its own evidence over that of the best word. So 1 - max of all attention is
+    1 - K, a synonym explains nothing twice, and what no word means is low in every map.
     """
     if not len(own):
         return np.zeros((0, *probabilities.shape[1:]), dtype=np.float32)
@@ -141,7 +144,7 @@ Run = Callable[[Floats], tuple[Floats, Floats]]
 
 
 def open_network(model: Path, runtime: Runtime) -> Run:
-    """What runs this network. Raises PerceiverError for one that cannot be read or has other outputs."""
+    """Open a network. Raises PerceiverError for a file that cannot be read or that has other outputs."""
     if find_spec("onnxruntime") is None and runtime.providers == ("CPU",):
         return _with_opencv(model)
     session = open_session(model, runtime)
@@ -158,9 +161,9 @@ def open_network(model: Path, runtime: Runtime) -> Run:
 
 
 def _with_opencv(model: Path) -> Run:
-    """OpenCV runs on as many cores as cv2.setNumThreads says: that is the whole process's choice."""
-    # The engine that OpenCV 5 prefers fails on this network; OpenCV 4 has but one. From bytes in memory it
-    # takes its own choice whatever is asked for, from a file it does not.
+    """Open a network with OpenCV. cv2.setNumThreads, for the whole process, says how many cores it uses."""
+    # The engine that OpenCV 5 prefers fails on this network; OpenCV 4 has only one. OpenCV honours the choice
+    # for a file, and ignores it for bytes in memory: so the path is given.
     engine = (cv2.dnn.ENGINE_CLASSIC,) if hasattr(cv2.dnn, "ENGINE_CLASSIC") else ()
     try:
         network = cv2.dnn.readNetFromONNX(str(model), *engine)
@@ -173,7 +176,7 @@ def _with_opencv(model: Path) -> Run:
             logits, features = network.forward(OUTPUTS)
         except cv2.error as error:
             raise PerceiverError(f"the network failed: {' '.join(str(error).split())[:200]}") from error
-        # What OpenCV gives back is its own memory, which the next run overwrites.
+        # Copied, since OpenCV returns its own memory, which the next run overwrites.
         return np.array(logits[0]), np.array(features[0])
 
     return run

@@ -1,4 +1,4 @@
-"""The built-in network as a perceiver: ground by its words, things by taps, and a sense of place.
+"""Perceives ground by words, things by taps, and the scene, with the built-in network.
 
 docs/builtin.md says what it was trained on, how good it is, and what it is bad at.
 """
@@ -50,17 +50,12 @@ from anytraverse.regions import Box
 SHIPPED = Path(__file__).parent.parent / "data" / "builtin.onnx"
 """The network of this package; its calibration lies beside it, ending in .npz."""
 
-_THING = (
-    0.75  # quantile of a tapped box's points that surely shows the thing: its corners show what is behind
-)
+_THING = 0.75  # quantile of strangeness over a tapped box: its corners show the background, not the thing
 
 
 @dataclass(eq=False)
 class Ground:
-    """A frame as the network sees it.
-
-    frame: its input, (1, 3, H, W). probabilities: of the classes, (C, h, w). features: (D, h, w).
-    """
+    """Holds a frame's input (1, 3, H, W), class probabilities (C, h, w) and features (D, h, w)."""
 
     frame: Floats
     probabilities: Floats
@@ -73,21 +68,21 @@ class Ground:
 
 
 class GroundNetwork:
-    """The `Perceiver` of a trained network, the package's own or one of the user's."""
+    """Implements `Perceiver` with a trained network, the package's own or one of the user's."""
 
     vocabulary = words_for(GROUND_WORDS)
     defaults = DefaultThresholds(
-        roi=0.4,  # filmed drives that were held out: .34 at most, .32 with words for all that is in view
-        scene=SAME_PLACE,  # what the calibration scales the embedding to
-        # Of the filmed frames that chose it 1 % have a worse tile, and so has one in a hundred of simulated
-        # ones without anything on the trail; of things 2.5 to 4.5 m ahead nearly all have 0.9 and more.
+        roi=0.4,  # held-out filmed drives reach at most .34, and .32 with words for all that is in view
+        scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
+        # 1 % of the filmed frames by which it was chosen have a tile above it, and 1 % of simulated frames
+        # of an empty trail. Nearly all frames of things 2.5 to 4.5 m ahead have a tile of 0.9 and more.
         tile=0.65,
     )
 
     def __init__(self, model: Path, runtime: Runtime) -> None:
         """Load `model`, an .onnx file with its .npz beside it, and run it once.
 
-        Raises PerceiverError for files that are missing, torn, or no pair that a training wrote.
+        Raises PerceiverError for files that are missing, damaged, or not of the same training.
         """
         stored, numbers = _read(model), _read(model.with_suffix(".npz"))
         self.model_id = f"builtin-net-{hashlib.sha256(stored + numbers).hexdigest()[:12]}"
@@ -96,20 +91,20 @@ class GroundNetwork:
         self._check(model.name)
 
     def meaning(self, word: str) -> str:
-        """The concept under which synonyms meet. Raises UnknownWordError, nearest words first."""
+        """Return the concept that a word shares with its synonyms. Raises UnknownWordError."""
         return concept_of(word, GROUND_WORDS)
 
     def trust(self, word: str) -> str:
-        """How far the word can be trusted, "good", "fair" or "weak". Raises UnknownWordError."""
+        """Return the trust in a word, "good", "fair" or "weak". Raises UnknownWordError."""
         return GROUND_WORDS[self.meaning(word)].trust
 
     def encode(self, image: Image) -> Ground:
-        """One run of the network, nearly all of a frame's cost. Raises PerceiverError."""
+        """Run the network, which is nearly all of a frame's cost. Raises PerceiverError."""
         check_image(image)
         return self._seen(network_input(image))
 
     def attend(self, features: Ground, prompts: Sequence[Prompt]) -> Floats:
-        """Attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
+        """Make attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
         maps = np.zeros((len(prompts), *features.probabilities.shape[1:]), dtype=np.float32)
         concepts = [self._concept(prompt) for prompt in prompts]
         known = [concept for concept in concepts if concept is not None]
@@ -123,14 +118,14 @@ class GroundNetwork:
         return maps
 
     def embed(self, features: Ground) -> Floats:
-        """The scene, a unit vector: see `scene_vector`. Raises PerceiverError."""
+        """Make the scene's embedding, a unit vector: see `scene_vector`. Raises PerceiverError."""
         vector = scene_vector(features.features, self._calibration)
         if not np.isfinite(vector).all():
             raise PerceiverError("the scene's embedding is not finite")
         return vector
 
     def example(self, features: Ground, box: Box) -> Example:
-        """What the box shows, learnt from the frame in six lights, a pass each. Raises ExampleError."""
+        """Learn what the box shows, by encoding the frame in six lights. Raises ExampleError."""
         pixels = features.frame[0].transpose(1, 2, 0).astype(np.uint8)
         views = [
             self._seen(np.ascontiguousarray(view.transpose(2, 0, 1)[None], dtype=np.float32)).cells
@@ -142,7 +137,7 @@ class GroundNetwork:
         return Example(self.model_id, np.append(learnt, surely).astype(np.float32))
 
     def _check(self, name: str) -> None:
-        """Run it once, and see that calibration, words and network are of one training."""
+        """Run the network once, and check that calibration, words and network fit together."""
         numbers = self._calibration
         logits, features = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
         classes, wide = len(numbers.classes), len(features)
@@ -171,9 +166,10 @@ class GroundNetwork:
         return Ground(frame, posteriors(logits, self._calibration), features)
 
     def _concept(self, prompt: Prompt) -> str | None:
-        """What the prompt means by its name; None where only its examples count.
+        """Return the concept of the prompt's word; None where only its examples count.
 
-        A weak word that was tapped means what was tapped: by name "rock" would explain the next thing too.
+        A weak word with examples counts by these alone: by its name, "rock" would also explain the next
+        unknown thing.
         """
         try:
             concept = self.meaning(prompt.word)
@@ -199,10 +195,11 @@ class GroundNetwork:
         return np.asarray(found, dtype=np.float32)
 
     def _strangeness(self, seen: Ground) -> Floats:
-        """How little all that the network knows by name explains each point, (h, w) in [0, 1].
+        """Return how little all named classes together explain each point, (h, w) in [0, 1].
 
-        A thing that was strange when it was tapped is looked for in what is strange: the look of a brown drum
-        alone is found in brown earth too. A thing that was taken for known ground is looked for anywhere.
+        A thing that was strange when it was tapped is found only where the frame is strange: by its look
+        alone, a brown drum is also found in brown earth. A thing that the network took for known ground when
+        it was tapped is searched everywhere.
         """
         unknown = seen.probabilities[self._calibration.classes.index(UNKNOWN)]
         return np.asarray(1 - np.clip(1 - unknown, 0, 1) ** self._calibration.gamma, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Which place a frame shows, from the built-in network's features: a unit vector, alike for one place."""
+"""Embeds the scene of a frame from the built-in network's features: one place gives similar unit vectors."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ SAME_PLACE = 0.925
 
 
 BANDS = ((0.45, 0.65), (0.65, 1.0))
-"""Rows, as parts of the frame's height: the ground some metres ahead with what grows beside it, and
-the ground at the wheels. What is above shows places that the vehicle is not in yet."""
+"""Bands of rows, in fractions of the frame's height: the ground some metres ahead with what grows beside it,
+and the ground at the wheels. The rows above are left out: they show places not yet reached."""
 
 
 def scene_summary(features: Floats) -> Floats:
-    """Mean and spread of each feature in each of the `BANDS`, (4 D,) from (D, h, w)."""
+    """Calculate mean and standard deviation of each feature in each of the `BANDS`, (4 D,) from (D, h, w)."""
     rows = features.shape[1]
     parts = []
     for top, bottom in BANDS:
@@ -28,11 +28,11 @@ def scene_summary(features: Floats) -> Floats:
 
 
 def scene_vector(features: Floats, calibration: Calibration) -> Floats:
-    """The scene, (1 + S,) of unit length.
+    """Make the scene's embedding, (1 + S,), of unit length.
 
-    The summary is whitened and projected to S numbers of unit length, whose cosine c tells places apart at
-    the fitted threshold t. A constant first entry makes of c the cosine 1 - (1 - c) 0.075 / (1 - t), which
-    is 0.925 at t.
+    The summary is whitened and projected to S numbers of unit length. Their cosine c tells places apart at
+    the fitted threshold t. A constant first entry maps c to the cosine 1 - (1 - c) 0.075 / (1 - t), so that
+    t becomes `SAME_PLACE`, 0.925.
     """
     place = calibration.scene_projection @ (scene_summary(features) - calibration.scene_mean)
     place /= max(float(np.linalg.norm(place)), 1e-6)

@@ -1,6 +1,6 @@
-"""Tapped things: a box on a frame becomes a word of its own, by exemplar LDA on the network's features.
+"""Learns a tapped thing from one box and finds it again, by exemplar LDA on the network's features.
 
-After Hariharan, Malik and Ramanan, Discriminative decorrelation for clustering and classification (2012):
+Method: Hariharan, Malik and Ramanan, Discriminative decorrelation for clustering and classification (2012):
 background statistics are learnt once, so that one example is enough.
 """
 
@@ -20,19 +20,19 @@ from anytraverse.regions import Box
 Mask = NDArray[np.bool_]
 
 COLOURS = 5
-"""Numbers about colour and texture that are added to the network's features."""
-_DIM = 0.08  # of the mean light: what ratios of dark pixels are damped by, against sensor noise
-_FLAT = 0.03  # local contrast below which everything is equally smooth
+"""Count of the colour and texture values appended to the network's features."""
+_DIM = 0.08  # share of the mean light added to all channels: it damps sensor noise in dark ratios
+_FLAT = 0.03  # local contrast below which all surfaces count as equally smooth
 _LEAST_CELLS = 3
-_PURE = 0.5  # of the box's cells, those most alike, are the thing: a box holds some background too
-_STRANGE, _STRANGEST = 0.3, 0.9  # a box holds something strange when a tenth of it is stranger than this
-_LOWEST, _HIGHEST = 0.35, 0.8  # between which the threshold stays: 0 is background, 1 the tapped thing itself
-_BACKGROUND = 0.99  # quantile of the tapped frame's background that must stay below the threshold
-_BETWEEN = 0.4  # of the way from that background to the thing lies the threshold
-_SOFT = 0.06
-_LIKENESS = 0.92  # of the cosine that most cells of the thing reach: below lie other things
-_ALMOST_ALL = 0.3  # quantile of the thing's cells that is meant by most
-_SOFT_LIKENESS = 0.03
+_PURE = 0.5  # share of the box's cells, the most similar ones, taken as the thing; the rest is background
+_STRANGE, _STRANGEST = 0.3, 0.9  # a box holds something strange when its quantile 0.9 is at least 0.3
+_LOWEST, _HIGHEST = 0.35, 0.8  # limits of the score's threshold; 0 is the background, 1 the tapped thing
+_BACKGROUND = 0.99  # quantile of the background's scores in the tapped frame, to stay below the threshold
+_BETWEEN = 0.4  # position of the threshold between that quantile (0) and the thing (1)
+_SOFT = 0.06  # width of the logistic step at the score's threshold
+_LIKENESS = 0.92  # share of the cosine that most cells of the thing have; other things have a lower one
+_ALMOST_ALL = 0.3  # quantile of the cosines of the thing's cells that stands for "most"
+_SOFT_LIKENESS = 0.03  # width of the logistic step at the cosine's threshold
 
 VIEWS: tuple[tuple[float, float, float], ...] = (
     (1.0, 1.0, 1.0),
@@ -42,19 +42,19 @@ VIEWS: tuple[tuple[float, float, float], ...] = (
     (1.15, 1.0, 0.85),
     (0.85, 1.0, 1.15),
 )
-"""Gains of red, green and blue under which a tapped frame is looked at again: light must not count."""
+"""Gains of red, green and blue with which a tapped frame is encoded, so that its light does not count."""
 
 
 def changed_views(image: Image) -> list[Image]:
-    """The tapped frame in six lights; the box is the same in all of them."""
+    """Return the tapped frame in the light of each of `VIEWS`; the box is the same in all of them."""
     return [np.asarray(np.clip(image * np.asarray(gains), 0, 255), dtype=np.uint8) for gains in VIEWS]
 
 
 def tap_cells(features: Floats, frame: Floats) -> Floats:
-    """Features and colours, (h, w, T) from features (D, h, w) and the network's input (1, 3, H, W).
+    """Append colours to the features, (h, w, T) from features (D, h, w) and the network's input (1, 3, H, W).
 
-    Colours: log R/G, log of yellow over blue, log of light over the frame's mean, contrast within a cell and
-    around it.
+    The colours are log R/G, log of yellow over blue, log of light over the frame's mean, and the log of the
+    contrast within a cell and around it.
     """
     size = features.shape[2], features.shape[1]
     pixels = np.ascontiguousarray(frame[0].transpose(1, 2, 0))
@@ -76,12 +76,12 @@ def tap_cells(features: Floats, frame: Floats) -> Floats:
 def learn_tap(
     views: Sequence[Floats], box: Box, calibration: Calibration, strange: Floats | None = None
 ) -> Floats:
-    """What the box shows, (T + 2,): a direction w, and thresholds on w z and on the cosine of w and z, of
-    whitened cells z. The first tells the thing from the background, the second from other things that are
-    as far from the background.
+    """Learn what the box shows, (T + 2,): a direction w and two thresholds, for whitened cells z.
 
-    views: `tap_cells` of the frame's `changed_views`. strange: how little is known of each cell by name,
-    (h, w) in [0, 1]. Raises ExampleError when the box is too small.
+    The first threshold, on w z, tells the thing from the background. The second, on the cosine of w and z,
+    tells it from other things that differ as much from the background.
+    views: `tap_cells` of the frame's `changed_views`. strange: how little the named classes explain each
+    cell, (h, w) in [0, 1]. Raises ExampleError when the box is too small.
     """
     inside = box.mask(*views[0].shape[:2])
     if inside.sum() < _LEAST_CELLS:
@@ -103,14 +103,17 @@ def learn_tap(
 
 
 def _strange_part(inside: Mask, strange: Floats) -> Mask:
-    """Where a box holds something strange beside known ground, that is what was meant."""
+    """Return the strange part of the box; the whole box where nothing in it is strange.
+
+    In a box with known ground and something strange, the strange part is what the operator meant.
+    """
     most = float(np.quantile(strange[inside], _STRANGEST))
     part: Mask = inside & (strange >= 0.5 * most)
     return part if most >= _STRANGE and part.sum() >= _LEAST_CELLS else inside
 
 
 def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibration: Calibration) -> Floats:
-    """How surely each cell is what was tapped, (h, w) in [0, 1]; of several examples the best counts."""
+    """Calculate how surely each cell shows what was tapped, (h, w) in [0, 1], by the best of the examples."""
     white = whitened(cells, calibration)
     found = np.zeros(cells.shape[:2], dtype=np.float32)
     for example in examples:
@@ -119,7 +122,7 @@ def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibr
 
 
 def likeness(white: Floats, example: NDArray[np.float32]) -> Floats:
-    """How surely each whitened cell is what this one example shows, (h, w) in [0, 1]."""
+    """Calculate how surely each whitened cell shows the same as this example, (h, w) in [0, 1]."""
     direction, threshold, least = example[:-2], example[-2], example[-1]
     surely = _step((white @ direction - threshold) / _SOFT)
     surely *= _step((_cosine(white, direction) - least) / _SOFT_LIKENESS)
@@ -127,7 +130,7 @@ def likeness(white: Floats, example: NDArray[np.float32]) -> Floats:
 
 
 def _step(x: Floats) -> Floats:
-    """From 0 to 1 around 0."""
+    """Calculate the logistic function."""
     return np.asarray(1 / (1 + np.exp(np.clip(-x, -30, 30))), dtype=np.float32)
 
 
@@ -137,10 +140,10 @@ def _cosine(white: Floats, direction: Floats) -> Floats:
 
 
 def whitened(cells: Floats, calibration: Calibration) -> Floats:
-    """Cells (h, w, T) in which the background is of equal spread in every direction."""
+    """Whiten cells, (h, w, T): the background then has the same spread in every direction."""
     return np.asarray((cells - calibration.tap_mean) @ calibration.tap_whitening, dtype=np.float32)
 
 
 def _direction(mean: Floats) -> Floats:
-    """Scaled so that the mean itself scores 1 and the background's mean 0."""
+    """Scale a direction so that the mean itself scores 1 and the background's mean 0."""
     return np.asarray(mean / max(float(mean @ mean), 1e-6), dtype=np.float32)

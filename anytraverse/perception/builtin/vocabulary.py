@@ -1,4 +1,4 @@
-"""The words of the built-in perceivers: synonyms, and what is said to a word that is not known."""
+"""Looks up the words of the built-in perceivers: their synonyms, and the nearest to an unknown word."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ SYNONYMS: dict[str, str] = {
 
 
 def words_for(concepts: Collection[str]) -> tuple[str, ...]:
-    """The concepts, then their synonyms."""
+    """Return the concepts, then their synonyms."""
     return (*concepts, *(word for word, concept in SYNONYMS.items() if concept in concepts))
 
 
 def concept_of(word: str, concepts: Collection[str]) -> str:
-    """The one of `concepts` that the word means. Raises UnknownWordError with the nearest ones first."""
+    """Return the concept that the word means. Raises UnknownWordError, which lists the nearest ones first."""
     word = clean_word(word)
     concept = SYNONYMS.get(word, word)
     if concept not in concepts:
@@ -64,7 +64,7 @@ def concept_of(word: str, concepts: Collection[str]) -> str:
 
 
 def nearest(word: str, concepts: Collection[str]) -> tuple[str, ...]:
-    """The concepts, those first that are spelt most like the word, themselves or by a synonym."""
+    """Sort the concepts by how similar their spelling, or that of a synonym, is to the word."""
     likeness = dict.fromkeys(concepts, 0.0)
     for known in words_for(concepts):
         concept = SYNONYMS.get(known, known)

@@ -1,7 +1,7 @@
-"""What words mean to the built-in network: the classes they explain, the colours that suit them, and trust.
+"""Defines the words of the built-in network: the classes they explain, their colours and their trust.
 
-Kinds of ground are told apart by colour alone, and only where several of them are asked for: asked for alone,
-each of them means the whole trail, so that a wrong white balance makes no ground unknown.
+Kinds of ground (dirt, gravel, sand) are told apart by colour alone, and only where several of them are asked
+for. One of them alone means the whole trail, so that a wrong white balance makes no ground unknown.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from anytraverse.perception import WEAK
 from anytraverse.perception.builtin.network import Floats
 
 GOOD, FAIR = "good", "fair"
-"""Trust: found where it stands; found, but mixed up with its like; and `WEAK`, a guess."""
+"""Trust in a word. Good: it is found. Fair: it is found, but confused with similar ones. `WEAK`: a guess."""
 
-_NEUTRAL = 0.5  # how well colours suit a word that is of no colour
-_LEAST = 0.05
+_NEUTRAL = 0.5  # colour fit of a word without a colour
+_LEAST = 0.05  # lowest colour fit
 
 
 class Colour(NamedTuple):
-    """Centre and spread of log R/G, of log yellow over blue, and of log light over the frame's mean."""
+    """Holds (centre, spread) of log R/G, of log yellow over blue, and of log light over the frame's mean."""
 
     redness: tuple[float, float]
     yellowness: tuple[float, float]
@@ -30,7 +30,10 @@ class Colour(NamedTuple):
 
 
 class GroundWord(NamedTuple):
-    """covers: classes that the word explains. own: how much each class speaks for it, where not by 1."""
+    """Holds what a word means.
+
+    covers: the classes that it explains. own: class -> its weight as evidence for the word, where not 1.
+    """
 
     covers: tuple[str, ...]
     trust: str
@@ -39,7 +42,7 @@ class GroundWord(NamedTuple):
 
 
 UNKNOWN = "unknown"
-"""The class of what has no name."""
+"""The class of things without a name."""
 _TRAIL = ("smooth trail", "rough trail")
 _TALL = ("low vegetation", "high vegetation")
 
@@ -61,14 +64,14 @@ GROUND_WORDS: dict[str, GroundWord] = {
     "rock": GroundWord((UNKNOWN,), WEAK, colour=Colour((-0.03, 0.06), (-0.05, 0.1), (0.3, 0.6))),
     "log": GroundWord((UNKNOWN,), WEAK, colour=Colour((0.35, 0.15), (0.5, 0.2), (-0.4, 0.5))),
 }
-"""Concept -> what it means. There is no snow among the frames that the network was trained on."""
+"""Concept -> its meaning. "snow" is missing, since no frame of the training shows any."""
 
 
 def word_tables(concepts: Sequence[str], classes: Sequence[str]) -> tuple[Floats, Floats]:
-    """`covers` and `own` of these concepts for `attention`, (N, C) each. KeyError for an unknown one.
+    """Make `covers` and `own` of these concepts for `attention`, (N, C) each. Raises KeyError.
 
-    Where several of them cover a class, it speaks for the nearest of them alone: grass for "grass" and not
-    also for "vegetation", which else would outweigh it where plants of both kinds may stand.
+    Where several concepts cover a class, it is evidence only for the one with the largest weight: grass for
+    "grass" and not also for "vegetation", which would otherwise win where both kinds of plants are likely.
     """
     covers = np.zeros((len(concepts), len(classes)), dtype=np.float32)
     own = np.zeros_like(covers)
@@ -81,7 +84,7 @@ def word_tables(concepts: Sequence[str], classes: Sequence[str]) -> tuple[Floats
 
 
 def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:
-    """How well each point's colours suit each concept, (N, h, w) in (0, 1]; None where none is of a colour.
+    """Calculate how well each point's colours suit each concept, (N, h, w) in (0, 1]; None without a colour.
 
     colours: (h, w, 3), the first three of the colours in `tap_cells`.
     """
@@ -98,18 +101,19 @@ def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:
 
 
 def among_kin(fits: Floats, covers: Floats) -> Floats:
-    """Colour fits over the best fit of all words that cover the same, (N, h, w) in (0, 1].
+    """Divide colour fits by the best fit of all words that share a class, (N, h, w) in (0, 1].
 
-    So colours tell kinds of ground apart and say nothing of whether it is ground.
+    So colours tell kinds of ground apart, and do not decide whether it is ground at all.
     """
     kin = covers @ covers.T > 0
     return np.asarray(fits / np.stack([fits[own].max(axis=0) for own in kin]), dtype=np.float32)
 
 
 def reach(concepts: Sequence[str], fits: Floats | None) -> Floats | None:
-    """How much of what it covers each concept explains at each point, (N, h, w); None: all do all of it.
+    """Calculate the share of its classes that each concept explains at each point, (N, h, w); None: all.
 
-    fits: as of `colour_fits`. A rock is of stone's colour: asked for by name it does not explain a red drum.
+    fits: of `colour_fits`. Only a thing with a colour explains less than all: a rock has the colour of stone,
+    so that the word "rock" does not explain a red drum.
     """
     named = [bool(UNKNOWN in GROUND_WORDS[each].covers and GROUND_WORDS[each].colour) for each in concepts]
     if fits is None or not any(named):

@@ -1,1 +1,1 @@
-"""Eyes made of a segmentation network that the user trained: its class names are the words."""
+"""Perceives with a segmentation network that the user trained: its class names are the words."""

@@ -1,4 +1,4 @@
-"""How much each place shows what is asked for, so that what nobody asked about stays uncertain."""
+"""Calculates attention from class scores; what belongs to no class asked for stays uncertain."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ _LEAST_GAP = 0.01
 
 
 def attention_of(values: Array, asked: Sequence[int], shares: bool) -> Array:
-    """Attention of the asked classes, (len(asked), h, w) in [0, 1], from all classes' values, (n, h, w).
+    """Calculate the attention of the asked classes, (len(asked), h, w) in [0, 1], from values (n, h, w).
 
-    A softmax gives every place to some class, also what belongs to none, and leaves only the shares of the
-    classes to tell. With K the sum of the asked classes' shares, a class's attention is K times its share
-    relative to the largest asked one: 1 - max is 1 - K, so ground of classes that nobody asked for, and
-    ground on which the network is torn between those and others, is uncertain.
-    Classes that share nothing (sigmoid) stand each for itself.
+    asked: indices of classes. shares: whether the values of all classes sum to 1 (softmax).
+    A softmax assigns every place to some class, also a place that belongs to none. Let K be the sum of the
+    asked classes' shares. A class's attention is K times its share over the largest share asked for. So
+    1 - max is 1 - K: ground of other classes is uncertain, and so is ground on which the network is undecided
+    between asked and other classes.
+    Without shares (sigmoid), a class's attention is its value.
     """
     if not asked or not shares:
         return values[list(asked)]
@@ -36,10 +37,11 @@ def attention_of(values: Array, asked: Sequence[int], shares: bool) -> Array:
 
 
 def learn(directions: Array, box: Box) -> Array:
-    """What a tapped box shows, (d + 2,): its mean direction, of `Segmented.directions`, and two levels.
+    """Learn what a tapped box shows, (d + 2,): its mean direction, and two levels.
 
-    The levels are the mean cosines to that direction of the box itself and of the rest of the frame.
-    Raises ExampleError for a box that is too small, covers all, or shows what is everywhere.
+    directions: (d, h, w), see `Segmented.directions`. The levels are the mean cosines to that direction, of
+    the box and of the rest of the frame. Raises ExampleError for a box that is too small, covers the frame,
+    or looks like the rest of it.
     """
     inside = box.mask(*directions.shape[1:])
     if inside.sum() < _LEAST_PLACES or inside.all():
@@ -60,7 +62,10 @@ def learn(directions: Array, box: Box) -> Array:
 
 
 def likeness(directions: Array, example: Array) -> Array:
-    """Attention of an example, (h, w) in [0, 1]: 1 at its own level, 0 at that of what was around it."""
+    """Calculate the attention of an example, (h, w) in [0, 1]: 1 at its box's level, 0 at that of the rest.
+
+    Raises ExampleError for an example of another length.
+    """
     if len(example) != len(directions) + 2:
         raise ExampleError("this example is not whole: tap the thing again")
     own, around = float(example[-2]), float(example[-1])
@@ -70,7 +75,7 @@ def likeness(directions: Array, example: Array) -> Array:
 
 
 def resized_to(plane: Array, shape: tuple[int, int]) -> Array:
-    """A map, (h, w), brought to another shape by its nearest places."""
+    """Resize a map, (h, w), by nearest neighbour."""
     rows, columns = (
         np.minimum(((np.arange(wanted) + 0.5) * given / wanted).astype(np.intp), given - 1)
         for wanted, given in zip(shape, plane.shape, strict=True)

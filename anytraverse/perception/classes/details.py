@@ -1,4 +1,4 @@
-"""What a classes bundle's manifest says of its network."""
+"""Reads and writes the part of a manifest that describes a segmentation network."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class InputForm:
-    """How the pixels of a resized frame become a network's input.
+    """Describes how the pixels of a resized frame become a network's input.
 
-    float32: (pixel * scale - mean) / std, mean and std in the network's channel order. uint8: as they are.
-    Raises BundleError for what is not one of `LAYOUTS`, `DTYPES`, `ORDERS`, or is no number.
+    float32: (pixel * scale - mean) / std, mean and std in the network's channel order. uint8: unchanged.
+    Raises BundleError for a name that is not in `LAYOUTS`, `DTYPES` or `ORDERS`, and for a number that is not
+    finite; scale and std must be above 0.
     """
 
     layout: str = "nchw"
@@ -49,7 +50,7 @@ class InputForm:
             raise BundleError("scale and std must be above 0")
 
     def tensor(self, picture: Image) -> NDArray[Any]:
-        """The input for a picture, (height, width, 3) uint8 RGB: one of a batch, (1, ...)."""
+        """Make the input for a picture, (height, width, 3) uint8 RGB: a batch of one, (1, ...)."""
         pixels = picture if self.order == "rgb" else picture[..., ::-1]
         height, width = pixels.shape[:2]
         shape = (1, 3, height, width) if self.layout == "nchw" else (1, height, width, 3)
@@ -67,10 +68,11 @@ class InputForm:
 
 @dataclass(frozen=True)
 class Details:
-    """words: of the classes. activation: one of `ACTIVATIONS`. form: of the input. output: of the scores.
+    """Describes a segmentation network.
 
-    softmax, sigmoid: what the network leaves to be done to its scores; probabilities: it ends in a softmax
-    itself; none: its values are already in [0, 1], each on its own.
+    words: of its classes. form: of its input. output: the name of the output with the scores.
+    activation: one of `ACTIVATIONS`. softmax, sigmoid: must be applied to the scores; probabilities: the
+    network ends in a softmax itself; none: its values are in [0, 1] already, each class by itself.
     """
 
     words: Words
@@ -89,12 +91,12 @@ class Details:
 
     @property
     def shares(self) -> bool:
-        """Whether the classes share a pixel: their values sum to 1."""
+        """Whether the values of all classes sum to 1 at each pixel."""
         return self.activation in ("softmax", "probabilities")
 
 
 def as_json(details: Details) -> dict[str, Any]:
-    """What `read_details` reads."""
+    """Return the JSON object that `read_details` reads."""
     classes, form = details.words.classes, details.form
     return {
         "classes": [{"name": each.name, "synonyms": list(each.synonyms)} for each in classes],
@@ -113,7 +115,7 @@ def as_json(details: Details) -> dict[str, Any]:
 
 
 def read_details(values: Mapping[str, Any], where: str) -> Details:
-    """The details of a manifest; `where` names it in messages. Raises BundleError."""
+    """Read the details of a manifest; `where` names it in error messages. Raises BundleError."""
     fields = Fields(dict(values), where)
     fields.only(("classes", "ignore", "activation", "output", "input"))
     ignored = set(fields.texts("ignore"))

@@ -1,4 +1,4 @@
-"""A segmentation network in ONNX, and what it makes of a picture."""
+"""Runs a segmentation network in ONNX."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from anytraverse.perception.runtime import Runtime, open_session, run_session
 Array = NDArray[np.float32]
 
 FEATURES = "features"
-"""The name of the output that a network may have beside its scores: what it measures at each place."""
+"""The name of an optional second output: the features from which the network makes its scores."""
 
-_LONGEST = 360
-_MOST_VALUES = 1 << 22
+_LONGEST = 360  # places along the longer side of a map
+_MOST_VALUES = 1 << 22  # in all maps together
 _TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Segmented:
-    """A picture as the network sees it.
+    """Holds the network's output for a picture.
 
-    values: of the classes, (classes, h, w) in [0, 1]. features: (d, h', w'), if the network gives them.
+    values: of the classes, (classes, h, w) in [0, 1]. features: (d, h', w'); None if the network has none.
     """
 
     values: Array
@@ -39,7 +39,7 @@ class Segmented:
 
     @cached_property
     def directions(self) -> Array | None:
-        """The features of each place as a unit vector, (d, h', w'); of features that are 0: 0."""
+        """The features of each place as a unit vector, (d, h', w'); 0 where all features are 0."""
         if self.features is None:
             return None
         lengths = np.sqrt(np.einsum("dhw,dhw->hw", self.features, self.features))
@@ -50,7 +50,7 @@ class Network:
     """Runs one network. Its maps are thinned to at most 360 places on the longer side."""
 
     def __init__(self, model: Path, details: Details, runtime: Runtime) -> None:
-        """Raises PerceiverError when the network cannot be loaded, BundleError when it is another one."""
+        """Raises PerceiverError when the network cannot be loaded, BundleError if `details` do not fit it."""
         self._details = details
         self._session = open_session(model, runtime)
         inputs, outputs = self._session.get_inputs(), [each.name for each in self._session.get_outputs()]
@@ -68,7 +68,7 @@ class Network:
         return len(self._outputs) == 2
 
     def __call__(self, picture: Image) -> Segmented:
-        """What a picture of the network's size shows. Raises PerceiverError, also for what is not finite."""
+        """Segment a picture of the network's size. Raises PerceiverError, also for a NaN or infinity."""
         maps = self.raw(picture)
         if not all(_is_finite(each) for each in maps):
             raise PerceiverError("the network's output is not finite")
@@ -77,13 +77,13 @@ class Network:
         return Segmented(values, _thinned(features[0]) if features else None)
 
     def warm_up(self, height: int, width: int) -> None:
-        """Run once on a picture of this size, so that the first frame waits for nothing. Raises as `raw`."""
+        """Run once on a grey picture of this size, so that the first frame is not slow. Raises as `raw`."""
         self.raw(np.full((height, width, 3), 128, dtype=np.uint8))
 
     def raw(self, picture: Image) -> list[Array]:
-        """The network's own scores, (classes, h, w), and its features, (d, h', w'), if it has them.
+        """Return the network's scores, (classes, h, w), and its features, (d, h', w'), if it has them.
 
-        Raises PerceiverError, and BundleError where they have another form.
+        Raises PerceiverError, and BundleError when an output has another shape or dtype.
         """
         given = {self._input: self._details.form.tensor(picture)}
         scores, *features = run_session(self._session, given, self._outputs)
@@ -91,7 +91,7 @@ class Network:
         return maps + [self._planes(each, FEATURES, None) for each in features]
 
     def _planes(self, output: NDArray[Any], name: str, count: int | None) -> Array:
-        """One picture's maps with the channels first."""
+        """Return one picture's maps as float32, channels first. count: of channels; None: any number."""
         if output.dtype.kind != "f":
             raise BundleError(
                 f'the network\'s output "{name}" holds {output.dtype}, the numbers of classes and not their '
@@ -102,6 +102,7 @@ class Network:
                 f'the network\'s output "{name}" has the shape {output.shape}, expected are maps: '
                 "(1, channels, height, width) or (1, height, width, channels)"
             )
+        # An output's layout may differ from the input's: the number of channels decides where it is known.
         last = self._details.form.layout == "nhwc"
         if count is not None and output.shape[3 if last else 1] != count:
             last = not last
@@ -119,7 +120,7 @@ def _is_finite(maps: Array) -> bool:
 
 
 def _thinned(maps: Array) -> Array:
-    """Every n-th place of the maps, so that pooling stays a matter of milliseconds."""
+    """Take every n-th place of the maps, so that pooling takes only milliseconds."""
     count, height, width = maps.shape
     step = math.ceil(max(height, width) / _LONGEST)
     while count * height * width / step**2 > _MOST_VALUES:

@@ -1,8 +1,8 @@
-"""Eyes made of any segmentation network: its classes are the words.
+"""Perceives with any segmentation network: its classes are the words.
 
-What belongs to no class that the operator asked for is uncertain; see `attention_of`. Tapped things and a
-sense of place need a network that also gives its features, an output called "features": without it taps are
-refused, and places are told apart only by where which classes lie.
+What belongs to no class that the operator asked for is uncertain; see `attention_of`. Taps, and a good scene
+embedding, need a network with a second output called "features". Without it taps are refused, and scenes are
+told apart only by the layout of their classes.
 """
 
 from __future__ import annotations
@@ -28,19 +28,20 @@ from anytraverse.regions import Box
 
 KIND = "classes"
 PART, WEIGHTS = "image", "weights"
-"""The bundle's parts: the network, and its weights where they are a file of their own."""
+"""The bundle's parts: the network, and its weights where they are in a file of their own."""
 
 
 class Classes:
-    """The `Perceiver` of kind "classes".
+    """Implements `Perceiver` for kind "classes".
 
-    `precision` is the bundle's variant in use, and `why` says why that one.
+    `precision` is the bundle's variant in use, and `why` the reason for that choice.
     """
 
     def __init__(self, argument: str, runtime: Runtime) -> None:
-        """Argument: the bundle's folder. Loads the network and runs it once.
+        """Load the network and run it once. argument: the bundle's folder.
 
-        Raises BundleError for a bundle that is torn, foreign or does not fit its network, PerceiverError.
+        Raises BundleError for a bundle that is damaged, of another kind or does not fit its network, and
+        PerceiverError.
         """
         if not argument:
             raise PerceiverError('classes needs its bundle: write "classes:FOLDER"')
@@ -68,19 +69,19 @@ class Classes:
 
     @property
     def defaults(self) -> DefaultThresholds:
-        """The bundle's own."""
+        """The bundle's thresholds."""
         return self.manifest.thresholds
 
     def meaning(self, word: str) -> str:
-        """The name of the class that the word means. Raises UnknownWordError, nearest classes first."""
+        """Return the name of the class that the word means. Raises UnknownWordError."""
         return self._words.classes[self._words.index(word)].name
 
     def encode(self, image: Image) -> Segmented:
-        """One run of the network. Raises PerceiverError, also for output that is not finite."""
+        """Run the network. Raises PerceiverError, also when its output is not finite."""
         return self._network(self._resize(image))
 
     def attend(self, features: Segmented, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
-        """Attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
+        """Make attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
         classes = [self._class_of(prompt) for prompt in prompts]
         asked = [index for index in classes if index is not None]
         of_words = iter(attention_of(features.values, asked, self._shares))
@@ -94,13 +95,13 @@ class Classes:
         return maps
 
     def embed(self, features: Segmented) -> NDArray[np.float32]:
-        """The scene, a unit vector: of the network's features, or else of the layout of classes."""
+        """Make the scene's embedding, a unit vector, from the features or else the layout of classes."""
         if features.features is not None:
             return feature_vector(features.features)
         return layout_vector(features.values, self._shares)
 
     def example(self, features: Segmented, box: Box) -> Example:
-        """The features of what the box shows. Raises ExampleError, also for a network without features."""
+        """Learn the features of what the box shows. Raises ExampleError, also without features."""
         return Example(self.model_id, learn(self._directions(features), box))
 
     def _class_of(self, prompt: Prompt) -> int | None:

@@ -1,4 +1,4 @@
-"""What kind of place a segmented frame shows: a unit vector."""
+"""Embeds the scene of a segmented frame as a unit vector."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ ROWS, COLUMNS = 4, 6
 
 
 def layout_vector(values: Array, shares: bool) -> Array:
-    """Where which classes lie, from their values, (n, h, w): a unit vector, (n * 24,) or (n * 48,).
+    """Embed the layout of the classes from their values, (n, h, w): a unit vector, (n * 24,) or (n * 48,).
 
-    It knows nothing but that: two meadows alike in their layout are one place to it.
-    The square roots of the mean values in a grid of 4 x 6 cells; so the cosine of two vectors is the mean
-    over the cells of Bhattacharyya's coefficient. Without shares, of each class and of its absence.
+    The entries are the square roots of the mean values in a grid of 4 x 6 cells. So the cosine of two vectors
+    is the mean of Bhattacharyya's coefficient over the cells. Without shares there are entries for each class
+    and for its absence. Two meadows of the same layout are one place by this embedding.
     """
     cells = _means(values)
     if not shares:
@@ -26,7 +26,7 @@ def layout_vector(values: Array, shares: bool) -> Array:
 
 
 def feature_vector(features: Array) -> Array:
-    """Mean and standard deviation of the features, (d, h, w), in the upper and lower half: (4 d,)."""
+    """Embed mean and standard deviation of the features, (d, h, w), in the upper and lower half: (4 d,)."""
     rows = max(1, features.shape[1] // 2)
     halves = features[:, :rows], features[:, -rows:]
     figures = [figure for half in halves for figure in (half.mean(axis=(1, 2)), half.std(axis=(1, 2)))]
@@ -34,7 +34,7 @@ def feature_vector(features: Array) -> Array:
 
 
 def _means(values: Array) -> NDArray[np.float64]:
-    """Means of each map in a grid of cells; a cell of a very small map is its nearest place."""
+    """Average each map in a grid of cells; a map smaller than the grid gives its nearest place."""
     height, width = values.shape[1:]
     rows = (np.arange(ROWS) * height) // ROWS
     columns = (np.arange(COLUMNS) * width) // COLUMNS
@@ -46,6 +46,7 @@ def _means(values: Array) -> NDArray[np.float64]:
 
 
 def _unit(vector: NDArray[np.floating]) -> Array:
+    """Scale to unit norm. Raises PerceiverError for 0 and for what is not finite."""
     length = float(np.linalg.norm(vector))
     if not np.isfinite(length) or length == 0.0:
         raise PerceiverError("the scene's embedding is empty or not finite")

@@ -1,4 +1,4 @@
-"""The words of a network: the names of its classes, and their synonyms."""
+"""Looks up which class of a network a word means: by the names of the classes, and their synonyms."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from anytraverse.preferences import clean_word
 
 @dataclass(frozen=True)
 class NamedClass:
-    """A class of a network; a synonym is another word for it. `is_word`: whether it may be asked for."""
+    """Holds a class of a network and its synonyms. is_word: whether it may be asked for."""
 
     name: str
     synonyms: tuple[str, ...] = ()
@@ -25,10 +25,10 @@ class NamedClass:
 
 
 class Words:
-    """Which word means which class. Classes come in the order of the network's outputs."""
+    """Maps words to classes. `classes` has the order of the network's outputs."""
 
     def __init__(self, classes: Sequence[NamedClass]) -> None:
-        """Raises BundleError for a word that cannot be one, or that stands for two classes."""
+        """Raises BundleError for a word that is not allowed or names two classes, and when none is a word."""
         self.classes = tuple(classes)
         self._index: dict[str, int] = {}
         for index, each in enumerate(self.classes):
@@ -48,7 +48,7 @@ class Words:
         return (*self.names, *(word for each in self.classes if each.is_word for word in each.synonyms))
 
     def index(self, word: str) -> int:
-        """The number of the class that `word` means. Raises UnknownWordError, nearest words first."""
+        """Return the index of the class that `word` means. Raises UnknownWordError, nearest classes first."""
         word = clean_word(word)
         index = self._index.get(word)
         if index is None or not self.classes[index].is_word:

@@ -1,4 +1,4 @@
-"""CLIPSeg, the paper's model, from a bundle: any word is a prompt, and so is any tapped thing.
+"""Perceives with CLIPSeg, the paper's model, from a bundle: any word and any tapped thing is a prompt.
 
 CLIPSeg: Lüddecke and Ecker, "Image Segmentation Using Text and Image Prompts", CVPR 2022.
 """
@@ -30,20 +30,20 @@ if TYPE_CHECKING:
 Array = NDArray[np.float32]
 
 _LEAST_SIDE = 16
-"""Pixels of a tapped box below which it shows nothing but a blur."""
+"""The least pixels of a tapped box's shorter side; a smaller box shows only a blur."""
 _CONTEXT = 1.2
-"""A tapped box is grown this much: a thing is told apart with some of what is around it."""
+"""A tapped box is enlarged by this factor: some surroundings help to recognise a thing."""
 
 _AT_ONCE = 2
-"""Prompts that the decoder takes at once: more are no faster, and need more memory."""
+"""Prompts in one run of the decoder: more are no faster, and need more memory."""
 
 
 @dataclass(eq=False)
 class Activations:
-    """What the image tower made of a frame, and what was made of that so far.
+    """Holds the image tower's output for a frame, and caches what was computed from it.
 
     reduced: (steps, tokens, reduced), for the decoder. deep: (tokens, width), for the embedding.
-    maps: attention maps by what they answer, kept while they are asked for.
+    maps: a prompt's word or examples -> its attention map, cached while it is asked for.
     """
 
     image: Image
@@ -54,17 +54,17 @@ class Activations:
 
 
 class ClipSeg:
-    """The `Perceiver` of kind "clipseg". Open vocabulary; a new word costs one run of the decoder.
+    """Implements `Perceiver` for kind "clipseg". Its vocabulary is open.
 
-    `precision` is the bundle's variant in use, and `why` says why that one.
+    `precision` is the bundle's variant in use, and `why` the reason for that choice.
     """
 
     vocabulary = None
     independent = True
-    """A word's map does not depend on the other words asked for."""
+    """True: a word's map does not depend on the other words asked for."""
 
     def __init__(self, argument: str, runtime: Runtime) -> None:
-        """Argument: the bundle's folder. Raises BundleError, PerceiverError with what to do."""
+        """Load the networks. argument: the bundle's folder. Raises BundleError and PerceiverError."""
         if not argument:
             raise PerceiverError('clipseg needs its bundle: write "clipseg:FOLDER"')
         folder = Path(argument).expanduser()
@@ -90,30 +90,30 @@ class ClipSeg:
 
     @property
     def defaults(self) -> DefaultThresholds:
-        """The bundle's own."""
+        """The bundle's thresholds."""
         return self._manifest.thresholds
 
     @property
     def manifest(self) -> Manifest:
-        """What the bundle says of itself."""
+        """The bundle's manifest."""
         return self._manifest
 
     def meaning(self, word: str) -> str:
-        """The word itself: every word is known, and no two are taken for synonyms."""
+        """Return the word itself, in its clean spelling: every word is known, and there are no synonyms."""
         return clean_word(word)
 
     def encode(self, image: Image) -> Activations:
-        """One run of the image tower, nearly all of a frame's cost. Raises PerceiverError."""
+        """Run the image tower, which is nearly all of a frame's cost. Raises PerceiverError."""
         reduced, deep = run_session(self._image, {"frame": self._resize(image)})
         if not np.isfinite(reduced).all():
             raise PerceiverError("the image network's output is not finite")
         return Activations(image, reduced, deep)
 
     def attend(self, features: Activations, prompts: Sequence[Prompt]) -> Array:
-        """Attention maps, (len(prompts), h, w) in [0, 1]: the decoder's probabilities, each on its own.
+        """Make attention maps, (len(prompts), h, w) in [0, 1]: the decoder's probabilities for each prompt.
 
-        Several taps of one thing make one condition, their mean. Only what was not asked of this frame
-        before is computed.
+        The examples of one prompt are averaged to one condition. Maps that were made for this frame before
+        are taken from its cache. Raises PerceiverError and ExampleError.
         """
         asked = self._asked(prompts)
         wanted = {key: condition for each in asked for key, condition in each.items()}
@@ -131,7 +131,7 @@ class ClipSeg:
         return joined
 
     def embed(self, features: Activations) -> Array:
-        """The scene, a unit vector: of the image tower's own end, or of the bundle's scene encoder."""
+        """Make the scene's embedding, a unit vector, with the scene encoder or else the image tower."""
         if features.embedding is None:
             if self._scene is not None and self._resize_scene is not None:
                 (vector,) = run_session(self._scene, {"frame": self._resize_scene(features.image)})
@@ -144,7 +144,7 @@ class ClipSeg:
         return features.embedding
 
     def example(self, features: Activations, box: Box) -> Example:
-        """The CLIP embedding of what the box shows. Costs a pass over a frame. Raises ExampleError."""
+        """Make the CLIP embedding of what the box shows, by encoding the box's crop. Raises ExampleError."""
         image, size = features.image, features.image.shape[:2]
         if min(image[box.slices(*size)].shape[:2]) < _LEAST_SIDE:
             raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
@@ -160,7 +160,7 @@ class ClipSeg:
         return maps
 
     def _asked(self, prompts: Sequence[Prompt]) -> list[dict[object, Array]]:
-        """The conditions that the decoder gets for each prompt: its word, and the mean of its examples."""
+        """Return the decoder's conditions for each prompt: of its word, and the mean of its examples."""
         words = self._prompts.conditions([prompt.word for prompt in prompts])
         asked: list[dict[object, Array]] = []
         for prompt, condition in zip(prompts, words, strict=True):

@@ -1,7 +1,7 @@
-"""CLIP's way from a text to the words that byte-pair encoding works on.
+"""Splits a text into the words that CLIP's byte-pair encoding works on.
 
 The steps and the pattern are CLIP's (openai/CLIP, simple_tokenizer.py) as transformers' CLIPTokenizer runs
-them: composed (NFC), in lower case, split.
+them: compose (NFC), lower the case, split.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ _WORD = re.compile(
     r"(<\|)(startoftext|endoftext)(\|>)|'s|'t|'re|'ve|'m|'ll|'d|[a-z]+|[0-9]|[^\sa-z0-9]+",
     re.ASCII,
 )
-"""For the shape of a text: "z", which stands for the other letters, is in none of its fixed words."""
+"""Matches the `shape` of a text. There "z" stands for all other letters; no fixed word here contains a z."""
 
 
 def words(text: str) -> Iterator[str]:
-    """The words of `text`: contractions, runs of letters, single digits, runs of anything else but spaces.
+    """Yield contractions, runs of letters, single digits, and runs of anything else but spaces.
 
-    "<|endoftext|>" is three words here (it comes here typed in capitals; otherwise it is a special token):
-    transformers splits the pieces of CLIP's pattern once more, by GPT-2's.
+    "<|endoftext|>" becomes three words: transformers splits the matches of CLIP's pattern once more by
+    GPT-2's. It comes here only when typed in capitals; otherwise it is a special token.
     """
     cleaned = lowered(composed(text))
     for match in _WORD.finditer(shape(cleaned)):

@@ -1,4 +1,4 @@
-"""Words to conditions: the text tower, loaded while new words come and released after."""
+"""Turns words into conditions with the text tower, which is loaded for new words and released afterwards."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ _KEPT = 256
 
 
 class Prompts:
-    """The conditions of words, (joint,) each, computed once and kept while among the last 256 used."""
+    """Computes the conditions of words, (joint,) each, and caches those of the last 256 words used."""
 
     def __init__(self, text: Sequence[Path], tokenizer: Path, table: Path, runtime: Runtime) -> None:
-        """text: the pieces of the tower, in order; tokenizer, table: the bundle's other files.
+        """text: the pieces of the tower, in order. tokenizer, table: the bundle's other files.
 
-        Raises BundleError when they do not fit together."""
+        Raises BundleError for an unusable table, PerceiverError for an unusable tokenizer.
+        """
         self._text = tuple(text)
         self._tokenizer = Tokenizer.load(tokenizer)
         self._runtime = runtime
@@ -39,7 +40,7 @@ class Prompts:
         self._kept: OrderedDict[str, Array] = OrderedDict()
 
     def conditions(self, words: Sequence[str]) -> list[Array]:
-        """One for each word, in order."""
+        """Return a condition for each word, in order. Raises PerceiverError and BundleError."""
         missing = [word for word in dict.fromkeys(words) if word not in self._kept]
         if missing:
             self._embed(missing)
@@ -63,7 +64,7 @@ class Prompts:
             self._kept[word] = condition
 
     def _ids(self, word: str) -> list[int]:
-        """Up to the first end of text: that is where it is read."""
+        """Return the token ids up to the first end of text: the text tower is read at that token."""
         ids = self._tokenizer.encode(word)
         ids = ids[: ids.index(self._tokenizer.end) + 1]
         if max(ids) >= len(self._table):
@@ -72,6 +73,6 @@ class Prompts:
 
 
 def _give_back_memory() -> None:
-    """A piece of the text tower is some 25 MB that the C library would otherwise keep for later."""
+    """Return freed memory to the system: glibc would keep the 25 MB of each piece of the text tower."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

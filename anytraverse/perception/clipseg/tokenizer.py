@@ -1,8 +1,8 @@
-"""CLIP's tokenizer: byte-level byte-pair encoding with an end-of-word mark, in the standard library alone.
+"""Encodes text as CLIP's tokenizer does: byte-level byte-pair encoding with an end-of-word mark.
 
-Same ids as transformers' CLIPTokenizer (the fast one) made from the same vocabulary and merges. One thing
-depends on a checkpoint's configuration: with some, the start token typed in capitals is still the start
-token; here it is plain text, which is CLIPTokenizer's default.
+Needs only the standard library. Gives the same ids as transformers' CLIPTokenizer (the fast one) made from
+the same vocabulary and merges. One thing depends on a checkpoint's configuration: with some, the start token
+typed in capitals is still the start token; here it is plain text, which is CLIPTokenizer's default.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _REMEDY = "Copy the bundle here again, or make it with `anytraverse export` of t
 
 
 class Tokenizer:
-    """Text -> token ids.
+    """Encodes text as token ids.
 
-    `vocabulary` is token -> id >= 0, each id once; `merges` are pairs of tokens in order of rank, and what a
-    pair makes is a token too. `context` (3 to 65536) is the most ids that a text gets. `start` and `end` are
-    the ids round it; their tokens typed in a text are these ids, and a byte without a token is `end`.
+    vocabulary: token -> id >= 0, each id once. merges: pairs of tokens in order of rank; a merged pair is a
+    token too. context: the most ids of a text, 3 to 65536. start, end: the ids before and after a text; their
+    tokens typed in a text become these ids, and a byte without a token becomes `end`.
     Raises ValueError with the reason when these do not fit together.
     """
 
@@ -70,16 +70,16 @@ class Tokenizer:
 
     @classmethod
     def load(cls, path: Path) -> Tokenizer:
-        """What `save_tokenizer` wrote to `path`. Raises PerceiverError with the reason and a remedy."""
+        """Read what `save_tokenizer` wrote to `path`. Raises PerceiverError with the reason and a remedy."""
         try:
             return cls(**_read(path))
         except (OSError, ValueError, RecursionError) as error:
             raise PerceiverError(f"{path} is not a tokenizer that can be used: {error}. {_REMEDY}") from error
 
     def encode(self, text: str) -> list[int]:
-        """The start id, the tokens of `text`, the end id: `context` ids at most, later tokens are left out.
+        """Return the start id, the ids of `text` and the end id: `context` ids at most, the rest is cut off.
 
-        Raises UnicodeEncodeError for half a surrogate pair, which is no character.
+        Raises UnicodeEncodeError for half a surrogate pair, which is not a character.
         """
         return [self.start, *islice(self._tokens(text), self.context - 2), self.end]
 
@@ -95,7 +95,10 @@ class Tokenizer:
                 )
 
     def _merged(self, ids: list[int]) -> list[int]:
-        """`ids` after all merges, always the pair of the lowest rank, the leftmost of equals: O(n log n)."""
+        """Apply all merges, always to the pair of the lowest rank, the leftmost of equals, in O(n log n).
+
+        before, after: a doubly linked list of the places that are left. A place merged away gets id -1.
+        """
         size = len(ids)
         before, after = list(range(-1, size - 1)), list(range(1, size + 1))
 
@@ -109,7 +112,7 @@ class Tokenizer:
             rank, place = heappop(queue)
             current = rank_at(place)
             if current is None or self._products[current] != self._products[rank]:
-                continue  # one of the pair went into another merge
+                continue  # the queue's entry is outdated: another merge took one of the pair
             merged_away = after[place]
             ids[place], ids[merged_away] = self._products[rank], -1
             after[place] = after[merged_away]
@@ -129,10 +132,10 @@ def save_tokenizer(
     start: int,
     end: int,
 ) -> None:
-    """Write one compact JSON object: format, context, start, end, vocabulary (a list by id), merges (pairs of
-    ids, one after the other).
+    """Write a tokenizer as one compact JSON object.
 
-    Raises ValueError when the parts make no tokenizer or the ids are not 0 to n - 1; OSError from the file.
+    Its fields are format, context, start, end, vocabulary (tokens by id) and merges (a flat list of pairs of
+    ids). Raises ValueError when the parts make no tokenizer or the ids are not 0 to n - 1, and OSError.
     """
     Tokenizer(vocabulary, merges, context, start, end)
     tokens = sorted(vocabulary, key=vocabulary.__getitem__)
@@ -152,7 +155,7 @@ def save_tokenizer(
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """The arguments of Tokenizer from the file at `path`. Raises OSError or ValueError."""
+    """Read the arguments of Tokenizer from a file. Raises OSError or ValueError."""
     if (size := path.stat().st_size) > MAX_FILE_BYTES:
         raise ValueError(f"it has {size} bytes, {MAX_FILE_BYTES} at most")
     content = json.loads(path.read_bytes())
@@ -183,7 +186,10 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def byte_alphabet() -> list[str]:
-    """The character that stands for each byte in tokens: itself if visible in Latin-1, else U+0100 and on."""
+    """Return the character that stands for each byte in tokens, as GPT-2 chose them.
+
+    It is the byte's Latin-1 character where that is visible, else the next one from U+0100 on.
+    """
     visible = {*range(0x21, 0x7F), *range(0xA1, 0xAD), *range(0xAE, 0x100)}
     substitutes = count(0x100)
     return [chr(octet if octet in visible else next(substitutes)) for octet in range(256)]

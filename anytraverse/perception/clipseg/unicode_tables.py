@@ -1,8 +1,8 @@
-"""Characters as transformers' tokenizers know them: composed, lowered and classed by its libraries' tables.
+"""Composes, lowers and classifies characters as the libraries of transformers' tokenizers do.
 
-Those follow Unicode 9 in composing, 17 in lower case and 16 in letters and numbers; Python's own follow 13
-(Python 3.10) or a newer one. What is here, found by a sweep over all code points, makes up for the difference
-up to Python 3.13. A newer Python composes the letters that came with Unicode 16, and knows later ones.
+These follow Unicode 9 for composing, 17 for lower case and 16 for letters and numbers. Python follows Unicode
+13 (Python 3.10) or a newer one. The tables here make up for the difference up to Python 3.13; they were found
+by comparing all code points. A newer Python also composes letters of Unicode 16, and knows later letters.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from bisect import bisect_right
 
 
 def _ranges(text: str) -> list[tuple[int, int]]:
-    """Hexadecimal "first-last" or "one" -> inclusive ranges of code points."""
+    """Read inclusive ranges of code points, written in hexadecimal as "first-last" or "one"."""
     return [(int(item.split("-")[0], 16), int(item.split("-")[-1], 16)) for item in text.split()]
 
 
@@ -42,7 +42,7 @@ _NEWER_MARKS = _ranges(
     "11d97 11f41-11f42 1612f 16ff0-16ff1 1d127-1d128 1d250-1d252 1d25b-1d25c 1d25f 1d280-1d281 1e08f "
     "1e130-1e136 1e2ae 1e2ec-1e2ef 1e4ec-1e4ef 1e5ee-1e5ef 1e6e3 1e6e6 1e6ee-1e6ef 1e6f5"
 )
-"""Combining marks that came after Unicode 9: none of them moves, joins or lets another mark pass."""
+"""Combining marks newer than Unicode 9. Composing must not reorder or join them, nor marks across them."""
 
 _CAPITALS = {
     code: chr(code + distance)
@@ -61,7 +61,7 @@ _CAPITALS = {
     )
     for code in codes
 }
-"""Capitals that came after Unicode 13; and sigma, which str.lower changes otherwise at the end of a word."""
+"""Capitals newer than Unicode 13; and sigma, which str.lower turns into another letter at a word's end."""
 
 _BETWEEN_MARKS = re.compile(
     "([" + "".join(f"{chr(first)}-{chr(last)}" for first, last in _NEWER_MARKS) + "])"
@@ -74,6 +74,8 @@ def _within(ranges: list[tuple[int, int]], code: int) -> bool:
 
 
 class _Shapes(dict[int, str]):
+    """Maps code points to the characters of `shape`, each worked out when it is first needed."""
+
     def __missing__(self, code: int) -> str:
         character = chr(code)
         if code < 128:
@@ -90,19 +92,19 @@ _SHAPES = _Shapes()
 
 
 def composed(text: str) -> str:
-    """`text` in normalisation form C."""
+    """Return `text` in normalisation form C."""
     if text.isascii():
         return text
     return "".join(unicodedata.normalize("NFC", part) for part in _BETWEEN_MARKS.split(text))
 
 
 def lowered(text: str) -> str:
-    """`text` in lower case, each character for itself."""
+    """Return `text` in lower case, each character by itself."""
     return (text if text.isascii() else text.translate(_CAPITALS)).lower()
 
 
 def shape(text: str) -> str:
-    """`text` with an ASCII character for each other one, so that `re`, which has no \\p{L}, can split it.
+    """Replace each non-ASCII character by an ASCII one, so that `re`, which has no \\p{L}, can split it.
 
     "z" stands for a letter, "0" for a number, " " for a space, "!" for anything else.
     """

@@ -1,1 +1,1 @@
-"""Bundles: folders of networks that a workstation writes once and a rover runs."""
+"""Reads, writes and checks bundles: folders of networks that a workstation writes and a rover runs."""

@@ -1,4 +1,4 @@
-"""`anytraverse bundle check`: is the bundle whole, how fast is it here, and may int8 run?"""
+"""Runs `anytraverse bundle check`: verifies a bundle, times it here, and decides whether int8 may run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PARTS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command."""
+    """Add the arguments of the command."""
     parser.description = (
         "Verify a bundle, time it on this machine, and compare its int8 variant with fp32 on your frames. "
         "Exit code 0: good; 1: int8 failed its check, fp32 runs; 2: the bundle is refused."
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check the bundle, tell what was found; 1 when int8 failed, else 0."""
+    """Check the bundle and print the report. Returns 1 when int8 failed, else 0."""
     plan = Plan(
         options.folder, options.frames, options.words, options.threads, options.precision, options.repeat
     )
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def figures(report: Report) -> dict[str, Any]:
-    """All that was found, for JSON."""
+    """Return the whole report for JSON."""
     manifest, timing = report.manifest, report.timing
     return {
         "bundle": manifest.name,
@@ -85,7 +85,7 @@ def figures(report: Report) -> dict[str, Any]:
 
 
 def text(report: Report) -> str:
-    """All that was found, for a person."""
+    """Return the whole report as lines for a person."""
     manifest, machine = report.manifest, report.machine
     size, names = manifest.image, list(report.timings)
     lines = [
@@ -137,7 +137,7 @@ def _rounded(parts: dict[str, float | None]) -> dict[str, float | None]:
 
 
 def _floor(rate: float) -> float:
-    """A tenth below: a promise is not rounded up."""
+    """Round down to tenths, so that the reported rate can be reached."""
     return math.floor(round(rate * 10, 6)) / 10 if rate >= 0.1 else round(rate, 3)
 
 

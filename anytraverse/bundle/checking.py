@@ -1,4 +1,4 @@
-"""A bundle tried on this machine: verified, timed, and its int8 variant compared with fp32."""
+"""Checks a bundle on this machine: verifies it, times it, and compares its int8 variant with fp32."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from anytraverse.perception import Perceiver, Prompt, make_perceiver
 from anytraverse.perception.runtime import Runtime
 
 WORDS = ("grass", "dirt path", "rock", "bush", "tree", "sky", "gravel", "water")
-"""What is looked for unless the caller says otherwise."""
+"""The words to look for unless the caller gives others."""
 MOST_WORDS = 16
 
 Say = Callable[[str], None]
@@ -38,9 +38,10 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """What to check: `frames` is a folder of pictures or a video, `words` empty for `WORDS`.
+    """Holds what to check: `frames` is a folder of pictures or a video, `words` empty for `WORDS`.
 
-    precision: the variant that is loaded first, and whose memory is told. repeat: times that parts are timed.
+    precision: the variant that is loaded first, and whose memory is reported. repeat: how often parts are
+    timed. threads: cores; 0: all.
     """
 
     folder: Path
@@ -53,10 +54,11 @@ class Plan:
 
 @dataclass
 class Report:
-    """What a check found.
+    """Holds the results of a check.
 
-    memory: the most held with the first variant alone, MB. loads: seconds, by precision, like timings.
-    record: of this check, if it made one. variant, why: what will run here from now on, and the reason.
+    memory: the peak with the first variant alone, MB. loads: precision -> seconds to load it. timings:
+    precision -> its timing. record: of this check, if it made one. variant, why: the variant that runs here
+    from now on, and the reason.
     """
 
     manifest: Manifest
@@ -71,15 +73,15 @@ class Report:
 
     @property
     def timing(self) -> Timing:
-        """Of the variant that will run, or else of one that was tried."""
+        """The timing of the variant that will run, or else of one that was tried."""
         return self.timings.get(self.variant) or next(iter(self.timings.values()))
 
 
 def check(plan: Plan, say: Say) -> Report:
-    """Verify, load and time the bundle, compare its variants where frames are given, and keep the record.
+    """Verify, load and time the bundle, compare its variants where frames are given, and store the record.
 
-    `say` is told of the progress. Raises BundleError and PerceiverError when the bundle is refused or its
-    fp32 variant fails; what int8 does wrong is in the record.
+    say: receives lines about the progress. Raises BundleError and PerceiverError when the bundle is refused
+    or its fp32 variant fails; a failure of int8 is in the record.
     """
     manifest = read_manifest(plan.folder)
     manifest.parts(plan.precision)
@@ -153,7 +155,10 @@ def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, sa
 def _compare(
     comparison: Comparison, fp32: Perceiver, int8: Perceiver, frames: Iterable[Image], say: Say
 ) -> tuple[float, float]:
-    """Let both see every frame, in turns, so that a warm chip or a busy moment is fair to both; median ms."""
+    """Run both on every frame and return their median milliseconds.
+
+    They take turns at being first, so that a hot chip or a busy moment affects both alike.
+    """
     prompts = [Prompt(word) for word in comparison.words]
     slow, fast = [], []
     for number, image in enumerate(frames):
@@ -183,7 +188,7 @@ def _see(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> Seen:
 
 
 def _words(plan: Plan, perceiver: Perceiver) -> list[str]:
-    """The words to look for, those of a closed vocabulary where the caller names none."""
+    """Return the words to look for; where the caller gives none, words that the perceiver knows."""
     if plan.words:
         for word in plan.words:
             perceiver.meaning(word)
@@ -199,4 +204,4 @@ def _noise() -> Image:
 
 
 def _silent(_: str) -> None:
-    """What a comparison of all frames will say."""
+    """Drop a line: the comparison, which reads all frames, will report the same."""

@@ -1,4 +1,4 @@
-"""The file in which a user names the classes of a network, one a line."""
+"""Reads the text file in which a user names the classes of a network, one a line."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _LARGEST = 1 << 20
 
 
 def read_class_names(path: Path) -> Words:
-    """The classes that a text file names, in the order of the network's outputs.
+    """Read the classes from a text file, in the order of the network's outputs.
 
         # one class a line: its name, then its synonyms after commas
         grass, lawn, meadow
         - void
 
     "#" begins a comment; a line that begins with "-" is a class that is not a word.
-    Raises BundleError with the line, OSError.
+    Raises BundleError, which names the line, and OSError.
     """
     classes = []
     for number, line in enumerate(_text(path).splitlines(), 1):

@@ -1,9 +1,9 @@
-"""How int8's masks and embeddings differ from fp32's on the same frames, and whether that may be driven by.
+"""Compares int8's masks and embeddings with fp32's on the same frames, and decides whether int8 may run.
 
-What counts is each word's IoU with all its masks pooled: a mean over masks would be ruled by specks of a
-few pixels, and a pool over all words by the ground, which hides what happened to the rock on it. A floor for
-single masks keeps one frame that broke from drowning in many good ones. Where fp32 marks nothing or all, an
-IoU means nothing: there only a sliver of the picture may differ.
+The main figure is each word's IoU, pooled over all its masks. A mean over masks would be dominated by masks
+of a few pixels; an IoU pooled over all words would be dominated by the ground and hide an error on a rock. A
+lower limit for single masks makes one broken frame count among many good ones. Where fp32 marks nothing or
+everything, an IoU has no meaning: there only a small share of the picture may differ.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float32]
 
 LEVEL = 0.5
-"""Attention from here on is the mask."""
+"""A mask holds the pixels whose attention is at least this."""
 SPECK = 0.001
-"""Masks that cover less of the picture are empty, and those that leave less are full."""
+"""A mask that covers less of the picture counts as empty; one that leaves less uncovered counts as full."""
 LARGE = 0.01
-"""Masks that cover more of the picture are held to the floor."""
+"""`LEAST_SINGLE_IOU` applies to masks that cover at least this share of the picture."""
 FEWEST_MASKS = 10
 LEAST_IOU = 0.97
 LEAST_SINGLE_IOU = 0.90
@@ -32,7 +32,7 @@ LEAST_GAIN = 1.1
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """maps: (words, h, w) in [0, 1]. embedding: (d,), of length 1. milliseconds: that both took."""
+    """Holds maps (words, h, w) in [0, 1], an embedding (d,) of length 1, and milliseconds for both."""
 
     maps: Array
     embedding: Array
@@ -41,7 +41,11 @@ class Seen:
 
 @dataclass
 class Comparison:
-    """Collects the differences, frame by frame. `failure`: what makes all figures idle, if anything does."""
+    """Collects the differences, frame by frame.
+
+    failure: why int8 fails whatever the figures, or "". stray: the largest share of a picture that differs
+    where fp32's mask is empty or full. cosine: the smallest between the embeddings of a frame.
+    """
 
     words: Sequence[str]
     frames: int = 0
@@ -54,7 +58,7 @@ class Comparison:
     _either: dict[str, int] = field(default_factory=dict)
 
     def add(self, fp32: Seen, int8: Seen) -> None:
-        """What both saw in one frame."""
+        """Add the results of both variants for one frame."""
         self.frames += 1
         if not (np.isfinite(int8.maps).all() and np.isfinite(int8.embedding).all()):
             self.failure = "it gave numbers that are not finite"
@@ -81,27 +85,27 @@ class Comparison:
 
     @property
     def masks(self) -> int:
-        """How many were compared."""
+        """The number of masks compared."""
         return len(self._single)
 
     @property
     def worst_word(self) -> tuple[str, float] | None:
-        """The word with the smallest pooled IoU, and that."""
+        """The word with the smallest pooled IoU, and that IoU; None without masks."""
         pooled = {word: self._both[word] / self._either[word] for word in self._both}
         return min(pooled.items(), key=lambda item: item[1]) if pooled else None
 
     @property
     def iou_worst(self) -> float | None:
-        """The smallest IoU of a single mask."""
+        """The smallest IoU of a single mask; None without masks."""
         return min(self._single) if self._single else None
 
     @property
     def iou_mean(self) -> float | None:
-        """The mean IoU of single masks."""
+        """The mean IoU of single masks; None without masks."""
         return sum(self._single) / len(self._single) if self._single else None
 
     def verdict(self, gain: float) -> tuple[bool, str]:
-        """Whether int8 may run, given how much faster it is, and why (not)."""
+        """Return whether int8 may run, and the reason. gain: fp32's time for a step over int8's."""
         worst, floor = self.worst_word, min(self._large, default=1.0)
         if self.failure:
             return False, self.failure

@@ -1,4 +1,4 @@
-"""Objects of JSON read field by field: what is missing or unfit is refused, with what was expected."""
+"""Reads JSON objects field by field; errors name the field, what was found and what was expected."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from anytraverse.errors import BundleError
 
 
 def parse_object(data: bytes, where: str) -> Fields:
-    """The JSON object in `data`; `where` names it in messages. Raises BundleError."""
+    """Parse the JSON object in `data`; `where` names it in error messages. Raises BundleError."""
     try:
         value = json.loads(data.decode("utf-8"), parse_constant=_refuse, parse_float=_finite)
-        json.dumps(value, ensure_ascii=False).encode("utf-8")  # half a surrogate pair is no text
+        json.dumps(value, ensure_ascii=False).encode("utf-8")  # raises for half a surrogate pair
     except (ValueError, RecursionError) as error:
         raise BundleError(f"{where} is torn, it is not JSON ({error}): copy the bundle again") from None
     return Fields(value, where)
 
 
 class Fields:
-    """An object of JSON. Every method takes a field's name and raises BundleError when it is unfit."""
+    """Reads a JSON object. Every method takes a field's name and raises BundleError for an unfit value."""
 
     def __init__(self, value: object, where: str) -> None:
         if not isinstance(value, dict):
@@ -33,34 +33,34 @@ class Fields:
         return iter(self._values)
 
     def only(self, names: Collection[str]) -> None:
-        """Refuse an object with a field beyond `names`: it would mean something that nobody reads."""
+        """Raise BundleError for a field that is not in `names`: nothing would read it."""
         unknown = [name for name in self._values if name not in names]
         if unknown:
             raise self.unfit(_short(unknown[0]), "only " + ", ".join(names), "an unknown field")
 
     def any(self, name: str) -> Any:
-        """The value, whatever it is."""
+        """Return the value, of any type."""
         if name not in self._values:
             raise self.unfit(name, "a value", "missing")
         return self._values[name]
 
     def object(self, name: str) -> Fields:
-        """An object."""
+        """Return an object."""
         return Fields(self.any(name), f"{self.where}: {name}")
 
     def mapping(self, name: str) -> Mapping[str, Any]:
-        """An object, its values unchecked."""
+        """Return an object with its values unchecked."""
         return dict(self.object(name)._values)
 
     def text(self, name: str, *, empty: bool = False) -> str:
-        """One printable line of at most 500 characters."""
+        """Return one printable line of at most 500 characters."""
         value = self.any(name)
         if not isinstance(value, str) or not value.isprintable() or len(value) > 500 or not (value or empty):
             raise self.unfit(name, "one line of text", _short(value))
         return value
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """A list of texts as `text` takes them."""
+        """Return a list of texts, each checked as by `text`."""
         values = self.any(name)
         if not isinstance(values, list):
             raise self.unfit(name, "a list", _short(values))
@@ -68,35 +68,36 @@ class Fields:
         return tuple(items.text(index) for index in items)
 
     def choice(self, name: str, choices: Collection[str]) -> str:
-        """One of `choices`."""
+        """Return a text that is one of `choices`."""
         value = self.any(name)
         if not isinstance(value, str) or value not in choices:
             raise self.unfit(name, "one of " + ", ".join(choices), _short(value))
         return value
 
     def whole(self, name: str, low: int, high: int) -> int:
-        """A whole number from `low` to `high`."""
+        """Return a whole number from `low` to `high`."""
         value = self.any(name)
+        # bool is a subclass of int
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
             raise self.unfit(name, f"a whole number from {low} to {high}", _short(value))
         return value
 
     def number(self, name: str, low: float, high: float) -> float:
-        """A finite number from `low` to `high`."""
+        """Return a finite number from `low` to `high`."""
         value = self.any(name)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
             raise self.unfit(name, f"a number from {low:g} to {high:g}", _short(value))
         return float(value)
 
     def flag(self, name: str) -> bool:
-        """True or false."""
+        """Return true or false."""
         value = self.any(name)
         if not isinstance(value, bool):
             raise self.unfit(name, "true or false", _short(value))
         return value
 
     def unfit(self, name: str, expected: str, came: str) -> BundleError:
-        """The refusal of a field."""
+        """Make the error for a field with an unfit value."""
         return BundleError(f"{self.where}: {name} is {came}, expected {expected}: export the bundle again")
 
 

@@ -1,4 +1,4 @@
-"""The files of a bundle: how one is known, and whether it is whole."""
+"""Checks the files of a bundle against their sizes and hashes."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from anytraverse.errors import BundleError
 
 @dataclass(frozen=True)
 class FileEntry:
-    """How a file is known: its size in bytes and its SHA-256 in hexadecimal."""
+    """Holds a file's size in bytes and its SHA-256 in hexadecimal."""
 
     size: int
     sha256: str
 
 
 def check_size(folder: Path, name: str, entry: FileEntry) -> None:
-    """Refuse, with BundleError, a file that is missing, has another size, or lies outside the folder."""
+    """Raise BundleError for a file that is missing, has another size, or is a link out of the folder."""
     path = folder / name
     try:
         inside = path.resolve(strict=True).is_relative_to(folder.resolve())
         size = path.stat().st_size if path.is_file() else None
-    except (OSError, RuntimeError):  # RuntimeError: a ring of links, before Python 3.13
+    except (OSError, RuntimeError):  # RuntimeError: a loop of symbolic links, before Python 3.13
         raise BundleError(f"{path} is missing: copy the bundle again, the whole folder") from None
     if not inside:
         raise BundleError(f"{path} leads out of the bundle: copy the bundle again, with its links resolved")
@@ -33,7 +33,7 @@ def check_size(folder: Path, name: str, entry: FileEntry) -> None:
 
 
 def check_contents(folder: Path, name: str, entry: FileEntry) -> None:
-    """Refuse, with BundleError, a file that is not byte for byte the one of the entry."""
+    """Raise BundleError for a file whose size or hash is not that of the entry."""
     check_size(folder, name, entry)
     path = folder / name
     try:
@@ -50,7 +50,7 @@ def check_contents(folder: Path, name: str, entry: FileEntry) -> None:
 
 
 def sha256_of(path: Path) -> str:
-    """A file's SHA-256 in hexadecimal, read in pieces."""
+    """Calculate a file's SHA-256 in hexadecimal; reads it in pieces."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while piece := file.read(1 << 20):

@@ -1,4 +1,4 @@
-"""`anytraverse bundle classes`: a bundle of a segmentation network that you trained."""
+"""Runs `anytraverse bundle classes`: makes a bundle of a segmentation network that the user trained."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from anytraverse.perception.resizing import FILTERS, Fit
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 THRESHOLDS = DefaultThresholds(roi=0.3, scene=0.75, tile=0.5)
-"""For a start: every network has its own."""
+"""Defaults to begin with; every network needs its own."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command."""
+    """Add the arguments of the command."""
     parser.description = (
         "Make a bundle of a semantic segmentation network in ONNX: its class names become the words. "
         "What the network says of itself need not be given."
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the bundle, tell what was found. Returns 0. Raises BundleError, OSError."""
+    """Write the bundle and print a description of it. Returns 0. Raises BundleError, OSError."""
     words = read_class_names(options.names)
     wishes = Wishes(_form(options), options.size, options.layout, options.activation, options.output)
     with BundleWriter(options.out, lambda line: print(line, file=sys.stderr)) as writer:
@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _form(options: argparse.Namespace) -> InputForm:
-    """How pixels become the input; layout and dtype are the network's to say."""
+    """Make the form of the input from the options; the network itself gives its layout and dtype."""
     if not _normalised(options):
         form = InputForm(mean=IMAGENET_MEAN, std=IMAGENET_STD)
     else:
@@ -116,7 +116,7 @@ def _normalised(options: argparse.Namespace) -> bool:
 
 
 def _model_id(name: str, digests: list[str], details: dict[str, object], image: Fit) -> str:
-    """Other for every change of the weights, the words or the input."""
+    """Make a model id that differs for every change of the weights, the words or the input."""
     slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "network"
     whole = json.dumps([digests, details, image.width, image.height, image.filter], sort_keys=True)
     return f"{KIND}-{slug}-{hashlib.sha256(whole.encode()).hexdigest()[:12]}"

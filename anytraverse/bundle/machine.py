@@ -1,4 +1,4 @@
-"""What machine this is: what decides how fast and how exact its int8 arithmetic is."""
+"""Identifies this machine by what determines the speed and the exactness of its int8 arithmetic."""
 
 from __future__ import annotations
 
@@ -42,14 +42,15 @@ ARM_CORES = {
     0xD4B: "Cortex-A78C",
     0xD4F: "Neoverse-V2",
 }
-"""Arm's own cores by their part number (implementer 0x41); others are named by their numbers."""
+"""Arm's own cores by their part number (implementer 0x41); other cores are named by their numbers."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """cpu: its name. architecture: as `uname -m` says. flags: instructions that matter to int8, sorted.
+    """Describes a machine.
 
-    cores: of the machine, whatever this process may use. onnxruntime: its version, "none" without it.
+    cpu: its name. architecture: as of `uname -m`. flags: instruction sets that matter to int8, sorted.
+    cores: all of the machine, also those this process may not use. onnxruntime: its version, or "none".
     """
 
     cpu: str
@@ -60,14 +61,14 @@ class Machine:
 
     @property
     def id(self) -> str:
-        """A short name for files: the same on machines that compute alike, whatever their ONNX Runtime."""
+        """A short id for file names, of all but the version of ONNX Runtime."""
         slug = re.sub(r"[^a-z0-9]+", "-", self.cpu.lower()).strip("-")[:40].strip("-") or "cpu"
         parts = (self.cpu, self.architecture, *self.flags, str(self.cores))
         return f"{slug}-{hashlib.sha256(' '.join(parts).encode()).hexdigest()[:6]}"
 
 
 def this_machine() -> Machine:
-    """The machine that this runs on."""
+    """Describe the machine that this runs on."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -83,9 +84,9 @@ def this_machine() -> Machine:
 
 
 def read_cpuinfo(text: str) -> tuple[str, tuple[str, ...]]:
-    """Name and flags out of the text of /proc/cpuinfo, of x86 or Arm; an empty name when it gives none.
+    """Read name and flags from the text of /proc/cpuinfo, of x86 or Arm; "" where it gives no name.
 
-    Of cores that differ, the flags are those that all have: a thread may run on any of them.
+    Where cores differ, only the flags of all cores count, since a thread may run on any core.
     """
     processors, general = _sections(text)
     words = [set((core.get("flags") or core.get("Features") or "").split()) for core in processors]
@@ -100,7 +101,7 @@ def read_cpuinfo(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _sections(text: str) -> tuple[list[dict[str, str]], dict[str, str]]:
-    """The fields of each processor, and those of sections that are about none."""
+    """Return the fields of each processor's section, and those of all other sections."""
     processors, general = [], {}
     for section in re.split(r"\n\s*\n", text):
         pairs = (line.partition(":") for line in section.splitlines())

@@ -1,8 +1,8 @@
-"""What a bundle is: its manifest, read and checked, and its files, verified.
+"""Reads and checks a bundle's manifest, and verifies its files.
 
-A bundle is a folder that can be copied: networks, what goes with them (a tokenizer, class names), and a
-`manifest.json` that says what they are and how each file is known. What else lies in the folder, such as the
-records of checks, belongs to the machine that it lies on.
+A bundle is a folder that can be copied: networks, what they need (a tokenizer, class names), and a
+`manifest.json` that describes them and gives each file's size and hash. Other files in the folder, such as
+the records of checks, belong to the machine that they are stored on.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from anytraverse.perception.resizing import FILTERS, LARGEST, Fit
 MANIFEST = "manifest.json"
 FORMAT = 1
 SCENES = ("shared", "clip-b32", "own")
-"""Where the scene embedding comes from: the model's own tower, CLIP ViT-B/32 as in the paper, or other."""
+"""Where the scene embedding comes from: CLIPSeg's own tower, CLIP ViT-B/32 as in the paper, or the model."""
 
 LARGEST_MANIFEST = 16 << 20
 LARGEST_FILE = 1 << 40
@@ -48,12 +48,13 @@ _FIELDS = (
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a bundle holds.
+    """Describes a bundle.
 
     kind: the perceiver that runs it. name: for people. model_id: see `Perceiver.model_id`.
     image: how a frame becomes the input. scene: one of `SCENES`; scene_image: the input of its own encoder.
     thresholds: suit these weights. variants: precision -> part -> file name; "fp32" is always there.
-    details: what only the kind knows. source: where the weights come from, their licence, who exported them.
+    details: read only by the kind's perceiver. source: origin and licence of the weights, and the like.
+    files: file name -> its size and hash.
     """
 
     kind: str
@@ -69,14 +70,14 @@ class Manifest:
     files: Mapping[str, FileEntry]
 
     def needed(self, precision: str) -> list[str]:
-        """The names of the files that a variant runs on; what fp32 lends it is among them."""
+        """Return the names of the files that a variant needs, also those that it takes from fp32."""
         parts = self.parts(precision)
         networks = {Path(name).with_suffix("").as_posix() for name in parts.values()}
         weights = {f"{name}.weights" for name in networks}
         return [name for name in self.files if name in parts.values() or name in weights]
 
     def parts(self, precision: str) -> dict[str, str]:
-        """Part -> file name; a part that the variant lacks is taken from fp32. Raises BundleError."""
+        """Return part -> file name; a part that the variant lacks is taken from fp32. Raises BundleError."""
         if precision not in self.variants:
             raise BundleError(
                 f'the bundle "{self.name}" carries no {precision} variant, only {", ".join(self.variants)}: '
@@ -85,7 +86,7 @@ class Manifest:
         return {**self.variants["fp32"], **self.variants[precision]}
 
     def file(self, precision: str, part: str) -> str:
-        """The name of a part's file. Raises BundleError."""
+        """Return the name of a part's file. Raises BundleError."""
         parts = self.parts(precision)
         if part not in parts:
             raise BundleError(f'the bundle "{self.name}" has no part "{part}": export it again')
@@ -93,9 +94,10 @@ class Manifest:
 
 
 def read_manifest(folder: Path, kind: str | None = None) -> Manifest:
-    """The manifest of the bundle in `folder`; every file it names is there and has its size.
+    """Read the manifest of the bundle in `folder`, and check that every file exists and has its size.
 
-    Contents are not read: `verify` does that. Raises BundleError, also when the bundle is not of `kind`.
+    The files' contents are not read: `verify` does that. Raises BundleError, also when the bundle is not of
+    `kind`.
     """
     fields = parse_object(_manifest_bytes(folder), str(folder / MANIFEST))
     came = fields.any("format")
@@ -116,7 +118,7 @@ def read_manifest(folder: Path, kind: str | None = None) -> Manifest:
 
 
 def manifest_digest(folder: Path) -> str:
-    """The SHA-256 of the manifest itself, and so, through it, of all that the bundle holds."""
+    """Calculate the SHA-256 of the manifest. The manifest holds all files' hashes, so it covers these too."""
     return hashlib.sha256(_manifest_bytes(folder)).hexdigest()
 
 
@@ -127,9 +129,9 @@ def verify(
     *,
     precision: str | None = None,
 ) -> None:
-    """Compare files' SHA-256, all or those that one variant runs on; `say` is told of each.
+    """Compare the SHA-256 of all files, or of those that one variant needs.
 
-    Raises BundleError for the first torn one.
+    say: receives a line for each file. Raises BundleError for the first damaged file.
     """
     names = manifest.files if precision is None else manifest.needed(precision)
     for name in names:

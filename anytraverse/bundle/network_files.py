@@ -1,4 +1,4 @@
-"""The files of a network, copied to where a bundle needs them."""
+"""Copies the files of a network into a bundle."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ FILE = "network.onnx"
 
 
 def copy_network(model: Path, folder: Path) -> list[str]:
-    """Copy a network to `folder` as `FILE`, and a file MODEL.onnx.data with its weights, if it needs that.
+    """Copy a network to `folder` as `FILE`, and its weights in MODEL.onnx.data, if it needs that file.
 
-    The names of the copies, the network's first. Raises PerceiverError when it cannot be loaded, BundleError
-    when it keeps its weights in other files still, OSError.
+    Returns the names of the copies, the network's first. Raises PerceiverError when it cannot be loaded,
+    BundleError when it has its weights in files of other names, and OSError.
     """
     shutil.copyfile(model, folder / FILE)
     weights = Path(f"{model}.data")

@@ -1,4 +1,4 @@
-"""What can be read from a segmentation network itself, and tried on it: its input, its scores."""
+"""Finds out the input and the scores of a segmentation network, by reading it and running it."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Dimensions = Sequence[int | str | None]
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user said of a network, None where it is to be found out.
+    """Holds what the user said about a network; None where it is to be found out.
 
-    size: width and height of its input. form: all of the input but layout and dtype.
+    form: of the input, except its layout and dtype. size: width and height of the input.
     """
 
     form: InputForm = field(default_factory=InputForm)
@@ -37,17 +37,17 @@ class Wishes:
 
 @dataclass(frozen=True)
 class NetworkForm:
-    """A network that has been tried. size: width and height of its input; maps: of its scores."""
+    """Describes a network that was run. size: width and height of its input; maps: of its scores."""
 
     details: Details
     size: tuple[int, int]
     maps: tuple[int, int]
     features: int | None
-    """Channels of its features, None without."""
+    """The number of channels of its features; None without features."""
 
 
 def network_form(model: Path, words: Words, wishes: Wishes) -> NetworkForm:
-    """Open the network, and run it on pictures of noise. Raises BundleError for one that does not fit."""
+    """Open the network and run it on noise and on grey. Raises BundleError and PerceiverError."""
     runtime = Runtime()
     session = open_session(model, runtime)
     if len(session.get_inputs()) != 1:
@@ -79,7 +79,7 @@ def network_form(model: Path, words: Words, wishes: Wishes) -> NetworkForm:
 
 
 def _layout(shape: Dimensions, wish: str | None) -> str:
-    """Where the three colours stand."""
+    """Find out which axis of the input holds the three colours."""
     if len(shape) != 4 or (isinstance(shape[0], int) and shape[0] != 1):
         raise BundleError(
             f"the network's input has the shape {_said(shape)}, expected is one picture: "
@@ -100,7 +100,7 @@ def _layout(shape: Dimensions, wish: str | None) -> str:
 
 
 def _size(shape: Dimensions, layout: str, wish: tuple[int, int] | None) -> tuple[int, int]:
-    """Width and height."""
+    """Find out the width and height of the input."""
     height, width = (shape[2], shape[3]) if layout == "nchw" else (shape[1], shape[2])
     own = (width, height)
     if wish is None:
@@ -115,7 +115,7 @@ def _size(shape: Dimensions, layout: str, wish: tuple[int, int] | None) -> tuple
 
 
 def _output(names: Sequence[str], wish: str | None) -> str:
-    """The name of the scores."""
+    """Choose the output that holds the scores."""
     candidates = [name for name in names if name != FEATURES]
     if wish is not None and wish not in names:
         raise BundleError(f'the network has no output "{wish}": choose {" or ".join(candidates)}')
@@ -125,7 +125,7 @@ def _output(names: Sequence[str], wish: str | None) -> str:
 
 
 def _activation(scores: NDArray[np.float32], wish: str | None) -> str:
-    """What is left to be done to the scores, (pictures, classes, h, w), by the values they take."""
+    """Choose the activation to apply to the scores, (pictures, classes, h, w), by their values."""
     bounded = float(scores.min()) >= -_TOLERANCE and float(scores.max()) <= 1.0 + _TOLERANCE
     several = scores.shape[1] > 1
     shared = bounded and several and bool((np.abs(scores.sum(axis=1) - 1.0) < _TOLERANCE).all())

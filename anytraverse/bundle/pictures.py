@@ -1,4 +1,4 @@
-"""The frames on which a bundle is checked: a folder of pictures or a video, one in memory at a time."""
+"""Reads the frames for a bundle's check from a folder of pictures or a video, one at a time."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 def frames_of(path: Path, say: Callable[[str], None]) -> Iterator[Image]:
-    """At most `MOST_FRAMES` RGB pictures, (height, width, 3) uint8, spread evenly over a folder or a video.
+    """Yield at most `MOST_FRAMES` RGB pictures, (height, width, 3) uint8, spread evenly over `path`.
 
-    Pictures of a folder come in the order of their names; those that cannot be read are named to `say` and
-    skipped. Raises PictureError when there is none at all, PerceiverError without OpenCV.
+    Pictures of a folder come in the order of their names; those that cannot be read are reported to `say` and
+    skipped. Raises PictureError when none can be read, PerceiverError without OpenCV.
     """
     if not path.exists():
         raise PictureError(f"{path} does not exist: give a folder of JPEG or PNG pictures, or a video")
@@ -33,7 +33,7 @@ def frames_of(path: Path, say: Callable[[str], None]) -> Iterator[Image]:
 
 
 def spread(count: int, most: int = MOST_FRAMES) -> list[int]:
-    """At most `most` of the numbers below `count`, evenly spread, rising."""
+    """Choose at most `most` of the numbers below `count`, evenly spread, in rising order."""
     if count <= most:
         return list(range(count))
     return [int(index) for index in np.linspace(0, count - 1, most).round()]

@@ -1,7 +1,7 @@
-"""What a check of a bundle found on a machine, and which variant may run because of it.
+"""Stores the record of a bundle's check on a machine, and chooses the variant that may run by it.
 
-A record lies in the bundle's folder, as `checks/<machine>.json`, and holds for that machine, that manifest
-and that version of ONNX Runtime alone.
+A record is stored in the bundle's folder as `checks/<machine>.json`. It is valid only for that machine, that
+manifest and that version of ONNX Runtime.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _LARGEST = 1 << 20
 
 @dataclass(frozen=True)
 class CheckRecord:
-    """How int8 compared with fp32.
+    """Holds the result of comparing int8 with fp32.
 
     manifest: the SHA-256 of the manifest checked. when: UTC, ISO 8601.
-    masks: how many were compared: fp32's neither empty nor full. iou: the worst word's, its masks pooled;
-    iou_worst, iou_mean: of single masks; None: there were none.
+    masks: the number compared, those of fp32 that are neither empty nor full. iou: the worst word's, its
+    masks pooled; iou_worst, iou_mean: of single masks; None without masks.
     stray: the largest share of a picture that differs where fp32's mask is empty or full.
     cosine: the smallest between the embeddings of a frame.
     fp32_ms, int8_ms: medians of a whole step; gain: their ratio. passed, why: the verdict and its reason.
@@ -57,14 +57,14 @@ class CheckRecord:
 
 @dataclass(frozen=True)
 class CheckRuntime(Runtime):
-    """The runtime of a check: the variant that `precision` names runs, without a record of it."""
+    """Is the runtime of a check: it may run the variant that `precision` names without a record."""
 
 
 def choose_precision(folder: Path, manifest: Manifest, runtime: Runtime) -> tuple[str, str]:
-    """The variant to run, and why in a sentence.
+    """Choose the variant to run; return its name and the reason in a sentence.
 
-    int8 runs only where a check on this machine has passed it: its speed depends on the CPU's instructions,
-    its masks on how the weights took the rounding. Raises BundleError when int8 is demanded and must not run.
+    int8 runs only where it has passed a check on this machine: its speed depends on the CPU's instructions,
+    its masks on the rounding of the weights. Raises BundleError when int8 is demanded and must not run.
     """
     if runtime.precision == "fp32":
         return "fp32", "fp32 was asked for"
@@ -93,17 +93,17 @@ def _int8_allowed(folder: Path, manifest: Manifest, runtime: Runtime) -> tuple[b
 
 
 def check_command(folder: Path) -> str:
-    """What to type for a record of this machine."""
+    """Return the command that makes a record on this machine."""
     return f"anytraverse bundle check {folder} --frames FOLDER"
 
 
 def record_path(folder: Path, machine: Machine) -> Path:
-    """Where the machine's record lies."""
+    """Return the path of the machine's record."""
     return folder / CHECKS / f"{machine.id}.json"
 
 
 def check_writable(folder: Path) -> None:
-    """Refuse, with BundleError and before minutes of comparing, a bundle where no record can be kept."""
+    """Raise BundleError, before minutes of comparing, when no record can be written to the bundle."""
     path = folder / CHECKS
     try:
         path.mkdir(exist_ok=True)
@@ -121,7 +121,7 @@ def _unwritable(path: Path, error: OSError) -> BundleError:
 
 
 def save_record(folder: Path, record: CheckRecord) -> Path:
-    """Put the record in its place, whole; its path. Raises BundleError when the folder cannot be written."""
+    """Write the record atomically and return its path. Raises BundleError when it cannot be written."""
     path = record_path(folder, record.machine)
     text = json.dumps({"format": RECORD_FORMAT, **asdict(record)}, indent=2, allow_nan=False) + "\n"
     part = path.with_suffix(".part")
@@ -138,7 +138,7 @@ def save_record(folder: Path, record: CheckRecord) -> Path:
 
 
 def read_record(folder: Path, digest: str, machine: Machine | None = None) -> tuple[CheckRecord | None, str]:
-    """This machine's record of the manifest `digest`, or None and why there is none that holds."""
+    """Return this machine's record of the manifest `digest`; None, with the reason, without a valid one."""
     machine = machine or this_machine()
     path = record_path(folder, machine)
     try:

@@ -1,4 +1,4 @@
-"""How long the parts of a perceiver take on this machine, and what rate that allows."""
+"""Measures how long the parts of a perceiver take on this machine, and the frame rate that allows."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from anytraverse.preferences import Preferences
 T = TypeVar("T")
 
 SHORTEST_FRESHNESS, LONGEST_FRESHNESS = 1.0, 2.0
-"""Seconds, where the configuration says nothing else."""
+"""Limits of the default freshness limit, in seconds."""
 FASTEST = 30.0
-"""Frames a second that no camera here exceeds."""
+"""The highest frame rate reported, in frames a second; cameras are not faster."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Milliseconds, medians but for `slowest`.
+    """Holds times in milliseconds, medians except for `slowest`.
 
-    encode, embed: of a frame. attend_1, attend_4: of so many words known before. new_word: of one more word
-    on a frame already encoded; None for a closed vocabulary. weights: of judging again with other weights.
-    step, slowest: a whole frame with four words, judged; the slowest one.
+    encode, embed: of a frame. attend_1, attend_4: of one and four words used before. new_word: of one new
+    word on a frame already encoded; None for a closed vocabulary. weights: of judging again with other
+    weights. step: a whole frame with four words, judged. slowest: the slowest step.
     """
 
     encode: float
@@ -47,7 +47,7 @@ class Timing:
 
     @property
     def rate(self) -> float:
-        """Frames a second that the slowest step allows."""
+        """The frames a second that the slowest step allows."""
         return min(FASTEST, 1e3 / self.slowest)
 
     @property
@@ -57,14 +57,14 @@ class Timing:
 
     @property
     def pace(self) -> Pace:
-        """The slowest step, at that rate, against that limit."""
+        """The pace of the slowest step at that rate, with that freshness limit."""
         return Pace(self.slowest / 1e3, 1.0 / self.rate, self.freshness)
 
 
 def time_parts(perceiver: Perceiver, images: Sequence[Image], words: Sequence[str], repeat: int) -> Timing:
-    """Time every part `repeat` times, over the images in turn, and a first time that is not counted.
+    """Time every part `repeat` times, over the images in turn, after one run that is not counted.
 
-    Perceivers remember what they were asked of a frame, so each part gets a frame encoded anew.
+    Perceivers cache their maps of a frame, so attend_1 and attend_4 each get a frame encoded anew.
     """
     timer = _Timer(perceiver, words[:4])
     for turn in range(repeat + 1):
@@ -85,7 +85,7 @@ def time_parts(perceiver: Perceiver, images: Sequence[Image], words: Sequence[st
 
 
 def peak_memory() -> float:
-    """The most memory that this process has held, in MB."""
+    """Return the peak memory of this process (VmHWM), in MB."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1e3

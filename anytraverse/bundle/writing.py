@@ -1,4 +1,4 @@
-"""Writing a bundle: all of it appears at once, or nothing."""
+"""Writes a bundle atomically: all of it appears at once, or nothing."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.resizing import Fit
 
 CHECKS = "checks"
-"""The folder in a bundle where machines leave the records of their checks."""
+"""The folder in a bundle for the records of checks, one file a machine."""
 
 
 class BundleWriter:
-    """Collects a bundle's files in a temporary folder beside `out`, and puts it in place when finished.
+    """Collects a bundle's files in a temporary folder beside `out`, and renames it to `out` when finished.
 
         with BundleWriter(out) as writer:
             (writer.folder / "image.onnx").write_bytes(...)
             writer.finish(kind=...)
 
-    A bundle that is already at `out` is replaced; anything else there is refused at once with BundleError.
-    Left without `finish`, or by an error or Ctrl-C, it leaves nothing behind. A missing parent is made.
+    A bundle that is already at `out` is replaced; for anything else there, entering raises BundleError.
+    Without `finish`, and after an error or Ctrl-C, no file remains. A missing parent folder is made.
     """
 
     def __init__(self, out: Path, say: Callable[[str], None] | None = None) -> None:
@@ -42,7 +42,7 @@ class BundleWriter:
 
     @property
     def folder(self) -> Path:
-        """Where the files go; subfolders are allowed."""
+        """The folder to write the files to; subfolders are allowed."""
         if self._folder is None:
             raise RuntimeError("a BundleWriter is used in a with statement, until it is finished")
         return self._folder
@@ -76,7 +76,7 @@ class BundleWriter:
         details: Mapping[str, Any] | None = None,
         scene_image: Fit | None = None,
     ) -> Manifest:
-        """Hash the files, write the manifest, put the bundle in place. Raises BundleError, OSError."""
+        """Hash the files, write the manifest, rename the folder to `out`. Raises BundleError, OSError."""
         values = {
             "format": FORMAT,
             "kind": kind,
@@ -110,7 +110,7 @@ class BundleWriter:
 
 
 def _files_of(folder: Path) -> list[tuple[str, Path]]:
-    """Name and path of every file below `folder` but the manifest. Raises BundleError for a link."""
+    """Return name and path of every file below `folder` but the manifest. Raises BundleError for a link."""
     found = []
     for path in sorted(folder.rglob("*")):
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
@@ -121,9 +121,9 @@ def _files_of(folder: Path) -> list[tuple[str, Path]]:
 
 
 def check_place(out: Path, kind: str | None = None) -> None:
-    """Refuse, with BundleError, a place where something lies that a new bundle must not replace.
+    """Raise BundleError when something is at `out` that a new bundle must not replace.
 
-    kind: of the new bundle, which replaces only its like; None: not known yet.
+    kind: of the new bundle, which replaces only a bundle of the same kind; None: not known yet.
     """
     if not out.exists():
         return
@@ -156,11 +156,12 @@ def _beside(out: Path, suffix: str) -> Path:
     folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=f".{suffix}", dir=out.parent))
     umask = os.umask(0)
     os.umask(umask)
-    folder.chmod(0o777 & ~umask)  # mkdtemp's are private, and the daemon is another user
+    folder.chmod(0o777 & ~umask)  # mkdtemp makes it private, but the daemon runs as another user
     return folder
 
 
 def _put_in_place(folder: Path, out: Path) -> None:
+    """Rename `folder` to `out`; if that fails, rename the old bundle back."""
     if not out.exists() or not any(out.iterdir()):
         folder.rename(out)
     else:
@@ -176,7 +177,7 @@ def _put_in_place(folder: Path, out: Path) -> None:
 
 
 def _flush(folder: Path) -> None:
-    """To the disk, not only to the page cache: a stick may be pulled right after."""
+    """Write the page cache of a folder to the disk: a USB stick may be pulled right afterwards."""
     for path in (*folder.rglob("*"), folder):
         if path.is_dir():
             _flush_folder(path)

@@ -1,4 +1,4 @@
-"""Making bundles of networks for rovers, on a workstation with torch (extra `export`)."""
+"""Makes bundles of networks for rovers, on a workstation with torch (extra `export`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 DEFAULT_CLIP = "openai/clip-vit-base-patch32"
 RANDOM = "random"
-"""In place of a checkpoint: random weights of the published size."""
+"""Given in place of a checkpoint: use random weights of the published size."""
 
 
 def export_bundle(
@@ -25,10 +25,10 @@ def export_bundle(
     name: str | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Manifest:
-    """A CLIPSeg checkpoint (a folder, an id of the hub, or `RANDOM`) made into the bundle `out`.
+    """Make the bundle `out` from a CLIPSeg checkpoint: a folder, an id of the Hugging Face hub, or `RANDOM`.
 
     size: pixels of the square input. scene: "shared", from CLIPSeg's own image tower, or "clip-b32", the
-    paper's, from the checkpoint `clip`. say: told of each step. Raises BundleError with what to do.
+    paper's, from the checkpoint `clip`. say: receives a line for each step. Raises BundleError.
     """
     from anytraverse.errors import BundleError
 

@@ -1,4 +1,4 @@
-"""The sizes of a CLIPSeg network, as its checkpoint states them, and the names of its weights."""
+"""Describes the sizes of a CLIPSeg network, as its checkpoint states them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Weights = Mapping[str, NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Tower:
-    """A transformer encoder. width: hidden size; inner: size between the two layers of its MLP.
+    """Describes a transformer encoder. width: hidden size; inner: size between the two layers of its MLP.
 
     act: activation of the MLP, "quick_gelu", "gelu" or "relu". eps: of its layer norms.
     """
@@ -30,7 +30,10 @@ class Tower:
 
 @dataclass(frozen=True)
 class Vision:
-    """An image encoder: a tower over patches of patch x patch pixels; mean and std are of RGB in [0, 1]."""
+    """Describes an image encoder: a tower over patches of patch x patch pixels.
+
+    mean, std: of RGB in [0, 1].
+    """
 
     tower: Tower
     patch: int
@@ -40,7 +43,7 @@ class Vision:
 
 @dataclass(frozen=True)
 class Text:
-    """A text encoder over at most `context` tokens; `end` is the id whose position is read out."""
+    """Describes a text encoder of at most `context` tokens; it is read at the token `end`."""
 
     tower: Tower
     context: int
@@ -50,10 +53,10 @@ class Text:
 
 @dataclass(frozen=True)
 class Decoder:
-    """CLIPSeg's decoder (Lüddecke and Ecker, CVPR 2022, "Image Segmentation Using Text and Image Prompts").
+    """Describes CLIPSeg's decoder (Lüddecke and Ecker, CVPR 2022).
 
     extract: the layers of the image tower that it reads, counted from 0. conditional: the step at which the
-    prompt comes in. transposed: whether three convolutions make the mask, or one.
+    prompt is applied. transposed: True: three convolutions make the mask; False: one.
     """
 
     tower: Tower
@@ -64,7 +67,7 @@ class Decoder:
 
 @dataclass(frozen=True)
 class Architecture:
-    """A whole CLIPSeg. joint: size of the space that words and pictures share."""
+    """Describes a whole CLIPSeg. joint: size of the embedding space that words and pictures share."""
 
     vision: Vision
     text: Text
@@ -73,12 +76,12 @@ class Architecture:
 
     @property
     def used_layers(self) -> int:
-        """Layers of the image tower that the decoder needs; the rest only make the embedding."""
+        """The number of image tower layers that the decoder needs; the others only make the embedding."""
         return max(self.decoder.extract) + 1
 
 
 def architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> Architecture:
-    """From a checkpoint's config and preprocessor_config, all keys given. Raises KeyError."""
+    """Read the architecture from a checkpoint's config and preprocessor_config. Raises KeyError."""
     vision, text = config["vision_config"], config["text_config"]
     reduced = Tower(
         layers=len(config["extract_layers"]),
@@ -107,7 +110,7 @@ def architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> 
 
 
 def vision_architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> Vision:
-    """Of a CLIP image encoder: config is the `vision_config` of its checkpoint."""
+    """Read a CLIP image encoder's architecture; config: the `vision_config` of its checkpoint."""
     mean, std = _three(preprocessor["image_mean"]), _three(preprocessor["image_std"])
     return Vision(_tower(config), config["patch_size"], mean, std)
 

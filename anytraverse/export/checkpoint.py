@@ -1,4 +1,4 @@
-"""Reading checkpoints with transformers."""
+"""Reads checkpoints with transformers."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _UNSTATED = "not stated in the checkpoint: see its page"
 
 
 def load_clipseg(checkpoint: str) -> ClipSegCheckpoint:
-    """A CLIPSeg checkpoint: a folder, or an id of the hub.
+    """Load a CLIPSeg checkpoint: a folder, or an id of the hub.
 
-    Raises BundleError with what to do: no network, a file missing or torn, another model.
+    Raises BundleError without a network, for a missing or damaged file, and for another model.
     """
     from transformers import CLIPSegConfig, CLIPSegForImageSegmentation
 
@@ -42,7 +42,7 @@ def load_clipseg(checkpoint: str) -> ClipSegCheckpoint:
 
 
 def load_scene(checkpoint: str) -> SceneCheckpoint:
-    """The image encoder of a CLIP checkpoint. Raises BundleError as `load_clipseg`."""
+    """Load the image encoder of a CLIP checkpoint. Raises BundleError as `load_clipseg`."""
     from transformers import CLIPConfig, CLIPVisionModelWithProjection
 
     folder, revision = find_checkpoint(checkpoint, words=False)
@@ -60,7 +60,7 @@ def load_scene(checkpoint: str) -> SceneCheckpoint:
 
 
 def _read_configs(folder: Path, kind: Any, like: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The model's config with all its keys, and the preprocessor's as it stands."""
+    """Return the model's config with defaults filled in, and the preprocessor's config as in its file."""
     stated, preprocessor = (_read_json(folder / name) for name in CONFIGS)
     if stated.get("model_type") != kind.model_type:
         raise BundleError(
@@ -86,7 +86,7 @@ def _load_weights(kind: Any, folder: Path) -> Mapping[str, Any]:
     try:
         with _quietly():
             model, info = kind.from_pretrained(folder, output_loading_info=True, local_files_only=True)
-    except Exception as error:  # safetensors, pickle, torch and transformers have many kinds
+    except Exception as error:  # safetensors, pickle, torch and transformers raise many classes
         why = " ".join(str(error).split())[:300]
         raise BundleError(f"the weights in {folder} cannot be loaded ({why}): copy them again") from error
     if info["missing_keys"]:
@@ -106,7 +106,7 @@ def _load_vocabulary(folder: Path) -> Vocabulary:
         model = json.loads(tokenizer.backend_tokenizer.to_str())["model"]
         merges = [_pair(merge) for merge in model["merges"]]
         words = Vocabulary(model["vocab"], merges, tokenizer.bos_token_id, tokenizer.eos_token_id)
-    except Exception as error:  # tokenizers and transformers have many kinds
+    except Exception as error:  # tokenizers and transformers raise many classes
         why = " ".join(str(error).split())[:300]
         raise BundleError(f"the tokenizer in {folder} cannot be loaded ({why}): copy it again") from error
     if orphans := _orphans(words):
@@ -118,7 +118,7 @@ def _load_vocabulary(folder: Path) -> Vocabulary:
 
 
 def _orphans(words: Vocabulary) -> list[str]:
-    """Tokens that no text could ever give: of a text cut in two at a line's end nothing else is odd."""
+    """Return tokens that no merge makes. Only these reveal a merges.txt that was cut off at a line's end."""
     made = {left + right for left, right in words.merges}
     longer = (token for token in words.ids if len(token.removesuffix("</w>")) > 1)
     return [
@@ -127,13 +127,16 @@ def _orphans(words: Vocabulary) -> list[str]:
 
 
 def _pair(merge: str | list[str]) -> tuple[str, str]:
-    """Older tokenizers write a merge as one string."""
+    """Return the two parts of a merge, which older tokenizers write as one string."""
     left, right = merge.split(" ") if isinstance(merge, str) else merge
     return left, right
 
 
 def _check_end(stated: int, vocabulary: Vocabulary) -> None:
-    """A text is read at its end. Old checkpoints state 2 for it and mean the highest id (transformers)."""
+    """Raise BundleError when the checkpoint and its tokenizer differ in the token that ends a text.
+
+    Old checkpoints state 2 and mean the highest id, as transformers knows.
+    """
     expected = max(vocabulary.ids.values()) if stated == 2 else stated
     if vocabulary.end != expected:
         raise BundleError(
@@ -143,7 +146,7 @@ def _check_end(stated: int, vocabulary: Vocabulary) -> None:
 
 
 def _filter(preprocessor: Mapping[str, Any], folder: Path) -> str:
-    """How it resizes. What else it might do to pixels is what every CLIP does, or refused."""
+    """Return the filter with which the checkpoint resizes. Raises BundleError for unusual preprocessing."""
     number = preprocessor.get("resample", 2)
     if number not in _FILTERS:
         raise BundleError(
@@ -160,7 +163,7 @@ def _filter(preprocessor: Mapping[str, Any], folder: Path) -> str:
 
 @contextmanager
 def _stated_in(folder: Path) -> Iterator[None]:
-    """Whatever a config lacks or has of a wrong kind is one error."""
+    """Turn any error about a missing or wrong value in a config into a BundleError."""
     try:
         yield
     except BundleError:
@@ -174,7 +177,7 @@ def _stated_in(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Without the bars and tables of transformers. Bars of downloads go with them, and return after."""
+    """Suppress the progress bars and tables of transformers, and with them those of downloads."""
     from transformers.utils import logging
 
     before = logging.get_verbosity()
@@ -193,7 +196,7 @@ def _describe(checkpoint: str, folder: Path, revision: str) -> dict[str, str]:
 
 
 def _licence(folder: Path) -> str:
-    """What the model card's front matter says, if anything."""
+    """Return the licence in the model card's front matter, if there is one."""
     try:
         card = (folder / CARD).read_text(encoding="utf-8", errors="replace")
     except OSError:

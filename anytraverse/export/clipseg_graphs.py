@@ -1,14 +1,14 @@
-"""CLIPSeg (Lüddecke and Ecker, CVPR 2022) as graphs, each run only when it is needed.
+"""Writes CLIPSeg (Lüddecke and Ecker, CVPR 2022) as graphs, each of which runs only when it is needed.
 
     image    frame (h, w, 3) uint8 -> activations (steps, tokens, reduced), deep (tokens, width)
     tail     deep -> embedding (joint,), not of unit norm
     decoder  activations, conditions (k, joint) -> attention (k, h, w) in [0, 1], and magnitude (k,), the sum
              of |logit|: finite where all of them are
     text     tokens (n, width), the rows of the token table -> condition (joint,), read at the last token;
-             in pieces, so that a new word never needs all of it in memory beside the image tower
+             in pieces, so that a new word never needs the whole text tower in memory beside the image tower
 
-All rewrites are exact: normalisation is folded into the patches' weights, positions are interpolated once,
-what does not depend on the prompt leaves the decoder, and the last layer computes one token.
+All rewrites are exact: normalisation is folded into the patches' weights, positions are interpolated at
+export, what does not depend on the prompt is moved out of the decoder, and the last layer computes one token.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from anytraverse.export.linear import Linear, fp32
 Array = NDArray[np.float32]
 
 TEXT_PIECES = 6
-"""At most; a tower of fewer layers has one for each."""
+"""The most pieces; a tower of fewer layers has one piece for each layer."""
 
 _VISION = "clip.vision_model"
 _TEXT = "clip.text_model"
@@ -34,7 +34,7 @@ _FIRST = np.array([0], dtype=np.int64)
 
 
 def image_graph(arch: Architecture, weights: Weights, size: int, linear: Linear) -> Graph:
-    """The image tower up to the last layer that the decoder reads, and the decoder's first products."""
+    """Write the image tower up to the last layer that the decoder reads, and the decoder's first products."""
     graph = Graph("image")
     tokens = (size // arch.vision.patch) ** 2 + 1
     layers = Layers(graph, weights, linear, tokens)
@@ -54,7 +54,7 @@ def image_graph(arch: Architecture, weights: Weights, size: int, linear: Linear)
 
 
 def tail_graph(arch: Architecture, weights: Weights, size: int, linear: Linear) -> Graph:
-    """The rest of the image tower: what the picture means as a whole, in the words' own space."""
+    """Write the rest of the image tower: the picture's embedding in the space that it shares with words."""
     graph = Graph("tail")
     tokens = (size // arch.vision.patch) ** 2 + 1
     layers = Layers(graph, weights, linear, tokens)
@@ -64,7 +64,7 @@ def tail_graph(arch: Architecture, weights: Weights, size: int, linear: Linear) 
 
 
 def scene_graph(vision: Vision, weights: Weights, size: int, linear: Linear) -> Graph:
-    """A whole CLIP image encoder in one: frame (size, size, 3) uint8 -> embedding (joint,)."""
+    """Write a whole CLIP image encoder as one graph: frame (size, size, 3) uint8 -> embedding (joint,)."""
     graph = Graph("scene")
     layers = Layers(graph, weights, linear, (size // vision.patch) ** 2 + 1)
     x = embed_patches(Layers(graph, weights, fp32, layers.tokens), vision, size, "vision_model")
@@ -77,9 +77,9 @@ def scene_graph(vision: Vision, weights: Weights, size: int, linear: Linear) -> 
 
 
 def text_graphs(arch: Architecture, weights: Weights, linear: Linear) -> list[Graph]:
-    """The text tower for one prompt, in pieces that are loaded one after the other.
+    """Write the text tower for one prompt, in pieces that are loaded one after the other.
 
-    Without padding: under a causal mask padding changes nothing.
+    There is no padding: under a causal mask it would change nothing.
     """
     layers = arch.text.tower.layers
     pieces = min(TEXT_PIECES, layers)
@@ -109,7 +109,7 @@ def _text_piece(arch: Architecture, weights: Weights, linear: Linear, first: int
 
 
 def embed_patches(layers: Layers, vision: Vision, size: int, name: str) -> str:
-    """A uint8 frame as patches with positions, the class token before them, after the first norm."""
+    """Write the embedding of a uint8 frame: class token and patches with positions, after the first norm."""
     graph, weights = layers.graph, layers.weights
     side, patch, width = size // vision.patch, vision.patch, vision.tower.width
     frame = graph.input("frame", np.uint8, (size, size, 3))
@@ -129,7 +129,7 @@ def embed_patches(layers: Layers, vision: Vision, size: int, name: str) -> str:
 def finish_tower(
     layers: Layers, vision: Vision, x: str, done: int, name: str, projection: str, joint: int
 ) -> None:
-    """The layers from `done` on, the last one for the class token alone, and the way into the joint space."""
+    """Write the layers from `done` on, the last for the class token alone, and the projection to `joint`."""
     graph = layers.graph
     last = vision.tower.layers - 1
     for index in range(done, last):
@@ -144,9 +144,9 @@ def finish_tower(
 
 
 def fit_positions(table: Array, side: int) -> Array:
-    """The position table (1 + n * n, width) for a grid of side x side: bicubic, as CLIPSeg does it.
+    """Interpolate the position table (1 + n * n, width) for a grid of side x side: bicubic, as in CLIPSeg.
 
-    The cubic has a = -0.75 and no antialiasing, pixels count from their middles, edges repeat.
+    As torch does it: a = -0.75, no antialiasing, pixel centres at half integers, edges repeated.
     """
     old = round((len(table) - 1) ** 0.5)
     if old == side:
@@ -158,7 +158,7 @@ def fit_positions(table: Array, side: int) -> Array:
 
 
 def _cubic_matrix(old: int, new: int) -> NDArray[np.float64]:
-    """Row y says how the `old` samples make sample y of the `new` ones."""
+    """Make the matrix (new, old) that interpolates `old` samples at the places of `new` ones."""
     matrix = np.zeros((new, old))
     for y in range(new):
         middle = (y + 0.5) * old / new - 0.5

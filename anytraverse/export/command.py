@@ -1,4 +1,4 @@
-"""`anytraverse export`: a checkpoint made into a bundle for the rover."""
+"""Runs `anytraverse export`: makes a bundle for the rover from a checkpoint."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What `anytraverse export` takes."""
+    """Add the arguments of the command."""
     parser.description = "Make a CLIPSeg checkpoint into a bundle: one folder to copy to the rover."
     parser.add_argument(
         "checkpoint",
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Export, and say what comes next. Returns 0; raises BundleError."""
+    """Export, and print the next step. Returns 0. Raises BundleError."""
     asked = [part.strip() for part in options.precision.split(",") if part.strip()]
     manifest = export_bundle(
         options.checkpoint,

@@ -1,4 +1,4 @@
-"""CLIPSeg's decoder as a graph: k prompts in one batch, on activations that a frame gives once."""
+"""Writes CLIPSeg's decoder as a graph: k prompts in one batch, on one frame's activations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ _MASK = "decoder.transposed_convolution"
 
 
 def decoder_graph(arch: Architecture, weights: Weights, size: int, linear: Linear) -> Graph:
-    """activations (steps, tokens, reduced), conditions (k, joint) -> attention (k, h, w), magnitude (k,)."""
+    """Write the decoder.
+
+    activations (steps, tokens, reduced), conditions (k, joint) -> attention (k, h, w), magnitude (k,).
+    """
     graph = Graph("decoder")
     side = size // arch.vision.patch
     tokens, width = side * side + 1, arch.decoder.tower.width
@@ -46,7 +49,7 @@ def decoder_graph(arch: Architecture, weights: Weights, size: int, linear: Linea
 
 
 def _modulate(layers: Layers, x: str, conditions: str, width: int) -> str:
-    """The prompt comes in (FiLM): x * mul + add for each prompt; (tokens, width) -> (k * tokens, width)."""
+    """Apply the prompts (FiLM): x * mul + add for each; (tokens, width) -> (k * tokens, width)."""
     graph = layers.graph
     mul, add = (
         graph.reshape(layers.linear(conditions, f"decoder.film_{part}"), -1, 1, width)
@@ -56,9 +59,10 @@ def _modulate(layers: Layers, x: str, conditions: str, width: int) -> str:
 
 
 def _mask(layers: Layers, arch: Architecture, x: str, side: int) -> tuple[str, int]:
-    """Tokens (k, side * side, width) to logits (k, edge, edge).
+    """Turn tokens (k, side * side, width) into logits (k, edge, edge).
 
-    A transposed convolution whose stride is its kernel is a product for each cell, laid out in the image.
+    A transposed convolution whose stride is its kernel size is a matrix product for each cell; the results
+    are then arranged in the image.
     """
     graph, weights = layers.graph, layers.weights
     width, patch = arch.decoder.tower.width, arch.vision.patch
@@ -79,14 +83,14 @@ def _mask(layers: Layers, arch: Architecture, x: str, side: int) -> tuple[str, i
 
 
 def _spread(graph: Graph, cells: str, kernel: np.ndarray, bias: np.ndarray) -> str:
-    """Each cell (inputs,) to its square of (size, size, outputs)."""
+    """Multiply each cell (inputs,) out to its square of (size, size, outputs)."""
     inputs, outputs, size, _ = kernel.shape
     weight = kernel.transpose(0, 2, 3, 1).reshape(inputs, size * size * outputs)
     return fp32(graph, graph.reshape(cells, -1, inputs), weight, np.tile(bias, size * size))
 
 
 def _lay_out(graph: Graph, cells: str, side: int, sizes: tuple[int, ...]) -> tuple[str, int]:
-    """Squares within squares to one image, (k, edge, edge)."""
+    """Arrange nested squares as one image, (k, edge, edge)."""
     edge = side * int(np.prod(sizes))
     pairs = [size for size in sizes for _ in range(2)]
     nested = graph.reshape(cells, -1, side, side, *pairs)
@@ -96,5 +100,5 @@ def _lay_out(graph: Graph, cells: str, side: int, sizes: tuple[int, ...]) -> tup
 
 
 def _magnitude(graph: Graph, logits: str) -> str:
-    """The sum of |logit| of each prompt: an infinite one hides behind the sigmoid, a NaN behind a maximum."""
+    """Sum |logit| of each prompt: a sigmoid would hide an infinity, and a maximum a NaN."""
     return graph.op("ReduceL1", logits, np.array([1, 2], dtype=np.int64), keepdims=0)

@@ -1,4 +1,4 @@
-"""Writing ONNX graphs node by node, so that what runs on the rover is exactly what stands here."""
+"""Writes ONNX graphs node by node, so that exactly these nodes run on the rover."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ FAST = "com.microsoft"
 
 _OPSET = 18
 _IR = 8
-_EXTERNAL_FROM = 1024  # bytes of a tensor from which it is kept outside the graph, to be mapped into memory
+_EXTERNAL_FROM = 1024  # tensors of at least so many bytes go to a file of their own, which is memory-mapped
 
 
 class Graph:
-    """A graph in the making. Values are names; weights are put in where they are used."""
+    """Builds a graph. Values are referred to by their names; weights are added where they are used."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -33,30 +33,30 @@ class Graph:
         self._count = 0
 
     def input(self, name: str, dtype: Any, shape: Sequence[int | str]) -> str:
-        """An input; a string in `shape` is a size that may differ from run to run."""
+        """Add an input and return its name; a string in `shape` is a size that may differ from run to run."""
         self._inputs.append(_value(name, dtype, shape))
         return name
 
     def output(self, name: str, value: str, dtype: Any, shape: Sequence[int | str]) -> None:
-        """Give `value` out under `name`."""
+        """Make `value` an output called `name`."""
         self._nodes.append(helper.make_node("Identity", [value], [name]))
         self._outputs.append(_value(name, dtype, shape))
 
     def constant(self, array: Array) -> str:
-        """A weight or another fixed tensor."""
+        """Add a weight or another constant tensor, and return its name."""
         self._count += 1
         name = f"w{self._count}"
         self._weights.append(numpy_helper.from_array(np.asarray(array, order="C"), name))
         return name
 
     def op(self, kind: str, *inputs: str | Array, domain: str = "", **attributes: Any) -> str:
-        """A node with one output. Arrays among the inputs become constants."""
+        """Add a node with one output, and return its name. Arrays among the inputs become constants."""
         return self.split_op(kind, *inputs, outputs=1, domain=domain, **attributes)[0]
 
     def split_op(
         self, kind: str, *inputs: str | Array, outputs: int, domain: str = "", **attributes: Any
     ) -> list[str]:
-        """A node with several outputs."""
+        """Add a node with several outputs, and return their names."""
         names = [one if isinstance(one, str) else self.constant(one) for one in inputs]
         self._count += 1
         made = [f"{kind.lower()}{self._count}_{index}" for index in range(outputs)]
@@ -64,11 +64,11 @@ class Graph:
         return made
 
     def reshape(self, value: str, *shape: int) -> str:
-        """`value` in another shape; 0 keeps a size, -1 is worked out."""
+        """Reshape `value`; 0 keeps a size, -1 is calculated."""
         return self.op("Reshape", value, np.array(shape, dtype=np.int64))
 
     def save(self, path: Path) -> list[Path]:
-        """Write the graph, and its weights to a file beside it; the files written."""
+        """Write the graph, and its weights to a file beside it. Returns the files written."""
         graph = helper.make_graph(self._nodes, self._name, self._inputs, self._outputs, self._weights)
         opsets = [helper.make_opsetid("", _OPSET), helper.make_opsetid(FAST, 1)]
         model = helper.make_model(graph, opset_imports=opsets, ir_version=_IR, producer_name="anytraverse")
@@ -83,7 +83,7 @@ class Graph:
         onnx.checker.check_model(str(path))
         if not weights.exists():
             return [path]
-        weights.chmod(path.stat().st_mode)  # written private, and the daemon is another user
+        weights.chmod(path.stat().st_mode)  # onnx writes it private, but the daemon runs as another user
         return [path, weights]
 
 

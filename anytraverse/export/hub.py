@@ -1,4 +1,4 @@
-"""Where a checkpoint lies: in a folder on this disk, or on the Hugging Face hub, to be downloaded."""
+"""Finds a checkpoint in a folder on this disk, or downloads it from the Hugging Face hub."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ CONFIGS = ("config.json", "preprocessor_config.json")
 TOKENIZER = ("vocab.json", "merges.txt", "tokenizer.json", "tokenizer_config.json", "special_tokens_map.json")
 """One of the tokenizer's two forms is enough: vocab.json with merges.txt, or tokenizer.json."""
 WEIGHTS = ("model.safetensors", "pytorch_model.bin")
-"""The first that is there is taken."""
+"""The first file that exists is used."""
 CARD = "README.md"
 
 
 def find_checkpoint(checkpoint: str, *, words: bool) -> tuple[Path, str]:
-    """The folder of a checkpoint, and the revision of the hub that it is, "" for a folder of the user's own.
+    """Return the folder of a checkpoint and its revision on the hub; "" for a folder of the user's own.
 
-    words: whether a tokenizer belongs to it. Raises BundleError with what is missing and how to get it.
+    words: whether it must have a tokenizer. Raises BundleError, which says what is missing and how to get it.
     """
     folder = Path(checkpoint).expanduser()
     if folder.is_dir():
@@ -29,7 +29,7 @@ def find_checkpoint(checkpoint: str, *, words: bool) -> tuple[Path, str]:
         raise BundleError(f"{checkpoint} is no folder: give one, or an id of the hub like owner/name")
     try:
         found = _download(checkpoint)
-    except Exception as error:  # the hub's client has a dozen kinds of its own, and the network's
+    except Exception as error:  # the hub's client raises many classes of its own, and those of the network
         kept = _kept(checkpoint)
         if kept is None or _missing(kept, words=words):
             raise BundleError(_remedy(checkpoint, type(error).__name__, words=words)) from error
@@ -50,10 +50,10 @@ def _missing(folder: Path, *, words: bool) -> list[str]:
 
 
 def _download(checkpoint: str) -> Path:
-    """From the hub, with the client's own progress bars; what was downloaded before is not again."""
+    """Download a checkpoint from the hub, or take it from the client's cache; shows the client's progress."""
     from huggingface_hub import HfApi, constants, snapshot_download
 
-    # Asked first, for a download waits minutes for a network that swallows what is sent.
+    # The hub is asked first, with a timeout: a download would wait minutes on a network that drops packets.
     there = {
         file.rfilename
         for file in HfApi().model_info(checkpoint, timeout=constants.HF_HUB_ETAG_TIMEOUT).siblings or ()
@@ -63,12 +63,12 @@ def _download(checkpoint: str) -> Path:
 
 
 def _kept(checkpoint: str) -> Path | None:
-    """What an earlier download left. What else is needed is for the caller to look for."""
+    """Return the folder of an earlier download, or None. The caller must check that it is complete."""
     from huggingface_hub import snapshot_download
 
     try:
         return Path(snapshot_download(checkpoint, allow_patterns=[*CONFIGS], local_files_only=True))
-    except Exception:  # whatever it is, there is nothing to be had
+    except Exception:  # for any reason: nothing usable is cached
         return None
 
 

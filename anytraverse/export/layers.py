@@ -1,6 +1,6 @@
-"""The layers of CLIP's transformers, in the form that ONNX Runtime runs fastest.
+"""Writes the layers of CLIP's transformers in the form that ONNX Runtime runs fastest.
 
-Activations are (batch * tokens, width) in all but attention itself. Queries, keys and values come from one
+Activations are (batch * tokens, width) except in attention itself. Queries, keys and values come from one
 product; attention and quick GELU are ONNX Runtime's fused operators.
 """
 
@@ -17,10 +17,10 @@ _FIRST = np.array([0], dtype=np.int64)
 
 
 class Layers:
-    """Writes layers into a graph from the weights of a checkpoint.
+    """Writes layers into a graph from the weights of a checkpoint. Methods return the name of their output.
 
-    linear: writes the products x W + b, in the precision that is wanted.
-    tokens: how many make one picture; None for one text of any length.
+    linear: writes the products x W + b, in the chosen precision.
+    tokens: the number of tokens of one picture; None for one text of any length.
     """
 
     def __init__(self, graph: Graph, weights: Weights, linear: Linear, tokens: int | None) -> None:
@@ -30,17 +30,17 @@ class Layers:
         self._linear = linear
 
     def linear(self, x: str, name: str) -> str:
-        """The product with the weights called `name`; a bias where there is one."""
+        """Write the product with the weights called `name`, and their bias, if any."""
         weight = self.weights[f"{name}.weight"]
         return self._linear(self.graph, x, weight.T, self.weights.get(f"{name}.bias"))
 
     def norm(self, x: str, name: str, eps: float) -> str:
-        """Layer normalisation."""
+        """Write a layer normalisation."""
         scale, shift = self.weights[f"{name}.weight"], self.weights[f"{name}.bias"]
         return self.graph.op("LayerNormalization", x, scale, shift, axis=-1, epsilon=eps)
 
     def act(self, x: str, kind: str) -> str:
-        """An activation by its name in the checkpoint. Raises BundleError for one that is not known."""
+        """Write an activation by its name in the checkpoint. Raises BundleError for an unknown one."""
         if kind == "quick_gelu":
             return self.graph.op("QuickGelu", x, domain=FAST, alpha=1.702)
         if kind == "gelu":
@@ -50,11 +50,11 @@ class Layers:
         raise BundleError(f'the activation "{kind}" cannot be exported, only quick_gelu, gelu and relu')
 
     def mlp(self, x: str, name: str, act: str) -> str:
-        """Two products with an activation between."""
+        """Write two products with an activation between them."""
         return self.linear(self.act(self.linear(x, f"{name}.fc1"), act), f"{name}.fc2")
 
     def attention(self, x: str, name: str, heads: int, *, causal: bool = False) -> str:
-        """Self-attention of all tokens."""
+        """Write the self-attention of all tokens."""
         graph = self.graph
         weight, bias = self._stacked(name, ("q_proj", "k_proj", "v_proj"))
         joined = self._linear(graph, x, weight, bias)
@@ -63,7 +63,7 @@ class Layers:
         return self.linear(self._attend(parts, width, heads, causal=causal), f"{name}.out_proj")
 
     def first_attention(self, first: str, x: str, name: str, heads: int) -> str:
-        """Attention of the first token alone to all tokens: `first` is (1, width), `x` (tokens, width)."""
+        """Write the attention of the first token to all: `first` is (1, width), `x` (tokens, width)."""
         graph = self.graph
         weight, bias = self._stacked(name, ("k_proj", "v_proj"))
         joined = self._linear(graph, x, weight, bias)
@@ -77,13 +77,13 @@ class Layers:
         return self.linear(graph.reshape(attended, 1, width), f"{name}.out_proj")
 
     def pre_norm(self, x: str, name: str, tower: Tower, *, causal: bool = False) -> str:
-        """A layer of CLIP's encoders: norm, attention, add; norm, MLP, add."""
+        """Write a layer of CLIP's encoders: norm, attention, add; norm, MLP, add."""
         normed = self.norm(x, f"{name}.layer_norm1", tower.eps)
         x = self.graph.op("Add", x, self.attention(normed, f"{name}.self_attn", tower.heads, causal=causal))
         return self._pre_norm_mlp(x, name, tower)
 
     def first_pre_norm(self, x: str, name: str, tower: Tower) -> str:
-        """The same for the first token alone, (1, width): all that a last layer must give."""
+        """Write the same for the first token alone, (1, width): nothing else of the last layer is read."""
         graph = self.graph
         normed = self.norm(x, f"{name}.layer_norm1", tower.eps)
         first = graph.op("Gather", x, _FIRST, axis=0)
@@ -94,7 +94,7 @@ class Layers:
         return self._pre_norm_mlp(first, name, tower)
 
     def post_norm(self, x: str, name: str, tower: Tower) -> str:
-        """A layer of CLIPSeg's decoder: attention, add, norm; MLP, add, norm."""
+        """Write a layer of CLIPSeg's decoder: attention, add, norm; MLP, add, norm."""
         x = self.graph.op("Add", x, self.attention(x, f"{name}.self_attn", tower.heads))
         x = self.norm(x, f"{name}.layer_norm1", tower.eps)
         x = self.graph.op("Add", x, self.mlp(x, f"{name}.mlp", tower.act))
@@ -109,7 +109,7 @@ class Layers:
         return weight, np.concatenate([self.weights[f"{name}.{part}.bias"] for part in parts])
 
     def _attend(self, parts: list[str], width: int, heads: int, *, causal: bool = False) -> str:
-        """Queries, keys and values to what was attended to; the operator wants the batch apart."""
+        """Write the attention of queries, keys and values; the operator needs the batch as an axis."""
         batch = (1, -1) if self.tokens is None else (-1, self.tokens)
         batched = [self.graph.reshape(part, *batch, width) for part in parts]
         attended = self.graph.op(

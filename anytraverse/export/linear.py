@@ -1,4 +1,4 @@
-"""The products x W + b, where nearly all the work is, in two precisions."""
+"""Writes the products x W + b, which take nearly all the time, in two precisions."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Linear = Callable[[Graph, str, Array, Array | None], str]
 
 
 def fp32(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
-    """As the checkpoint has it."""
+    """Write the product in the checkpoint's precision."""
     return graph.op("Gemm", x, weight, *(() if bias is None else (bias,)))
 
 
 def int8(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
-    """Weights of 8 bits with a scale for each output; x is brought to 8 bits as it comes, with one scale.
+    """Write the product with 8-bit weights, one scale for each output; x is quantised at run time, one scale.
 
-    x is unsigned and the weights are signed: the pairing for which x86 has instructions.
+    x is unsigned and the weights are signed: x86 has instructions for this combination.
     """
     scale = np.maximum(np.abs(weight).max(axis=0), np.finfo(np.float32).tiny) / 127
     rounded = np.clip(np.rint(weight / scale), -127, 127).astype(np.int8)
@@ -32,4 +32,4 @@ def int8(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
 
 
 LINEAR: dict[str, Linear] = {"fp32": fp32, "int8": int8}
-"""Precision -> how its products are written."""
+"""Precision -> the function that writes its products."""

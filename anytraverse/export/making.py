@@ -1,4 +1,4 @@
-"""A CLIPSeg's weights made into a bundle. Needs numpy and onnx, not torch."""
+"""Makes a bundle from the weights of a CLIPSeg. Needs numpy and onnx, not torch."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from anytraverse.perception.resizing import Fit
 TOKEN_TABLE = "tokens.npy"
 TOKENIZER = "tokenizer.json"
 SCENE_THRESHOLDS = {"shared": 0.9, "clip-b32": 0.925}
-"""Cosine below which the scene has changed. clip-b32: the paper's. shared: a first guess, to be tuned."""
+"""Cosine below which the scene has changed. clip-b32: from the paper. shared: a first guess, to be tuned."""
 
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """A tokenizer's content: token -> id, merges in their order, and the ids that begin and end a text."""
+    """Holds a tokenizer's token -> id, its merges in order, and the ids that begin and end a text."""
 
     ids: Mapping[str, int]
     merges: Sequence[tuple[str, str]]
@@ -40,9 +40,9 @@ class Vocabulary:
 
 @dataclass(frozen=True)
 class ClipSegCheckpoint:
-    """All of a CLIPSeg that a bundle needs. filter: of the resize that it was trained with.
+    """Holds all of a CLIPSeg that a bundle needs.
 
-    source: where the weights come from, for the manifest.
+    filter: of the resize that it was trained with. source: where the weights come from, for the manifest.
     """
 
     architecture: Architecture
@@ -54,7 +54,7 @@ class ClipSegCheckpoint:
 
 @dataclass(frozen=True)
 class SceneCheckpoint:
-    """An image encoder of its own for the scene embedding."""
+    """Holds a separate image encoder for the scene embedding."""
 
     vision: Vision
     weights: Weights
@@ -74,8 +74,8 @@ def make_bundle(
 ) -> Manifest:
     """Write the bundle `out` for pictures of size x size pixels.
 
-    fp32 is always written; scene None: the embedding comes from CLIPSeg's own image tower.
-    Raises BundleError for a size, a precision or a checkpoint that cannot be.
+    fp32 is always written. scene: None: the embedding comes from CLIPSeg's own image tower.
+    Raises BundleError for a size, a precision or a checkpoint that cannot be used.
     """
     arch, weights = checkpoint.architecture, checkpoint.weights
     check_precisions(precisions)
@@ -113,7 +113,7 @@ def make_bundle(
 def _graphs(
     checkpoint: ClipSegCheckpoint, scene: SceneCheckpoint | None, size: int, precision: str
 ) -> Iterator[tuple[str, Graph]]:
-    """The parts of a variant, made one at a time: each holds its weights once more."""
+    """Yield the parts of a variant, one at a time, since each part holds a copy of its weights."""
     arch, weights, linear = checkpoint.architecture, checkpoint.weights, LINEAR[precision]
     if precision == "int8":
         weights = smoothed(weights, "clip.vision_model.encoder", arch.vision.tower.layers)
@@ -125,13 +125,13 @@ def _graphs(
         if precision == "int8":
             encoder = smoothed(encoder, "vision_model.encoder", scene.vision.tower.layers)
         yield "scene", scene_graph(scene.vision, encoder, scene.fit.width, linear)
-    if precision == "fp32":  # it runs only when a word is new
+    if precision == "fp32":  # the text tower runs only for a new word: int8 would gain little
         for number, piece in enumerate(text_graphs(arch, weights, linear), 1):
             yield f"text-{number}", piece
 
 
 def check_precisions(precisions: Sequence[str]) -> None:
-    """Refuse, with BundleError, a precision that is none."""
+    """Raise BundleError for an unknown precision."""
     for precision in precisions:
         if precision not in LINEAR:
             raise BundleError(f'no precision is called "{precision}": choose from {", ".join(LINEAR)}')
@@ -173,7 +173,7 @@ def _save_tokenizer(path: Path, words: Vocabulary, context: int, embedded: int) 
 
 
 def _digest(checkpoint: ClipSegCheckpoint, scene: SceneCheckpoint | None) -> str:
-    """Eight hexadecimal digits that name the weights."""
+    """Return eight hexadecimal digits that identify the weights and the architecture."""
     digest = hashlib.sha256(repr((checkpoint.architecture, checkpoint.filter)).encode())
     for weights in (checkpoint.weights, scene.weights if scene is not None else {}):
         for name in sorted(weights):

@@ -1,6 +1,6 @@
-"""A CLIPSeg of random weights: to see how fast a board is before anything is downloaded, and for tests.
+"""Makes a CLIPSeg of random weights, to time a board before a download, and for tests.
 
-Its maps mean nothing. They are spread round one half, so that masks are neither empty nor full.
+Its maps mean nothing. Their values spread around one half, so that masks are neither empty nor full.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ TINY = Architecture(
 B32 = Vision(Tower(12, 768, 12, 3072), 32, _MEAN, _STD)
 """CLIP ViT-B/32's image encoder."""
 
-_GRID = 14  # of the published position tables: 224 pixels in patches of 16
-_SHARPNESS = 3.0  # standard deviation of the logits, about
+_GRID = 14  # side of the published position tables: 224 pixels in patches of 16
+_SHARPNESS = 3.0  # approximate standard deviation of the logits
 
 
 def random_clipseg(arch: Architecture = RD64, seed: int = 0) -> ClipSegCheckpoint:
-    """A checkpoint of random weights, the same for the same seed."""
+    """Make a checkpoint of random weights, the same for the same seed."""
     draw = _Draw(seed)
     vision, text, decoder, joint = arch.vision, arch.text, arch.decoder, arch.joint
     weights = _image_encoder(draw, vision, "clip.vision_model", _GRID)
@@ -61,7 +61,7 @@ def random_clipseg(arch: Architecture = RD64, seed: int = 0) -> ClipSegCheckpoin
 
 
 def random_scene(vision: Vision = B32, joint: int = 512, seed: int = 0) -> SceneCheckpoint:
-    """An image encoder of random weights for the scene."""
+    """Make a scene encoder of random weights."""
     draw = _Draw(seed)
     side = 224 // 32
     weights = _image_encoder(draw, vision, "vision_model", side)
@@ -72,7 +72,7 @@ def random_scene(vision: Vision = B32, joint: int = 512, seed: int = 0) -> Scene
 
 
 class _Draw:
-    """Weights that keep the size of what goes through them."""
+    """Draws random weights that keep the scale of the activations."""
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng(seed)
@@ -134,7 +134,7 @@ def _mask(draw: _Draw, arch: Architecture) -> dict[str, np.ndarray]:
 
 
 def _bytes(text: Text) -> Vocabulary:
-    """A vocabulary without merges: every byte is a token, in the middle or at the end of a word."""
+    """Make a vocabulary without merges: every byte is a token, and another one at the end of a word."""
     symbols = byte_alphabet()
     ids = {symbol: index for index, symbol in enumerate((*symbols, *(f"{one}</w>" for one in symbols)))}
     ids |= {f"unused {index}": index for index in range(len(ids), text.start)}

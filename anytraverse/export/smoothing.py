@@ -1,8 +1,8 @@
-"""Weights rewritten so that 8 bits lose less: exact in real numbers, done once at export.
+"""Rescales weights at export so that int8 loses less precision. Exact in real numbers.
 
-CLIP's activations have a few channels far larger than the rest, and int8 has one scale for all of them. After
-SmoothQuant (Xiao et al., ICML 2023, arXiv 2211.10438) the size moves from the channel into the weights that
-read it. What a channel reaches is estimated from its layer norm, so that no pictures are needed.
+CLIP's activations have a few channels far larger than the rest, and int8 has one scale for all of them. As in
+SmoothQuant (Xiao et al., ICML 2023, arXiv 2211.10438), the scale is moved from a channel into the weights
+that read it. The range of a channel is estimated from its layer norm, so that no pictures are needed.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import numpy as np
 
 from anytraverse.export.architecture import Weights
 
-_SPREADS = 3.0  # a normed value reaches about this many standard deviations
+_SPREADS = 3.0  # the range of a normalised value, in standard deviations
 _LEAST = 1e-5
 
 
 def smoothed(weights: Weights, encoder: str, layers: int) -> Weights:
-    """The weights with the norms of `encoder`'s layers, and the products that read them, evened out.
+    """Return the weights with the channels of `encoder`'s norms rescaled, and the products that read them.
 
     encoder: name of a pre-norm transformer, e.g. "clip.vision_model.encoder".
     """

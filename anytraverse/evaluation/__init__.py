@@ -1,1 +1,1 @@
-"""How good a perceiver is: labelled drives, and the scores on them."""
+"""Scores perceivers on labelled drives."""

@@ -1,4 +1,4 @@
-"""What the scoring commands have in common."""
+"""Holds what the scoring commands have in common: arguments, progress, output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from anytraverse.preferences import Preferences
 
 
 def add_shared(parser: argparse.ArgumentParser) -> None:
-    """The folder, the words, the perceiver, and which frames."""
+    """Add the arguments for the folder, the words, the perceiver and the choice of frames."""
     parser.add_argument(
         "folder",
         metavar="DIR",
@@ -35,7 +35,7 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
         metavar="CLASSES",
         help='label classes that are drivable ground, e.g. "smooth_trail,grass"',
     )
-    parser.add_argument("--perceiver", default="builtin", help="which eyes, by default %(default)s")
+    parser.add_argument("--perceiver", default="builtin", help="which perceiver, by default %(default)s")
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="cores to use, by default all")
     parser.add_argument("--from", dest="first", type=int, metavar="N", help="the lowest number that counts")
     parser.add_argument("--to", dest="last", type=int, metavar="N", help="the highest number that counts")
@@ -46,20 +46,20 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
 
 
 def open_folder(options: argparse.Namespace) -> LabelledFolder:
-    """The frames that were chosen. Raises DatasetError, OSError."""
+    """Open the folder with the chosen frames. Raises DatasetError, OSError."""
     return LabelledFolder(options.folder, Selection(options.first, options.last, options.every))
 
 
 def open_eyes(options: argparse.Namespace) -> Seeing:
-    """The perceiver with its words. Raises PreferencesError, PerceiverError."""
+    """Make the perceiver with its words. Raises PreferencesError, PerceiverError."""
     words = Preferences.parse(options.prompts)
     return Seeing(make_perceiver(options.perceiver, Runtime(threads=options.threads)), words)
 
 
 class Watched:
-    """The frames of a folder, with progress on stderr; `torn` counts those that could not be read.
+    """Iterates over the frames of a folder and shows the progress on stderr.
 
-    A context manager, which clears the progress bar.
+    torn: the number of frames that could not be read. As a context manager it clears the progress bar.
     """
 
     def __init__(self, folder: LabelledFolder) -> None:
@@ -85,7 +85,7 @@ class Watched:
 
 
 def setting(options: argparse.Namespace, seeing: Seeing, watched: Watched, images: int) -> dict[str, Any]:
-    """What was scored, for JSON."""
+    """Return what was scored, for JSON."""
     return {
         "images": images,
         "torn": watched.torn,
@@ -100,7 +100,7 @@ def setting(options: argparse.Namespace, seeing: Seeing, watched: Watched, image
 
 
 def heading(options: argparse.Namespace, figures: dict[str, Any]) -> str:
-    """What was scored, in one line for a person."""
+    """Return what was scored, in one line for a person."""
     torn = f" ({figures['torn']} torn)" if figures["torn"] else ""
     return (
         f"{options.folder}: {figures['images']} frames{torn}, {figures['model_id']}, "
@@ -109,10 +109,10 @@ def heading(options: argparse.Namespace, figures: dict[str, Any]) -> str:
 
 
 def rounded(value: float | None) -> float | None:
-    """Four digits are more than a score is worth."""
+    """Round a score to four digits."""
     return None if value is None else round(value, 4)
 
 
 def shown(value: float | None) -> str:
-    """A score in a table; a dash without one."""
+    """Format a score for a table, or a dash for None."""
     return "    -" if value is None else f"{value:.3f}"

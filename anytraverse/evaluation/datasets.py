@@ -1,4 +1,4 @@
-"""A labelled folder: pictures `NNNN.jpg`, label images `NNNN.png` of class ids, and `classes.json`."""
+"""Reads a labelled folder: pictures `NNNN.jpg`, label images `NNNN.png` of class ids, and `classes.json`."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _NAME = re.compile(r"([0-9]{1,9})\.(jpg|png)")
 _MOST_FRAMES = 200_000
 _MOST_BYTES = 64_000_000
 _ENDS = {b"\xff\xd8": (b"\xff\xd9", 1024), b"\x89P": (b"IEND", 12)}
-"""How files of a kind begin, and what stands in their last bytes unless they are torn."""
+"""First bytes of JPEG and PNG files -> (end mark, how many last bytes hold it in a complete file)."""
 
 
 class TornPictureError(DatasetError):
-    """A picture or label image that is cut off or damaged; the others may be good."""
+    """Reports a picture or label image that is cut off or damaged; other files may be good."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which frames count: numbers from `first` to `last`, both included, and of these every so manieth.
+    """Selects frames: numbers from `first` to `last`, both included, and of these every `every`-th.
 
     Raises DatasetError for a range that holds no number, and for `every` below 1.
     """
@@ -45,7 +45,7 @@ class Selection:
             raise DatasetError(f"every {self.every} is no step: give 1 or more")
 
     def of(self, numbers: list[int]) -> list[int]:
-        """The chosen ones of rising numbers."""
+        """Return the selected ones of `numbers`, which must be in rising order."""
         low = -math.inf if self.first is None else self.first
         high = math.inf if self.last is None else self.last
         return [number for number in numbers if low <= number <= high][:: self.every]
@@ -53,10 +53,7 @@ class Selection:
 
 @dataclass(frozen=True, eq=False)
 class LabelledFrame:
-    """A picture and what stands where in it.
-
-    image: RGB, (height, width, 3), uint8. labels: class ids, (height, width), uint8.
-    """
+    """Holds a picture, RGB (height, width, 3) uint8, and its labels, class ids (height, width) uint8."""
 
     number: int
     name: str
@@ -65,13 +62,13 @@ class LabelledFrame:
 
 
 class LabelledFolder:
-    """The chosen frames of a folder, in the order of their numbers, read one at a time.
+    """Reads the chosen frames of a folder, in the order of their numbers, one at a time.
 
-    Files with other names are left alone.
+    Files with other names are ignored.
     """
 
     def __init__(self, path: Path, selection: Selection | None = None) -> None:
-        """Raises DatasetError when there is nothing to score, or a frame lacks its half; OSError."""
+        """Raises DatasetError without frames, or when a picture or label image is missing; and OSError."""
         if not path.is_dir():
             raise DatasetError(f"{path} is not a folder: give one with NNNN.jpg, NNNN.png and classes.json")
         self.path = path
@@ -99,7 +96,7 @@ class LabelledFolder:
         return tuple(self._files)
 
     def read(self, number: int) -> LabelledFrame:
-        """One frame.
+        """Read one frame.
 
         Raises TornPictureError for a damaged file, DatasetError for labels that do not fit, OSError.
         """
@@ -125,9 +122,9 @@ class LabelledFolder:
         return LabelledFrame(number, picture.name, rgb, labels)
 
     def frames(self, torn: Callable[[str], None]) -> Iterator[LabelledFrame]:
-        """All chosen frames; those that are torn are told to `torn` and left out.
+        """Yield all chosen frames; damaged ones are reported to `torn` and skipped.
 
-        Raises as `read` does, and DatasetError when every one is torn.
+        Raises as `read` does, and DatasetError when every frame is damaged.
         """
         whole = 0
         for number in self._files:
@@ -143,7 +140,7 @@ class LabelledFolder:
 
 
 def _numbered(path: Path) -> tuple[dict[int, Path], dict[int, Path]]:
-    """Pictures and label images by number."""
+    """Return the pictures and the label images by their number."""
     found: dict[str, dict[int, Path]] = {"jpg": {}, "png": {}}
     for file in path.iterdir():
         match = _NAME.fullmatch(file.name)

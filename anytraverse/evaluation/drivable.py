@@ -1,4 +1,4 @@
-"""How well drivable ground is found, and how well each word finds its class."""
+"""Scores how well drivable ground is found, and how well each word finds its class."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from anytraverse.evaluation.scores import Overlap, Ranking
 from anytraverse.evaluation.seeing import Seeing, stretched, stretched_mask
 
 HALF = 0.5
-"""The level of a map above which a pixel counts."""
+"""The traversability above which a pixel counts as drivable."""
 
 
 @dataclass(frozen=True)
 class WordScore:
-    """How well a word's attention tells its classes from the other labelled pixels.
+    """Holds how well a word's attention tells its classes from the other labelled pixels.
 
-    classes: their names, none when no class matches the word. pixels: of these classes.
-    auroc: None without a match, or where a side has no pixel.
+    classes: their names, empty when no class matches the word. pixels: the number in these classes.
+    auroc: None without a match, or when all or none of the labelled pixels are of these classes.
     """
 
     classes: tuple[str, ...]
@@ -31,10 +31,10 @@ class WordScore:
 
 @dataclass(frozen=True)
 class DrivableScore:
-    """Scores of some frames.
+    """Holds the scores of some frames.
 
-    ground: IoU of traversability above 0.5. known: IoU of what is known and drivable, as the rover judges it.
-    milliseconds: median of encoding, attending and pooling.
+    ground: IoU of traversability above 0.5. known: IoU of `Maps.drivable`, by which the rover judges.
+    milliseconds: median time of encoding, attending and pooling.
     """
 
     images: int
@@ -51,10 +51,9 @@ def score_drivable(
     drivable: Sequence[str],
     matches: Matches,
 ) -> DrivableScore:
-    """Score frames against the classes `drivable`, maps brought to label size, unlabelled pixels left out.
+    """Score frames against the classes `drivable`, at the labels' size and without unlabelled pixels.
 
-    Raises DatasetError when nothing is drivable, by the labels
-    or by the maps; PerceiverError.
+    Raises DatasetError when nothing is drivable by the labels nor by the maps; and PerceiverError.
     """
     ground, known, times = Overlap(), Overlap(), []
     rankings = {word: Ranking() for word, names in matches.items() if names}

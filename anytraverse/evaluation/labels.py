@@ -1,4 +1,4 @@
-"""What the ids in a label image stand for: `classes.json`."""
+"""Reads `classes.json`: what the ids in a label image stand for."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ Mask = NDArray[np.bool_]
 
 
 class DatasetError(AnyTraverseError, ValueError):
-    """A labelled folder, or a choice from it, that cannot be scored."""
+    """Reports a labelled folder, or a choice from it, that cannot be scored."""
 
 
 @dataclass(frozen=True)
 class Classes:
-    """The classes of a data set.
+    """Holds the classes of a data set.
 
-    names: as written, at most 256; the place is the id, and classes of one name count as one.
-    ignore: the id of what is not labelled, 0 to 255.
+    names: as written, at most 256; the index is the id, and classes of the same name count as one.
+    ignore: the id of pixels that are not labelled, 0 to 255.
     """
 
     names: tuple[str, ...]
@@ -40,7 +40,7 @@ class Classes:
 
     @cached_property
     def known(self) -> dict[str, str]:
-        """Folded name -> the name as written first, without what is ignored. See `fold`."""
+        """Folded name -> the name as written first, without the ignored id. See `fold`."""
         written: dict[str, str] = {}
         for number, name in enumerate(self.names):
             if number != self.ignore and fold(name):
@@ -55,9 +55,9 @@ class Classes:
         return allowed
 
     def choose(self, names: Iterable[str]) -> tuple[str, ...]:
-        """The classes of these names, as written in the data set, each once.
+        """Return the classes of these names, as written in the data set, each once.
 
-        Raises DatasetError for a name that is no class, and for none at all.
+        Raises DatasetError for a name that is not a class, and for an empty list.
         """
         listed = ", ".join(self.known.values())
         folded = tuple(dict.fromkeys(fold(name) for name in names if name.strip()))
@@ -69,7 +69,7 @@ class Classes:
         return tuple(self.known[name] for name in folded)
 
     def mask(self, labels: Labels, names: Iterable[str]) -> Mask:
-        """Pixels of these classes, (height, width)."""
+        """Mark the pixels of these classes, (height, width)."""
         wanted = {fold(name) for name in names}
         table = np.zeros(256, dtype=np.bool_)
         table[: len(self.names)] = [fold(name) in wanted for name in self.names]
@@ -78,23 +78,23 @@ class Classes:
         return inside
 
     def labelled(self, labels: Labels) -> Mask:
-        """Pixels that are not `ignore`, (height, width)."""
+        """Mark the pixels that are labelled, (height, width)."""
         return np.asarray(labels != self.ignore)
 
     def stray(self, labels: Labels) -> int | None:
-        """The lowest id in `labels` that stands for nothing, or None."""
+        """Return the lowest id in `labels` that has no class and is not `ignore`, or None."""
         ids = np.flatnonzero(np.bincount(labels.ravel(), minlength=256))
         strays = ids[~self._allowed[ids]]
         return int(strays[0]) if strays.size else None
 
 
 def fold(name: str) -> str:
-    """The spelling in which names of classes and words meet: lower case, spaces for _ and -."""
+    """Return a name as classes and words are compared: in lower case, with spaces for _ and -."""
     return " ".join(name.replace("_", " ").replace("-", " ").lower().split())
 
 
 def read_classes(folder: Path) -> Classes:
-    """`classes.json` of a folder. Raises DatasetError with what to write, OSError."""
+    """Read `classes.json` of a folder. Raises DatasetError, which says what to write, and OSError."""
     file = folder / FILE
     try:
         with file.open("rb") as stream:

@@ -1,4 +1,4 @@
-"""Which label classes a word stands for."""
+"""Finds the label classes that a word stands for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from anytraverse.preferences import clean_word
 from anytraverse.synonyms import Meaning, meaning_of
 
 Matches = Mapping[str, tuple[str, ...]]
-"""Word -> classes, none for a word that no class matches."""
+"""Word -> its classes; empty for a word that no class matches."""
 
 
 def parse_matches(text: str) -> dict[str, tuple[str, ...]]:
@@ -29,11 +29,11 @@ def parse_matches(text: str) -> dict[str, tuple[str, ...]]:
 
 
 def match_words(words: Iterable[str], classes: Classes, meaning: Meaning, given: Matches) -> Matches:
-    """The classes of each word: the given ones, or else those of its name or of its meaning.
+    """Find the classes of each word: the given ones, or else those of the same name or meaning.
 
-    A word without any has those of its kind that no other word has by name or meaning: "trail" has
-    "smooth_trail". Raises DatasetError for a match of a word that is not asked, or with a class that there
-    is not.
+    A word without such a class gets the classes whose last part means the same ("trail" gets "smooth_trail"),
+    unless another word has them. Raises DatasetError for a match of a word that is not in `words`, or with a
+    class that does not exist.
     """
     asked = tuple(words)
     for word in given:
@@ -53,7 +53,7 @@ def match_words(words: Iterable[str], classes: Classes, meaning: Meaning, given:
 
 
 def refuse_asked(words: Iterable[str], unknown: Iterable[str], meaning: Meaning) -> None:
-    """Raises PreferencesError when a word names a class that shall be unknown."""
+    """Raise PreferencesError when a word names a class that is to be unknown."""
     names = tuple(unknown)
     for word in words:
         for name in _of_one_meaning(word, names, meaning):
@@ -64,7 +64,7 @@ def refuse_asked(words: Iterable[str], unknown: Iterable[str], meaning: Meaning)
 
 
 def _of_one_meaning(word: str, names: Iterable[str], meaning: Meaning) -> tuple[str, ...]:
-    """The names that read or mean the same as the word."""
+    """Return the names that have the spelling or the meaning of the word."""
     return tuple(name for name in names if _same(word, name, meaning))
 
 

@@ -1,4 +1,4 @@
-"""How far a long command is: a bar on a terminal, elsewhere a line now and then."""
+"""Shows the progress of a long command: a bar on a terminal, elsewhere ten lines."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _PERIOD = 0.1
 
 
 class Progress:
-    """Steps of `total`, shown on a stream.
+    """Shows on a stream how many steps of `total` are done.
 
-    On a terminal the bar is drawn ten times a second at most; elsewhere ten lines are written in all.
+    On a terminal the bar is drawn at most ten times a second; elsewhere ten lines are written in all.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class Progress:
         self._drawn = -_PERIOD
 
     def step(self, count: int = 1, note: str = "") -> None:
-        """So many more are done; `note` is shown behind the times."""
+        """Count `count` more steps as done; `note` is shown behind the times."""
         before, self._done = self._done, self._done + count
         elapsed = self._clock() - self._begun
         if self._bar:
@@ -46,7 +46,7 @@ class Progress:
             self._write(f"{self._text(elapsed)}{note}\n")
 
     def say(self, line: str) -> None:
-        """A line of its own, above the bar."""
+        """Write a line of its own above the bar."""
         self.close()
         self._write(f"{line}\n")
 

@@ -1,4 +1,4 @@
-"""`anytraverse score`: IoU of drivable ground on a labelled drive, and AUROC of each word."""
+"""Runs `anytraverse score`: IoU of drivable ground on a labelled drive, and AUROC of each word."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WORST = 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command."""
+    """Add the arguments of the command."""
     parser.description = (
         "Score drivable ground on labelled frames: IoU of the traversability map above 0.5, and how well "
         "each word finds its class. The last line is JSON."
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Score, print the table and the JSON. Returns 0."""
+    """Score the frames, print the table and the JSON. Returns 0."""
     given = parse_matches(options.match)
     folder = open_folder(options)
     drivable = folder.classes.choose(options.drivable.split(","))
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def figures_of(score: DrivableScore) -> dict[str, Any]:
-    """All scores, for JSON."""
+    """Return all scores for JSON."""
     return {
         "iou_pooled": rounded(score.ground.pooled),
         "iou_mean": rounded(score.ground.mean),
@@ -71,7 +71,7 @@ def figures_of(score: DrivableScore) -> dict[str, Any]:
 
 
 def text_of(score: DrivableScore, first: str) -> str:
-    """All scores, for a person."""
+    """Return all scores as a table for a person; first: its first line."""
     lines = [first, f"  {'IoU of drivable ground':32}{'pooled':>8}{'mean':>8}"]
     for label, overlap in (("traversability above 0.5", score.ground), ("known and drivable", score.known)):
         lines.append(f"    {label:30}{shown(overlap.pooled):>8}{shown(overlap.mean):>8}")

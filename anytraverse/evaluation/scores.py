@@ -1,4 +1,4 @@
-"""Scores of maps against labels, collected picture by picture in bounded memory."""
+"""Scores maps against labels, picture by picture in bounded memory."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 Mask = NDArray[np.bool_]
 Values = NDArray[np.floating[Any]]
 
-_DROPPED = 13
+_DROPPED = 13  # low bits of a float32 that do not count: scores that differ only in these share a bin
 _HALF = int(np.float32(0.5).view(np.uint32)) >> _DROPPED
 _BINS = 2 * _HALF + 1
 
 
 @dataclass
 class Overlap:
-    """Intersection over union of two sets of pixels: of each picture, and of all pixels together."""
+    """Calculates the intersection over union of two masks, for each picture and over all pixels together."""
 
     intersection: int = 0
     union: int = 0
     pictures: dict[int, float] = field(default_factory=dict)
 
     def add(self, number: int, found: Mask, truth: Mask, counted: Mask) -> None:
-        """Picture `number`: `found` against `truth` where `counted`, (h, w) each.
+        """Add picture `number`: `found` against `truth` where `counted`, (h, w) each.
 
-        A picture in which neither has a pixel has no IoU of its own.
+        A picture in which both masks are empty has no IoU of its own.
         """
         both = int(np.count_nonzero(found & truth & counted))
         either = int(np.count_nonzero((found | truth) & counted))
@@ -48,16 +48,17 @@ class Overlap:
         return math.fsum(self.pictures.values()) / len(self.pictures) if self.pictures else None
 
     def worst(self, most: int) -> list[tuple[int, float]]:
-        """Number and IoU of the worst pictures, the worst first."""
+        """Return number and IoU of the worst pictures, the worst first."""
         return sorted(self.pictures.items(), key=lambda picture: picture[1])[:most]
 
 
 class Ranking:
-    """Area under the ROC curve of scores in [0, 1], over any number of pixels: about 4 MB.
+    """Calculates the area under the ROC curve of scores in [0, 1], for any number of pixels, in about 4 MB.
 
-    The share of pairs (positive, negative) in which the positive scores higher, equal ones counting half.
-    Scores count as equal when they fall in one of a quarter of a million bins, a thousandth as wide as they
-    are far from the nearer of 0 and 1: small attentions and uncertainties near 1 keep their order.
+    It is the share of pairs (positive, negative) in which the positive scores higher; equal scores count
+    half. Scores are counted in a quarter of a million bins, and those of one bin count as equal. A bin's
+    width is a thousandth of its distance to the nearer of 0 and 1, so that small attentions and uncertainties
+    near 1 keep their order.
     """
 
     def __init__(self) -> None:
@@ -65,23 +66,23 @@ class Ranking:
         self._negative = np.zeros(_BINS, dtype=np.int64)
 
     def add(self, positive: Values, negative: Values) -> None:
-        """Scores of pixels that should, and that should not, score high. Raises ValueError outside [0, 1]."""
+        """Add scores of pixels that should, and that should not, be high. ValueError outside [0, 1]."""
         self._positive += _counts(positive)
         self._negative += _counts(negative)
 
     @property
     def positives(self) -> int:
-        """Pixels that should score high."""
+        """The number of pixels that should score high."""
         return int(self._positive.sum())
 
     @property
     def negatives(self) -> int:
-        """Pixels that should not."""
+        """The number of pixels that should not score high."""
         return int(self._negative.sum())
 
     @property
     def auroc(self) -> float | None:
-        """In [0, 1], 0.5 by chance; None where one of the two kinds has no pixel."""
+        """The area, in [0, 1], 0.5 by chance; None where one of the two kinds has no pixel."""
         pairs = self.positives * self.negatives
         if not pairs:
             return None
@@ -100,7 +101,11 @@ def _counts(values: Values) -> NDArray[np.int64]:
 
 
 def _bins(scores: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Rising bins: floats above 0 are ordered as their bits are, and 1 - x is exact from 0.5 on."""
+    """Assign scores to bins in rising order, by the bits of a float32.
+
+    The bits of floats above 0, read as integers, have the order of the floats. Above 0.5 the bits of 1 - x
+    are used, which float32 holds exactly.
+    """
     upper = scores > 0.5
     aside = np.where(upper, np.float32(1.0) - scores, scores) + np.float32(0.0)  # -0.0 becomes 0.0
     bins = (aside.view(np.uint32) >> _DROPPED).astype(np.int64)
@@ -109,14 +114,14 @@ def _bins(scores: NDArray[np.float32]) -> NDArray[np.int64]:
 
 @dataclass
 class Share:
-    """How many of some values lie above a level."""
+    """Counts how many values are above a level."""
 
     level: float
     above: int = 0
     total: int = 0
 
     def add(self, values: Values) -> None:
-        """More values. NaN counts as above: what is not known is not good."""
+        """Add values. NaN counts as above, since an unknown value must not improve the score."""
         self.total += values.size
         self.above += values.size - int(np.count_nonzero(values <= self.level))
 

@@ -1,4 +1,4 @@
-"""What a perceiver makes of a frame with given words, and how long that takes."""
+"""Runs a perceiver with given words on labelled frames, and measures the time."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from anytraverse.synonyms import refuse_contradictions
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The maps of a frame, at the model's own resolution, and the milliseconds they took."""
+    """Holds the maps of a frame, at the model's own resolution, and the milliseconds they took."""
 
     maps: Maps
     milliseconds: float
 
 
 class Seeing:
-    """A perceiver with words that stay the same. It forgets each frame."""
+    """Runs a perceiver with fixed words. It stores nothing from frame to frame."""
 
     def __init__(self, perceiver: Perceiver, words: Preferences) -> None:
-        """Raises UnknownWordError for a word that the perceiver cannot ground, PreferencesError for none
-        at all and for words that contradict each other."""
+        """Raises PreferencesError without words, for words that contradict each other, and
+        (UnknownWordError) for a word that the perceiver cannot ground."""
         if not words:
             raise PreferencesError("no word is asked: give some, e.g. `trail: 1; grass: 1; bush: -1`")
         for word in words:
@@ -44,7 +44,7 @@ class Seeing:
         self._settings = Settings()
 
     def look(self, frame: LabelledFrame) -> Seen:
-        """Encode, attend and pool. Raises PerceiverError, also for maps that are worthless."""
+        """Encode, attend and pool. Raises PerceiverError, also for maps that cannot be used."""
         begin = time.perf_counter()
         features = self.perceiver.encode(frame.image)
         attention, alone = (
@@ -58,13 +58,13 @@ class Seeing:
 
 
 def stretched(values: Map, shape: tuple[int, int]) -> Map:
-    """A map in [0, 1] brought to the size of a label image, (height, width): linear, or means to shrink."""
+    """Resize a map in [0, 1] to the size of a label image, (height, width): linear, or by area to shrink."""
     shrinks = values.shape[0] > shape[0] and values.shape[1] > shape[1]
     way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.clip(np.asarray(cv2.resize(values, shape[::-1], interpolation=way), dtype=np.float32), 0.0, 1.0)
 
 
 def stretched_mask(mask: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """A mask brought to the size of a label image, (height, width): the nearest pixel counts."""
+    """Resize a mask to the size of a label image, (height, width), by nearest neighbour."""
     nearest = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
     return np.asarray(nearest, dtype=np.bool_)

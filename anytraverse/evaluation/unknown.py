@@ -1,4 +1,4 @@
-"""How well the uncertainty map tells things without a word from drivable ground."""
+"""Scores how well the uncertainty map tells things without a word from drivable ground."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ HALF = 0.5
 
 @dataclass(frozen=True)
 class UnknownScore:
-    """Scores of some frames.
+    """Holds the scores of some frames.
 
-    together: uncertainty of all unknown classes against drivable ground; classes: of each of them.
+    together: ranking of the uncertainty of all unknown classes against drivable ground; classes: of each one.
     drivable_above, unknown_above: shares of drivable and of unknown pixels with an uncertainty above 0.5.
-    milliseconds: median of encoding, attending and pooling.
+    milliseconds: median time of encoding, attending and pooling.
     """
 
     images: int
@@ -41,7 +41,7 @@ def score_unknown(
 ) -> UnknownScore:
     """Score the uncertainty on the classes `unknown` against the classes `drivable`.
 
-    Raises DatasetError when no pixel is labelled with the one or the other; PerceiverError.
+    Raises DatasetError when no pixel is labelled unknown, or none drivable; and PerceiverError.
     """
     together, each = Ranking(), {name: Ranking() for name in unknown}
     drivable_above, unknown_above, times = Share(HALF), Share(HALF), []

@@ -1,4 +1,4 @@
-"""`anytraverse score-unknown`: does uncertainty tell things without a word from drivable ground?"""
+"""Runs `anytraverse score-unknown`: how well uncertainty tells things without a word from drivable ground."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from anytraverse.evaluation.unknown import UnknownScore, score_unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command."""
+    """Add the arguments of the command."""
     parser.description = (
         "Score the uncertainty map on labelled frames: AUROC of classes that no word names against drivable "
         "ground, and how much of that ground is taken for unknown. The last line is JSON."
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Score, print the table and the JSON. Returns 0."""
+    """Score the frames, print the table and the JSON. Returns 0."""
     folder = open_folder(options)
     unknown = folder.classes.choose(options.unknown.split(","))
     drivable = folder.classes.choose(options.drivable.split(","))
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def figures_of(score: UnknownScore) -> dict[str, Any]:
-    """All scores, for JSON."""
+    """Return all scores for JSON."""
     return {
         "auroc": rounded(score.together.auroc),
         "drivable_above_half": rounded(score.drivable_above.value),
@@ -71,7 +71,7 @@ def figures_of(score: UnknownScore) -> dict[str, Any]:
 
 
 def text_of(score: UnknownScore, first: str) -> str:
-    """All scores, for a person."""
+    """Return all scores as a table for a person; first: its first line."""
     lines = [first, f"  {'unknown against drivable':32}{'AUROC':>8}{'pixels':>12}"]
     rows = [*score.classes.items()]
     if len(rows) > 1:

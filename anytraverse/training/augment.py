@@ -1,4 +1,4 @@
-"""Frames changed as other cameras, weather and mountings would change them; labels follow."""
+"""Changes frames as other cameras, weather and mountings would, and their labels with them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _GREY = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
 def changed(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tuple[Image, Labels]:
-    """A random view of a frame and its labels, both of `size` = (width, height)."""
+    """Make a random view of a frame and its labels, both of `size` = (width, height)."""
     picture, names = moved(image, labels, size, rng)
     if rng.random() < 0.4:
         picture, names = move_patches(picture, names, rng)
@@ -32,7 +32,7 @@ def changed(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tu
 
 
 def moved(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tuple[Image, Labels]:
-    """A crop of a frame, turned a little, mirrored or not; outside of the frame nothing is labelled."""
+    """Crop a frame, turn it a little, and mirror it or not; outside of the frame labels are `UNLABELLED`."""
     rows, columns = image.shape[:2]
     wide, high = size
     share = rng.uniform(SMALLEST_CROP, 1.08) if rng.random() < 0.7 else 1.0
@@ -59,7 +59,7 @@ def moved(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tupl
 
 
 def relit(image: Image, rng: Rng) -> Image:
-    """Another light, another camera: colours, gamma, exposure, shade, haze, blur, noise, JPEG."""
+    """Change light and camera: colours, gamma, exposure, shade, haze, blur, noise, JPEG."""
     if rng.random() < 0.3:
         image = _softened(image, rng)
     light = image.astype(np.float32) / 255
@@ -84,7 +84,7 @@ def relit(image: Image, rng: Rng) -> Image:
 
 
 def _colours(rng: Rng) -> Floats:
-    """A matrix of RGB: saturation, hue, white balance; now and then grey."""
+    """Draw a colour matrix (3, 3): saturation, hue, white balance; in 6 % of all cases grey."""
     if rng.random() < 0.06:
         return np.tile(_GREY, (3, 1))
     grey = np.tile(_GREY, (3, 1))
@@ -99,7 +99,7 @@ def _colours(rng: Rng) -> Floats:
 
 
 def _hue(angle: float) -> Floats:
-    """Colours turned about the grey axis."""
+    """Make the matrix (3, 3) that turns colours about the grey axis."""
     c, s = math.cos(angle), math.sin(angle) / math.sqrt(3)
     return np.asarray(
         c * np.eye(3) + (1 - c) / 3 + s * np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]), dtype=np.float32
@@ -107,7 +107,7 @@ def _hue(angle: float) -> Floats:
 
 
 def _shading(shape: tuple[int, int], rng: Rng) -> Floats:
-    """Light that differs over the frame: soft clouds, or the shadow of something with an edge."""
+    """Draw light that varies over the frame, (rows, columns): soft clouds, or shadows with edges."""
     rows, columns = shape
     if rng.random() < 0.6:
         soft = np.exp(rng.normal(0, 0.3, (3, 4))).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The numbers beside a network, from frames that it was not trained on: bias, gamma, background of taps."""
+"""Fits a network's calibration (bias, gamma, background of taps) to frames it was not trained on."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from anytraverse.training.folders import Folder, Labels
 from anytraverse.training.scores import VIEWS, Floats, Network, gained, maps, outputs, score
 
 ALLOWED = 0.006
-"""Share of drivable validation pixels that may be more uncertain than 0.5: on other drives more will be."""
+"""Share of drivable validation pixels whose uncertainty may exceed 0.5; on other drives more will."""
 RIDGE = 0.3
-"""Added to the background's covariance of standardised numbers, so that rare directions do not rule."""
-_GAMMAS = (0.5, 24.0)  # what is plausible
+"""Added to the diagonal of the background's covariance, so that rare directions do not dominate."""
+_GAMMAS = (0.5, 24.0)  # limits of plausible values
 _BIASES = np.linspace(-1.5, 1.5, 13)
 
 
 def plain(features: int = 32) -> Calibration:
-    """A calibration that changes nothing: where fitting begins."""
+    """Make a calibration that changes nothing, from which fitting begins."""
     count, wide = len(CLASSES), features + 5
     return Calibration(
         CLASSES,
@@ -39,16 +39,16 @@ def plain(features: int = 32) -> Calibration:
 
 
 def calibrated(network: Network, validation: Folder, start: Calibration) -> Calibration:
-    """Biases and gamma for these frames, in the light they were filmed in and in others."""
+    """Fit biases and gamma to these frames, in their own and in other light."""
     results = [pair for gains in VIEWS.values() for pair in outputs(network, validation, gains)]
     biased = replace(start, bias=fitted_bias(results, start))
     return replace(biased, gamma=fitted_gamma(results, biased))
 
 
 def fitted_bias(results: Sequence[tuple[Floats, Labels]], start: Calibration) -> Floats:
-    """One bias for all drivable classes, (C,): the one with the best drivable IoU, smoothed over neighbours.
+    """Choose one bias for all drivable classes, (C,), by the drivable IoU smoothed over neighbouring biases.
 
-    Gamma is kept out of it: here every pixel is explained.
+    Gamma is close to 0 here, so that every pixel is explained and gamma has no effect.
     """
     sample = results[:: max(1, len(results) // 300)]
     scores = []
@@ -65,7 +65,7 @@ def fitted_bias(results: Sequence[tuple[Floats, Labels]], start: Calibration) ->
 def fitted_gamma(
     results: Sequence[tuple[Floats, Labels]], start: Calibration, allowed: float = ALLOWED
 ) -> float:
-    """The largest gamma at which at most `allowed` of drivable pixels are more uncertain than 0.5."""
+    """Find the largest gamma at which at most `allowed` of drivable pixels are more uncertain than 0.5."""
     explained = []
     for logits, labels in results:
         _, uncertainty = maps(logits, replace(start, gamma=1.0), labels.shape)
@@ -76,7 +76,7 @@ def fitted_gamma(
 
 
 def tap_background(network: Network, folder: Folder) -> tuple[Floats, NDArray[np.float32]]:
-    """Mean (T,) and whitening (T, T) of cells of ordinary frames, in their own and in other light."""
+    """Calculate mean (T,) and whitening (T, T) of the frames' cells, in their own and in other light."""
     cells = []
     for index, frame in enumerate(folder.frames):
         image = gained(frame.image, list(VIEWS.values())[index % len(VIEWS)])

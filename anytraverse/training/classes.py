@@ -1,4 +1,4 @@
-"""The network's classes, and which of them the labels of a folder mean."""
+"""Defines the network's classes, and maps the labels of a folder to them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLASSES = (
     "water",
     "unknown",
 )
-"""In the order of the logits. The last one is whatever has no name: it is trained on pasted things."""
+"""In the order of the logits. The last one is for things without a name: it is trained on pasted things."""
 
 UNKNOWN = CLASSES.index("unknown")
 DRIVABLE = (0, 1, 2)
@@ -40,12 +40,12 @@ _LABELS: dict[str, tuple[str, ...]] = {
         "fence", "barrier", "building", "wall", "pole", "sign", "container", "bridge",
     ),
 }  # fmt: skip
-"""Other labels teach nothing. "obstacle" is among them because in the frames that this was made with it is
-noise: a label of your own that means things in the way is best called "thing"."""
+"""Class -> other labels that mean it. Labels that are not here are ignored. One is "obstacle", which in the
+frames of the first training was wrong too often: call your own label for things in the way "thing"."""
 
 
 def class_of(label: str) -> int | None:
-    """The class that a folder's label means, or None: it teaches nothing."""
+    """Return the class that a folder's label means, or None for a label that is ignored."""
     name = fold(label)
     for index, own in enumerate(CLASSES):
         if name == own or name in _LABELS[own]:
@@ -54,7 +54,7 @@ def class_of(label: str) -> int | None:
 
 
 def translation(labels: Sequence[str]) -> NDArray[np.uint8]:
-    """Label id -> class, (256,); `UNLABELLED` where a label teaches nothing."""
+    """Make the table label id -> class, (256,) uint8; `UNLABELLED` for a label that is ignored."""
     table = np.full(256, UNLABELLED, dtype=np.uint8)
     for index, label in enumerate(labels):
         found = class_of(label)

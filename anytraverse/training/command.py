@@ -1,4 +1,4 @@
-"""`anytraverse fit`: a network for the built-in perceiver, from labelled frames of the user's own."""
+"""Runs `anytraverse fit`: fits the built-in perceiver's network to labelled frames of the user's own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command."""
+    """Add the arguments of the command."""
     parser.description = (
         "Fit the built-in network to labelled frames of your own, and score it on drives that were held out. "
         "A drive is a block of a hundred numbers. A fit that is worse there than what it would replace is "

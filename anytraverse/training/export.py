@@ -1,4 +1,4 @@
-"""The trained network as one ONNX file that ONNX Runtime and OpenCV's dnn run at any size in steps of 16."""
+"""Exports a trained network as one ONNX file for ONNX Runtime and OpenCV's dnn, for sizes in steps of 16."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LARGEST = 1_500_000  # bytes
 def export(net: GroundNet, path: Path) -> None:
     """Write the network: `frame` (1, 3, h, w) float32 RGB 0 to 255 -> `logits` (1, C, h/4, w/4), `features`.
 
-    All or nothing. Raises TrainingError when the file is larger than what ships in a package.
+    Writes atomically. Raises TrainingError when the file is larger than `LARGEST`.
     """
     net.eval()
     example = torch.zeros(1, 3, 9 * STEP, WIDTH)
@@ -35,7 +35,7 @@ def export(net: GroundNet, path: Path) -> None:
     made = Path(name)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that the exporter without dynamo is the older one
+            warnings.simplefilter("ignore")  # torch warns that the exporter without dynamo is deprecated
             torch.onnx.export(
                 net, (example,), name, opset_version=OPSET, dynamo=False,
                 input_names=[INPUT], output_names=list(OUTPUTS), dynamic_axes=sides,
@@ -51,7 +51,7 @@ def export(net: GroundNet, path: Path) -> None:
 
 
 def as_network(net: GroundNet) -> Network:
-    """The network run by torch, for calibration and scores."""
+    """Wrap a torch network as a function of an image, for calibration and scores."""
     net.eval()
 
     def run(image: Image) -> tuple[Floats, Floats]:

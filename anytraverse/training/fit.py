@@ -1,4 +1,4 @@
-"""One fit from frames to files: training, calibration, scores."""
+"""Fits a network to frames: trains, calibrates and scores it, and writes its files."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from anytraverse.training.scores import VIEWS, Network, class_ranks, outputs, sc
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A trained and calibrated network."""
+    """Holds a trained and calibrated network."""
 
     net: GroundNet
     calibration: Calibration
 
     @property
     def model(self) -> tuple[Network, Calibration]:
-        """What scores are made of."""
+        """The network as a function, and its calibration, for scoring."""
         return as_network(self.net), self.calibration
 
 
 def fit(
     real: Folder, made: Folder, split: Split, options: Options, progress: Progress | None = None
 ) -> Fitted:
-    """Train from nothing on all blocks but those of `split`, calibrate on validation.
+    """Train from scratch on all blocks but those of `split`, calibrate on validation.
 
     Raises TrainingError.
     """
@@ -53,10 +53,10 @@ def fit(
 def fit_on(
     start: Path, real: Folder, made: Folder, split: Split, options: Options, progress: Progress | None = None
 ) -> Fitted:
-    """The same from a network that a training wrote; with no steps at all only its calibration changes.
+    """Train on from a network that a training wrote; with 0 steps only its calibration changes.
 
-    What tells places apart and what tapped things stand out from stay as they were: few frames of few places
-    would make them worse. Raises TrainingError, PerceiverError.
+    The scene's projection and the background of taps stay as they were: few frames of few places would make
+    them worse. Raises TrainingError, PerceiverError.
     """
     training, validation, _ = split.parts(real)
     before = stored(start)[1]
@@ -65,14 +65,14 @@ def fit_on(
 
 
 def calibrate(network: Network, training: Folder, made: Folder, validation: Folder, seed: int) -> Calibration:
-    """All numbers beside a network."""
+    """Fit the whole calibration of a network."""
     mean, whitening = tap_background(network, validation)
     start = replace(plain(FEATURES), tap_mean=mean, tap_whitening=whitening)
     return fitted_scene(network, training, made, validation, calibrated(network, validation, start), seed)
 
 
 def details(model: tuple[Network, Calibration], folder: Folder, others: Folder) -> list[str]:
-    """What else held-out frames say, for people; `others` are drives that these are no revisits of."""
+    """Return more scores on held-out frames as lines for a person; others: frames of other drives."""
     network, calibration = model
     lights = {name: score(outputs(network, folder, gains), calibration).iou for name, gains in VIEWS.items()}
     ranks = class_ranks(outputs(network, folder), calibration)
@@ -86,7 +86,7 @@ def details(model: tuple[Network, Calibration], folder: Folder, others: Folder) 
 
 
 def check_out(path: Path) -> None:
-    """Refuse at once where `write` could not write later. Raises TrainingError."""
+    """Raise TrainingError now where `write` could not write later, after the training."""
     if path.suffix != ".onnx":
         raise TrainingError(f"{path.name}: a network's file ends in .onnx")
     with _room_beside(path) as room:
@@ -94,7 +94,7 @@ def check_out(path: Path) -> None:
 
 
 def write(fitted: Fitted, path: Path) -> None:
-    """The network at `path`, ending in .onnx, and its calibration beside it, ending in .npz: both or none.
+    """Write the network to `path`, FILE.onnx, and its calibration to FILE.npz, both or neither.
 
     Raises TrainingError.
     """
@@ -109,7 +109,7 @@ def write(fitted: Fitted, path: Path) -> None:
 
 @contextmanager
 def _room_beside(path: Path) -> Iterator[Path]:
-    """A folder on the same disk, which is gone at the end."""
+    """Make a temporary folder on the same disk, from which files can be renamed to `path`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=path.parent, prefix=".fit-") as room:
@@ -122,7 +122,7 @@ def _room_beside(path: Path) -> Iterator[Path]:
 
 
 def stored(path: Path) -> tuple[Network, Calibration]:
-    """A network and calibration that were written before. Raises PerceiverError, TrainingError."""
+    """Open a network and calibration that `write` wrote. Raises PerceiverError, TrainingError."""
     run = open_network(path, Runtime(threads=1))
     calibration = Calibration.load(path.with_suffix(".npz"))
     if calibration.classes != CLASSES:

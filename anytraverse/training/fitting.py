@@ -1,4 +1,4 @@
-"""The training of the network, seeded: the same frames, options and versions give the same weights."""
+"""Trains the network. Seeded: the same frames, options and versions give the same weights."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from anytraverse.training.net import GroundNet
 
 STRIDE = 4
 SIZES = ((256, 128), (256, 144), (256, 160), (256, 192))
-"""Widths and heights of the views that it is trained on, as cameras' aspects have them."""
+"""Widths and heights of the training views, with the aspects of common cameras."""
 _SIZE_ODDS = (0.35, 0.3, 0.15, 0.2)
-_UNKNOWN_SHARE = 0.03  # of the pixels that pasted things cover, about; labels cannot tell it beforehand
+_UNKNOWN_SHARE = 0.03  # rough share of pixels covered by pasted things, which no label shows beforehand
 
 
 @dataclass(frozen=True)
 class Options:
-    """How it is trained.
+    """Holds the options of a training.
 
-    steps: batches. batch: views in each. rate: the highest learning rate. wide: the network's width.
-    made_share: share of views from frames that are made, not filmed, where there are any. drivable: how much
-    the one question "drivable or not" counts beside all classes. decay: of the average over weights.
+    steps: number of batches. batch: views in each. rate: the highest learning rate. wide: factor on the
+    network's width. made_share: share of views from rendered frames, where there are any. drivable: weight of
+    the loss for "drivable or not" beside that for all classes. decay: of the average over weights.
     threads: cores.
     """
 
@@ -50,7 +50,7 @@ Progress = Callable[[int, int, float, float], None]
 
 
 def train(real: Folder, made: Folder, options: Options, progress: Progress | None = None) -> GroundNet:
-    """The averaged network after training on filmed frames and, for a share of the views, on made ones."""
+    """Train on filmed and, for a share of the views, on rendered frames; return the average over weights."""
     torch.set_num_threads(options.threads)
     torch.manual_seed(options.seed)
     torch.use_deterministic_algorithms(mode=True)
@@ -82,7 +82,7 @@ def train(real: Folder, made: Folder, options: Options, progress: Progress | Non
 
 
 def batch(real: Folder, made: Folder, options: Options, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """Changed views (n, 3, h, w), float 0 to 255, and their classes (n, h/4, w/4) at the logits' points."""
+    """Draw augmented views (n, 3, h, w), float 0 to 255, and their classes (n, h/4, w/4) at the logits."""
     size = SIZES[int(rng.choice(len(SIZES), p=_SIZE_ODDS))]
     views = []
     for _ in range(options.batch):
@@ -96,7 +96,7 @@ def batch(real: Folder, made: Folder, options: Options, rng: np.random.Generator
 
 
 def loss_of(logits: Tensor, labels: Tensor, weights: Tensor, drivable: float) -> Tensor:
-    """Weighted cross-entropy of the classes, plus that of drivable against the rest."""
+    """Calculate the weighted cross-entropy of the classes, plus that of drivable against the rest."""
     classes = nn.functional.cross_entropy(logits, labels, weights, ignore_index=UNLABELLED)
     logs = torch.log_softmax(logits, dim=1)
     ground = torch.tensor([index in DRIVABLE for index in range(logits.shape[1])])
@@ -106,7 +106,7 @@ def loss_of(logits: Tensor, labels: Tensor, weights: Tensor, drivable: float) ->
 
 
 def class_weights(folder: Folder) -> Tensor:
-    """1 / sqrt(frequency) of each class, of mean 1 over labelled pixels; rare ones at most fourfold."""
+    """Calculate 1 / sqrt(frequency) of each class, at most four times the least, of mean 1 over pixels."""
     counts: NDArray[np.float64] = np.zeros(len(CLASSES))
     for frame in folder.frames:
         counts += np.bincount(frame.labels[::4, ::4].ravel(), minlength=256)[: len(CLASSES)]
@@ -122,7 +122,7 @@ def _drawn(folder: Folder, rng: np.random.Generator) -> Labelled:
 
 
 def _groups(net: nn.Module) -> list[dict[str, object]]:
-    """Weight decay for convolutions only."""
+    """Group the parameters so that weight decay applies to convolutions only."""
     heavy = [p for p in net.parameters() if p.requires_grad and p.ndim > 1]
     light = [p for p in net.parameters() if p.requires_grad and p.ndim <= 1]
     return [{"params": heavy, "weight_decay": 0.01}, {"params": light, "weight_decay": 0.0}]

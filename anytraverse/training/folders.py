@@ -1,7 +1,8 @@
-"""Labelled folders: frames NNNN.jpg, label images NNNN.png of class ids, and classes.json with their names.
+"""Reads labelled folders into memory and splits them for training, validation and test.
 
-Frames of near numbers show nearly the same place. So they are split by blocks of numbers, with a gap between
-blocks, and never at random.
+A folder holds frames NNNN.jpg, label images NNNN.png of class ids, and classes.json with their names. Frames
+of near numbers show nearly the same place. So they are split by blocks of numbers, with a gap between blocks,
+and never at random.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from anytraverse.training.classes import CLASSES, UNLABELLED, translation
 
 Labels = NDArray[np.uint8]
 
-WIDTH = 400  # pixels at which frames are kept: enough for crops of the network's 256
+WIDTH = 400  # pixels to which frames are shrunk: enough for crops of the network's 256
 BLOCK, GAP = 100, 25
 
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """One frame in memory: RGB (h, w, 3) uint8 and classes (h, w) uint8, `UNLABELLED` where there is none."""
+    """Holds one frame in memory: RGB (h, w, 3) uint8 and classes (h, w) uint8, some of them `UNLABELLED`."""
 
     number: int
     image: Image
@@ -37,7 +38,7 @@ class Labelled:
 
 @dataclass(frozen=True, eq=False)
 class Folder:
-    """The frames of a labelled folder in order of their numbers."""
+    """Holds the frames of a labelled folder in the order of their numbers."""
 
     frames: tuple[Labelled, ...]
 
@@ -45,7 +46,7 @@ class Folder:
         return len(self.frames)
 
     def of(self, blocks: Collection[int], gap: int = GAP, block: int = BLOCK) -> Folder:
-        """The frames of these blocks of numbers, without the last `gap` numbers of each."""
+        """Return the frames of these blocks of numbers, without the last `gap` numbers of each block."""
         kept = (f for f in self.frames if f.number // block in blocks and f.number % block < block - gap)
         return Folder(tuple(kept))
 
@@ -57,9 +58,9 @@ class Folder:
 
 @dataclass(frozen=True)
 class Split:
-    """Blocks of numbers to choose by (validation) and to report only (test); all others are for training.
+    """Assigns blocks of numbers to validation, by which the calibration is chosen, and to the test.
 
-    Raises TrainingError when a block is in both.
+    The test is only reported. All other blocks are for training. Raises TrainingError for a block in both.
     """
 
     validation: tuple[int, ...]
@@ -70,7 +71,10 @@ class Split:
             raise TrainingError(f"block {min(both)} is for validation and for the test: choose one of them")
 
     def parts(self, folder: Folder) -> tuple[Folder, Folder, Folder]:
-        """For training, for validation, for the test. TrainingError when one that is asked for is empty."""
+        """Split into training, validation and test. Raises TrainingError when a part has no frames.
+
+        The test may be empty where no block is assigned to it.
+        """
         rest = [block for block in folder.blocks if block not in (*self.validation, *self.test)]
         parts = folder.of(rest), folder.of(self.validation), folder.of(self.test)
         wanted = zip(("training", "validation", "test"), parts, (True, True, self.test), strict=True)
@@ -85,7 +89,7 @@ class Split:
 
 
 def suggested(folder: Folder, test: tuple[int, ...] = ()) -> Split:
-    """Every fifth block for validation, at least one, beside those for the test. Raises TrainingError."""
+    """Choose every fifth block, at least one, for validation. test: blocks for the test. TrainingError."""
     blocks = [block for block in folder.blocks if block not in test]
     if len(blocks) < 2:
         raise TrainingError(
@@ -96,7 +100,7 @@ def suggested(folder: Folder, test: tuple[int, ...] = ()) -> Split:
 
 
 def read_folder(path: Path, width: int = WIDTH, torn: Callable[[str], None] = lambda _: None) -> Folder:
-    """The labelled frames of a folder, at most `width` pixels wide; those that are torn are told to `torn`.
+    """Read the labelled frames of a folder, at most `width` pixels wide; damaged ones are reported to `torn`.
 
     Raises TrainingError when no label is known, DatasetError, OSError.
     """

@@ -1,4 +1,4 @@
-"""A fit and the network that it would replace, compared on drives that the fit was not trained on."""
+"""Compares a fit with the network that it would replace, on drives that the fit was not trained on."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from anytraverse.training.unknowns import paste_unknowns
 Model = tuple[Network, Calibration]
 
 FORGETS = 0.03
-"""How much less than before the AUROC of things without a name may be."""
-_SEED = 8  # of the things that are pasted: the same for both
+"""How much lower than before the AUROC of things without a name may be."""
+_SEED = 8  # for pasting things, so that both networks see the same ones
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Scores of the fit and of what it would replace on the same frames, of one block or (None) of all."""
+    """Holds the scores of the fit and of the replaced network on the frames of one block; None: of all."""
 
     block: int | None
     images: int
@@ -32,17 +32,17 @@ class Drive:
 
     @property
     def name(self) -> str:
-        """Its numbers."""
+        """The range of its numbers."""
         return "all" if self.block is None else f"{self.block * BLOCK:04d}-{(self.block + 1) * BLOCK - 1:04d}"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Each drive, all of them, and what the refusal goes by.
+    """Holds the scores of each drive and of all, and the figures by which a fit is refused.
 
-    recalibrated: IoU of the replaced network when bias and gamma are fitted to these drives, where the fit's
-    were; else None. things, things_before: AUROC of uncertainty, pasted things without a name against
-    drivable ground.
+    recalibrated: IoU of the replaced network with bias and gamma fitted to these drives; None where those of
+    the fit were not fitted to them. things, things_before: AUROC of uncertainty, pasted things without a name
+    against drivable ground, of the fit and of the replaced network.
     """
 
     drives: tuple[Drive, ...]
@@ -53,16 +53,16 @@ class Comparison:
 
     @property
     def before(self) -> float:
-        """The drivable IoU to keep: of the replaced network as it is, or calibrated on these drives."""
+        """The drivable IoU to reach: of the replaced network as it is, or calibrated on these drives."""
         return max(self.all.replaced.iou, self.recalibrated or 0.0)
 
     @property
     def calibrating_helps(self) -> bool:
-        """The replaced network would be better with its bias and gamma fitted to these drives."""
+        """Whether the replaced network is better with its bias and gamma fitted to these drives."""
         return self.recalibrated is not None and self.recalibrated > self.all.replaced.iou
 
     def refusal(self) -> str | None:
-        """Why the fit is worse than what it would replace, or None."""
+        """Return why the fit is worse than the network it would replace, or None."""
         if self.all.fitted.iou < self.before:
             return f"drivable IoU {self.all.fitted.iou:.3f}, before {self.before:.3f}"
         if self.things < self.things_before - FORGETS:
@@ -70,7 +70,7 @@ class Comparison:
         return None
 
     def table(self) -> list[str]:
-        """For people: a line for each drive, one for all, and what else counts."""
+        """Return a table for a person: a line for each drive, one for all, and the other figures."""
         lines = [f"  {'drive':12}{'images':>6}{'IoU':>8}{'before':>8}{'uncertain':>11}{'before':>8}"]
         for drive in (*self.drives, self.all):
             new, old = drive.fitted, drive.replaced
@@ -84,7 +84,7 @@ class Comparison:
         return lines
 
     def figures(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the figures for JSON."""
         return {
             **_figures(self.all),
             "iou_replaced_recalibrated": None if self.recalibrated is None else round(self.recalibrated, 4),
@@ -95,7 +95,10 @@ class Comparison:
 
 
 def compare(fitted: Model, replaced: Model, folder: Folder, *, chosen_here: bool) -> Comparison:
-    """Both on the frames of a folder; `chosen_here`: the fit's calibration was chosen on them."""
+    """Compare both on the frames of a folder; chosen_here: the fit's calibration was chosen on them.
+
+    A calibration chosen on these frames is an advantage: the replaced network is then calibrated on them too.
+    """
     new, old = (outputs(network, folder) for network, _ in (fitted, replaced))
     blocks = [frame.number // BLOCK for frame in folder.frames]
 
@@ -118,7 +121,7 @@ def compare(fitted: Model, replaced: Model, folder: Folder, *, chosen_here: bool
 
 
 def things_auroc(model: Model, folder: Folder) -> float:
-    """How uncertainty tells made shapes pasted into the frames from drivable ground."""
+    """Calculate the AUROC of uncertainty for pasted artificial things against drivable ground."""
     network, calibration = model
     rng = np.random.default_rng(_SEED)
     doubts, things = [], []

@@ -1,6 +1,6 @@
-"""The network of the built-in perceiver: a frame in, class logits and features at a quarter of its size out.
+"""Defines the built-in perceiver's network: from a frame to logits and features at a quarter of its size.
 
-A U of depthwise separable convolutions (Howard et al., MobileNets, 2017) with dilations at its bottom
+A U-net of depthwise separable convolutions (Howard et al., MobileNets, 2017) with dilations at its bottom
 (Yu and Koltun, 2016) and a global context (Liu et al., ParseNet, 2015).
 """
 
@@ -13,12 +13,12 @@ from anytraverse.training.classes import CLASSES
 
 STEM, QUARTER, EIGHTH, SIXTEENTH = 16, 32, 64, 96
 FEATURES = 32
-"""Numbers that the network says about each point before it names a class."""
-_DARK = 0.05  # of the frame's mean: keeps the logarithm of black finite and its noise small
+"""Channels of the last layer before the class logits."""
+_DARK = 0.05  # share of the frame's mean added to its light: keeps the log of black finite and limits noise
 
 
 class Separable(nn.Module):  # type: ignore[misc]
-    """A depthwise 3x3 and a pointwise convolution; a residual where nothing changes its shape."""
+    """Is a depthwise 3x3 and a pointwise convolution, with a residual where the shape does not change."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> None:
         super().__init__()
@@ -32,23 +32,23 @@ class Separable(nn.Module):  # type: ignore[misc]
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        """Same height and width, or half of them with stride 2."""
+        """Apply it; the result has the same height and width, or half of them with stride 2."""
         y = self.body(x)
         return torch.relu(x + y if self.residual else y)
 
 
 class Pointwise(nn.Sequential):  # type: ignore[misc]
-    """A 1x1 convolution, normalised."""
+    """Is a 1x1 convolution with normalisation."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__(nn.Conv2d(inputs, outputs, 1, bias=False), nn.BatchNorm2d(outputs))
 
 
 class GroundNet(nn.Module):  # type: ignore[misc]
-    """Frames (n, 3, h, w), RGB, sides multiples of 16 -> logits (n, C, h/4, w/4) and 32 features a point.
+    """Maps frames (n, 3, h, w) to logits (n, C, h/4, w/4) and features (n, 32, h/4, w/4).
 
-    The logarithm of light over the frame's mean goes in, so that exposure falls out and a white balance is
-    a mere offset.
+    Frames are RGB, 0 to 255, with sides that are multiples of 16. The first layers get the logarithm of light
+    over the frame's mean: the exposure cancels out, and the white balance becomes an offset.
     """
 
     def __init__(self, classes: int = len(CLASSES), wide: float = 1.0) -> None:
@@ -74,7 +74,7 @@ class GroundNet(nn.Module):  # type: ignore[misc]
         self.head = nn.Conv2d(FEATURES, classes, 1)
 
     def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits and features."""
+        """Return logits and features."""
         light = frames / (self.luminance(_everywhere(frames)) + 1.0)
         quarter = self.quarter(self.stem(torch.log(light + _DARK)))
         eighth = self.eighth(quarter)
@@ -88,7 +88,7 @@ class GroundNet(nn.Module):  # type: ignore[misc]
 
 
 def _everywhere(x: Tensor) -> Tensor:
-    """The mean of each channel over the frame, (n, c, 1, 1). A pooling: OpenCV reads no mean over axes."""
+    """Average each channel over the frame, (n, c, 1, 1), by pooling: OpenCV cannot read a mean over axes."""
     return nn.functional.adaptive_avg_pool2d(x, 1)
 
 
@@ -97,5 +97,5 @@ def _twice(x: Tensor) -> Tensor:
 
 
 def parameters(net: nn.Module) -> int:
-    """How many numbers it has learnt."""
+    """Count the network's parameters."""
     return sum(p.numel() for p in net.parameters())

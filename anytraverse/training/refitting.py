@@ -1,4 +1,4 @@
-"""Training on from a network that exists: frames too few to begin from nothing may suffice for this."""
+"""Continues the training of an existing network, which needs fewer frames than a training from scratch."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from anytraverse.training.folders import Folder
 from anytraverse.training.net import STEM, GroundNet
 
 REFIT = Options(steps=150, rate=1e-3)
-"""What suits a network that sees already."""
+"""Options that suit a trained network."""
 _KEPT = ("luminance", "stem", "quarter", "eighth", "bottom")
-"""Parts that see edges, colours and textures: few frames would only make them forget others."""
-_HOME = 1e-3  # of the squared way from where it began, added to the loss
+"""Parts that are not trained: they detect edges, colours and textures, and few frames would spoil them."""
+_HOME = 1e-3  # weight in the loss of the squared distance from the weights at the start
 
 
 class Settled(GroundNet):
-    """The network with its first parts and all normalisation left as they are."""
+    """Is the network whose normalisation layers do not change in training."""
 
     def train(self, mode: bool = True) -> Settled:
-        """As of any module, but for the normalisation."""
+        """Set the training mode, but leave all normalisation layers in evaluation mode."""
         super().train(mode)
         for part in self.modules():
             if isinstance(part, nn.BatchNorm2d):
@@ -37,10 +37,10 @@ class Settled(GroundNet):
 
 
 def read_back(path: Path) -> GroundNet:
-    """The network of a file that a training wrote, giving the same outputs. Raises TrainingError.
+    """Read the network from a file that a training wrote; it gives the same outputs. Raises TrainingError.
 
-    The export folds each normalisation into the convolution before it: what is read back has normalisations
-    that scale by one and add the folded bias.
+    The export folded each normalisation into the convolution before it. So the normalisations of this network
+    scale by one and add the folded bias.
     """
     graph = onnx.load(path).graph
     values = {each.name: numpy_helper.to_array(each) for each in graph.initializer}
@@ -62,7 +62,7 @@ def read_back(path: Path) -> GroundNet:
 
 
 def _in_order(net: GroundNet) -> list[tuple[nn.Conv2d, nn.BatchNorm2d | None]]:
-    """Its convolutions as they are run, each with the normalisation after it."""
+    """Return the convolutions in the order in which they run, each with the normalisation after it."""
     ran: list[nn.Module] = []
     hooks = [
         part.register_forward_hook(lambda module, _inputs, _output: ran.append(module))
@@ -91,15 +91,15 @@ def _set(conv: nn.Conv2d, norm: nn.BatchNorm2d | None, weight: Tensor, bias: lis
         if home is not None:
             home.copy_(bias[0])
         if norm is not None:
-            norm.running_var.fill_(1 - norm.eps)
+            norm.running_var.fill_(1 - norm.eps)  # so that 1 / sqrt(var + eps) is 1
 
 
 def refit(
     start: GroundNet, real: Folder, made: Folder, options: Options, progress: Progress | None = None
 ) -> GroundNet:
-    """The averaged network after training the last parts of `start` on; itself after no steps.
+    """Train the last parts of `start` and return the average over weights; `start` itself for no steps.
 
-    It is drawn back to where it began (Li et al., L2-SP, 2018). `start` is used up.
+    A penalty draws the weights back to those of the start (Li et al., L2-SP, 2018). `start` is changed.
     """
     torch.set_num_threads(options.threads)
     if not options.steps:

@@ -1,4 +1,4 @@
-"""What `anytraverse fit` does: read, split, train, compare, and write or refuse."""
+"""Does the work of `anytraverse fit`: reads, splits, trains, compares, and writes or refuses."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from anytraverse.training.refitting import REFIT
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """What a fit begins with.
+    """Holds the input of a fit.
 
-    start: the network to train on from, or None. replaced: the file that the fit must not be worse than, and
-    what it holds.
+    start: the network to train on from, or None. replaced: the file of the network that the fit must not be
+    worse than, and that network.
     """
 
     real: Folder
@@ -39,7 +39,10 @@ class Work:
 
 
 def run_fit(given: argparse.Namespace) -> int:
-    """The exit code: 1 when the fit is worse than what it would replace. Raises AnyTraverseError, OSError."""
+    """Fit, compare and write. Returns the exit code: 1 when the fit is worse than what it would replace.
+
+    Raises AnyTraverseError, OSError.
+    """
     try:
         work = prepared(given)
         fitted = trained(work)
@@ -51,7 +54,7 @@ def run_fit(given: argparse.Namespace) -> int:
 
 
 def prepared(given: argparse.Namespace) -> Work:
-    """All that can be refused before the training. Raises AnyTraverseError, OSError."""
+    """Check and read all input, so that errors come before the training. Raises AnyTraverseError, OSError."""
     check_out(given.out)
     start = None if given.start == "scratch" else SHIPPED if given.start == "builtin" else Path(given.start)
     replaced = given.out if given.out.exists() else SHIPPED
@@ -89,7 +92,7 @@ def prepared(given: argparse.Namespace) -> Work:
 
 
 def trained(work: Work) -> Fitted:
-    """The fit, with a progress bar. Raises TrainingError."""
+    """Train with a progress bar. Raises TrainingError."""
     bar, shown = Progress(work.options.steps, "steps"), 0
 
     def tell(done: int, _steps: int, loss: float, _left: float) -> None:

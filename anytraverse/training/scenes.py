@@ -1,6 +1,6 @@
-"""What tells places apart: a projection that keeps revisits together and drives apart, and its threshold.
+"""Fits the scene embedding: a projection that keeps revisits together and drives apart, and its threshold.
 
-After within-class covariance normalisation (Hatch et al., 2006) and linear discriminant analysis.
+Method: within-class covariance normalisation (Hatch et al., 2006) and linear discriminant analysis.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from anytraverse.training.scores import Floats, Network, auroc
 
 SIZE = 32
 _VISITS = 3  # changed views of each frame
-_RIDGE = 0.1  # of the total variance, added to that within places
-_MADE = 8.0  # times that their variation counts: driving on changes a frame more than another light does
-_EVENED = 0.35  # 0: directions count by how well they tell places apart; 0.5: all alike
-_OTHERS = 0.10  # share of pairs of different drives that may pass for one place
-_REVISITS = 0.97  # share of revisits that should pass, where both cannot be had
+_RIDGE = 0.1  # share of the total variance added to the diagonal of the covariance within places
+_MADE = 8.0  # weight of rendered frames: driving on changes a frame more than another light does
+_EVENED = 0.35  # 0: directions count by how well they tell places apart; 0.5: all count equally
+_OTHERS = 0.10  # share of pairs of different drives that may count as the same place
+_REVISITS = 0.97  # least share of revisits that count as the same place; it goes before `_OTHERS`
 
 
 def revisited(image: Image, rng: np.random.Generator) -> Image:
-    """The frame as it may look on another day: a little aside and turned, in another light."""
+    """Change a frame as it may look on another day: shifted and turned a little, in another light."""
     rows, columns = image.shape[:2]
     share = rng.uniform(0.88, 1.0)
     left, top = rng.uniform(0, 1 - share) * columns, rng.uniform(0, 1 - share) * rows
@@ -42,9 +42,9 @@ def revisited(image: Image, rng: np.random.Generator) -> Image:
 def fitted_scene(
     network: Network, filmed: Folder, made: Folder, validation: Folder, start: Calibration, seed: int = 0
 ) -> Calibration:
-    """Projection from `filmed` and `made` frames, threshold from `validation`.
+    """Fit the projection to `filmed` and `made` (rendered) frames, and the threshold to `validation`.
 
-    A place is a filmed frame in changed views, or a block of made frames.
+    A place is a filmed frame with its changed views, or a block of rendered frames.
     """
     rng = np.random.default_rng([seed, 5])
     visits = _visits(network, filmed, rng)
@@ -71,9 +71,9 @@ def fitted_scene(
 def cosines(
     network: Network, folder: Folder, others: Folder, calibration: Calibration, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Plain cosines of revisits of a folder's frames, and of these with frames of other blocks of numbers.
+    """Return the cosines of a folder's frames with their revisits, and with frames of other blocks.
 
-    Those of `others` are among them, every fourth.
+    Every fourth frame of `others` is among the latter. The cosines are those before the constant entry.
     """
     plain = replace(calibration, scene_threshold=SAME_PLACE)
     first = np.stack([scene_vector(network(f.image)[1], plain) for f in folder.frames])
@@ -88,12 +88,12 @@ def cosines(
 
 
 def scene_auroc(same: Floats, other: Floats) -> float:
-    """Chance that a revisit looks more alike than two drives."""
+    """Calculate the chance that a revisit is more similar than a pair of frames of two drives."""
     return auroc(np.concatenate([same, other]), np.arange(len(same) + len(other)) < len(same))
 
 
 def _visits(network: Network, folder: Folder, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Summaries of changed views, (frames, views, 4 D)."""
+    """Summarise changed views of each frame, (frames, views, 4 D)."""
     return np.stack(
         [
             np.stack([scene_summary(network(revisited(frame.image, rng))[1]) for _ in range(_VISITS)])
@@ -103,7 +103,7 @@ def _visits(network: Network, folder: Folder, rng: np.random.Generator) -> NDArr
 
 
 def _strays(passes: Floats, made: Folder) -> NDArray[np.float64]:
-    """How the frames of each block differ from its mean, the half way to the next place among them."""
+    """Return how the frames of each block differ from the block's mean, (frames, 4 D)."""
     blocks = np.array([frame.number // BLOCK for frame in made.frames])
     every = [passes[blocks == block].astype(np.float64) for block in np.unique(blocks)]
     return np.concatenate(
@@ -112,7 +112,7 @@ def _strays(passes: Floats, made: Folder) -> NDArray[np.float64]:
 
 
 def _discriminant(within: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The `SIZE` directions in which places differ most against how much one place varies, (SIZE, n)."""
+    """Find the `SIZE` directions in which places differ most, relative to how one place varies, (SIZE, n)."""
     count = total.shape[1]
     inner = within.T @ within / len(within) + _RIDGE * np.eye(count)
     values, axes = np.linalg.eigh(inner)
@@ -125,5 +125,5 @@ def _discriminant(within: NDArray[np.float64], total: NDArray[np.float64]) -> ND
 
 
 def _threshold(same: Floats, other: Floats) -> float:
-    """Where few other drives pass, and lower where too many revisits would fail."""
+    """Choose a threshold that few pairs of other drives exceed; lower where too many revisits would not."""
     return float(np.clip(min(np.quantile(other, 1 - _OTHERS), np.quantile(same, 1 - _REVISITS)), 0.05, 0.9))

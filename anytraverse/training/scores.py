@@ -1,4 +1,4 @@
-"""How good a network is: drivable IoU at 0.5, ranks of words, uncertainty, as they are used on a rover."""
+"""Scores a network as it is used on a rover: drivable IoU at 0.5, AUROC of classes, uncertainty."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Flags = NDArray[np.bool_]
 Network = Callable[[Image], tuple[Floats, Floats]]
 """A frame of any size -> logits (C, h, w) and features (D, h, w)."""
 
-SCALE = 2  # labels are judged at every second pixel of the frames kept in memory
+SCALE = 2  # labels are scored at every second pixel of the frames in memory
 
 VIEWS: dict[str, tuple[float, float, float]] = {
     "as filmed": (1.0, 1.0, 1.0),
@@ -33,8 +33,9 @@ VIEWS: dict[str, tuple[float, float, float]] = {
 
 @dataclass(frozen=True)
 class Score:
-    """iou: drivable ground at 0.5, pooled over all pixels; iou_mean: its mean over frames.
+    """Holds the score of a network.
 
+    iou: of drivable ground at 0.5, pooled over all pixels; iou_mean: its mean over frames.
     unexplained: share of drivable pixels whose uncertainty is above 0.5.
     """
 
@@ -44,19 +45,19 @@ class Score:
 
 
 def gained(image: Image, gains: tuple[float, float, float]) -> Image:
-    """The frame with its channels multiplied, clipped as a sensor clips."""
+    """Multiply the channels of a frame, and clip to 0 to 255 as a sensor does."""
     return np.asarray(np.clip(image * np.asarray(gains, dtype=np.float32), 0, 255), dtype=np.uint8)
 
 
 def outputs(
     network: Network, folder: Folder, gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
 ) -> list[tuple[Floats, Labels]]:
-    """Logits (C, h, w) and labels at `SCALE` of each frame."""
+    """Run the network on each frame; return its logits (C, h, w) and its labels at `SCALE`."""
     return [(network(gained(f.image, gains))[0], f.labels[::SCALE, ::SCALE]) for f in folder.frames]
 
 
 def score(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) -> Score:
-    """The score when all known classes are asked for by name."""
+    """Calculate the score when all known classes are asked for by name."""
     both = either = unexplained = ground = 0
     each = []
     for logits, labels in results:
@@ -73,7 +74,7 @@ def score(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) ->
 
 
 def maps(logits: Floats, calibration: Calibration, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Traversability and uncertainty with a word for every known class, at (rows, columns)."""
+    """Make traversability and uncertainty maps of a shape (rows, columns), with a word for every class."""
     found = attention(posteriors(logits, calibration), _WORDS, _WORDS, calibration.gamma)
     signed = found * _WEIGHTS[:, None, None]
     best = np.take_along_axis(signed, np.abs(signed).argmax(axis=0)[None], axis=0)[0]
@@ -81,7 +82,7 @@ def maps(logits: Floats, calibration: Calibration, shape: tuple[int, ...]) -> tu
 
 
 def _words() -> tuple[Floats, Floats]:
-    """One word "trail" for both of its classes, one for each other known class: (N, C) and their weights."""
+    """Make a word "trail" for its two classes and one for each other known class: (N, C), weights (N,)."""
     table = np.eye(len(CLASSES), dtype=np.float32)[1:UNKNOWN]
     table[0, 0] = 1.0
     weights = np.array([1.0 if index in DRIVABLE else -1.0 for index in range(1, UNKNOWN)], dtype=np.float32)
@@ -98,7 +99,7 @@ def _resized(values: Floats, shape: tuple[int, ...]) -> Floats:
 
 
 def auroc(scores: Floats, true: Flags) -> float:
-    """Chance that a true one scores above another, ties counting half; NaN where there is only one kind."""
+    """Calculate the chance that a true one scores above a false one, ties counting half; NaN without both."""
     positive, count = int(true.sum()), len(scores)
     if positive in {0, count}:
         return float("nan")
@@ -109,7 +110,7 @@ def auroc(scores: Floats, true: Flags) -> float:
 
 
 def class_ranks(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) -> dict[str, float]:
-    """AUROC of each class's posterior against all other labels."""
+    """Calculate the AUROC of each class's posterior against all other labels."""
     found: list[Floats] = []
     true: list[Labels] = []
     for logits, labels in results:

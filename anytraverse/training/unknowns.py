@@ -1,7 +1,7 @@
-"""Things that no word names, pasted into frames: made shapes in made and borrowed surfaces.
+"""Pastes artificial things into frames, which teach the network the class of things without a name.
 
-They teach the network to say "none of these". They are meant to be like nothing in particular: no drum, rock
-or log is drawn on purpose.
+They have random shapes and surfaces. They are meant to resemble nothing in particular: no drum, rock or log
+is drawn on purpose.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ EDGE = 1  # pixels around a thing that are left unlabelled
 
 
 def paste_unknowns(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]:
-    """One to three things of 4 to 45 % of the frame's height, mostly on the ground, and their labels."""
+    """Paste one to three things of some 5 to 50 % of the frame's height, mostly on the ground; label them."""
     picture, names = image.copy(), labels.copy()
     for _ in range(int(rng.integers(1, 4))):
         _paste(picture, names, image, rng)
@@ -33,10 +33,10 @@ def paste_unknowns(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Label
 
 
 def move_patches(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]:
-    """One to four patches of ground or plants from elsewhere in the frame, with their labels.
+    """Copy one to four patches of ground or plants to other places in the frame, with their labels.
 
-    A tuft on a trail differs from what is around it as a thing does: standing out must not make it unknown.
-    But its edge is ragged, which that of a thing is not.
+    They teach that a difference from the surroundings alone, as of a tuft on a trail, makes nothing unknown.
+    Their edges are ragged, which those of pasted things are not.
     """
     picture, names = image.copy(), labels.copy()
     rows, columns = labels.shape
@@ -57,7 +57,7 @@ def move_patches(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]
 
 
 def _another_ground(labels: Labels, here: Window, inside: NDArray[np.bool_], rng: Rng) -> Window | None:
-    """A window of the size of `here` that shows ground or plants, others than here if there are any."""
+    """Find a window of the size of `here` that shows ground or plants, of other classes if possible."""
     rows, columns = labels.shape
     high, wide = inside.shape
     found = None
@@ -72,13 +72,14 @@ def _another_ground(labels: Labels, here: Window, inside: NDArray[np.bool_], rng
 
 
 def _ragged(shape: tuple[int, int], rng: Rng) -> NDArray[np.bool_]:
-    """Lumps and gaps of a few pixels, (rows, columns)."""
+    """Draw a mask of lumps and gaps of a few pixels, (rows, columns)."""
     coarse = rng.uniform(size=tuple(max(2, side // int(rng.integers(2, 9))) for side in shape))
     lumps = cv2.resize(coarse.astype(np.float32), shape[::-1], interpolation=cv2.INTER_CUBIC)
     return np.asarray(lumps > rng.uniform(0.2, 0.5), dtype=np.bool_).reshape(shape)
 
 
 def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:
+    """Paste one thing into `picture` and `names`; its surface may be copied from `source`."""
     rows, columns = names.shape
     high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)))
     wide = high * math.exp(rng.normal(0.0, 0.5 if rng.random() < 0.7 else 1.2))
@@ -92,7 +93,7 @@ def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:
     window = (slice(top, top + height), slice(left, left + width))
     surface = _surface((height, width), source, rng) * _relief((height, width), rng)[..., None]
     level = float(source[window].mean()) / 128
-    if rng.random() < 0.7:  # it stands in the same light as what is around it
+    if rng.random() < 0.7:  # lit like its surroundings
         surface = surface * np.float32(np.clip(level * math.exp(rng.normal(0, 0.3)), 0.1, 2.0))
     if rng.random() < 0.6:
         _shadow(picture, mask, (wide, high), rng)
@@ -108,7 +109,7 @@ def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:
 def _shape(
     shape: tuple[int, int], centre: tuple[float, float], size: tuple[float, float], rng: Rng
 ) -> Floats:
-    """A box, an ellipse, a ragged blob or a few joined parts: opacity (rows, columns) in [0, 1]."""
+    """Draw a box, an ellipse, a blob or a few joined parts: opacity (rows, columns) in [0, 1]."""
     mask = np.zeros(shape, dtype=np.uint8)
     kind = rng.random()
     parts = int(rng.integers(2, 5)) if kind > 0.8 else 1
@@ -132,7 +133,7 @@ def _shape(
 
 
 def _surface(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
-    """RGB 0 to 255: paint, stripes, patches, noise, or a borrowed piece of the frame in other colours."""
+    """Draw a surface, RGB 0 to 255: paint, stripes, patches, or a piece of the frame in other colours."""
     rows, columns = shape
     colour = _colour(rng)
     kind = rng.random()
@@ -158,7 +159,7 @@ def _surface(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
 
 
 def _borrowed(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
-    """A piece of the frame at another scale, its colours exchanged, negative or pulled to paint."""
+    """Copy a piece of the frame at another scale, with changed colours: swapped, negative or tinted."""
     rows, columns = shape
     high, wide = (int(rng.integers(8, side)) for side in source.shape[:2])
     top, left = int(rng.integers(0, source.shape[0] - high)), int(rng.integers(0, source.shape[1] - wide))
@@ -173,7 +174,7 @@ def _borrowed(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
 
 
 def _colour(rng: Rng) -> Floats:
-    """Any colour: vivid, pale, grey, black or white. RGB 0 to 255, (3,)."""
+    """Draw any colour: vivid, pale, grey, black or white. RGB 0 to 255, (3,)."""
     hue, value = rng.uniform(0, 180), 255 * rng.beta(1.3, 1.1)
     vivid = 255 * (rng.beta(2, 1) if rng.random() < 0.6 else rng.beta(1, 4))
     pixel = np.array([[[hue, vivid, value]]]).astype(np.uint8)
@@ -181,7 +182,7 @@ def _colour(rng: Rng) -> Floats:
 
 
 def _relief(shape: tuple[int, int], rng: Rng) -> Floats:
-    """Light over a body: round from side to side, from above, or flat."""
+    """Draw the shading of a body: round from side to side and from above, or flat."""
     rows, columns = shape
     if rng.random() < 0.3:
         return np.ones(shape, dtype=np.float32)
@@ -193,7 +194,7 @@ def _relief(shape: tuple[int, int], rng: Rng) -> Floats:
 
 
 def _shadow(picture: Image, mask: Floats, size: tuple[float, float], rng: Rng) -> None:
-    """Darker ground at its foot, to one side."""
+    """Darken the ground at the foot of a thing, to one side."""
     shift = np.array([[1, 0, rng.normal(0, 0.35) * size[0]], [0, 0.6, 0]])
     low = np.flatnonzero(mask.max(axis=1) > 0.5)[-1]
     shift[1, 2] = low * 0.4 + rng.uniform(0, 0.15) * size[1]

@@ -1,4 +1,4 @@
-"""What a match with a remembered scene changes."""
+"""Puts the words of a remembered scene into force."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from anytraverse.synonyms import Meaning, meaning_of, opposed
 
 
 def adopted_memory(memory: Memory, entry: Entry, meaning: Meaning) -> tuple[Memory, tuple[str, ...]]:
-    """`memory` with the words of `entry` in force, nu(tau, tau_match), and the words that had to go for them.
+    """Return `memory` with the words of `entry` in force, nu(tau, tau_match), and the words this dropped.
 
-    A word that the operator set without a call after the entry was made, or forgot, stands, also against its
-    synonyms. Words answered to a call belong to that call's scene: any that the entry contradicts goes.
+    The entry does not change a word that the operator set without a call, or forgot, after the entry was
+    made, nor does it add a contradicting synonym. Words set in answer to a call belong to that call's scene:
+    those that the entry contradicts are dropped.
     """
 
     def settled_later(word: str) -> bool:

@@ -1,4 +1,4 @@
-"""What an operator's answer changes, and what came of it."""
+"""Applies an operator's answer to the memory."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from anytraverse.regions import Box
 from anytraverse.synonyms import refuse_contradictions
 
 MAX_EXAMPLES = 16
-"""Tapped examples kept of one word; the oldest goes."""
+"""The most tapped examples of one word; beyond it the oldest is dropped."""
 MAX_NAMED = 8
-"""Calls named where another one is to be forgotten, the newest."""
+"""The most call ids that an error lists when the call to forget is not known; the newest ones."""
 
 
 @dataclass(frozen=True)
 class Tap:
-    """What `box` shows in frame `frame_id` becomes an example of `word`, with a weight in [-1, 1]."""
+    """Makes what `box` shows in frame `frame_id` an example of `word`, with a weight in [-1, 1]."""
 
     frame_id: int
     box: Box
@@ -32,9 +32,10 @@ class Tap:
 
 @dataclass(frozen=True)
 class Changes:
-    """What an answer teaches: weights of words, taps, words and calls to forget, a new episode.
+    """Holds what an answer changes: weights of words, taps, words and calls to forget, a new episode.
 
-    missing_ok: to forget what is not there is no mistake, as where a setting is made that may stand already.
+    new_episode: forget the reference and all remembered scenes. missing_ok: forgetting an unknown word or
+    call is no error; a setting that is sent again may have been applied already.
     """
 
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -45,16 +46,17 @@ class Changes:
     missing_ok: bool = False
 
     def __bool__(self) -> bool:
-        """Whether anything is changed at all."""
+        """Return whether anything is changed."""
         return bool(self.weights or self.taps or self.forget_words or self.forget_calls or self.new_episode)
 
 
 @dataclass(frozen=True, eq=False)
 class AnswerOutcome:
-    """What came of an answer.
+    """Holds the result of an answer.
 
-    call: the call's frame, judged again; None for words without a call. newest: the newest frame, likewise.
-    dropped: words that went out of use because more than 16 would be. remembered: the scene entered H.
+    call: the call's frame, judged again; None for words without a call. newest: the newest frame, judged
+    again. dropped: words put out of use because at most 16 can be in use. remembered: whether H gained the
+    scene.
     """
 
     call: Assessment | None
@@ -66,12 +68,12 @@ class AnswerOutcome:
 def changed_memory(
     memory: Memory, changes: Changes, perceiver: Perceiver, seen: Observation | None
 ) -> tuple[Memory, tuple[str, ...]]:
-    """`memory` after `changes`, all or nothing, and the words that had to go.
+    """Return `memory` after `changes`, and the words that were dropped. All changes apply, or none.
 
-    What is forgotten is forgotten first, with its examples; then words are set.
-    seen: the frame of the call that is answered, to which taps refer; None for words without a call, which
-    stand against scenes remembered before. Raises PreferencesError (UnknownWordError) and ExampleError, with
-    `memory` as it was.
+    Words and calls are forgotten first, words with their examples; then words are set.
+    seen: the frame of the answered call, to which taps refer; None for words without a call, which scenes
+    remembered before cannot change.
+    Raises PreferencesError (UnknownWordError) and ExampleError.
     """
     if not changes:
         return memory, ()

@@ -1,4 +1,4 @@
-"""What a frame was found to be: maps, figures, and every reason why it is not OK."""
+"""Holds the result of judging a frame: maps, figures, and every reason why it is not OK."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from anytraverse.roi import KNOWN, RoiFigures, Tile
 Map = NDArray[np.float32]
 
 WORST_TILE = "worst_tile"
-"""The figure that calls for what has no word."""
+"""Figure: the worst tile's uncertainty. Above its threshold, a thing without a word calls."""
 NAMED_TILE = "named_tile"
-"""The figure that holds the vehicle before a thing that was named as not drivable."""
+"""Figure: the named tile's strangeness. Above its threshold, a thing named as not drivable holds."""
 NAMED_MEAN = "roi_strangeness"
-"""The same of all things of the ROI together."""
+"""Figure: the mean strangeness of the ROI, for all named things in it together."""
 CORRIDOR = "corridor"
-"""The figure that says whether the vehicle fits through."""
+"""Figure: whether the vehicle fits through."""
 
 
 class Reason(str, Enum):
-    """Why a frame is not OK. The first two are calls for words."""
+    """Names why a frame is not OK. The first two call the operator for words."""
 
     UNKNOWN_SCENE = "unknown_scene"
     UNKNOWN_OBJECT = "unknown_object"
@@ -38,7 +38,7 @@ class Reason(str, Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One figure against its threshold.
+    """Holds the result of comparing one figure with its threshold.
 
     bad: on the wrong side of the threshold. clear: on the good side by the margin; between both, neither.
     value and threshold are NaN where a figure has none.
@@ -53,26 +53,27 @@ class Finding:
 
     @classmethod
     def above(cls, reason: Reason, figure: str, value: float, threshold: float, margin: float) -> Finding:
-        """Bad above the threshold; NaN is bad."""
+        """Make a finding that is bad above the threshold; NaN is bad."""
+        # `not value <= ...` and not `value > ...`: every comparison with NaN is False
         return cls(reason, figure, not value <= threshold, value <= threshold - margin, value, threshold)
 
     @classmethod
     def below(cls, reason: Reason, figure: str, value: float, threshold: float, margin: float) -> Finding:
-        """Bad below the threshold; NaN is bad."""
+        """Make a finding that is bad below the threshold; NaN is bad."""
         return cls(reason, figure, not value >= threshold, value >= threshold + margin, value, threshold)
 
     @classmethod
     def fault(cls, figure: str) -> Finding:
-        """Something is broken, and `figure` says what."""
+        """Make a finding that something is broken; `figure` says what."""
         return cls(Reason.FAULT, figure, bad=True, clear=False)
 
 
 @dataclass(eq=False)
 class Observation:
-    """A frame after its one expensive pass, so that it can be judged again without another.
+    """Holds an encoded frame, so that it can be judged again without another encoding.
 
-    `attended` keeps the last attention maps by the prompts that they answer. scene_at: when the earlier
-    frame was taken that the embedding was made from; None: it is the frame's own.
+    attended: prompts -> the attention maps made for them last. scene_at: capture time of the earlier frame
+    whose embedding is used; None: the embedding is this frame's own.
     """
 
     frame: Frame
@@ -89,14 +90,14 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """Maps at the model's own resolution, float32 where nothing else is said.
+    """Holds maps at the model's own resolution, float32 unless stated otherwise.
 
     attention: (n, h, w) in [0, 1], one for each word in `Assessment.words`, in order.
     signed: (h, w) in [-1, 1], the pooled weights. uncertainty: (h, w) in [0, 1].
-    strangeness: (h, w) in [0, 1], the uncertainty where only the words of positive weight are asked for;
-    nowhere below `uncertainty`.
+    strangeness: (h, w) in [0, 1], the uncertainty as it is when only the words of positive weight are asked
+    for; nowhere below `uncertainty`.
     drivable: (h, w) bool, pixels that a word of positive weight explains by itself, that no other word
-    explains, and where the signed map is above 0. named: (n,) bool, the words of no positive weight.
+    explains, and where the signed map is above 0. named: (n,) bool, True for words of weight 0 or below.
     """
 
     attention: Map
@@ -125,13 +126,13 @@ class Maps:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """One judged frame. `maps`, `roi` and `observation` are None where a fault left nothing to judge.
+    """Holds one judged frame. `maps`, `roi` and `observation` are None where a fault prevented judging.
 
     age: seconds from capture to judging. similarity: cosine to the reference, None without one.
-    scene_age: seconds by which what was compared with the reference is older than the frame.
+    scene_age: seconds by which the embedding compared with the reference is older than the frame.
     match: the remembered scene that fits a changed scene, adopted or waiting for more votes.
     adopted: the remembered scene whose words came into force with this frame.
-    dropped: words that went out of use with that: contradicted by it, or one too many.
+    dropped: words that this put out of use: contradicted by the adopted words, or beyond the limit of 16.
     """
 
     frame: Frame
@@ -149,24 +150,24 @@ class Assessment:
 
     @property
     def bad(self) -> tuple[Finding, ...]:
-        """The findings that are."""
+        """The findings that are bad."""
         return tuple(finding for finding in self.findings if finding.bad)
 
     @property
     def reasons(self) -> frozenset[Reason]:
-        """All reasons, not the first."""
+        """The reasons of all bad findings."""
         return frozenset(finding.reason for finding in self.bad)
 
     @property
     def ok(self) -> bool:
-        """Judged, and without a reason."""
+        """Whether the frame was judged, and no finding is bad."""
         return bool(self.findings) and not self.reasons
 
     @property
     def tile(self) -> Tile | None:
-        """Where to look: the first that is bad of the worst tile, a thing with a name and the corridor's gap.
+        """Where to look: the first bad one of the worst tile, the named tile and the corridor's gap.
 
-        The worst tile where none is; None without an ROI.
+        The worst tile where none of them is bad; None without ROI figures.
         """
         if self.roi is None:
             return None
@@ -179,7 +180,10 @@ class Assessment:
         return self.roi.worst_tile
 
     def is_clear(self, reason: Reason) -> bool:
-        """Whether the frame was judged and every figure of `reason` is on the good side by its margin."""
+        """Return whether the frame was judged and every figure of `reason` is good by its margin.
+
+        A fault keeps every other reason from being clear: a frame with a fault shows nothing.
+        """
         if not self.findings:
             return False
         if reason is not Reason.FAULT and Reason.FAULT in self.reasons:
@@ -187,5 +191,5 @@ class Assessment:
         return all(finding.clear for finding in self.findings if finding.reason is reason)
 
     def finding(self, reason: Reason) -> Finding | None:
-        """The first bad finding of `reason`."""
+        """Return the first bad finding of `reason`, or None."""
         return next((one for one in self.bad if one.reason is reason), None)

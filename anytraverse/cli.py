@@ -1,4 +1,4 @@
-"""`anytraverse`: the algorithm without a rover."""
+"""Runs the algorithm without a rover: the command `anytraverse`."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ COMMANDS: Commands = {
         },
     ),
 }
-"""Command -> what it does, and its module (with `add_arguments` and `run`) or the commands below it.
+"""Command -> its help text, and its module (with `add_arguments` and `run`) or its subcommands.
 
 A module is imported only when its command is chosen.
 """
 
 EXTRAS = {"export": "export", "fit": "train"}
-"""Command -> the extra that brings what it needs; all others need `rover`."""
+"""Command -> the pip extra that installs its dependencies; all other commands need `rover`."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command: its exit code, or 2 with one line on stderr when the input cannot be used."""
+    """Run a command and return its exit code; 2, with one line on stderr, when the input cannot be used."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="anytraverse", description=__doc__)
     parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _add(parser: argparse.ArgumentParser, commands: Commands, words: Sequence[str]) -> None:
-    """Add `commands` to the parser, and the arguments of the one that `words` begin with."""
+    """Add `commands` to the parser, and the arguments of the command that `words` begin with."""
     actions = parser.add_subparsers(required=True, metavar="command")
     for name, (text, below) in commands.items():
         action = actions.add_parser(name, help=text)
@@ -82,7 +82,7 @@ def _add(parser: argparse.ArgumentParser, commands: Commands, words: Sequence[st
 
 
 def _command(words: Sequence[str]) -> str:
-    """What was chosen, e.g. "anytraverse bundle check"."""
+    """Return the chosen command with its subcommands, e.g. "anytraverse bundle check"."""
     name, below = "anytraverse", COMMANDS
     for word in words:
         if word not in below:

@@ -1,4 +1,4 @@
-"""Decodes picture files whose header says that they fit: a small file can hold a huge picture."""
+"""Decodes picture files after checking the size in their header: a small file can hold a huge picture."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 MAX_PIXELS = 50_000_000
 """Width times height; decoded in colour this takes 150 MB."""
 MAX_BYTES = 200_000_000
-"""Of a file."""
+"""The largest file that is decoded."""
 
-_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})
+_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # JPEG markers SOF0 to SOF15
+_WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD9)})  # JPEG markers TEM, RST0 to RST7 and SOI
 _TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
 
 
@@ -23,9 +23,10 @@ class PictureTooLargeError(ValueError):
 
 
 def decode(content: bytes, flags: int | None = None) -> NDArray[Any] | None:
-    """A PNG, JPEG, BMP, WebP or TIFF as OpenCV gives it, BGR of 8 bits unless `flags` say so.
+    """Decode a PNG, JPEG, BMP, WebP or TIFF file with OpenCV: BGR of 8 bits unless `flags` say otherwise.
 
-    None: none of these, or torn. Raises PictureTooLargeError, and ImportError without OpenCV.
+    flags: of cv2.imdecode. Returns None for another kind of file, or a damaged one.
+    Raises PictureTooLargeError, and ImportError without OpenCV.
     """
     import cv2
 
@@ -43,7 +44,7 @@ def decode(content: bytes, flags: int | None = None) -> NDArray[Any] | None:
 
 
 def check_size(width: int, height: int) -> None:
-    """Raises PictureTooLargeError for more than MAX_PIXELS."""
+    """Raise PictureTooLargeError for more than MAX_PIXELS."""
     if width * height > MAX_PIXELS:
         most = MAX_PIXELS // 1_000_000
         raise PictureTooLargeError(
@@ -52,7 +53,7 @@ def check_size(width: int, height: int) -> None:
 
 
 def picture_size(content: bytes) -> tuple[int, int] | None:
-    """(width, height) as the header says; None for what is not a PNG, JPEG, BMP, WebP or TIFF file."""
+    """Read (width, height) from the header; None for what is not a PNG, JPEG, BMP, WebP or TIFF file."""
     try:
         if content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR":
             return _pair(">II", content, 16)
@@ -66,7 +67,7 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
             return _webp(content)
         if content[:4] in (b"II*\0", b"MM\0*"):
             return _tiff(content)
-    except struct.error:  # it ends in its header
+    except struct.error:  # the file ends within its header
         pass
     return None
 
@@ -85,9 +86,9 @@ def _jpeg(content: bytes) -> tuple[int, int] | None:
             return width, height
         if marker == 0xFF:
             at += 1
-        elif marker == 0 or marker in _ALONE:
+        elif marker == 0 or marker in _WITHOUT_LENGTH:
             at += 2
-        elif marker in (0xD9, 0xDA):  # it ends, or its pixels begin, without a size
+        elif marker in (0xD9, 0xDA):  # end of image or start of scan, and no size came before
             return None
         else:
             at += 2 + max(2, struct.unpack_from(">H", content, at + 2)[0])
@@ -109,7 +110,7 @@ def _webp(content: bytes) -> tuple[int, int] | None:
 
 
 def _tiff(content: bytes) -> tuple[int, int] | None:
-    """The larger of the picture's size and of a tile's: either is decoded as a whole."""
+    """Return the larger of the picture's size and a tile's: the decoder allocates either as a whole."""
     order = "<" if content[:2] == b"II" else ">"
     (at,) = struct.unpack_from(f"{order}I", content, 4)
     (count,) = struct.unpack_from(f"{order}H", content, at)

@@ -1,6 +1,6 @@
-"""Pens and inks for pictures: text, lines, colour maps. RGB uint8 throughout; changes arrays in place.
+"""Draws text, lines and colour maps. Pictures are RGB uint8; functions that return None draw in place.
 
-Colours are told apart by people who see red and green alike, and in print by their lightness where it counts.
+The colours can be told apart by people with red-green blindness, and by lightness in a grey print.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ ATTENTION_STOPS: tuple[Colour, ...] = (
 def write(
     canvas: Image, text: str, at: tuple[int, int], size: int = 14, colour: Colour = INK, *, bold: bool = False
 ) -> None:
-    """Text with its baseline at `at` (x, y), `size` pixels high."""
+    """Write text with its baseline at `at` (x, y), `size` pixels high."""
     if _has_fonts():
         cv2.putText(canvas, text, at, colour, _font(), size, 700 if bold else 400)
     else:
@@ -56,7 +56,7 @@ def write(
 
 
 def text_width(text: str, size: int = 14, *, bold: bool = False) -> int:
-    """Width of a text in pixels."""
+    """Return the width of a text in pixels."""
     if _has_fonts():
         left, _, width, _ = cv2.getTextSize((1, 1), text, (0, 0), _font(), size, 700 if bold else 400)
         return int(left + width)
@@ -64,7 +64,7 @@ def text_width(text: str, size: int = 14, *, bold: bool = False) -> int:
 
 
 def shortened(text: str, width: int, size: int = 14, *, bold: bool = False) -> str:
-    """`text`, cut with an ellipsis where it would be wider than `width` pixels."""
+    """Return `text`, cut and with an ellipsis where it would be wider than `width` pixels."""
     if text_width(text, size, bold=bold) <= width:
         return text
     while text and text_width(text + "...", size, bold=bold) > width:
@@ -76,7 +76,7 @@ _HERSHEY = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def _has_fonts() -> bool:
-    """OpenCV 5 draws real fonts; 4 has only strokes."""
+    """Return whether OpenCV draws TrueType fonts, as version 5 does; 4 has only Hershey strokes."""
     return hasattr(cv2, "FontFace")
 
 
@@ -89,14 +89,14 @@ def _hershey_scale(size: int) -> float:
 
 
 def ramp(stops: tuple[Colour, ...]) -> Image:
-    """256 colours through evenly spaced stops, (256, 3)."""
+    """Interpolate 256 colours between evenly spaced stops, (256, 3)."""
     places = np.linspace(0, 255, len(stops))
     channels = [np.interp(np.arange(256), places, [stop[c] for stop in stops]) for c in range(3)]
     return np.stack(channels, axis=1).round().astype(np.uint8)
 
 
 def coloured(values: Map, stops: tuple[Colour, ...], low: float, high: float) -> Image:
-    """A map in colours, (h, w, 3). What is not finite is grey."""
+    """Return a map in colours, (h, w, 3). Values that are not finite become grey."""
     scaled = (np.nan_to_num(values.astype(np.float32), nan=low) - low) / (high - low)
     picture = ramp(stops)[(scaled.clip(0, 1) * 255).round().astype(np.uint8)]
     picture[~np.isfinite(values)] = FAINT
@@ -104,12 +104,12 @@ def coloured(values: Map, stops: tuple[Colour, ...], low: float, high: float) ->
 
 
 def enlarged(values: Map, width: int, height: int) -> Map:
-    """A map at picture size, smoothly."""
+    """Enlarge a map to the size of a picture, with bicubic interpolation."""
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
 
 
 def fitted(image: Image, width: int) -> Image:
-    """A copy of an image, `width` pixels wide, in its own aspect (at most three times as high)."""
+    """Resize an image to `width` pixels and keep its aspect, but at most three times as high as wide."""
     height = max(1, min(3 * width, round(image.shape[0] * width / image.shape[1])))
     shrinks = width < image.shape[1]
     method = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
@@ -117,7 +117,7 @@ def fitted(image: Image, width: int) -> Image:
 
 
 def outline(canvas: Image, box: Box, colour: Colour, thickness: int = 2) -> None:
-    """A box with a dark rim, so that it shows on any ground."""
+    """Draw a box with a dark rim, which makes it visible on any background."""
     height, width = canvas.shape[:2]
     first = round(box.left * (width - 1)), round(box.top * (height - 1))
     last = round(box.right * (width - 1)), round(box.bottom * (height - 1))
@@ -126,20 +126,20 @@ def outline(canvas: Image, box: Box, colour: Colour, thickness: int = 2) -> None
 
 
 def hatching(height: int, width: int, step: int = 7) -> NDArray[np.bool_]:
-    """Diagonal stripes, (height, width)."""
+    """Return a mask of diagonal stripes, (height, width)."""
     rows, columns = np.ogrid[:height, :width]
     stripes: NDArray[np.bool_] = (rows + columns) % step < max(2, step // 3)
     return stripes
 
 
 def tint(canvas: Image, colour: Colour, strength: NDArray[np.floating]) -> None:
-    """Mix a colour in; strength (h, w) in [0, 1]."""
+    """Blend a colour into the canvas; strength: (h, w), in [0, 1]."""
     share = strength.clip(0, 1)[..., None]
     canvas[:] = (canvas * (1 - share) + np.asarray(colour) * share).round().astype(np.uint8)
 
 
 def write_png(path: str, picture: Image) -> None:
-    """Raises OSError when the picture cannot be written."""
+    """Write a picture as a PNG file. Raises OSError."""
     done, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     if not done:
         raise OSError("the picture cannot be encoded as PNG")

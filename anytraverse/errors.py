@@ -1,13 +1,13 @@
-"""Every error that anytraverse raises on purpose.
+"""Defines every error that anytraverse raises on purpose.
 
 AnyTraverseError
 ├── PreferencesError        words or weights that cannot be used
 │   └── UnknownWordError    a word that the perceiver cannot ground
-├── RegionError             a box or region that is not one
-├── SettingsError           a number of the judging that is out of its range
-├── ExampleError            a tapped box that teaches nothing, or an example of another model
+├── RegionError             a box with sides out of range, or an empty one
+├── SettingsError           a threshold or another setting that is out of its range
+├── ExampleError            a tapped box that no example can be made of, or another model's example
 ├── PerceiverError          a perceiver that cannot be made or has failed
-│   └── BundleError         a bundle of networks that is torn, foreign, newer or unsuitable
+│   └── BundleError         a bundle that is damaged, of another kind, of a newer format, or unsuitable
 └── TrainingError           frames or options that a training cannot use
 """
 
@@ -15,17 +15,17 @@ from __future__ import annotations
 
 
 class AnyTraverseError(Exception):
-    """Base of all errors raised on purpose; its text tells what to do next."""
+    """Is the base of all errors raised on purpose. Its text says what to do next."""
 
 
 class PreferencesError(AnyTraverseError, ValueError):
-    """Words or weights that cannot be used."""
+    """Reports words or weights that cannot be used."""
 
 
 class UnknownWordError(PreferencesError):
-    """A word that the perceiver cannot ground.
+    """Reports a word that the perceiver cannot ground.
 
-    `known` lists the words it can; the remedy is one of them, or a tapped example.
+    `known` lists the words that it can ground. The remedy is one of these, or a tapped example.
     """
 
     def __init__(self, word: str, known: tuple[str, ...]) -> None:
@@ -38,24 +38,24 @@ class UnknownWordError(PreferencesError):
 
 
 class RegionError(AnyTraverseError, ValueError):
-    """A box or region that is not one."""
+    """Reports a box with sides out of range, or an empty one."""
 
 
 class SettingsError(AnyTraverseError, ValueError):
-    """A threshold or another number of the judging that is out of its range."""
+    """Reports a threshold or another setting that is out of its range."""
 
 
 class ExampleError(AnyTraverseError, ValueError):
-    """A tapped box that teaches nothing, or an example made by another model."""
+    """Reports a tapped box that no example can be made of, or an example made by another model."""
 
 
 class PerceiverError(AnyTraverseError, RuntimeError):
-    """A perceiver that cannot be made, or that has failed on a frame."""
+    """Reports a perceiver that cannot be made, or that has failed on a frame."""
 
 
 class BundleError(PerceiverError):
-    """A bundle of networks that is torn, foreign, newer than this program, or unsuitable."""
+    """Reports a bundle that is damaged, of another kind, newer than this program, or unsuitable."""
 
 
 class TrainingError(AnyTraverseError, ValueError):
-    """Labelled frames or options that a training cannot use."""
+    """Reports labelled frames or options that a training cannot use."""

@@ -1,4 +1,4 @@
-"""A camera's frame, with the id and capture time that go with it to the last message."""
+"""Defines a camera's frame, with the id and capture time that go with it to the last message."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture.
+    """Holds one picture.
 
     id: rises by at least one from frame to frame of one camera.
     captured_at: seconds on the caller's monotonic clock.
@@ -40,11 +40,11 @@ def is_image(image: Any) -> bool:
 
 
 def check_image(image: Any) -> None:
-    """Raises PerceiverError for what is not a picture."""
+    """Raise PerceiverError unless `image` is a non-empty RGB uint8 array."""
     if not is_image(image):
         raise PerceiverError("a frame must be an RGB picture, (height, width, 3) of uint8, not empty")
 
 
 def is_black(image: Image, level: float = 4.0) -> bool:
-    """Whether the picture shows nothing: its mean is below `level` of 255 (lens cap, camera starting)."""
+    """Return whether the mean of the picture is below `level` of 255 (lens cap, camera starting)."""
     return float(image.mean()) < level

@@ -1,4 +1,4 @@
-"""Answered scenes: H = {(e_c, tau_c)} of the paper, bounded."""
+"""Stores answered scenes: H = {(e_c, tau_c)} of the paper, with a limit on their number."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ Embedding = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Place:
-    """Where and when, as far as known: degrees, degrees from north, seconds since 1970.
+    """Holds where and when a frame was taken, as far as known; None where a value is not known.
 
+    latitude, longitude: degrees. heading: degrees clockwise from north. time: seconds since 1970.
     attitude: roll, pitch and yaw, degrees; positive to the right, up, and clockwise from north.
     """
 
@@ -32,7 +33,10 @@ class Place:
     attitude: tuple[float, float, float] | None = None
 
     def metres_to(self, other: Place) -> float | None:
-        """The way to a near place as the crow flies; None where either position is not known."""
+        """Return the distance to a place nearby; None where either position is not known.
+
+        It takes the earth as flat, and one degree of longitude at the latitude of this place.
+        """
         if None in (self.latitude, self.longitude, other.latitude, other.longitude):
             return None
         assert self.latitude is not None
@@ -40,16 +44,16 @@ class Place:
         assert other.latitude is not None
         assert other.longitude is not None
         north = other.latitude - self.latitude
-        east = (other.longitude - self.longitude + 180.0) % 360.0 - 180.0
+        east = (other.longitude - self.longitude + 180.0) % 360.0 - 180.0  # also across longitude 180
         return _METRES_PER_DEGREE * math.hypot(north, east * math.cos(math.radians(self.latitude)))
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One answered scene: what it looked like and all the words that were in force after the answer.
+    """Holds one answered scene: its embedding and all words that were in force after the answer.
 
     order: the stamp of its making, unique. matched: the stamp of its last match.
-    call_id: the call that was answered; 0 for the first scene, which nobody was asked about.
+    call_id: the call that was answered; 0 for the first scene, which became the reference without a call.
     """
 
     embedding: Embedding
@@ -63,21 +67,21 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """The entry most similar to a frame, and the cosine."""
+    """Holds the entry most similar to a frame, and their cosine."""
 
     entry: Entry
     similarity: float
 
 
 def is_embedding(vector: Embedding) -> bool:
-    """Whether anything can be compared with `vector`: one vector, finite and not zero."""
+    """Return whether `vector` can be compared: it is one vector, finite and not zero."""
     return math.isfinite(cosine(vector, vector))
 
 
 def cosine(one: Embedding, other: Embedding) -> float:
-    """Similarity of two embeddings in [-1, 1], whatever their norms.
+    """Return the cosine of two embeddings, in [-1, 1]; they need not be of unit norm.
 
-    NaN when they are not two vectors of one length, finite and not zero: no threshold is met by it.
+    Returns NaN, which meets no threshold, unless both are finite vectors of one length and not zero.
     """
     if one.ndim != 1 or one.shape != other.shape:
         return math.nan
@@ -93,7 +97,7 @@ def _cosines(rows: NDArray[np.float32], vector: Embedding) -> NDArray[np.float64
 
 
 class History(Sequence[Entry]):
-    """An immutable sequence of entries. Beyond `limit` the least recently matched goes."""
+    """Holds an immutable sequence of entries. Beyond `limit`, the least recently matched are removed."""
 
     def __init__(self, entries: Sequence[Entry] = (), limit: int = 256) -> None:
         kept = sorted(entries, key=lambda entry: entry.matched, reverse=True)[:limit]
@@ -110,9 +114,9 @@ class History(Sequence[Entry]):
         return len(self._entries)
 
     def best(self, embedding: Embedding) -> Match | None:
-        """The MOST similar entry (argmax of the cosine), whatever its similarity; of equals the youngest.
+        """Return the MOST similar entry (argmax of the cosine), whatever the cosine; of equals the newest.
 
-        None when there is none to compare with: embeddings that are broken or of another length are passed.
+        Entries whose embedding is not finite or has another length are skipped. None when none is left.
         """
         fitting = [entry for entry in reversed(self._entries) if entry.embedding.shape == embedding.shape]
         if not fitting or embedding.ndim != 1:
@@ -124,16 +128,16 @@ class History(Sequence[Entry]):
         return Match(fitting[best], float(similarities[best]))
 
     def added(self, entry: Entry) -> History:
-        """With one more entry."""
+        """Return this history with one more entry."""
         return History((*self._entries, entry), self.limit)
 
     def touched(self, entry: Entry, order: int) -> History:
-        """With `entry` stamped as matched at `order`."""
+        """Return this history with `entry` stamped as matched at `order`."""
         return History(
             [replace(one, matched=order) if one.order == entry.order else one for one in self._entries],
             self.limit,
         )
 
     def without_call(self, call_id: int) -> History:
-        """Less what the answer to one call taught."""
+        """Return this history without the entry that the answer to one call made."""
         return History([entry for entry in self._entries if entry.call_id != call_id], self.limit)

@@ -1,4 +1,4 @@
-"""From maps and similarity to findings. Fails closed: what is not finite, empty or old is a fault."""
+"""Turns maps and similarity into findings. Fails closed: what is not finite, empty or old is a fault."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from anytraverse.roi import (
 
 _TOLERANCE = 1e-3
 _WIDER = 1.1
-"""A corridor counts as clear when one this much wider is open, with the margin on its share."""
+"""A corridor is clear when one wider by this factor is open, with the margin on its share."""
 _EXPLAINED = 0.2
-"""Share of what is strange that words which are not drivable must account for to name it."""
+"""Words of no positive weight name a thing when they explain at least this share of its strangeness."""
 _AROUND = 2.0
-"""How much larger than its worst tile the neighbourhood is in which a thing that closes the way is judged."""
+"""The gap's tile is enlarged by this factor to judge what closes the corridor."""
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Where a figure turns bad, and the margins by which it must turn good again.
+    """Holds the thresholds from which a figure is bad, and the margins by which it must be good again.
 
     roi, tile: uncertainty, (0, 1]; tile None: not judged. scene: cosine, [-1, 1].
     trav: drivable share of the known pixels, [0, 1]. margin applies to all but the cosine.
-    Raises SettingsError for anything outside.
+    Raises SettingsError for a number out of its range.
     """
 
     roi: float = 0.3
@@ -61,17 +61,18 @@ class Thresholds:
 
     @classmethod
     def of(cls, defaults: DefaultThresholds) -> Thresholds:
-        """A perceiver's own."""
+        """Take a perceiver's own thresholds, with the default of every other number."""
         return cls(defaults.roi, defaults.scene, defaults.tile)
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How frames are judged.
+    """Holds the settings by which frames are judged.
 
-    region: the ROI. freshness: seconds after which a frame is too old to be OK.
-    votes of window: how many of the last frames must match a remembered scene before it is adopted.
-    scene_every: the scene's embedding is made anew on every so many-th frame, 1 to 100; see `SceneWatch`.
+    region: the ROI. tile_share: a tile's side over the ROI's width. freshness: seconds after which a frame is
+    too old to be OK. votes, window: so many of the last `window` frames must match a remembered scene before
+    it is adopted. scene_every: every n-th frame gets an embedding of its own, 1 to 100; see `SceneWatch`.
+    pooling, uncertainty: names in `POOLINGS` and `UNCERTAINTIES`.
     Raises SettingsError for a number out of range or an unknown name.
     """
 
@@ -101,8 +102,8 @@ def _check(name: str, value: object, holds: bool, expected: str) -> None:
 
 
 def check_age(age: float, freshness: float) -> list[Finding]:
-    """The fault of a frame that is not fresh: seconds since capture, beyond `freshness` or below 0."""
-    if 0.0 <= age <= freshness:
+    """Return a fault when `age`, the seconds since capture, is above `freshness`, below 0 or NaN."""
+    if 0.0 <= age <= freshness:  # False for NaN, so that a NaN is a fault
         return []
     return [Finding.fault(f"the frame is {-age:.1f} s ahead" if age < 0 else f"the frame is {age:.1f} s old")]
 
@@ -110,10 +111,11 @@ def check_age(age: float, freshness: float) -> list[Finding]:
 def make_maps(
     attention: Map, weights: list[float], settings: Settings, evidence: Map | None = None
 ) -> Maps | Finding:
-    """Pooled maps, or the fault that makes them worthless. Any floating dtype is taken.
+    """Pool attention maps, or return the fault that makes them useless.
 
-    evidence: the attention of the words of positive weight where only these are asked for, (p, h, w). None:
-    it is the same, as where words do not share out what they explain.
+    attention: (n, h, w) of any floating dtype, one map for each weight. evidence: the attention of the words
+    of positive weight when only these are asked for, (p, h, w); None: the same as in `attention`, which holds
+    for a perceiver whose words do not compete for a pixel.
     """
     signs = np.sign(np.asarray(weights, dtype=np.float32))
     whole = _checked(attention, len(weights))
@@ -130,6 +132,8 @@ def make_maps(
     strangeness = np.maximum(uncertainty, uncertain(alone))
     if not (np.isfinite(signed).all() and np.isfinite(strangeness).all()):
         return Finding.fault("pooled maps are not finite")
+    # A pixel is drivable only where a word of positive weight explains it both alone and beside all others,
+    # and no other word does: a thing's name must not make the ground below it drivable.
     against = whole[signs <= 0].max(axis=0, initial=0.0)
     explained_alone = np.minimum(alone.max(axis=0, initial=0.0), whole.max(axis=0, initial=0.0)) >= KNOWN
     drivable = explained_alone & (against < KNOWN) & (signed > 0)
@@ -137,7 +141,7 @@ def make_maps(
 
 
 def _checked(attention: Map, count: int) -> Map | Finding:
-    """The attention maps of so many words in [0, 1], or what is wrong with them."""
+    """Return the attention maps of `count` words as float32 clipped to [0, 1], or the fault in them."""
     attention = np.asarray(attention, dtype=np.float32)
     if attention.ndim != 3 or len(attention) != count or attention.shape[1] * attention.shape[2] == 0:
         return Finding.fault("attention maps have a wrong shape")
@@ -152,7 +156,7 @@ def _checked(attention: Map, count: int) -> Map | Finding:
 
 
 def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | Finding:
-    """Figures of the ROI, or the fault when it holds no pixel. aspect: width / height of the frame."""
+    """Calculate the ROI's figures; a fault when it holds no pixel. aspect: width / height of the frame."""
     height, width = maps.signed.shape
     inside = settings.region.mask(height, width)
     worst = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_share)
@@ -172,14 +176,17 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
 
 
 def is_open(drivable: Mask, aspect: float, settings: Settings, corridor: Corridor | None = None) -> bool:
-    """Whether the vehicle fits through over `drivable`, (h, w). corridor: by default the settings'."""
+    """Return whether the vehicle fits through over `drivable`, (h, w). corridor: the settings' by default."""
     height, width = drivable.shape
     tile = tile_size(height, width, settings.region.bounds, aspect, settings.tile_share)
     return corridor_open(drivable, settings.region, corridor or settings.corridor, tile)
 
 
 def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settings) -> list[Finding]:
-    """Every figure against its threshold. What only words of no positive weight explain is never fine."""
+    """Compare every figure with its threshold.
+
+    Naming a thing with a word of no positive weight turns `unknown_object` into `blocked`, never into OK.
+    """
     limits = settings.thresholds
     mean = Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", roi.uncertainty, limits.roi, limits.margin)
     findings = [mean]
@@ -206,16 +213,24 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
 def _named(
     figure: str, strange: float, share: float, limit: float, margin: float, unknown: Finding
 ) -> Finding:
-    """What is no longer `unknown` since words that are not drivable explain `share` of it: bad as before."""
+    """Make the finding of a thing that words of no positive weight explain: bad above `limit`, as before.
+
+    share: of its strangeness `strange` that these words explain. unknown: the finding of the same figure of
+    the uncertainty map. The reason is `blocked` when they explain enough of it, else still `unknown_object`.
+    """
     reason = Reason.BLOCKED if share >= _EXPLAINED else Reason.UNKNOWN_OBJECT
     found = Finding.above(reason, figure, strange, limit, margin)
     if unknown.bad and reason is Reason.UNKNOWN_OBJECT:
-        return replace(found, bad=False, clear=True)  # said already: nor in the way of a reason's end
+        # `unknown` reports it already; a second finding must not delay the end of that reason
+        return replace(found, bad=False, clear=True)
     return found
 
 
 def _find_corridor(way: Passage) -> list[Finding]:
-    """Blocked where words that are not drivable close it, or account for what does; else unknown."""
+    """Report a closed corridor: as `blocked` where known ground closes it, else as `unknown_object`.
+
+    It is also `blocked` where words of no positive weight explain enough of what closes it.
+    """
     blocked = not way.open and (not way.passable or way.explained >= _EXPLAINED)
     unknown = not way.open and not blocked
     return [
@@ -225,6 +240,7 @@ def _find_corridor(way: Passage) -> list[Finding]:
 
 
 def _passage(maps: Maps, aspect: float, settings: Settings) -> Passage:
+    """Judge the corridor, and where it is closed find its gap."""
     roomier = settings.corridor.roomier(_WIDER, settings.thresholds.margin)
     not_against = ~maps.not_drivable
     opened = is_open(maps.drivable, aspect, settings)
@@ -242,7 +258,7 @@ def _passage(maps: Maps, aspect: float, settings: Settings) -> Passage:
 
 
 def _gap(maps: Maps, missing: Mask, aspect: float, settings: Settings) -> Tile | None:
-    """The tile of the ROI of which most is `missing`."""
+    """Return the tile of the ROI in which the most pixels are `missing`, with its mean uncertainty."""
     found = worst_tile(missing.astype(np.float32), settings.region, aspect, settings.tile_share)
     if found is None:
         return None
@@ -251,10 +267,11 @@ def _gap(maps: Maps, missing: Mask, aspect: float, settings: Settings) -> Tile |
 
 
 def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> NamedTile | None:
-    """A thing that was named and may not be driven over holds the vehicle as it did before it had a name.
+    """Find the tile of a thing that has a word of no positive weight and must still hold the vehicle.
 
-    Its name may be found in a part of it, too little to close the corridor, or in another thing. Where the
-    worst tile calls already, it is one beside that.
+    The word may be found in only a part of the thing, too small to close the corridor, or in another thing.
+    The uncertainty is low there, so that the worst tile does not show it. Where the worst tile is over its
+    threshold, only tiles outside of it are searched. None where no word has a weight of 0 or below.
     """
     if not maps.named.any():
         return None
@@ -266,20 +283,22 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     found = _of(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
     if calling is None or found.explained >= _EXPLAINED:
         return found
-    accounted = maps.strangeness - maps.uncertainty  # what calls may be larger than its tile
+    # The tile found may be another part of the thing that calls, which may be larger than its tile. So look
+    # for the tile in which words of no positive weight explain most.
+    accounted = maps.strangeness - maps.uncertainty
     beside = worst_tile(accounted, settings.region, aspect, settings.tile_share, outside=calling)
     return found if beside is None else _of(maps, beside, 0.0)
 
 
 def _of(maps: Maps, tile: Tile, left: float) -> NamedTile:
-    """With the word that explains most of the tile, of those that are not drivable."""
+    """Make a NamedTile with the word of no positive weight that explains most of the tile."""
     rows, columns = tile.box.slices(*maps.strangeness.shape)
     within = np.where(maps.named, maps.attention[:, rows, columns].mean(axis=(1, 2)), -1.0)
     return NamedTile(tile, min(left, tile.uncertainty), int(np.argmax(within)))
 
 
 def find_scene(similarity: float | None, settings: Settings) -> list[Finding]:
-    """The scene against its threshold: nothing without a reference (None), a fault when NaN."""
+    """Compare the scene's similarity with its threshold; None (no reference): no finding; NaN: a fault."""
     if similarity is None:
         return []
     if not math.isfinite(similarity):

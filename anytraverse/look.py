@@ -1,4 +1,4 @@
-"""One picture in, what is drivable and what is unknown out: `anytraverse look`."""
+"""Judges one picture for the command `anytraverse look`."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ DEFAULT_PROMPTS = "trail: 1; grass: 1; bush: -1; tree: -1; sky: -0.5"
 
 
 class PictureError(AnyTraverseError, ValueError):
-    """A file that is not a picture."""
+    """Reports a file that is not a picture."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command."""
+    """Add the arguments of the command."""
     parser.description = "Judge one picture: what is drivable, what is unknown."
     parser.add_argument("image", metavar="IMAGE", help="a picture file, e.g. JPEG or PNG")
     parser.add_argument(
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WORDS",
         help='words and weights from -1 (never drive) to 1 (drive), by default "%(default)s"',
     )
-    parser.add_argument("--perceiver", default="builtin", help="which eyes, by default %(default)s")
+    parser.add_argument("--perceiver", default="builtin", help="which perceiver, by default %(default)s")
     parser.add_argument("--out", metavar="PNG", help="write the panel of all maps to this file")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON on the last line")
 
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def read_picture(path: str) -> Image:
-    """A picture as RGB, (height, width, 3) uint8.
+    """Read a picture as RGB, (height, width, 3) uint8.
 
     Raises OSError, PictureError, and PerceiverError without OpenCV.
     """
@@ -86,7 +86,7 @@ def read_picture(path: str) -> Image:
 
 
 def judge(image: Image, words: Preferences, perceiver: Perceiver) -> tuple[Assessment, Settings, float]:
-    """One picture alone, with no scene to compare with: the assessment, its settings, milliseconds taken."""
+    """Judge one picture without a reference scene; return assessment, settings and milliseconds taken."""
     settings = Settings(thresholds=Thresholds.of(perceiver.defaults))
     engine = AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, words))
     begin = time.perf_counter()

@@ -1,4 +1,4 @@
-"""All that an AnyTraverse must not lose over a restart."""
+"""Holds all that an AnyTraverse must keep over a restart."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Examples = Mapping[str, tuple[Example, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """Words in force, the reference scene and the answered scenes of one model. Immutable.
+    """Holds the words in force, the reference scene and the answered scenes of one model. Immutable.
 
     clock: the last stamp given; stamps order settings and entries even on a computer without a clock.
-    configured: the configured words as last seen, to notice when they were edited.
-    settled: word -> stamp of its last being set without a call, or forgotten; no remembered scene older than
-    that changes it. Words set in answer to a call belong to that call's scene and are not listed, nor is a
-    word that is neither in use nor in a remembered scene.
+    configured: the configured words at the last start, to notice when they were edited.
+    settled: word -> the stamp at which it was last set without a call, or forgotten; no remembered scene
+    older than that changes it. Words set in answer to a call belong to that call's scene and are not listed,
+    nor is a word that is neither in use nor in a remembered scene.
     """
 
     model_id: str
@@ -37,9 +37,9 @@ class Memory:
     def using(
         self, preferences: Preferences, examples: Examples, settled: Mapping[str, int] | None = None
     ) -> Memory:
-        """With other words in force, and the examples of these.
+        """Return this memory with other words in force, and only the examples of these.
 
-        settled: words that were set without a call, or forgotten, just now, with their stamp.
+        settled: word -> stamp of each word just set without a call, or just forgotten.
         """
         stamps = {**self.settled, **(settled or {})}
         known = {*preferences, *(word for entry in self.history for word in entry.preferences)}
@@ -51,9 +51,10 @@ class Memory:
         )
 
     def remembering(self, embedding: Embedding, call_id: int, place: Place, *, move: bool) -> Memory:
-        """With the words in force entered in H for a scene; move: the scene becomes the reference.
+        """Return this memory with the words in force added to H for a scene.
 
-        What an earlier answer to the same call taught is replaced.
+        move: whether the scene becomes the reference. An entry of an earlier answer to the same call is
+        replaced.
         """
         clock = self.clock + 1
         entry = Entry(embedding, self.preferences, clock, clock, call_id, self.examples, place)
@@ -63,7 +64,7 @@ class Memory:
 
 
 def first_memory(model_id: str, configured: Preferences, history_limit: int = 256) -> Memory:
-    """What a rover starts with that has never been out."""
+    """Make the memory of a rover's first start."""
     return Memory(model_id, configured, configured, history=History(limit=history_limit))
 
 
@@ -75,12 +76,12 @@ def resumed_memory(
     *,
     history_limit: int | None = None,
 ) -> tuple[Memory, list[str]]:
-    """What a rover starts with after a restart, and what a person should be told about it.
+    """Restore the memory after a restart; also return notices of what changed, for a person.
 
-    Scenes and examples of another model are left out. Configured words that were edited since win over the
-    saved ones, and over remembered scenes. Of words that contradict each other the older go. Words that
-    `meaning` refuses (the perceiver cannot ground them) go, unless they have examples.
-    history_limit: the scenes to remember from now on; None: as many as before.
+    Scenes and examples of another model are dropped. Configured words that were edited since win over the
+    saved ones, and over remembered scenes. Of words that contradict each other the older are dropped. Words
+    that `meaning` refuses (the perceiver cannot ground them) are dropped, unless they have examples.
+    history_limit: the most scenes to remember from now on; None: as many as before.
     """
     memory, notices = _of_model(saved, model_id)
     if history_limit is not None:
@@ -109,7 +110,7 @@ def resumed_memory(
 
 
 def _of_model(saved: Memory, model_id: str) -> tuple[Memory, list[str]]:
-    """`saved` less scenes and examples of other models, and what to say of it."""
+    """Return `saved` without the scenes and examples of other models, and notices of that."""
     if saved.model_id == model_id:
         entries = [_fitted(entry, model_id) for entry in saved.history]
         history = History(entries, saved.history.limit)
@@ -123,25 +124,28 @@ def _of_model(saved: Memory, model_id: str) -> tuple[Memory, list[str]]:
 
 
 def _contradicted(preferences: Preferences, configured: Preferences, meaning: Meaning) -> set[str]:
-    """Words with a synonym of opposite sign set later, or in the same breath and not configured.
+    """Return the words that have a synonym of opposite sign with a later stamp.
 
-    Two configured words that contradict each other stay: that is for their author to mend.
+    At equal stamps a word that is not configured loses. Two configured words that contradict each other both
+    stay: only their author can correct that.
     """
     return {
         word
         for word, weight in preferences.items()
         for other in opposed(word, weight, preferences, meaning)
+        # the bool adds 1, which turns < into <= for a word that is not configured
         if preferences.order(word) < preferences.order(other) + (word not in configured)
     }
 
 
 def _fitted(entry: Entry, model_id: str) -> Entry:
-    """Less other models' examples; the same object where it has none, so that it counts as unchanged."""
+    """Remove other models' examples; return the same object where there are none: it is then unchanged."""
     own = _own(entry.examples, model_id)
     return entry if own == entry.examples else replace(entry, examples=own)
 
 
 def _own(examples: Examples, model_id: str) -> Examples:
+    """Return the examples that this model made."""
     own = {word: tuple(one for one in kept if one.model_id == model_id) for word, kept in examples.items()}
     return {word: kept for word, kept in own.items() if kept}
 

@@ -1,4 +1,4 @@
-"""Whether frames are judged fast enough for a vehicle to be held by what they show."""
+"""Calculates whether frames are judged fast enough for the hold policy."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast frames are judged. Seconds.
+    """Holds how fast frames are judged, in seconds.
 
     step: a whole step, from the frame to its assessment, with an embedding of the scene.
-    period: between two frames that should be judged. freshness: the limit T, after which a view is too old.
+    period: between two frames that should be judged. freshness: the limit T, after which a frame is too old.
     """
 
     step: float
@@ -21,19 +21,19 @@ class Pace:
 
     @property
     def worst_age(self) -> float:
-        """How old the newest view becomes: two steps and a period.
+        """The greatest age of the newest judged frame, in seconds: two steps and a period.
 
-        A frame waits while the one before it is judged, but no longer than a period, since then a newer one
-        has come: min(step, period). Then it is judged: step. What it showed is all that is known until the
-        next one is judged: max(step, period).
+        A frame waits while the one before it is judged, but at most one period, since then a newer frame
+        replaces it: min(step, period). Judging it takes one step. Its assessment is the newest one until the
+        next frame is judged: max(step, period).
         """
         return 2.0 * self.step + self.period
 
     @property
     def keeps(self) -> bool:
-        """Whether a view is replaced before it is too old, frame after frame.
+        """Whether each judged frame is replaced by a newer one before it is too old.
 
-        Where not, a vehicle would be held by faults that are none of the trail's: it may not be held at all.
-        With T at three periods it says that a step must fit into a period.
+        If not, frames that are too old would hold the vehicle again and again: the hold policy is refused.
+        With T at three periods, this holds when a step takes at most one period.
         """
         return self.worst_age <= self.freshness + _ROUNDING

@@ -1,6 +1,6 @@
-"""Pictures of a judged frame: a panel with every map, a small tile with the state, sheets of tiles.
+"""Draws judged frames: a panel with every map, a small picture with the state, sheets of pictures.
 
-All functions take and return RGB uint8 and leave their arguments as they are.
+All public functions take and return RGB uint8 and do not change their arguments.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _GAP = 16
 _LARGE = 440  # px, width of image and pooled maps
 _CAPTION = 30
 _BAR = 34
-_RELIEF = 0.3  # how much of the picture's own light shows through a map
-_UNSURE = 0.35  # uncertainty from which a tile is hatched
+_RELIEF = 0.3  # share of the picture's own lightness in a drawn map
+_UNSURE = 0.35  # uncertainty from which ground is hatched and a tile is outlined
 
 
 class _Scale(NamedTuple):
@@ -62,7 +62,7 @@ _ATTENTION = _Scale(ATTENTION_STOPS, 0, 1, ("0", "", "1"))
 
 
 def draw_panel(image: Image, assessment: Assessment, region: Region, title: str = "") -> Image:
-    """Image, pooled maps and every word's map with colour bars and figures, 1392 pixels wide."""
+    """Draw the image, the pooled maps and every word's map with colour bars and figures, 1392 pixels wide."""
     large = [_framed(fitted(image, _LARGE), "Image", _roi_note(assessment), None)]
     _mark(large[0], image, assessment, region)
     small: list[Image] = []
@@ -94,10 +94,10 @@ def draw_state(
     note: str = "",
     width: int = 480,
 ) -> Image:
-    """The image under its judgement, with a bar in the state's colour above and the figures below.
+    """Draw the judgement over the image, with a bar in the state's colour above and the figures below.
 
-    Green is drivable, vermilion is not; violet stripes are unknown. White: the ROI. Yellow: the worst tile,
-    where something is unknown or nearly so.
+    Green is drivable, vermilion is not, violet stripes are unknown. The white box is the ROI. The yellow box
+    is `Assessment.tile`, drawn where something is unknown or nearly so.
     """
     picture = fitted(image, width)
     height = picture.shape[0]
@@ -118,7 +118,7 @@ def draw_state(
 
 
 def contact_sheet(tiles: Sequence[Image], columns: int, title: str = "") -> Image:
-    """Tiles in a grid, row by row, on paper. Raises ValueError without tiles or columns."""
+    """Arrange pictures in a grid, row by row. Raises ValueError without tiles or columns."""
     if not tiles or columns < 1:
         raise ValueError("a contact sheet needs at least one tile and one column")
     width = max(tile.shape[1] for tile in tiles)
@@ -163,7 +163,7 @@ def _word_maps(image: Image, maps: Maps, assessment: Assessment, region: Region)
 
 
 def _columns(words: int) -> int:
-    """So many word maps side by side that the rows are about equally full: three to five."""
+    """Return how many word maps stand side by side, three to five, so that rows are about equally full."""
     rows = -(-words // 5)
     return max(3, -(-words // max(1, rows)))
 
@@ -171,7 +171,7 @@ def _columns(words: int) -> int:
 def _map(
     image: Image, values: Map, name: str, note: str, *, scale: _Scale, region: Region, width: int
 ) -> Image:
-    """A map in colours with the picture's relief, its caption and its colour bar."""
+    """Draw a map in colours, shaded with the picture's lightness, with its caption and its colour bar."""
     base = fitted(image, width)
     picture = coloured(enlarged(values, width, base.shape[0]), scale.stops, scale.low, scale.high)
     relief = cv2.cvtColor(base, cv2.COLOR_RGB2GRAY).astype(np.float32)[..., None] / 255
@@ -181,7 +181,7 @@ def _map(
 
 
 def _framed(picture: Image, name: str, note: str, scale: _Scale | None) -> Image:
-    """A picture with its caption above and its colour bar, or room for one, below."""
+    """Add a caption above a picture, and a colour bar, or room for one, below."""
     width = picture.shape[1]
     caption = _blank(_CAPTION, width)
     write(caption, name, (0, 21), 16, bold=True)
@@ -216,7 +216,7 @@ def _roi_note(assessment: Assessment) -> str:
 
 
 def looks_unsure(assessment: Assessment) -> bool:
-    """Whether the tile deserves a look: something is unknown or nearly so, or held for its name."""
+    """Return whether to outline the tile: something is unknown, or the tile's uncertainty is nearly so."""
     if assessment.tile is None:
         return False
     return Reason.UNKNOWN_OBJECT in assessment.reasons or assessment.tile.uncertainty > _UNSURE
@@ -242,7 +242,7 @@ def _blank(height: int, width: int) -> Image:
 
 
 def _row(tiles: Sequence[Image]) -> Image:
-    """Tiles side by side with gaps, aligned at the top."""
+    """Put tiles side by side with gaps, aligned at the top."""
     height = max(tile.shape[0] for tile in tiles)
     parts: list[Image] = []
     for tile in tiles:
@@ -252,7 +252,7 @@ def _row(tiles: Sequence[Image]) -> Image:
 
 
 def _padded(row: Image, width: int) -> Image:
-    """A row with margins, filled up to `width`."""
+    """Add margins to a row and fill it up to `width`."""
     sheet = _blank(row.shape[0] + 8, width)
     sheet[: row.shape[0], _MARGIN : _MARGIN + row.shape[1]] = row
     return sheet

@@ -1,4 +1,4 @@
-"""The operator's words and their weights: tau = {(pi_n, w_n)} of the paper."""
+"""Holds the operator's words and their weights: tau = {(pi_n, w_n)} of the paper."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ _RESERVED = ":;"
 
 @dataclass(frozen=True)
 class Setting:
-    """A weight in [-1, 1] and its stamp: a logical clock, so that it holds on a computer without a clock."""
+    """Holds a weight in [-1, 1] and the stamp of its setting.
+
+    Stamps count up (a logical clock), so that their order is right on a computer without a real-time clock.
+    """
 
     weight: float
     order: int = 0
 
 
 def clean_word(word: str) -> str:
-    """`word` in the one spelling under which it is kept: lower case, single spaces, composed accents (NFC).
+    """Return `word` as it is stored: lower case, single spaces, composed accents (NFC).
 
     Raises PreferencesError when it is empty, longer than 48 characters, not printable or holds ':' or ';'.
     """
@@ -42,7 +45,7 @@ def clean_word(word: str) -> str:
 
 
 def check_weight(word: str, weight: float) -> float:
-    """`weight` as a float in [-1, 1]. Raises PreferencesError."""
+    """Return `weight` as a float. Raises PreferencesError outside [-1, 1]."""
     weight = float(weight)
     if not math.isfinite(weight) or not -1.0 <= weight <= 1.0:
         raise PreferencesError(f'weight {weight:g} of "{word}" is not in -1 (never drive) to 1 (drive)')
@@ -50,9 +53,9 @@ def check_weight(word: str, weight: float) -> float:
 
 
 class Preferences(Mapping[str, float]):
-    """An immutable mapping word -> weight, in the order of first setting, at most 16 words.
+    """Maps words to weights, immutably, in the order of first setting, at most 16 words.
 
-    Each word carries the stamp of its setting; `order` 0 means configured.
+    Each word carries the stamp of its setting; stamp 0 means configured.
     """
 
     def __init__(self, settings: Mapping[str, Setting] | None = None) -> None:
@@ -68,7 +71,7 @@ class Preferences(Mapping[str, float]):
 
     @classmethod
     def of(cls, weights: Mapping[str, float], order: int = 0) -> Preferences:
-        """Preferences from word -> weight, all with one stamp. Raises PreferencesError."""
+        """Make preferences from word -> weight, all with one stamp. Raises PreferencesError."""
         return cls({word: Setting(weight, order) for word, weight in weights.items()})
 
     @classmethod
@@ -97,7 +100,7 @@ class Preferences(Mapping[str, float]):
         return cls(settings)
 
     def format(self) -> str:
-        """The text that `parse` reads, exact to the last digit."""
+        """Return the text that `parse` reads, with weights exact to the last digit."""
         return "; ".join(f"{word}: {str(weight).removesuffix('.0')}" for word, weight in self.items())
 
     def __getitem__(self, word: str) -> float:
@@ -110,7 +113,7 @@ class Preferences(Mapping[str, float]):
         return len(self._settings)
 
     def __eq__(self, other: object) -> bool:
-        """Same words with the same weights; neither stamps nor order count."""
+        """Compare words and weights; neither stamps nor the order of words count."""
         return dict(self) == dict(other) if isinstance(other, Preferences) else NotImplemented
 
     def __hash__(self) -> int:
@@ -129,9 +132,9 @@ class Preferences(Mapping[str, float]):
         return self._settings[word].order
 
     def merged(self, newer: Preferences) -> Preferences:
-        """nu(tau, newer): newer wins, the rest stays and keeps its place.
+        """Return nu(tau, newer) of the paper: the words of `newer` win, the others stay in their places.
 
-        Beyond 16 words the least recently set ones go; of equal stamps, those that are not in `newer`.
+        Beyond 16 words the least recently set are dropped; of equal stamps, those that are not in `newer`.
         """
         settings = {**self._settings, **newer._settings}
         oldest_first = sorted(settings, key=lambda word: (settings[word].order, word in newer))
@@ -140,6 +143,6 @@ class Preferences(Mapping[str, float]):
         return Preferences(settings)
 
     def without(self, *words: str) -> Preferences:
-        """These preferences less some words; a word that is not in use is no error."""
+        """Return these preferences without some words; a word that is not in use is no error."""
         gone = {clean_word(word) for word in words}
         return Preferences({word: setting for word, setting in self._settings.items() if word not in gone})

@@ -1,4 +1,4 @@
-"""Regions of an image in fractions of its width and height, free of any resolution."""
+"""Defines regions of an image in fractions of its width and height, independent of its resolution."""
 
 from __future__ import annotations
 
@@ -13,19 +13,22 @@ from anytraverse.errors import RegionError
 
 
 class Region(Protocol):
-    """A part of the image. `Box` is one; a polygon would be another."""
+    """Describes a part of the image. `Box` is one kind; a polygon would be another."""
 
     @property
     def bounds(self) -> Box:
         """The smallest box around the region."""
 
     def mask(self, height: int, width: int) -> NDArray[np.bool_]:
-        """Pixels whose centre lies inside, (height, width); may be empty when the region is tiny."""
+        """Mark the pixels whose centre lies inside, (height, width); may be all False for a tiny region."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """An axis-aligned box: left, top, right, bottom as fractions in [0, 1]; right > left, bottom > top."""
+    """Holds an axis-aligned box: left, top, right, bottom in [0, 1]; right > left, bottom > top.
+
+    Raises RegionError for anything else.
+    """
 
     left: float
     top: float
@@ -60,19 +63,19 @@ class Box:
         return (self.left + self.right) / 2, (self.top + self.bottom) / 2
 
     def mask(self, height: int, width: int) -> NDArray[np.bool_]:
-        """Pixels whose centre lies inside, (height, width)."""
+        """Mark the pixels whose centre lies inside, (height, width)."""
         mask = np.zeros((height, width), dtype=np.bool_)
         mask[self.slices(height, width)] = True
         return mask
 
     def slices(self, height: int, width: int) -> tuple[slice, slice]:
-        """Rows and columns whose pixel centres lie inside; empty slices when there are none."""
+        """Return the rows and columns whose pixel centres lie inside; empty slices when there are none."""
         rows = slice(math.ceil(self.top * height - 0.5), math.ceil(self.bottom * height - 0.5))
         columns = slice(math.ceil(self.left * width - 0.5), math.ceil(self.right * width - 0.5))
         return rows, columns
 
     def grown(self, factor: float) -> Box:
-        """This box with its sides scaled about the centre by `factor` > 0, cut at the image's edge."""
+        """Return this box with its sides scaled about the centre by `factor` > 0, cut at the image's edge."""
         aside = (factor - 1.0) / 2 * (self.right - self.left)
         upright = (factor - 1.0) / 2 * (self.bottom - self.top)
         return Box(
@@ -83,7 +86,7 @@ class Box:
         )
 
     def joined(self, other: Box | None) -> Box:
-        """The smallest box around both."""
+        """Return the smallest box around both; this box for None."""
         if other is None:
             return self
         return Box(

@@ -1,4 +1,4 @@
-"""Which release this is."""
+"""Looks up which release is installed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ DISTRIBUTION = "anytraverse-companion"
 
 
 def own_version() -> str:
-    """Of the installed distribution, "0" where there is none."""
+    """Return the version of the installed distribution; "0" where none is installed."""
     try:
         return version(DISTRIBUTION)
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""What stands in the region of interest, in figures."""
+"""Calculates figures of the region of interest: the worst tile, the corridor, the sectors."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 KNOWN = 0.5
-"""A pixel is explained by a word when its attention reaches this."""
+"""A word explains a pixel when its attention there is at least this."""
 
 _GAP = 0.9
-"""Share of a tile's cells that are not drivable from which the tile is a gap in the corridor."""
+"""A tile is a gap in the corridor when at least this share of its cells is not drivable."""
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class Corridor:
-    """The vehicle's width as fractions of the image's width, at the bottom and the top of the ROI.
+    """Holds the vehicle's width as fractions of the image's width, at the bottom and the top of the ROI.
 
     share: of its cells that must be drivable in each of `bands` bands from near to far, (0, 1].
     Raises SettingsError for fractions that are not above 0, and for a share or bands out of range.
@@ -45,14 +45,14 @@ class Corridor:
             )
 
     def roomier(self, factor: float, margin: float) -> Corridor:
-        """This corridor for a vehicle `factor` times as wide, with a share that is greater by `margin`."""
+        """Return this corridor for a vehicle `factor` times as wide, with its share raised by `margin`."""
         share = min(1.0, self.share + margin)
         return replace(self, bottom=self.bottom * factor, top=self.top * factor, share=share)
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A square window of the ROI and its mean uncertainty, in [0, 1]."""
+    """Holds a square window of the ROI and its mean uncertainty, in [0, 1]."""
 
     box: Box
     uncertainty: float
@@ -60,10 +60,12 @@ class Tile:
 
 @dataclass(frozen=True)
 class NamedTile:
-    """The tile that would be the worst if only words of positive weight were asked for, as it would be then.
+    """Holds the worst tile of the strangeness map, which leaves out the words of no positive weight.
 
-    Where the worst tile calls already, it is one beside that.
-    left: its mean uncertainty with all words, in [0, 1]. word: index of the other word that explains most.
+    Strangeness is the uncertainty as it would be without these words: see `Maps.strangeness`. Where the worst
+    tile of the uncertainty map is over its threshold, this is a tile outside of that one.
+    tile: its box, and its mean strangeness in place of the uncertainty. left: its mean uncertainty with all
+    words, in [0, 1]. word: index of the word of no positive weight that explains most of it.
     """
 
     tile: Tile
@@ -72,17 +74,18 @@ class NamedTile:
 
     @property
     def explained(self) -> float:
-        """Share of what is strange in it that words which are not drivable account for, in [0, 1]."""
+        """The share of its strangeness that words of no positive weight explain, in [0, 1]."""
         return explained(self.tile.uncertainty, self.left)
 
 
 @dataclass(frozen=True)
 class Passage:
-    """Whether the vehicle fits through, over ground that is drivable.
+    """Holds whether a corridor of the vehicle's width leads through the ROI.
 
-    passable: whether it would if all that is uncertain were drivable. roomy, passable_roomy: whether with
-    room to spare. gap: where most is missing of what would open it; None where it is open. explained: how
-    much of what is strange there words that are not drivable account for, in [0, 1].
+    open: over drivable ground. passable: it would be open if all that is uncertain were drivable. roomy,
+    passable_roomy: the same for a wider corridor, with a margin on its share.
+    gap: the tile in which most pixels close the corridor; None where it is open. explained: the share of the
+    strangeness around the gap that words of no positive weight explain, in [0, 1].
     """
 
     open: bool
@@ -95,11 +98,11 @@ class Passage:
 
 @dataclass(frozen=True)
 class RoiFigures:
-    """Figures of one frame's ROI.
+    """Holds the figures of one frame's ROI.
 
     uncertainty, strangeness, traversability: means over the ROI, in [0, 1].
-    known_share: pixels that some word explains. drivable_share: the drivable ones of these, or None.
-    named_tile: None where every word is drivable.
+    known_share: share of the pixels that some word explains. drivable_share: the drivable share of these;
+    None where no pixel is explained. named_tile: None where every word has a positive weight.
     """
 
     uncertainty: float
@@ -113,18 +116,18 @@ class RoiFigures:
 
 
 def explained(strange: float, left: float) -> float:
-    """Share of an uncertainty of `strange` that is gone where it is `left`, in [0, 1]."""
+    """Return the share of the uncertainty `strange` that is explained when `left` remains, in [0, 1]."""
     return 1.0 - left / strange if strange > 0.0 else 0.0
 
 
 def worst_tile(
     uncertainty: Map, region: Region, aspect: float, share: float = 0.25, outside: Mask | None = None
 ) -> Tile | None:
-    """The square window of the ROI whose mean uncertainty is highest.
+    """Return the square window of the ROI whose mean uncertainty is highest.
 
     uncertainty: (h, w). aspect: width / height of the frame. share: the window's side over the ROI's width.
-    outside: only pixels outside this (h, w) mask count, and windows of which they fill at least half.
-    None when no window is left. NaN in, NaN out.
+    outside: a (h, w) mask whose pixels do not count; a window counts when at least half of its pixels do.
+    None when no window counts. A NaN in the ROI gives a tile of uncertainty NaN.
     """
     height, width = uncertainty.shape
     bounds = region.bounds
@@ -150,7 +153,10 @@ def worst_tile(
 
 
 def tile_size(height: int, width: int, bounds: Box, aspect: float, share: float) -> tuple[int, int]:
-    """Rows and columns of a tile in a map of (height, width); no larger than the ROI, which holds a pixel."""
+    """Return the rows and columns of a tile in a map of (height, width).
+
+    A tile has at least one pixel, and is no larger than the ROI, which must hold a pixel.
+    """
     rows, columns = bounds.slices(height, width)
     side = share * (bounds.right - bounds.left)
     return (
@@ -160,6 +166,7 @@ def tile_size(height: int, width: int, bounds: Box, aspect: float, share: float)
 
 
 def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
+    """Sum every window of (height, width), by a summed-area table."""
     table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     table[1:, 1:] = values.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
     sums: NDArray[np.float64] = (
@@ -169,10 +176,10 @@ def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArr
 
 
 def corridor_open(drivable: Mask, region: Region, corridor: Corridor, tile: tuple[int, int]) -> bool:
-    """Whether a strip of the vehicle's width leads over drivable ground through the ROI from bottom to top.
+    """Return whether a strip of the vehicle's width leads over drivable ground from the ROI's bottom to top.
 
-    drivable: (h, w). tile: rows and columns of one. The strip may shift by one pixel of the map a row. In
-    each of its bands `corridor.share` of its cells are drivable, and nowhere is a tile of it a gap.
+    drivable: (h, w). tile: rows and columns of a tile. The strip may shift by one pixel of the map a row. In
+    each of its bands at least `corridor.share` of its cells must be drivable, and no tile in it may be a gap.
     False when the ROI holds no pixel.
     """
     height, width = drivable.shape
@@ -190,7 +197,8 @@ def corridor_open(drivable: Mask, region: Region, corridor: Corridor, tile: tupl
     lost = np.where(inside & (gaps == 0), _count_between(missing, left, left + strip), np.inf)
     reachable = np.ones(across, dtype=np.bool_)
     for band in np.array_split(np.arange(count)[::-1], min(corridor.bands, count)):
-        # the fewest cells that are missing of the band's strip so far, by where it is
+        # Dynamic programming: for each column where the strip may stand, the fewest cells that are not
+        # drivable in the part of this band that it has crossed so far.
         least = np.where(reachable, 0.0, np.inf)
         for row in band:
             least = _least_nearby(least) + lost[row]
@@ -206,7 +214,7 @@ def _least_nearby(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _gaps(missing: Mask, tile: tuple[int, int]) -> Mask:
-    """In which rows a window of a tile's size that begins in a column is part of a gap, (h, w)."""
+    """Mark (row, column) where a gap that begins in this column covers this row, (h, w)."""
     gaps = np.zeros(missing.shape, dtype=np.bool_)
     found = _window_sums(missing.astype(np.float64), *tile) >= _GAP * tile[0] * tile[1]
     for down in range(tile[0]):
@@ -215,7 +223,7 @@ def _gaps(missing: Mask, tile: tuple[int, int]) -> Mask:
 
 
 def _count_between(mask: Mask, begin: NDArray[np.intp], end: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Pixels of each row of `mask` from a column up to and without another, (h, n).
+    """Count the pixels of each row of `mask` from column `begin` up to, not including, `end`, (h, n).
 
     mask: (h, w). begin, end: (h, n), cut at the row's ends.
     """
@@ -228,9 +236,9 @@ def _count_between(mask: Mask, begin: NDArray[np.intp], end: NDArray[np.intp]) -
 
 
 def sectors(known: Mask, drivable: Mask, region: Region, count: int = 16) -> tuple[float | None, ...]:
-    """Drivable share of the known pixels in `count` equal image columns, over the ROI's rows.
+    """Return the drivable share of the known pixels in `count` equal image columns, over the ROI's rows.
 
-    known, drivable: (h, w). None for a column in which nothing is known.
+    known, drivable: (h, w). None for a column without a known pixel.
     """
     height, width = known.shape
     rows, _ = region.bounds.slices(height, width)

@@ -1,4 +1,4 @@
-"""Words of one meaning, which must not pull in opposite directions."""
+"""Finds words of one meaning that have weights of opposite signs."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from anytraverse.errors import PreferencesError
 from anytraverse.preferences import Preferences
 
 Meaning = Callable[[str], str]
-"""`Perceiver.meaning`: the name under which synonyms meet; UnknownWordError for a word without one."""
+"""`Perceiver.meaning`: a word -> the name that it shares with its synonyms. Raises UnknownWordError."""
 
 
 def meaning_of(word: str, meaning: Meaning) -> str | None:
-    """The word's meaning; None for one that the perceiver cannot ground: tapped, it means only itself."""
+    """Return the word's meaning; None where the perceiver cannot ground it (it may have tapped examples)."""
     try:
         return meaning(word)
     except PreferencesError:
@@ -20,7 +20,7 @@ def meaning_of(word: str, meaning: Meaning) -> str | None:
 
 
 def opposed(word: str, weight: float, preferences: Preferences, meaning: Meaning) -> list[str]:
-    """The other words of `preferences` that mean the same as `word` with a weight of the opposite sign."""
+    """Return the other words of `preferences` that mean the same as `word`, with the opposite sign."""
     own = meaning_of(word, meaning)
     if own is None:
         return []
@@ -32,7 +32,7 @@ def opposed(word: str, weight: float, preferences: Preferences, meaning: Meaning
 
 
 def refuse_contradictions(preferences: Preferences, meaning: Meaning) -> None:
-    """Raises PreferencesError when two words of one meaning have opposite signs."""
+    """Raise PreferencesError when two words of one meaning have opposite signs."""
     for word, weight in preferences.items():
         for other in opposed(word, weight, preferences, meaning):
             older, newer = sorted((other, word), key=preferences.order)

@@ -1,4 +1,4 @@
-"""The operator's side: one protocol client, and the terminal that sits on it.
+"""Implements the operator's side: the protocol client, a terminal and a MAVProxy module that use it.
 
-Needs pymavlink and nothing heavier, so that it also installs where a ground station lives.
+Needs pymavlink and nothing heavier, so that it also installs into a ground station's environment.
 """

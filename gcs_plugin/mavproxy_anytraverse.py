@@ -1,7 +1,7 @@
-"""What rovers ask and what they are answered, in MAVProxy: `module load gcs_plugin.mavproxy_anytraverse`.
+"""Shows rovers' calls and sends answers in MAVProxy: `module load gcs_plugin.mavproxy_anytraverse`.
 
-The calls of every companion on every link are printed, whichever component is the target. `at help` says what
-can be typed.
+It prints the calls of every companion on every link, whichever vehicle is MAVProxy's target. `at help` lists
+what can be typed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gcs_plugin.terminal.session import Session
 
 NAMES = ("anytraverse", "at")
 CYCLE_S = 0.05
-"""Between two looks at the client: MAVProxy comes by several hundred times a second."""
+"""Least time between two steps of the client: MAVProxy calls `idle_task` several hundred times a second."""
 MAX_PROBLEMS = 16
 UNSIGNED = "rover {} believes only what is signed; type this first: signing key PASSPHRASE"
 HELP = """\
@@ -50,7 +50,10 @@ _COMPLETIONS = [
 
 
 def typed_line(arguments: Sequence[str]) -> str:
-    """The operator's line in what follows `at`. A comma after a number is a `;`, at which MAVProxy splits."""
+    """Turn the arguments of `at` into an operator's line.
+
+    A comma after a number stands for `;`, since MAVProxy splits its own command lines at `;`.
+    """
     first, *rest = _BETWEEN_CHANGES.sub(";", " ".join(arguments)).split()
     if first == "answer" and rest:
         return " ".join(rest)
@@ -60,7 +63,7 @@ def typed_line(arguments: Sequence[str]) -> str:
 
 
 class _Console:
-    """MAVProxy's console, which may be replaced at any time, as a stream of whole lines."""
+    """Writes whole lines to MAVProxy's console, which MAVProxy may replace at any time."""
 
     def __init__(self, mpstate: Any) -> None:
         self._mpstate = mpstate
@@ -72,14 +75,14 @@ class _Console:
             self._mpstate.console.writeln(line)
 
     def flush(self) -> None:
-        """Every line is seen at once."""
+        """Do nothing: the console shows every line at once."""
 
 
 class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no types
-    """Hands MAVProxy's messages to the operator's client, and the client's to the links."""
+    """Passes MAVProxy's messages to the operator's client, and the client's messages to the links."""
 
     def __init__(self, mpstate: Any) -> None:
-        # Its import name: reload and unload know a module by what was loaded.
+        # MAVProxy finds a module to reload or unload by the name given to `module load`: the import name.
         super().__init__(mpstate, __name__, "what rovers ask, and your answers", multi_vehicle=True)
         self._client = OperatorClient()
         self._output = TextOutput(_Console(mpstate), colours=False, before="at ")
@@ -93,14 +96,14 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         self.add_completion_function("(AT_WORD)", self._words)
 
     def mavlink_packet(self, message: Any) -> None:
-        """Every message of every vehicle on every link."""
+        """Take in every message of every vehicle on every link."""
         if _is_autopilot_text(message) and self.message_is_from_primary_vehicle(message):
-            return  # MAVProxy prints it
+            return  # MAVProxy prints it itself
         with self._telling_problems():
             self._client.receive(message, time.monotonic())
 
     def idle_task(self) -> None:
-        """Send what is due and tell what happened."""
+        """Send what is due, and print events."""
         now = time.monotonic()
         if now < self._next_at:
             return
@@ -111,7 +114,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
             self._session.step(now)
 
     def command(self, arguments: Sequence[str]) -> None:
-        """`at ...`"""
+        """Run the command `at ...`."""
         if not arguments or list(arguments) == ["help"]:
             self._output.say(HELP)
         elif list(arguments) == ["quit"]:
@@ -121,7 +124,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
                 self._session.type(typed_line(arguments), time.monotonic())
 
     def unload(self) -> None:
-        """Take the commands away; answers on their way are not sent again."""
+        """Remove the commands, and report the answers that are given up."""
         for name in NAMES:
             self.remove_command(name)
         for name in ("(AT_CALL)", "(AT_WORD)"):
@@ -131,7 +134,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         super().unload()
 
     def _send(self, message: Any) -> None:
-        """On the links on which that companion was heard."""
+        """Send a message on the links on which that companion was heard."""
 
         def send(mav: Any) -> None:
             self._client.ids = mav.srcSystem, mav.srcComponent
@@ -150,7 +153,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
 
     @contextmanager
     def _telling_problems(self) -> Iterator[None]:
-        """MAVProxy says nothing of a module's errors: each is told here, once."""
+        """Print an error once instead of raising it: MAVProxy drops a module's errors silently."""
         try:
             yield
         except Exception as error:
@@ -173,5 +176,5 @@ def _is_autopilot_text(message: Any) -> bool:
 
 
 def init(mpstate: Any) -> AnyTraverse:
-    """What MAVProxy calls to load it."""
+    """Make the module; MAVProxy calls this to load it."""
     return AnyTraverse(mpstate)

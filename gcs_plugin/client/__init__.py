@@ -1,1 +1,1 @@
-"""The operator's end of the protocol, without I/O: see `gcs_plugin.client.client`."""
+"""Implements the operator's end of the protocol, without I/O: see `gcs_plugin.client.client`."""

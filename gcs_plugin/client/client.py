@@ -1,6 +1,6 @@
-"""The operator's end of the protocol: decoded messages in, messages to send and events out.
+"""Implements the operator's end of the protocol: takes decoded messages, returns messages to send and events.
 
-No I/O and no clock: it runs under a terminal, inside a ground station and in a test's virtual time alike.
+It has no I/O and no clock, so that it runs in a terminal, in a ground station and in a test's virtual time.
 Call `receive` with every message of the link, then send what `outgoing` returns, at least ten times a second.
 """
 
@@ -46,10 +46,10 @@ def _random_transaction() -> int:
 
 
 class OperatorClient:
-    """Follows every rover of a link and brings answers to them.
+    """Tracks every rover of a link and delivers answers to them.
 
-    transactions: gives a new random id in 1..2^32-1 for each answer. ids: the system and component id that
-    its messages leave with, None while not known: what is told to others on the same radio is not for us.
+    transactions: returns a new random id in 1..2^32-1 for each answer. ids: the system and component id of
+    the messages that we send; None while not known. Replies addressed to other ids are ignored.
     """
 
     def __init__(self, transactions: Callable[[], int] = _random_transaction) -> None:
@@ -61,21 +61,21 @@ class OperatorClient:
 
     @property
     def rovers(self) -> dict[int, Rover]:
-        """By system id: those whose companion was heard."""
+        """The rovers from whose companion something was received, by system id."""
         return {system: rover for system, rover in sorted(self._rovers.items()) if rover.known}
 
     @property
     def unsettled(self) -> list[Pending]:
-        """Answers that are still on their way, oldest first."""
+        """The answers that are not settled yet, oldest first."""
         return self._outbox.unsettled
 
     @property
     def busy(self) -> bool:
-        """Whether an answer, a policy or a file is still on its way."""
+        """Whether an answer, a policy request or a file is not settled yet."""
         return self._outbox.busy
 
     def receive(self, message: Any, now: float) -> None:
-        """Take in one decoded message of any dialect. Never raises for what it holds."""
+        """Process one decoded message of any dialect. Never raises for its content."""
         component = message.get_srcComponent()
         if component not in (COMPONENT_ID, AUTOPILOT_COMPONENT_ID):
             return
@@ -103,7 +103,7 @@ class OperatorClient:
             self._events.extend(told)
 
     def outgoing(self, now: float) -> list[Any]:
-        """Messages to send now; also notices who fell silent and which answers ran out of time."""
+        """Return the messages to send now; also detects silent rovers and answers past their lifetime."""
         for rover in self._rovers.values():
             self._events.extend(rover.check_link(now))
         self._outbox.settle(now)
@@ -112,7 +112,7 @@ class OperatorClient:
         return [message for message in messages if message is not None]
 
     def events(self) -> list[ev.Event]:
-        """What happened since the last time it was asked."""
+        """Return the events since the last call of this method."""
         told = list(self._events)
         self._events.clear()
         return told
@@ -120,23 +120,23 @@ class OperatorClient:
     def answer(
         self, system: int, target: int, motion: Motion, operations: Sequence[Operation], now: float
     ) -> Pending:
-        """Bring an answer to call or hold `target` (0: words alone) of the rover `system`.
+        """Send an answer to call or hold `target` (0: words alone) of the rover `system`.
 
-        It leaves with the next `outgoing` calls, once the rover is heard; answers to one rover keep their
-        order. Raises PayloadError when it cannot be told on the wire.
+        The next calls of `outgoing` return it, once the rover is heard; answers to one rover keep their
+        order. Raises PayloadError when it does not fit the wire format.
         """
         return self._outbox.answer(system, target, motion, operations, now, heard=self._hears(system, now))
 
     def set_policy(self, system: int, policy: Policy, now: float) -> PolicyOnItsWay:
-        """Ask for a policy, in place of one asked for before; it leaves once the rover is heard."""
+        """Request a policy; it is sent once the rover is heard. Replaces an earlier request."""
         return self._outbox.set_policy(system, policy, now, heard=self._hears(system, now))
 
     def fetch(self, system: int, path: str, now: float) -> Fetch:
-        """Fetch a file of the rover's companion, in place of one on its way; look at what becomes of it."""
+        """Fetch a file of the rover's companion; the returned object shows the progress. Replaces another."""
         return self._outbox.fetch(system, path, now)
 
     def request_parameters(self, system: int) -> None:
-        """Ask the rover's companion for its list, as soon as it is heard."""
+        """Request the parameter list of the rover's companion, as soon as it is heard."""
         self._outbox.request_parameters(system)
 
     def _hears(self, system: int, now: float) -> bool:
@@ -152,7 +152,7 @@ class OperatorClient:
         return self._rovers.get(system)
 
     def _make_room(self) -> None:
-        """Of too many vehicles the first without a companion gives its place to one that has."""
+        """Remove the first vehicle without a companion when the limit is reached."""
         without = next((system for system, rover in self._rovers.items() if not rover.known), None)
         if without is not None and len(self._rovers) >= MAX_ROVERS:
             del self._rovers[without]
@@ -176,7 +176,7 @@ class OperatorClient:
         return []
 
     def _is_for_us(self, message: Any) -> bool:
-        """An acknowledgement of MAVLink 1 says not for whom it is: it may be ours."""
+        """Return whether a message is addressed to us; a target of 0, as MAVLink 1 leaves it, may be us."""
         to = message.target_system, message.target_component
         return self.ids is None or all(said in (0, own) for said, own in zip(to, self.ids, strict=True))
 

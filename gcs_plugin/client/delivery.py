@@ -1,4 +1,4 @@
-"""An answer or a policy on its way: sent again with back-off until something settles it."""
+"""Delivers an answer or a policy request: sends it again with back-off until it is settled."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ LIFETIME_S = 60.0
 FIRST_BACK_OFF_S = 1.0
 LONGEST_BACK_OFF_S = 4.0
 GRACE_S = 2.0
-"""How long the acknowledgement may come after the call was heard to be closed."""
+"""How long an acknowledgement is awaited after the call's closing was received."""
 BLOCKS_S = 8.0
-"""An answer keeps later ones to the same rover back for so long at most: their order matters."""
+"""An answer delays later ones to the same rover for at most this time, since their order matters."""
 MAX_PARTS = 4
 
 
 class Status(Enum):
-    """Where an answer is. The last three are final."""
+    """Names the state of an answer. The last three are final."""
 
     WAITING = "waiting"
-    """Not sent yet: the rover is not heard, or an earlier answer goes first."""
+    """Not sent yet: the rover is not heard, or an earlier answer must be sent first."""
     SENT = "sent"
     ACKNOWLEDGED = "acknowledged"
     CLOSED = "closed"
@@ -37,7 +37,7 @@ class Status(Enum):
 
 
 def split(transaction: int, target: int, motion: Motion, operations: Sequence[Operation]) -> list[bytes]:
-    """The payloads of an answer, each at most 128 bytes; as few parts as there can be in order.
+    """Pack an answer into as few payloads as possible, in order, each of at most 128 bytes.
 
     Raises PayloadError for more than four parts, or a word of more than 96 bytes.
     """
@@ -63,7 +63,10 @@ def split(transaction: int, target: int, motion: Motion, operations: Sequence[Op
 
 @dataclass(eq=False)
 class Pending:
-    """One answer to one rover. The owner asks `due` for the next payload and tells it what was heard."""
+    """Delivers one answer to one rover. The owner sends what `due` returns, and reports acknowledgements.
+
+    rounds: how often all parts were sent. operations: the changes in it. Times are those of `now`.
+    """
 
     system: int
     target: int
@@ -86,17 +89,17 @@ class Pending:
 
     @property
     def settled(self) -> bool:
-        """Nothing more will be sent."""
+        """Whether nothing more will be sent."""
         return self.status not in (Status.WAITING, Status.SENT)
 
     def blocks(self, now: float) -> bool:
-        """Later answers must wait for this one."""
+        """Return whether later answers to the same rover must wait for this one."""
         if self.settled or self._closed_at is not None:
             return False
         return self.first_sent is None or now - self.first_sent < BLOCKS_S
 
     def due(self, now: float) -> bytes | None:
-        """The payload to send now, if any."""
+        """Return the payload to send now, or None."""
         if self.settled or self._closed_at is not None or now < self._next_at:
             return None
         payload = self._payloads[self._part]
@@ -111,18 +114,18 @@ class Pending:
         return payload
 
     def acknowledge(self, acknowledgement: Acknowledgement, *, final: bool) -> None:
-        """The rover has spoken; when it is not final, sending goes on."""
+        """Take in an acknowledgement; when it is not final, sending continues."""
         self.acknowledgement = acknowledgement
         if final:
             self.status = Status.ACKNOWLEDGED
 
     def close(self, now: float) -> None:
-        """The call is closed: send no more; the acknowledgement may still come for a moment."""
+        """Send no more, since the call is closed; an acknowledgement is still awaited for `GRACE_S`."""
         if self._closed_at is None:
             self._closed_at = now
 
     def settle(self, now: float) -> bool:
-        """True when time alone has settled it just now."""
+        """Apply time limits; return True when they settled it in this call."""
         if self.settled:
             return False
         if self._closed_at is not None and (self.first_sent is None or now - self._closed_at >= GRACE_S):
@@ -133,21 +136,21 @@ class Pending:
 
 
 class PolicyRequested(Enum):
-    """What became of it. All but the first two are final."""
+    """Names the state of a policy request. All but the first two are final."""
 
     WAITING = "waiting"
-    """Not sent yet: the companion is not heard."""
+    """Not sent yet: no heartbeat of the companion is received."""
     SENT = "sent"
     GRANTED = "granted"
     REFUSED = "refused"
-    """A text of the rover's says why."""
+    """A STATUSTEXT of the rover says why."""
     EXPIRED = "expired"
-    """No word within 60 s."""
+    """No acknowledgement within 60 s."""
 
 
 @dataclass(eq=False)
 class PolicyOnItsWay:
-    """One policy for one rover; the owner asks `due` for what to send now and tells it what was heard."""
+    """Delivers one policy request to one rover. The owner sends what `due` returns, and reports replies."""
 
     system: int
     policy: Policy
@@ -158,11 +161,11 @@ class PolicyOnItsWay:
 
     @property
     def settled(self) -> bool:
-        """Nothing more will be sent."""
+        """Whether nothing more will be sent."""
         return self.status not in (PolicyRequested.WAITING, PolicyRequested.SENT)
 
     def due(self, now: float) -> Any | None:
-        """The command to send now, if any. The companion acts on the first, and acknowledges each."""
+        """Return the command to send now, or None. The companion acts on the first and acknowledges each."""
         if self.settled or now < self._next_at:
             return None
         again = min(self._rounds, 0xFF)
@@ -174,14 +177,14 @@ class PolicyOnItsWay:
         )
 
     def acknowledge(self, *, granted: bool) -> bool:
-        """The rover has spoken; True when that settled it."""
+        """Take in an acknowledgement; return True when it settled the request."""
         if self.status is not PolicyRequested.SENT:
             return False
         self.status = PolicyRequested.GRANTED if granted else PolicyRequested.REFUSED
         return True
 
     def settle(self, now: float) -> bool:
-        """True when time alone has settled it just now."""
+        """Apply time limits; return True when they settled it in this call."""
         if self.settled or now - self.created < LIFETIME_S:
             return False
         self.status = PolicyRequested.EXPIRED

@@ -1,4 +1,4 @@
-"""What the client tells those who sit on it. All times are those of the `now` that was handed in."""
+"""Defines the events that the client reports. All times are those of the `now` passed to the client."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gcs_plugin.client.delivery import PolicyRequested, Status
 
 @dataclass(frozen=True)
 class LinkChanged:
-    """The companion's heartbeat came (first or again), or has been away for 3 s."""
+    """Reports that the companion's heartbeat came (for the first time or again), or is missing for 3 s."""
 
     event: ClassVar = "link"
     system: int
@@ -22,7 +22,7 @@ class LinkChanged:
 
 @dataclass(frozen=True)
 class StateChanged:
-    """The companion's state or its current call or hold (0: none), from its heartbeat."""
+    """Reports a new state of the companion, or a new current call or hold (0: none), from its heartbeat."""
 
     event: ClassVar = "state"
     system: int
@@ -32,7 +32,7 @@ class StateChanged:
 
 @dataclass(frozen=True)
 class VehicleChanged:
-    """The autopilot's mode or arming."""
+    """Reports a change of the autopilot's mode or arming."""
 
     event: ClassVar = "vehicle"
     system: int
@@ -42,7 +42,7 @@ class VehicleChanged:
 
 @dataclass(frozen=True)
 class CallOpened:
-    """A call or hold that was not known."""
+    """Reports a new call or hold."""
 
     event: ClassVar = "call"
     system: int
@@ -51,7 +51,7 @@ class CallOpened:
 
 @dataclass(frozen=True)
 class CallChanged:
-    """An open one reached another stage, has other reasons, or the vehicle stands or moves now."""
+    """Reports that an open call or hold has another stage or reasons, or that holding began or ended."""
 
     event: ClassVar = "call_changed"
     system: int
@@ -60,9 +60,9 @@ class CallChanged:
 
 @dataclass(frozen=True)
 class CallClosed:
-    """One that was open is closed. after_s: since it was announced.
+    """Reports that an open call or hold is closed. after_s: seconds since it was announced.
 
-    Its outcome is NONE when only the heartbeat told, and the closing message was lost.
+    Its outcome is NONE when the closing message was lost and only the heartbeat shows that it is closed.
     """
 
     event: ClassVar = "closed"
@@ -73,7 +73,7 @@ class CallClosed:
 
 @dataclass(frozen=True)
 class SummaryHeard:
-    """A summary, as it came."""
+    """Reports a summary."""
 
     event: ClassVar = "summary"
     system: int
@@ -82,7 +82,7 @@ class SummaryHeard:
 
 @dataclass(frozen=True)
 class TextHeard:
-    """A STATUSTEXT of the companion; severity as in MAV_SEVERITY."""
+    """Reports a STATUSTEXT of the companion; severity as in MAV_SEVERITY."""
 
     event: ClassVar = "text"
     system: int
@@ -92,7 +92,7 @@ class TextHeard:
 
 @dataclass(frozen=True)
 class VehicleTextHeard:
-    """A STATUSTEXT of the autopilot, WARNING or worse, that is not the companion's said again."""
+    """Reports a STATUSTEXT of the autopilot, WARNING or worse, that does not repeat one of the companion."""
 
     event: ClassVar = "vehicle_text"
     system: int
@@ -102,7 +102,7 @@ class VehicleTextHeard:
 
 @dataclass(frozen=True)
 class ParameterHeard:
-    """A parameter of the companion that is new or has changed."""
+    """Reports a parameter of the companion that is new or has changed."""
 
     event: ClassVar = "parameter"
     system: int
@@ -112,7 +112,7 @@ class ParameterHeard:
 
 @dataclass(frozen=True)
 class AnswerMoved:
-    """An answer is sent, waits for the rover, was closed over or has run out of time."""
+    """Reports a new status of an answer."""
 
     event: ClassVar = "answer"
     system: int
@@ -123,7 +123,7 @@ class AnswerMoved:
 
 @dataclass(frozen=True)
 class Acknowledged:
-    """The rover's word on an answer; BUSY: it will be sent again."""
+    """Reports the rover's acknowledgement of an answer; BUSY: the answer will be sent again."""
 
     event: ClassVar = "ack"
     system: int
@@ -132,7 +132,7 @@ class Acknowledged:
 
 @dataclass(frozen=True)
 class PolicyMoved:
-    """A policy was asked for, waits for the rover, or what became of it."""
+    """Reports a new status of a policy request."""
 
     event: ClassVar = "policy"
     system: int
@@ -142,7 +142,7 @@ class PolicyMoved:
 
 @dataclass(frozen=True)
 class NotUnderstood:
-    """Something of the companion could not be read; each problem is told once."""
+    """Reports that a message of the companion could not be read; each problem is reported once."""
 
     event: ClassVar = "not_understood"
     system: int

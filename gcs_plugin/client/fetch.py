@@ -1,4 +1,4 @@
-"""A file on its way from a rover: asked for again where something is missing, from where it stopped."""
+"""Fetches a file from a rover over MAVLink FTP, and requests again only the parts that are missing."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from companion.wire.ftp import MAX_DATA, FtpError, FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID
 
 LIFETIME_S = 60.0
-"""Without one new byte."""
+"""A fetch fails after this time without a new byte."""
 FIRST_BACK_OFF_S = 0.8
 LONGEST_BACK_OFF_S = 4.0
 FULL_S = 3.0
-"""Before the next try where the companion serves four already."""
+"""Pause before the next try when all of the companion's file sessions are in use."""
 MAX_BYTES = 8 << 20
 _READS = (Opcode.READ_FILE, Opcode.BURST_READ_FILE)
 
 
 class Fetched(Enum):
-    """Where it is. The last two are final."""
+    """Names the state of a fetch. The last two are final."""
 
     WAITING = "waiting"
-    """Not sent yet: the companion is not heard."""
+    """Not sent yet: no heartbeat of the companion is received."""
     RUNNING = "running"
     DONE = "done"
     FAILED = "failed"
@@ -34,10 +34,11 @@ class Fetched(Enum):
 
 @dataclass(eq=False)
 class Fetch:
-    """One file of one rover; the owner asks `due` for what to send now and tells it what was heard.
+    """Fetches one file of one rover. The owner sends what `due` returns, and passes replies to `hear`.
 
-    size: bytes, None until the companion has told. problem: why it failed, for a person.
-    session: 1 to 255; 0 is what other clients on the same radio use.
+    size: bytes, None until the companion has reported it. problem: why it failed, for a person.
+    session: 1 to 255, random; 0 is left to other clients on the same radio, which commonly use it.
+    _have: one byte for each byte of the file, 1 where it was received.
     """
 
     system: int
@@ -61,12 +62,12 @@ class Fetch:
 
     @property
     def settled(self) -> bool:
-        """Whole, or given up."""
+        """Whether the file is complete, or the fetch has failed."""
         return self.status in (Fetched.DONE, Fetched.FAILED)
 
     @property
     def received(self) -> int:
-        """Bytes so far."""
+        """The number of bytes received so far."""
         return self._have.count(1)
 
     @property
@@ -75,7 +76,7 @@ class Fetch:
         return bytes(self._content)
 
     def due(self, now: float) -> Any | None:
-        """The request to send now, if any; after the last byte one that gives the session back."""
+        """Return the request to send now, or None; after the last byte it ends the session."""
         if self._over or now < self._next_at:
             return None
         if self.settled:
@@ -93,7 +94,7 @@ class Fetch:
         return self._request(Opcode.READ_FILE, offset=gap, size=min(MAX_DATA, end - gap))
 
     def hear(self, reply: FtpPayload, now: float) -> None:
-        """A file transfer message of this rover, maybe for somebody else."""
+        """Take in a file transfer message of this rover; those of other sessions are ignored."""
         if self.settled or reply.session != self.session or self.status is Fetched.WAITING:
             return
         if reply.opcode == Opcode.NAK and reply.data:

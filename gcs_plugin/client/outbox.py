@@ -1,4 +1,4 @@
-"""What is on its way to rovers: answers, policies, files and lists, each sent until something settles it."""
+"""Schedules what is sent to rovers: answers, policy requests, file requests and list requests."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from gcs_plugin.client.delivery import Pending, PolicyOnItsWay
 from gcs_plugin.client.fetch import Fetch
 
 PACE_S = 0.05
-"""Between two messages to one rover: radios and PX4 lose bursts."""
+"""Seconds between two messages to one rover, since radios and PX4 lose messages of a burst."""
 MAX_PENDING = 64
 
 
 class Outbox:
-    """For each rover: answers in their order, the newest policy, the newest file, the list.
+    """Holds, for each rover, answers in order, the newest policy request, the newest file, a list request.
 
-    transactions: gives each answer's id. tell: takes what became of answers and policies.
+    transactions: returns an id for each answer. tell: receives the events of answers and policy requests.
     """
 
     def __init__(self, transactions: Callable[[], int], tell: Callable[[ev.Event], None]) -> None:
@@ -38,12 +38,12 @@ class Outbox:
 
     @property
     def unsettled(self) -> list[Pending]:
-        """Answers that are still on their way, oldest first."""
+        """The answers that are not settled yet, oldest first."""
         return [pending for pending in self._pending if not pending.settled]
 
     @property
     def busy(self) -> bool:
-        """Whether an answer, a policy or a file is still on its way."""
+        """Whether an answer, a policy request or a file is not settled yet."""
         if any(not fetch.settled for fetch in self._fetches.values()):
             return True
         return bool(self.unsettled) or any(not wish.settled for wish in self._wishes.values())
@@ -58,7 +58,7 @@ class Outbox:
         *,
         heard: bool,
     ) -> Pending:
-        """See `OperatorClient.answer`. heard: whether the rover is, or the answer is told to wait."""
+        """Queue an answer: see `OperatorClient.answer`. heard: whether the rover is; else report WAITING."""
         if len(self.unsettled) >= MAX_PENDING:
             raise PayloadError(f"{MAX_PENDING} answers wait already: is the link up?")
         pending = Pending(system, target, motion, tuple(operations), self._transactions(), now)
@@ -70,46 +70,46 @@ class Outbox:
         return pending
 
     def set_policy(self, system: int, policy: Policy, now: float, *, heard: bool) -> PolicyOnItsWay:
-        """Ask for a policy, in place of one asked for before. heard: as for `answer`."""
+        """Request a policy, in place of an earlier request. heard: as for `answer`."""
         self._wishes[system] = wish = PolicyOnItsWay(system, policy, now)
         if not heard:
             self._tell_policy(wish)
         return wish
 
     def fetch(self, system: int, path: str, now: float) -> Fetch:
-        """Fetch a file, in place of one on its way."""
+        """Fetch a file, in place of an earlier fetch from this rover."""
         self._fetches[system] = fetch = Fetch(system, path, now)
         return fetch
 
     def request_parameters(self, system: int) -> None:
-        """Ask for the list."""
+        """Request the parameter list."""
         self._lists_wanted.add(system)
 
     def sent(self, system: int, transaction: int) -> Pending | None:
-        """The answer that an acknowledgement is for, if it was sent from here."""
+        """Return the answer with this transaction, if it was sent from here."""
         asked = (system, transaction)
         pending = next((one for one in self._pending if (one.system, one.transaction) == asked), None)
         return None if pending is None or pending.first_sent is None else pending
 
     def hear_file(self, system: int, payload: bytes, now: float) -> None:
-        """A part of a file. Raises FtpError for one that is none."""
+        """Pass a file transfer payload to the rover's fetch. Raises PayloadError."""
         if system in self._fetches:
             self._fetches[system].hear(FtpPayload.unpack(payload), now)
 
     def hear_policy(self, system: int, *, granted: bool) -> None:
-        """The rover has said whether its policy is as asked for."""
+        """Take in the rover's acknowledgement of a policy request."""
         wish = self._wishes.get(system)
         if wish is not None and wish.acknowledge(granted=granted):
             self._tell_policy(wish)
 
     def close(self, system: int, closed: Collection[int], now: float) -> None:
-        """These calls are over: their answers are sent no more."""
+        """Stop sending the answers to these closed calls."""
         for pending in self.unsettled:
             if pending.system == system and pending.target in closed:
                 pending.close(now)
 
     def settle(self, now: float) -> None:
-        """Notice what ran out of time."""
+        """Settle what is past its lifetime."""
         for pending in self._pending:
             if pending.settle(now):
                 self._tell_answer(pending)
@@ -120,7 +120,7 @@ class Outbox:
             fetch.settle(now)
 
     def next(self, system: int, now: float) -> Any | None:
-        """At most one message to this rover, which is heard."""
+        """Return at most one message to this rover, which must be heard; policy requests go first."""
         if now < self._may_send_at.get(system, 0.0):
             return None
         message = self._next_wish(system, now) or self._next_answer(system, now)

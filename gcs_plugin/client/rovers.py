@@ -1,4 +1,4 @@
-"""What is known of one rover, from what was heard of its companion and its autopilot. No I/O, no clock."""
+"""Tracks the state of one rover from the messages of its companion and its autopilot. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -17,31 +17,34 @@ from gcs_plugin.client import events as ev
 from gcs_plugin.client.vehicle import Vehicle
 
 FRESH_S = 3.0
-"""The companion is there when its heartbeat is younger than this."""
+"""The companion is alive while its last heartbeat is younger than this."""
 ANEW_S = 10.0
-"""A hold that was announced so much later than the known one of its id is another: the rover began anew."""
+"""A hold announced later by this than the known one of its id is another one: the rover's ids began anew."""
 ECHO_S = 5.0
-"""The autopilot's script says a text again within this."""
+"""The autopilot's script repeats a text of the companion within this time."""
 MAX_CALLS = 64
 MAX_PARAMETERS = 64
 MAX_LATENCIES = 4096
 MAX_SUMMARIES_A_SECOND = 20
 _NAME = re.compile(r"[A-Z0-9_]{1,16}\Z", re.ASCII)
-"""Of a parameter: what else came through the air would reach a terminal."""
+"""Valid parameter names; others are dropped, since control characters would reach the terminal."""
 _TELLS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED, Result.STALE)
 
 
 @dataclass
 class Call:
-    """A call or hold: what was said of it last, and when that was heard. told_at: when it was told here."""
+    """Holds the newest data of a call or hold.
+
+    heard_at: when it was received. told_at: when the call was reported to the operator. Seconds, as `now`.
+    """
 
     data: CallData
     opened_at: float
     heard_at: float
     serial: int = 0
-    """Counts what this rover has opened; an id may begin anew."""
+    """Number of this call among all of this rover; unlike the id it is not used again after a restart."""
     presumed_closed: bool = False
-    """Only the heartbeat said so: a later message that calls it open is believed."""
+    """It was closed without a closing message: a later message that says it is open opens it again."""
     told_at: float = 0.0
 
     @property
@@ -49,13 +52,13 @@ class Call:
         return self.data.stage is not Stage.CLOSED
 
     def age(self, now: float) -> float:
-        """Seconds since it was announced."""
+        """Return the seconds since it was announced."""
         return self.data.age_s + now - self.heard_at
 
 
 @dataclass
 class Counters:
-    """What came from the companion, for the end's figures."""
+    """Counts what was received from the companion. rubbish: messages that could not be read."""
 
     bytes: int = 0
     rubbish: int = 0
@@ -71,7 +74,7 @@ class Counters:
 
 
 class Rover:
-    """One system. Every `hear_...` takes what came and `now`, and returns the events that it makes."""
+    """Tracks one system. Every `hear_...` takes in a message's content, and returns the resulting events."""
 
     def __init__(self, system: int) -> None:
         self.system = system
@@ -79,7 +82,7 @@ class Rover:
         self.current_id = 0
         self.policy: Policy | None = None
         self.signs = False
-        """Its companion signs, and so believes nothing that is not signed."""
+        """Whether its companion signs; then it also ignores messages that are not signed."""
         self.vehicle: Vehicle | None = None
         self.summary: Summary | None = None
         self.calls: dict[int, Call] = {}
@@ -94,29 +97,29 @@ class Rover:
         self._summary_at = 0.0
 
     def alive(self, now: float) -> bool:
-        """A heartbeat of its companion is younger than 3 s."""
+        """Return whether the last heartbeat of its companion is younger than 3 s."""
         return self._heard_at is not None and now - self._heard_at < FRESH_S
 
     @property
     def known(self) -> bool:
-        """Its companion was heard at least once."""
+        """Whether a heartbeat of its companion was ever received."""
         return self._heard_at is not None
 
     def silence(self, now: float) -> float:
-        """Seconds since the companion's last heartbeat; infinite before the first."""
+        """Return the seconds since the companion's last heartbeat; infinity before the first."""
         return math.inf if self._heard_at is None else now - self._heard_at
 
     def open_calls(self) -> list[Call]:
-        """In the order of their ids."""
+        """Return the open calls and holds in the order of their ids."""
         return [call for _, call in sorted(self.calls.items()) if call.open]
 
     def told_for(self, number: int, now: float) -> float:
-        """Seconds for which an operator could have read of this call or hold."""
+        """Return the seconds since this call or hold was reported to the operator."""
         call = self.calls.get(number)
         return now - (self._current_since if call is None else call.told_at)
 
     def words(self) -> dict[str, float]:
-        """Words in use with their weights, spelled as their parameters' names allow."""
+        """Return the words in use with their weights, as far as parameter names can spell them."""
         prefix = len(WORD_PREFIX)
         return {
             name[prefix:].replace("_", " ").lower(): value
@@ -131,19 +134,19 @@ class Rover:
         return [ev.VehicleChanged(self.system, vehicle.mode, vehicle.armed)]
 
     def hear_alive(self, now: float) -> list[ev.Event]:
-        """A heartbeat of the companion, whatever it holds."""
+        """Take in a heartbeat of the companion, whatever its content."""
         self._heard_at = now
         return self.check_link(now)
 
     def check_link(self, now: float) -> list[ev.Event]:
-        """Has the companion come or gone?"""
+        """Return an event when the companion has come or gone since the last call."""
         if self.alive(now) == self._up:
             return []
         self._up = not self._up
         return [ev.LinkChanged(self.system, self._up)]
 
     def hear_state(self, custom_mode: int, now: float) -> list[ev.Event]:
-        """Raises ValueError for a state that this version does not know."""
+        """Take in the heartbeat's custom_mode. Raises ValueError for a state unknown to this version."""
         state, current_id, self.policy = read_heartbeat_mode(custom_mode)
         told: list[ev.Event] = []
         if (state, current_id) != (self.state, self.current_id):
@@ -154,7 +157,10 @@ class Rover:
         return told + self._close_forgotten(now)
 
     def hear_summary(self, summary: Summary, now: float) -> list[ev.Event]:
-        """Counts what the sequence says was lost; a jump that no time explains is a restart, not a loss."""
+        """Take in a summary, and count lost ones by the gap in the sequence.
+
+        A gap too large for the time since the last summary is a restart of the companion, not a loss.
+        """
         counters = self.counters
         if self.summary is not None:
             gap = (summary.sequence - self.summary.sequence) & 0xFFFF
@@ -168,7 +174,7 @@ class Rover:
         return [ev.SummaryHeard(self.system, summary)]
 
     def hear_call(self, data: CallData, now: float) -> list[ev.Event]:
-        """A repeat says nothing new."""
+        """Take in the data of a call or hold; a mere repeat makes no event."""
         known = self.calls.get(data.id)
         if known is not None and not _begins_anew(known, data, now):
             return self._hear_again(known, data, now)
@@ -178,9 +184,9 @@ class Rover:
         return [] if data.stage is Stage.CLOSED else [ev.CallOpened(self.system, data)]
 
     def hear_acknowledgement(self, ack: Acknowledgement, now: float) -> list[ev.Event]:
-        """Where the call stands by an answer's acknowledgement, ahead of the call's own next message.
+        """Update the call's stage from an answer's acknowledgement, before the call's own next message.
 
-        A refused answer's says nothing of it; a stale one's says that it is over.
+        The acknowledgement of a refused answer holds no stage; a stale answer means that the call is closed.
         """
         call = self.calls.get(ack.target)
         if call is None or not call.open or ack.result not in _TELLS_STAGE or ack.stage is call.data.stage:
@@ -198,7 +204,7 @@ class Rover:
         return [ev.TextHeard(self.system, severity, text)]
 
     def hear_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
-        """The autopilot's WARNING or worse; its script says the companion's texts again, which is no news."""
+        """Report the autopilot's texts of WARNING or worse, except repeats of the companion's texts."""
         echo = any(told == text and now - at < ECHO_S for at, _, told in self.texts)
         if severity > MAV_SEVERITY_WARNING or echo:
             return []
@@ -226,7 +232,7 @@ class Rover:
         return []
 
     def _close_forgotten(self, now: float) -> list[ev.Event]:
-        """For 3 s nothing is current: the closing messages were lost."""
+        """Close open calls when the heartbeat names none for 3 s: their closing messages were lost."""
         if self.current_id:
             self._idle_since = None
             return []
@@ -250,7 +256,10 @@ class Rover:
 
 
 def _begins_anew(known: Call, data: CallData, now: float) -> bool:
-    """A call keeps its frame for life; a hold changes its own once blocked, but was announced only once."""
+    """Return whether `data` is of a new call or hold that has the id of a known one, after a restart.
+
+    A call keeps its frame for life. A hold may change its frame, but is announced only once.
+    """
     if known.data.kind is Kind.CALL and data.kind is Kind.CALL:
         return known.data.frame_id != data.frame_id
     return now - data.age_s > known.opened_at + ANEW_S

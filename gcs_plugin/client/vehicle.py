@@ -1,4 +1,4 @@
-"""What an autopilot's heartbeat says: its mode by name, and whether it is armed."""
+"""Reads an autopilot's heartbeat: its mode by name, and whether it is armed."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _PX4_AUTO = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "
 
 @dataclass(frozen=True)
 class Vehicle:
-    """The vehicle's mode by name (`MODE 99` when it has none here) and whether it is armed."""
+    """Holds the vehicle's mode by name (`MODE 99` for an unknown one) and whether it is armed."""
 
     mode: str
     armed: bool
 
     @property
     def text(self) -> str:
-        """`AUTO armed`"""
+        """Mode and arming for a person, e.g. `AUTO armed`."""
         return f"{self.mode} {'armed' if self.armed else 'disarmed'}"
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:
-    """The name of `custom_mode` of an ArduPilot rover or a PX4 vehicle."""
+    """Return the name of `custom_mode` of an ArduPilot rover or a PX4 vehicle."""
     if autopilot == ARDUPILOT:
         return _ARDUPILOT_ROVER.get(custom_mode, f"MODE {custom_mode}")
     if autopilot == PX4:
@@ -54,5 +54,5 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
 
 
 def read_vehicle(autopilot: int, base_mode: int, custom_mode: int) -> Vehicle:
-    """From the fields of component 1's HEARTBEAT."""
+    """Read mode and arming from the fields of component 1's HEARTBEAT."""
     return Vehicle(mode_name(autopilot, custom_mode), bool(base_mode & ARMED))

@@ -1,1 +1,1 @@
-"""The terminal operator, and what it shares with the MAVProxy module."""
+"""Implements the operator's terminal, and what it shares with the MAVProxy module."""

@@ -1,4 +1,4 @@
-"""`python -m gcs_plugin.terminal`."""
+"""Runs the operator's terminal: `python -m gcs_plugin.terminal`."""
 
 import sys
 

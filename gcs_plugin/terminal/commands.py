@@ -1,4 +1,4 @@
-"""What an operator types, read into a command. Pure: it knows words, not rovers.
+"""Parses what an operator types into a command. Pure: it knows words, not rovers.
 
     [rover N] [call id] [changes] [go | stay | look]
     [rover N] policy report | shadow | hold | off
@@ -41,12 +41,12 @@ _NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
 
 
 class CommandError(ValueError):
-    """A line that is not a command; one line of text says why, with an example."""
+    """Reports a line that is not a command; its text, one line, says why and gives an example."""
 
 
 @dataclass(frozen=True)
 class Word:
-    """`bush: -1`"""
+    """Sets a word's weight: `bush: -1`."""
 
     word: str
     weight: float
@@ -54,7 +54,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Tap:
-    """`tap drum -1`; box None: the worst tile's of the call."""
+    """Makes a tap: `tap drum -1`. box: left, top, right, bottom; None: the call's worst tile."""
 
     word: str
     weight: float
@@ -63,21 +63,21 @@ class Tap:
 
 @dataclass(frozen=True)
 class Forget:
-    """`forget bush`"""
+    """Takes a word out of use: `forget bush`."""
 
     word: str
 
 
 @dataclass(frozen=True)
 class ForgetAnswer:
-    """`forget call 7`"""
+    """Forgets what a call's answer taught: `forget call 7`."""
 
     call_id: int
 
 
 @dataclass(frozen=True)
 class Episode:
-    """`new episode`"""
+    """Forgets all remembered scenes: `new episode`."""
 
 
 Change = Word | Tap | Forget | ForgetAnswer | Episode
@@ -85,7 +85,7 @@ Change = Word | Tap | Forget | ForgetAnswer | Episode
 
 @dataclass(frozen=True)
 class Reply:
-    """An answer. call_id, rover: None when not named; motion NONE: words alone."""
+    """Holds an answer. call_id, rover: None when not named. motion NONE: words alone."""
 
     motion: Motion
     changes: tuple[Change, ...] = ()
@@ -95,14 +95,14 @@ class Reply:
 
 @dataclass(frozen=True)
 class Select:
-    """`rover 2` alone: from now on lines without a rover mean this one."""
+    """Selects a rover for all later lines that name none: `rover 2` alone."""
 
     rover: int
 
 
 @dataclass(frozen=True)
 class SetPolicy:
-    """`policy hold`"""
+    """Requests a policy: `policy hold`."""
 
     policy: Policy
     rover: int | None = None
@@ -110,7 +110,7 @@ class SetPolicy:
 
 @dataclass(frozen=True)
 class Picture:
-    """`picture`, `picture 7`, `picture 7 large`; call_id None: of what is open."""
+    """Fetches a picture: `picture`, `picture 7`, `picture 7 large`. call_id None: of the open call."""
 
     call_id: int | None = None
     large: bool = False
@@ -119,7 +119,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Show:
-    """`status`, `calls`, `words`, `help` or `quit`."""
+    """Shows something or quits: `status`, `calls`, `words`, `help` or `quit`."""
 
     what: str
     rover: int | None = None
@@ -130,7 +130,7 @@ Command = Reply | Select | SetPolicy | Picture | Show
 
 
 def parse(line: str) -> Command | None:
-    """The command in `line`; None for an empty line or a `#` comment. Raises CommandError."""
+    """Parse a line into a command; None for an empty line or a `#` comment. Raises CommandError."""
     rest = line.replace("\t", " ").strip()
     if not rest or rest.startswith("#"):
         return None
@@ -246,7 +246,7 @@ def _box(sides: list[float]) -> Fractions:
 
 
 def _new_word(raw: str) -> str:
-    """A hasty `go bush: -1` means the bush, and no word "go bush"."""
+    """Check a word to set. Raises CommandError for "go bush", typed in haste as `go bush: -1`."""
     if found := _ORDER.match(raw.strip()):
         raise CommandError(
             f'"{found[1]}" does not begin a word: write it as `bush: -1`, `bush: -1, go` or `forget bush`'

@@ -1,4 +1,4 @@
-"""Byte pipes to a link. They never block, and open again by themselves when they break."""
+"""Opens links as byte streams that never block. TCP and serial links reopen by themselves when they break."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REOPEN_S = 1.0
 
 
 class Stream:
-    """A stream that is opened by `opener`, and again a second after it broke."""
+    """Opens a stream with `opener`, and opens it again a second after it broke."""
 
     def __init__(self, name: str, opener: Callable[[], Any]) -> None:
         self.name = name
@@ -83,7 +83,7 @@ class Stream:
 
 
 class Tcp:
-    """A client's socket; it may still be connecting when this returns. A peer that is gone is noticed."""
+    """Is a TCP client's socket, which may still be connecting. `watch_peer` makes a lost peer an error."""
 
     def __init__(self, family: int, address: Any) -> None:
         self._socket = socket.socket(family, socket.SOCK_STREAM)
@@ -102,7 +102,7 @@ class Tcp:
 
 
 class Serial:
-    """A serial device, held for ourselves alone."""
+    """Is a serial device, opened for exclusive use."""
 
     def __init__(self, device: str, baud: int) -> None:
         self._port = open_port(device, baud)
@@ -123,34 +123,34 @@ EXAMPLES = "udpin:0.0.0.0:14550, udpout:192.168.1.20:14550, tcp:127.0.0.1:5760 o
 
 
 class LinkError(OSError):
-    """A link that cannot be opened; the text says what to do."""
+    """Reports a link that cannot be opened; the text says what to do."""
 
 
 class Connection(Protocol):
-    """One link; `name` is its address, with the port that was bound."""
+    """Is one link. `name` is its address, with the port that was bound."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def trouble(self) -> str:
-        """Why it is down, until something is heard again; empty when nothing is known to be wrong."""
+        """Why the link is down, until something is received again; "" when no problem is known."""
 
     def fileno(self) -> int | None:
-        """To wait on; None while it is down."""
+        """Return the file descriptor to wait on; None while the link is down."""
 
     def read(self) -> bytes:
-        """What waits; empty when nothing does."""
+        """Return the bytes that were received, maybe none."""
 
     def write(self, frame: bytes) -> None:
-        """Send one frame, or lose it, as a radio does."""
+        """Send one frame, or drop it without an error, as a radio would."""
 
     def close(self) -> None:
-        """For good."""
+        """Close the link for good."""
 
 
 class Udp:
-    """A UDP socket. With a `peer` it speaks to that one; without, to whoever spoke within 30 s."""
+    """Is a UDP socket. It sends to `peer`, or without one to all senders of the last 30 s."""
 
     trouble = ""
 
@@ -171,7 +171,7 @@ class Udp:
 
     @property
     def name(self) -> str:
-        """As given, but with the port that the system chose for port 0."""
+        """The address as given, but with the port that the system chose for port 0."""
         if self._peer is None:
             host, port = self._socket.getsockname()[:2]
             return f"udpin:{host}:{port}"
@@ -219,7 +219,7 @@ class Udp:
 def open_connection(link: str) -> Connection:
     """Open `udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT` or `serial:DEVICE[:BAUD]`.
 
-    TCP and serial links may come up later. Raises LinkError.
+    TCP and serial links may connect later. Raises LinkError.
     """
     kind, _, rest = link.partition(":")
     if kind == "serial" and rest:

@@ -32,7 +32,7 @@ MAX_SCRIPT_BYTES = 1 << 20
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run until `quit`, the end of the input, --quit-after or a signal; returns the exit code."""
+    """Run until `quit`, the end of the input, --quit-after or a signal. Returns the exit code."""
     options = _options(argv)
     stopped = _Stopped()
     try:
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         runner.close()
         if log is not None:
-            with suppress(OSError):  # what could not be written has been said
+            with suppress(OSError):  # `Logged` has reported what could not be written
                 log.close()
     return 0
 
@@ -92,7 +92,7 @@ def _run(
 
 
 class _Doubts:
-    """Says what is wrong with the link, what is not believed, and once that nobody is heard on it."""
+    """Reports problems of the link and of signing, and once that no rover is heard on the link."""
 
     def __init__(
         self, connection: Connection, client: OperatorClient, output: Output, signing: Signing | None
@@ -106,7 +106,7 @@ class _Doubts:
         self._quiet_until: float | None = time.monotonic() + SILENT_S
 
     def step(self, now: float) -> None:
-        """Look at the link."""
+        """Check the link and signing, and report new problems."""
         trouble = self._connection.trouble
         if trouble and trouble != self._told:
             self._output.problem(f"{self._connection.name}: {trouble}; trying again")
@@ -126,7 +126,7 @@ class _Doubts:
 
 
 class _Stopped:
-    """True once SIGTERM or SIGINT came."""
+    """Handles SIGTERM and SIGINT; is true once one of them came."""
 
     def __init__(self) -> None:
         self._came = False
@@ -141,7 +141,7 @@ class _Stopped:
 
 
 class _LogError(OSError):
-    """A log that cannot be written; the text says why."""
+    """Reports a log that cannot be written."""
 
 
 def _open_log(path: Path) -> TextIO:

@@ -1,4 +1,4 @@
-"""Where the terminal writes to: lines for a person, or one JSON object a line for a program."""
+"""Writes what the terminal shows: lines for a person, or one JSON object a line for a program."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gcs_plugin.terminal import wording
 
 
 def plain(value: Any) -> Any:
-    """Enums by their names in lower case, flags as lists of names, dataclasses as objects."""
+    """Convert for JSON: enums to names in lower case, flags to lists of names, dataclasses to objects."""
     if isinstance(value, IntFlag):
         return [str(flag.name).lower() for flag in type(value) if flag and flag in value]
     if isinstance(value, IntEnum):
@@ -36,9 +36,9 @@ def plain(value: Any) -> Any:
 
 
 def record(event: Event, time: float) -> dict[str, Any]:
-    """`event` as an object: its name, seconds since the start, the rover's system id, then its fields.
+    """Convert an event to an object: its name, seconds since the start, the rover's system id, its fields.
 
-    A call's, a summary's or an acknowledgement's own fields stand beside them.
+    The fields of a call, a summary or an acknowledgement are put on the same level.
     """
     fields: dict[str, Any] = {"event": event.event, "time": round(time, 3), "system": event.system}
     for name, value in plain(event).items():
@@ -47,7 +47,7 @@ def record(event: Event, time: float) -> dict[str, Any]:
 
 
 def to_line(fields: dict[str, Any]) -> str:
-    """One line of JSON."""
+    """Format an object as one line of JSON."""
     return json.dumps(fields, separators=(",", ":"))
 
 
@@ -72,46 +72,46 @@ def _standing(call: CallData) -> _Standing:
 
 
 def _urgency(severity: int) -> str:
-    """An alarm must not look like news; of a call the lines above say more than its text."""
+    """Choose a colour for a STATUSTEXT: alarms stand out, and texts below WARNING are faint."""
     if severity <= MAV_SEVERITY_CRITICAL:
         return _ALARM
     return _PLAIN if severity <= MAV_SEVERITY_WARNING else _FAINT
 
 
 class Writes(Protocol):
-    """A stream of text."""
+    """Is a stream of text."""
 
     def write(self, text: str, /) -> object:
-        """Write some of a line, or several."""
+        """Write text: part of a line, or several lines."""
 
     def flush(self) -> object:
-        """Let it be seen now."""
+        """Show what was written."""
 
 
 class Output(Protocol):
-    """What the session tells."""
+    """Shows what happens in a session."""
 
     def started(self, link: str) -> None:
-        """The first thing told: where rovers reach us."""
+        """Show the start. link: the address of our end of the link."""
 
     def event(self, event: ev.Event, now: float, *, several: bool) -> None:
-        """Something happened; several: more than one rover is heard."""
+        """Show an event. several: whether more than one rover is heard."""
 
     def say(self, lines: Iterable[str]) -> None:
-        """What was asked for."""
+        """Show the reply to a typed line."""
 
     def problem(self, text: str) -> None:
-        """A line that could not be obeyed."""
+        """Show a problem, such as a typed line that cannot be carried out."""
 
     def typed(self, line: str) -> None:
-        """A line that the script typed."""
+        """Show a line that the script typed."""
 
     def end(self, totals: dict[str, Any]) -> None:
-        """The last thing told."""
+        """Show the end, with the session's figures."""
 
 
 class JsonOutput:
-    """One object a line; times are seconds since `started`."""
+    """Writes one JSON object a line; times are seconds since `started`."""
 
     def __init__(self, stream: TextIO, started: float) -> None:
         self._stream = stream
@@ -140,7 +140,7 @@ class JsonOutput:
 
 
 class Logged:
-    """Tells an output, and a log beside it for as long as that can be written."""
+    """Passes everything to an output and to a log, until the log cannot be written any more."""
 
     def __init__(self, output: Output, log: Output) -> None:
         self._output = output
@@ -182,7 +182,7 @@ class Logged:
 
 
 class TextOutput:
-    """Lines with the time of day. before: what is typed before each answer here."""
+    """Writes lines with the time of day. before: what an operator types before each answer, e.g. "at "."""
 
     def __init__(self, stream: Writes, *, colours: bool, before: str = "") -> None:
         self._stream = stream
@@ -223,7 +223,7 @@ class TextOutput:
                 return [f"rover {event.system} {known}"], _GOOD if event.up else _ALARM
             case ev.StateChanged():
                 call = event.state in (State.CALLING, State.HOLDING) and event.current_id != 0
-                told = not call  # which says it better
+                told = not call  # the call's own lines say more
                 return [wording.state(event.state, event.current_id)] * told, _FAINT
             case ev.VehicleChanged():
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], _FAINT
@@ -259,7 +259,10 @@ class TextOutput:
                 return [], _PLAIN
 
     def _news(self, event: ev.CallChanged) -> list[str]:
-        """Reasons come and go from frame to frame: one that was told for this stage is no news."""
+        """Return lines about what is new in a call.
+
+        Reasons come and go from frame to frame: each one is shown once in each stage.
+        """
         call, told, now = event.call, self._standing.get(event.system), _standing(event.call)
         if told is None or told[:2] != now[:2]:
             self._standing[event.system] = now
@@ -271,7 +274,10 @@ class TextOutput:
         return [wording.stands(call)] * (told[2] != now[2])
 
     def _fresh(self, event: ev.TextHeard | ev.VehicleTextHeard, now: float) -> bool:
-        """A text repeats, the companion's also from the autopilot: to read it once a minute is enough."""
+        """Return whether a text was not shown within the last minute; its figures (`12%`) do not count.
+
+        The companion repeats its texts, and the autopilot repeats them again.
+        """
         self._texts = {key: at for key, at in self._texts.items() if now - at < REPEATED_S}
         key = event.system, _FIGURE.sub("%", event.text)
         fresh = key not in self._texts

@@ -1,4 +1,4 @@
-"""Fetched pictures on this computer: kept in a folder, measured, and shown where that was asked for."""
+"""Stores fetched pictures in a folder, measures them, and shows them if requested."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import shutil
 import subprocess
 from pathlib import Path
 
-_FRAME_HEADERS = {0xC0, 0xC1, 0xC2}
+_FRAME_HEADERS = {0xC0, 0xC1, 0xC2}  # JPEG markers SOF0 to SOF2
 _VIEWERS = ("xdg-open", "open")
 
 
 class Pictures:
-    """Files of `folder`. show: open each with the desktop's viewer."""
+    """Writes pictures to `folder`. show: open each with the desktop's viewer."""
 
     def __init__(self, folder: Path, *, show: bool = False) -> None:
         self._folder = folder
         self._show = show
 
     def keep(self, name: str, content: bytes) -> str:
-        """Where it lies now and how large it is, for a person. Raises OSError."""
+        """Write a picture; return its path and size as a text for a person. Raises OSError."""
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / name
         path.write_bytes(content)
@@ -29,7 +29,7 @@ class Pictures:
 
 
 def jpeg_size(content: bytes) -> tuple[int, int] | None:
-    """Width and height in pixels from a JPEG's frame header (ITU-T T.81, B.2.2); None where there is none."""
+    """Read width and height in pixels from a JPEG's frame header (ITU-T T.81, B.2.2); None without one."""
     if content[:2] != b"\xff\xd8":
         return None
     at = 2

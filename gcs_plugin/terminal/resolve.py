@@ -1,4 +1,4 @@
-"""From what was typed to what is sent: which rover, which call, which frame is tapped."""
+"""Resolves a typed command: which rover, which call and which frame it means."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ from gcs_plugin.terminal.commands import (
 )
 
 READ_S = 2.0
-"""An answer without an id may be meant for the call before one that was told less than this ago."""
+"""An answer without an id is refused for this long after a new current call is shown: the operator may mean
+the call before it."""
 
 
 @dataclass(frozen=True)
 class Addressed:
-    """An answer that can be sent. target 0: words that belong to no call."""
+    """Holds an answer that can be sent. target 0: words that belong to no call."""
 
     system: int
     target: int
@@ -35,7 +36,7 @@ class Addressed:
 
 
 def choose_rover(rovers: Mapping[int, Rover], named: int | None, selected: int | None = None) -> Rover:
-    """The rover a line means: the one it names, the selected one, or the only one. Raises CommandError."""
+    """Return the rover that a line means: the named, the selected or the only one. Raises CommandError."""
     wanted = selected if named is None else named
     if wanted is not None:
         if wanted not in rovers:
@@ -51,7 +52,7 @@ def choose_rover(rovers: Mapping[int, Rover], named: int | None, selected: int |
 
 
 def current_call(rover: Rover) -> int:
-    """The id that an answer without one means; 0 when nothing is open."""
+    """Return the id that an answer without an id means; 0 when nothing is open."""
     if rover.current_id:
         return rover.current_id
     waiting = rover.open_calls()
@@ -59,7 +60,7 @@ def current_call(rover: Rover) -> int:
 
 
 def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
-    """Path on the rover and name here of a call's picture. Raises CommandError when none is open."""
+    """Return a picture's path on the rover and its file name here. Raises CommandError without a picture."""
     number = picture.call_id or current_call(rover)
     if not number:
         raise CommandError("no call is open: name one, `picture 7`")
@@ -71,7 +72,10 @@ def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
 
 
 def address(reply: Reply, rover: Rover, now: float) -> Addressed:
-    """`reply` for `rover`. Raises CommandError when it fits nothing that is open, or what nobody has read."""
+    """Address a reply to a call of `rover`.
+
+    Raises CommandError when no open call fits, or when the current call is too new to have been read.
+    """
     target = current_call(rover) if reply.call_id is None else reply.call_id
     call = rover.calls.get(target)
     if reply.call_id is not None and call is not None and not call.open:

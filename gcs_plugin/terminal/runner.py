@@ -1,4 +1,4 @@
-"""A client on a link of its own: heartbeat out, messages in, answers out; and lines from standard input."""
+"""Runs a client on a link of its own, with our heartbeat, and reads lines from standard input."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ MAX_WAITING = 65536
 
 
 class Keyboard:
-    """Reads a terminal, a pipe or a file. `ended` is true after its end, and never for /dev/null: a program
-    in the background has nobody who types, and goes on."""
+    """Reads lines from a terminal, a pipe or a file.
+
+    ended: whether it is at its end; never for /dev/null, so that a program in the background keeps running.
+    """
 
     def __init__(self, descriptor: int | None) -> None:
         self.ended = False
@@ -27,7 +29,7 @@ class Keyboard:
 
     @classmethod
     def of(cls, stream: TextIO | None) -> Keyboard:
-        """The stream's descriptor, unless nobody can type there."""
+        """Use the stream's descriptor, unless it is /dev/null or the like, where nobody can type."""
         try:
             descriptor = -1 if stream is None else stream.fileno()
             mode = os.fstat(descriptor).st_mode
@@ -36,11 +38,11 @@ class Keyboard:
         return cls(None if stat.S_ISCHR(mode) and not os.isatty(descriptor) else descriptor)
 
     def descriptors(self) -> list[int]:
-        """To wait on."""
+        """Return the file descriptors to wait on."""
         return [] if self._descriptor is None or self.ended else [self._descriptor]
 
     def lines(self) -> list[str]:
-        """The lines that are complete; at the end also an unfinished one."""
+        """Return the complete lines received; at the end of the input also an unfinished one."""
         if not self.descriptors() or not select.select(self.descriptors(), [], [], 0)[0]:
             return []
         assert self._descriptor is not None
@@ -63,8 +65,8 @@ MAX_BUFFER = 65536
 class Runner:
     """Owns the connection. Call `step` often; `wait` sleeps until there is something to read.
 
-    system, component: ours; a ground station is 255/190 by custom. An autopilot sends nothing to one that
-    only listens, so our heartbeat goes out from the first step on.
+    system, component: our ids; a ground station has 255/190 by convention. Our heartbeat is sent from the
+    first step on, since an autopilot sends nothing to a peer that is silent.
     """
 
     def __init__(
@@ -84,7 +86,7 @@ class Runner:
         self._heartbeat_at = float("-inf")
 
     def step(self, now: float) -> None:
-        """Read what waits, then send what is due."""
+        """Read and process what was received, then send what is due."""
         for message in self._mavlink.parse_buffer(self._connection.read()) or []:
             if self._signing is None or self._believes(self._signing, message):
                 self.client.receive(message, now)
@@ -102,12 +104,12 @@ class Runner:
             self._signing.tick(now)
 
     def wait(self, timeout: float, *others: int) -> None:
-        """Until the link or one of `others` (file descriptors) can be read, `timeout` seconds at most."""
+        """Wait until the link or one of `others` (file descriptors) can be read; timeout: seconds."""
         own = self._connection.fileno()
         select.select([*others, *([] if own is None else [own])], [], [], timeout)
 
     def close(self) -> None:
-        """Close the connection, and keep what signing must not forget."""
+        """Close the connection, and store the signing timestamps."""
         self._connection.close()
         if self._signing is not None:
             self._signing.close()
@@ -123,7 +125,7 @@ class Runner:
         return message.get_msgId() >= 0 and signing.hears(message)
 
     def _forget_parsed(self) -> None:
-        """A stream that never pauses between frames would fill the parser's buffer for ever."""
+        """Drop parsed bytes: pymavlink empties its buffer only when a stream pauses between frames."""
         if self._mavlink.buf_index > MAX_BUFFER:
             self._mavlink.buf = self._mavlink.buf[self._mavlink.buf_index :]
             self._mavlink.buf_index = 0

@@ -1,14 +1,14 @@
-"""Answers by a table, for demonstrations and tests. Pure: calls and the time in, lines to type out.
+"""Answers calls by a table of rules, for demonstrations and tests. Pure: takes calls and the time.
 
-A rule is an object; the first one that fits a call, is due and has uses left answers it:
+A rule is a JSON object. The first rule that fits a call and has uses left answers it, once it is due:
 
     answer    the line, as an operator would type it (without rover and id)
-    when      stage it answers: "open" (default), "answered" or "clear"
+    when      the call's stage: "open" (default), "answered" or "clear"
     kind      "call" or "hold"
-    reasons   all of these are among the call's: "unknown_scene", "unknown_object", "blocked", "fault"
-    holding   true or false: whether the vehicle stands because of it
+    reasons   the call must have all of these: "unknown_scene", "unknown_object", "blocked", "fault"
+    holding   true or false: whether the call holds the vehicle
     nth       only the n-th call that fits the rest of the rule, from 1
-    times     how often it may be used; without it, without end
+    times     how often the rule may be used; by default without limit
     after     seconds to wait, from when the call reached this stage
 """
 
@@ -36,12 +36,12 @@ _Key = tuple[int, int]  # system, serial number of the call
 
 
 class ScriptError(ValueError):
-    """A table that cannot be used; the text names the rule and the remedy."""
+    """Reports a table that cannot be used; the text names the rule and the remedy."""
 
 
 @dataclass
 class Rule:
-    """One row of the table."""
+    """Is one row of the table."""
 
     answer: str
     when: Stage = Stage.OPEN
@@ -55,7 +55,7 @@ class Rule:
     _fitted: dict[_Key, int] = field(default_factory=dict)
 
     def fits(self, key: _Key, call: CallData) -> bool:
-        """Whether it is for this call at its stage; counts the calls that it fits."""
+        """Return whether the rule fits this call at its stage; also counts the calls that it fits."""
         if (
             call.stage is not self.when
             or (self.kind is not None and call.kind is not self.kind)
@@ -68,13 +68,13 @@ class Rule:
 
     @property
     def left(self) -> bool:
-        """It may be used again."""
+        """Whether it may be used again."""
         return self.times is None or self.used < self.times
 
 
 @dataclass
 class _Visit:
-    """A call at one stage: since when, and which rules have answered it there."""
+    """Holds since when a call is at a stage, and which rules have answered it there."""
 
     stage: Stage
     since: float
@@ -82,8 +82,11 @@ class _Visit:
 
 
 class Script:
-    """Decides which line answers which open call. Each rule answers a call once while it stays at a stage,
-    so that an answer that did not cover the thing leaves the call to the next rule."""
+    """Decides which line answers which open call.
+
+    Each rule answers a call once at each stage. So after an answer that did not cover the thing, the next
+    rule answers the call.
+    """
 
     def __init__(self, rules: list[Rule]) -> None:
         self._rules = rules
@@ -101,7 +104,7 @@ class Script:
         return cls([_rule(number, row) for number, row in enumerate(table, 1)])
 
     def answer(self, system: int, call: Call, now: float) -> str | None:
-        """The line to type for this open call now, if any."""
+        """Return the line to type for this open call now, or None."""
         key, stage = (system, call.serial), call.data.stage
         visit = self._visits.get(key)
         if visit is None or visit.stage is not stage:

@@ -1,4 +1,4 @@
-"""One operator at work: typed lines and events in, answers and lines to show out. No I/O of its own."""
+"""Runs an operator's session: carries out typed lines, shows events, lets a script answer. No I/O."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gcs_plugin.terminal.script import Script
 
 
 class SessionStatistics:
-    """Take in every event; `record` gives the figures."""
+    """Counts events for the figures at the session's end."""
 
     def __init__(self) -> None:
         self._calls = 0
@@ -32,7 +32,7 @@ class SessionStatistics:
         self._acknowledged = 0
 
     def add(self, event: ev.Event) -> None:
-        """Count it."""
+        """Count an event."""
         match event:
             case ev.CallOpened():
                 self._calls += 1
@@ -47,7 +47,7 @@ class SessionStatistics:
                 pass
 
     def record(self, rovers: Mapping[int, Rover], seconds: float) -> dict[str, Any]:
-        """As an object. latency_ms: capture to sending, as the rovers measured it."""
+        """Return the figures as an object. latency_ms: capture to sending, as measured by the rovers."""
         counters = [rover.counters for rover in rovers.values()]
         latencies = [latency for counter in counters for latency in counter.latencies_ms]
         return {
@@ -85,9 +85,9 @@ HELP = """\
 
 
 class Session:
-    """Ties a client to an output; `script` answers beside the person.
+    """Connects a client to an output. script: answers calls beside the person.
 
-    keep: stores a fetched picture under a name, and says where it lies.
+    keep: stores a fetched picture under a name, and returns where, for a person; None: no pictures.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Session:
         self._asked: set[int] = set()
 
     def step(self, now: float) -> None:
-        """Tell what happened, then let the script answer."""
+        """Show events and the progress of pictures, then let the script answer."""
         rovers = self._client.rovers
         for event in self._client.events():
             self.totals.add(event)
@@ -124,7 +124,7 @@ class Session:
                 self._answer_by(self._script, rover, now)
 
     def type(self, line: str, now: float) -> None:
-        """Obey one typed line, or say why not."""
+        """Carry out one typed line, or show why not."""
         try:
             command = parse(line)
             match command:

@@ -1,4 +1,4 @@
-"""Signing on the operator's side: what leaves is signed, what arrives unsigned or old is not shown."""
+"""Signs what the operator sends, and drops received messages that are unsigned or replayed."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from companion.wire.signing_store import TimestampFile
 
 
 def state_folder() -> Path:
-    """The user's, as the XDG Base Directory Specification has it."""
+    """Return the user's folder for state, by the XDG Base Directory Specification."""
     told = Path(os.environ.get("XDG_STATE_HOME", ""))
     return (told if told.is_absolute() else Path.home() / ".local" / "state") / "anytraverse"
 
 
 class KeptTimestamps:
-    """Those of one key and of our own ids, for this program alone."""
+    """Stores the signing timestamps of one key and our own ids, locked for this program alone."""
 
     def __init__(self, key: SigningKey, system: int, component: int, *, clock: int) -> None:
-        """clock: the time as a timestamp. Raises OSError, BlockingIOError where another program has them."""
+        """clock: now, as a signing timestamp. Raises OSError; BlockingIOError if another program has them."""
         self._folder = state_folder() / f"signing-{key.fingerprint}-{system}-{component}"
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._lock = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -36,7 +36,7 @@ class KeptTimestamps:
             raise
 
     def close(self) -> None:
-        """All is on disk; another program may have them."""
+        """Write all timestamps to disk, and unlock them."""
         self.file.close()
         os.close(self._lock)
 
@@ -57,7 +57,7 @@ NOT_ALONE = (
 
 
 class Signing:
-    """One key for a link. kept: timestamps of earlier runs; None: nothing outlives it."""
+    """Signs and checks with one key on a link. kept: stores timestamps over runs; None: nothing is stored."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class Signing:
         self._problems: list[str] = []
 
     def hears(self, message: Any) -> bool:
-        """Whether a decoded message is signed with our key and new."""
+        """Return whether a decoded message is signed with our key and is not a replay."""
         frame = bytes(message.get_msgbuf())
         reason = wire.refusal(frame, self._key, self._timestamps, self._clock())
         if not reason:
@@ -87,32 +87,32 @@ class Signing:
         return not reason
 
     def sign(self, frame: bytes, message: Any) -> bytes:
-        """`message`, packed as `frame`, with our signature."""
+        """Sign `message`, packed as `frame`, and return the signed frame."""
         self._own = Stream(frame[5], frame[6], self._link)
         timestamp = self._timestamps.next(self._own, self._clock())
         self._keep(self._own)
         return self._key.sign(frame, message.crc_extra, self._link, timestamp)
 
     def tick(self, now: float) -> None:
-        """Put on disk what is due. now: s, monotonic."""
+        """Write due timestamps to disk. now: seconds, monotonic."""
         if self._kept is not None:
             self._kept.file.tick(now)
             if self._kept.file.trouble:
                 self.say(NOT_KEPT.format(self._kept.file.trouble))
 
     def close(self) -> None:
-        """Put everything on disk."""
+        """Write all timestamps to disk."""
         if self._kept is not None:
             self._kept.close()
 
     def say(self, problem: str) -> None:
-        """Something that a person should know, once."""
+        """Report a problem for a person; each one is reported once."""
         if ("", problem) not in self._told:
             self._told.add(("", problem))
             self._problems.append(problem)
 
     def problems(self) -> list[str]:
-        """What was ignored and why, once of each sender, and what else is wrong."""
+        """Return new problems: whose messages are ignored and why, once for each sender, and others."""
         problems, self._problems = self._problems, []
         return problems
 
@@ -121,7 +121,7 @@ class Signing:
             self._kept.file.keep(stream)
 
     def _may_come(self, reason: str, frame: bytes, message: Any) -> bool:
-        """A radio has no key, and routers send back what is ours."""
+        """Return whether no report is needed: radios have no key, and routers echo our own frames."""
         echo = reason == wire.REPLAY and wire.stream_of(frame) == self._own
         return echo or message.get_type() in _RADIO
 
@@ -135,7 +135,10 @@ class Signing:
 
 
 def open_signing(key: SigningKey, system: int, component: int) -> Signing:
-    """With the timestamps of earlier runs under these ids, if they can be had."""
+    """Make a Signing with the timestamps of earlier runs under these ids, if they can be opened.
+
+    If not, it works without them, and reports that as a problem.
+    """
     try:
         kept = KeptTimestamps(key, system, component, clock=wire.ticks(time.time()))
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""What a person reads: what was seen, why it calls, which answers fit."""
+"""Words calls, answers and states for a person."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ _RESULTS = {
 
 
 def clean(text: str) -> str:
-    """What came through the air, without what would move a terminal's cursor."""
+    """Replace unprintable characters in received text: they could control the terminal."""
     return "".join(character if character.isprintable() else " " for character in text).strip()
 
 
 def why(call: CallData) -> str:
-    """All its reasons with their figures: `unknown thing ahead, 38% unexplained, most at the right`."""
+    """Word all reasons of a call with their figures: `unknown thing ahead, 38% unexplained, ...`."""
     return "; ".join(_reasons(call)) or "no reason given"
 
 
@@ -89,13 +89,13 @@ def _reasons(call: CallData) -> Iterator[str]:
 
 
 def where(box: Fractions) -> str:
-    """In which third of the picture the middle of a box lies."""
+    """Word in which third of the picture the middle of a box is."""
     middle = (box[0] + box[2]) / 2
     return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"
 
 
 def fitting_answers(call: CallData, before: str = "") -> list[str]:
-    """Lines that make sense as an answer to this call now; `before`: what is typed before each."""
+    """Return lines that make sense as an answer to this call now; before: what is typed before each."""
     return [before + line for line in _fitting_lines(call)]
 
 
@@ -115,14 +115,14 @@ def _fitting_lines(call: CallData) -> list[str]:
 
 
 def headline(call: CallData, age: float) -> str:
-    """One line: the id, whether the vehicle stands, why, and the age."""
+    """Word a call in one line: its id, why it calls, whether the vehicle is held, and its age."""
     stands = _HELD[call.holding]
     asks = _STAGES.get(call.stage, why(call))
     return f"{name(call.kind, call.id)} {asks} [{stands}, {duration(age)}]"
 
 
 def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
-    """The headline, the box to look at, whether a picture can be fetched, and the answers that fit."""
+    """Word a call in several lines: headline, box to look at, how to fetch a picture, fitting answers."""
     lines = [headline(call, age)]
     if call.worst_tile_box and call.stage is Stage.OPEN:
         lines.append("  look at  " + " ".join(f"{side:.2f}" for side in call.worst_tile_box))
@@ -133,24 +133,24 @@ def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
 
 
 def changed(call: CallData, age: float, before: str = "") -> str:
-    """An open call at another stage, or with more reasons."""
+    """Word an open call that has another stage or more reasons."""
     answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call, before))}"
     return headline(call, age) + answers
 
 
 def also(call: CallData, added: Reasons, before: str = "") -> str:
-    """Reasons that came later; the call's figures are its own frame's, and say nothing of them."""
+    """Word reasons that came later, without figures: those of the call are of its own frame."""
     named = " and ".join(text for reason, text in _LATER.items() if added & reason)
     return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call, before))}"
 
 
 def stands(call: CallData) -> str:
-    """Only whether the vehicle is held because of it has changed."""
+    """Word a call of which only the holding of the vehicle has changed."""
     return f"{name(call.kind, call.id)} {_HELD[call.holding]}"
 
 
 def closed(call: CallData, after_s: float) -> str:
-    """A call that is over."""
+    """Word a call that is closed."""
     if call.test:
         how = _TEST_OUTCOMES.get(call.outcome, "over")
         return f"{name(call.kind, call.id)} TEST closed: {how}, after {duration(after_s)}"
@@ -158,7 +158,7 @@ def closed(call: CallData, after_s: float) -> str:
 
 
 def acknowledged(ack: Acknowledgement) -> str:
-    """What became of an answer, with the figures of the call's frame judged again."""
+    """Word the acknowledgement of an answer, with the figures of the call's frame judged again."""
     subject = f"answer to {ack.target or 'no call'}"
     figures = []
     if ack.roi_uncertainty is not None:
@@ -170,12 +170,12 @@ def acknowledged(ack: Acknowledgement) -> str:
 
 
 def given_up(target: int) -> str:
-    """An answer that was on its way when the program ended."""
+    """Word an answer that was not acknowledged when the program ended."""
     return f"answer to {target or 'no call'} is not acknowledged, and given up"
 
 
 def state(value: State, current_id: int) -> str:
-    """The companion's state. A hold without an id is not the companion's own: its text says whose."""
+    """Word the companion's state. A hold without an id is not the companion's own: its text says whose."""
     if value is State.HOLDING and not current_id:
         return "companion sees; the vehicle is HELD, not by the companion: its text says by whom"
     about = f" ({current_id})" if current_id else ""
@@ -183,7 +183,7 @@ def state(value: State, current_id: int) -> str:
 
 
 def policy(value: Policy, status: PolicyRequested) -> str:
-    """A policy that was asked for, and what became of it."""
+    """Word a policy request and its status."""
     became = {
         PolicyRequested.WAITING: "waits: the companion is not heard",
         PolicyRequested.SENT: "asked for",
@@ -195,7 +195,7 @@ def policy(value: Policy, status: PolicyRequested) -> str:
 
 
 def status_lines(rover: Rover, now: float) -> list[str]:
-    """All that is known of a rover, on a few lines."""
+    """Word all that is known of a rover in a few lines."""
     heard = "heard" if rover.alive(now) else f"NOT HEARD for {duration(rover.silence(now))}"
     drives = "vehicle unknown" if rover.vehicle is None else rover.vehicle.text
     doing = "state unknown" if rover.state is None else state(rover.state, rover.current_id)
@@ -217,7 +217,7 @@ def status_lines(rover: Rover, now: float) -> list[str]:
 
 
 def shadow(rover: Rover) -> str:
-    """What shadow policy would have held, as far as the rover's parameters tell."""
+    """Word what shadow policy would have held, from the rover's parameters."""
     told = rover.parameters
     holds, hours = told.get(SHADOW_HOLDS, 0.0), told.get(SHADOW_HOURS, 0.0)
     rate = f", {holds / hours:.1f} an hour" if hours else ""
@@ -227,7 +227,7 @@ def shadow(rover: Rover) -> str:
 
 
 def words_lines(rover: Rover) -> list[str]:
-    """The words in use, as far as parameters tell; whether there are others the newest summary knows."""
+    """List the words in use that parameters hold; add a note when the summary's hash shows others."""
     words = rover.words()
     if not words:
         return [f"rover {rover.system}: its words are not told yet, ask again in a few seconds"]
@@ -240,7 +240,10 @@ def words_lines(rover: Rover) -> list[str]:
 
 
 def calls_lines(rover: Rover, now: float) -> list[str]:
-    """What is open, one line each, or that nothing is. The heartbeat may tell of a call before its data."""
+    """List what is open, one line each, or say that nothing is.
+
+    The heartbeat may name a call before the call's data is received.
+    """
     waiting = [headline(call.data, call.age(now)) for call in rover.open_calls()]
     if waiting or not rover.current_id:
         return waiting or [f"rover {rover.system}: nothing is open"]
@@ -248,7 +251,7 @@ def calls_lines(rover: Rover, now: float) -> list[str]:
 
 
 def duration(seconds: float) -> str:
-    """`12 s`, `3 min` or `2 h`."""
+    """Word a duration: `12 s`, `3 min` or `2 h`."""
     if not math.isfinite(seconds):
         return "ever"
     if seconds < 120:

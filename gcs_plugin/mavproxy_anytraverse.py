@@ -99,7 +99,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         """Take in every message of every vehicle on every link."""
         if _is_autopilot_text(message) and self.message_is_from_primary_vehicle(message):
             return  # MAVProxy prints it itself
-        with self._telling_problems():
+        with self._reporting_errors():
             self._client.receive(message, time.monotonic())
 
     def idle_task(self) -> None:
@@ -108,7 +108,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         if now < self._next_at:
             return
         self._next_at = now + CYCLE_S
-        with self._telling_problems():
+        with self._reporting_errors():
             for message in self._client.outgoing(now):
                 self._send(message)
             self._session.step(now)
@@ -120,7 +120,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         elif list(arguments) == ["quit"]:
             self._output.problem(f"this ends it: module unload {self.name}")
         else:
-            with self._telling_problems():
+            with self._reporting_errors():
                 self._session.type(typed_line(arguments), time.monotonic())
 
     def unload(self) -> None:
@@ -152,7 +152,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
             self._output.problem(UNSIGNED.format(system))
 
     @contextmanager
-    def _telling_problems(self) -> Iterator[None]:
+    def _reporting_errors(self) -> Iterator[None]:
         """Print an error once instead of raising it: MAVProxy drops a module's errors silently."""
         try:
             yield

@@ -38,7 +38,7 @@ from gcs_plugin.client.vehicle import read_vehicle
 MAX_ROVERS = 16
 MAX_EVENTS = 1024
 MAX_PROBLEMS = 8
-_TO_ONE = frozenset({"COMMAND_ACK", "FILE_TRANSFER_PROTOCOL"})
+_ADDRESSED = frozenset({"COMMAND_ACK", "FILE_TRANSFER_PROTOCOL"})
 
 
 def _random_transaction() -> int:
@@ -94,13 +94,13 @@ class OperatorClient:
         rover.counters.bytes += len(frame)
         rover.signs = is_signed(frame)
         try:
-            told = self._understand(rover, kind, message, now)
+            new_events = self._dispatch(rover, kind, message, now)
         except ValueError as error:
             self._not_understood(rover, str(error))
         else:
-            closed = {event.call.id for event in told if isinstance(event, ev.CallClosed)}
+            closed = {event.call.id for event in new_events if isinstance(event, ev.CallClosed)}
             self._outbox.close(rover.system, closed, now)
-            self._events.extend(told)
+            self._events.extend(new_events)
 
     def outgoing(self, now: float) -> list[Any]:
         """Return the messages to send now; also detects silent rovers and answers past their lifetime."""
@@ -113,9 +113,9 @@ class OperatorClient:
 
     def events(self) -> list[ev.Event]:
         """Return the events since the last call of this method."""
-        told = list(self._events)
+        new_events = list(self._events)
         self._events.clear()
-        return told
+        return new_events
 
     def answer(
         self, system: int, target: int, motion: Motion, operations: Sequence[Operation], now: float
@@ -125,11 +125,11 @@ class OperatorClient:
         The next calls of `outgoing` return it, once the rover is heard; answers to one rover keep their
         order. Raises PayloadError when it does not fit the wire format.
         """
-        return self._outbox.answer(system, target, motion, operations, now, heard=self._hears(system, now))
+        return self._outbox.answer(system, target, motion, operations, now, heard=self._is_alive(system, now))
 
     def set_policy(self, system: int, policy: Policy, now: float) -> PolicyOnItsWay:
         """Request a policy; it is sent once the rover is heard. Replaces an earlier request."""
-        return self._outbox.set_policy(system, policy, now, heard=self._hears(system, now))
+        return self._outbox.set_policy(system, policy, now, heard=self._is_alive(system, now))
 
     def fetch(self, system: int, path: str, now: float) -> Fetch:
         """Fetch a file of the rover's companion; the returned object shows the progress. Replaces another."""
@@ -139,7 +139,7 @@ class OperatorClient:
         """Request the parameter list of the rover's companion, as soon as it is heard."""
         self._outbox.request_parameters(system)
 
-    def _hears(self, system: int, now: float) -> bool:
+    def _is_alive(self, system: int, now: float) -> bool:
         rover = self._rovers.get(system)
         return rover is not None and rover.alive(now)
 
@@ -157,7 +157,7 @@ class OperatorClient:
         if without is not None and len(self._rovers) >= MAX_ROVERS:
             del self._rovers[without]
 
-    def _understand(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
+    def _dispatch(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
         if kind == "HEARTBEAT":
             self._events.extend(rover.hear_alive(now))
             return rover.hear_state(message.custom_mode, now)
@@ -167,7 +167,7 @@ class OperatorClient:
             return rover.hear_parameter(message.param_id, message.param_value)
         if kind == "TUNNEL":
             return self._unwrap(rover, message, now)
-        if kind in _TO_ONE and not self._is_for_us(message):
+        if kind in _ADDRESSED and not self._is_for_us(message):
             return []
         if kind == "FILE_TRANSFER_PROTOCOL":
             self._outbox.hear_file(rover.system, bytes(message.payload), now)
@@ -200,7 +200,7 @@ class OperatorClient:
             rover.counters.duplicate_acknowledgements += 1
             return []
         if pending.settled and ack.result is Result.BUSY:
-            return []
+            return []  # it will not be sent again, so "busy, will be sent again" would be wrong
         pending.acknowledge(ack, final=ack.result is not Result.BUSY)
         return [ev.Acknowledged(rover.system, ack), *rover.hear_acknowledgement(ack, now)]
 

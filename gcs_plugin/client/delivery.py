@@ -24,7 +24,7 @@ MAX_PARTS = 4
 
 
 class Status(Enum):
-    """Names the state of an answer. The last three are final."""
+    """Names the status of an answer. The last three are final."""
 
     WAITING = "waiting"
     """Not sent yet: the rover is not heard, or an earlier answer must be sent first."""
@@ -136,7 +136,7 @@ class Pending:
 
 
 class PolicyRequested(Enum):
-    """Names the state of a policy request. All but the first two are final."""
+    """Names the status of a policy request. All but the first two are final."""
 
     WAITING = "waiting"
     """Not sent yet: no heartbeat of the companion is received."""

@@ -23,7 +23,7 @@ _READS = (Opcode.READ_FILE, Opcode.BURST_READ_FILE)
 
 
 class Fetched(Enum):
-    """Names the state of a fetch. The last two are final."""
+    """Names the status of a fetch. The last two are final."""
 
     WAITING = "waiting"
     """Not sent yet: no heartbeat of the companion is received."""
@@ -38,7 +38,7 @@ class Fetch:
 
     size: bytes, None until the companion has reported it. problem: why it failed, for a person.
     session: 1 to 255, random; 0 is left to other clients on the same radio, which commonly use it.
-    _have: one byte for each byte of the file, 1 where it was received.
+    _received_bytes: one byte for each byte of the file, 1 where it was received.
     """
 
     system: int
@@ -49,16 +49,16 @@ class Fetch:
     size: int | None = None
     problem: str = ""
     _content: bytearray = field(default_factory=bytearray, repr=False)
-    _have: bytearray = field(default_factory=bytearray, repr=False)
+    _received_bytes: bytearray = field(default_factory=bytearray, repr=False)
     _opened: bool = False
-    _over: bool = False
+    _session_ended: bool = False
     _sequence: int = 0
-    _silent: int = 0
+    _unanswered: int = 0
     _next_at: float = 0.0
-    _moved_at: float = 0.0
+    _progress_at: float = 0.0
 
     def __post_init__(self) -> None:
-        self._next_at = self._moved_at = self.created
+        self._next_at = self._progress_at = self.created
 
     @property
     def settled(self) -> bool:
@@ -68,7 +68,7 @@ class Fetch:
     @property
     def received(self) -> int:
         """The number of bytes received so far."""
-        return self._have.count(1)
+        return self._received_bytes.count(1)
 
     @property
     def content(self) -> bytes:
@@ -77,18 +77,19 @@ class Fetch:
 
     def due(self, now: float) -> Any | None:
         """Return the request to send now, or None; after the last byte it ends the session."""
-        if self._over or now < self._next_at:
+        if self._session_ended or now < self._next_at:
             return None
         if self.settled:
-            self._over = True
+            self._session_ended = True
             return self._request(Opcode.TERMINATE_SESSION)
         self.status = Fetched.RUNNING
-        self._next_at = now + min(FIRST_BACK_OFF_S * 1.5**self._silent, LONGEST_BACK_OFF_S)
-        self._silent = min(self._silent + 1, 8)
+        self._next_at = now + min(FIRST_BACK_OFF_S * 1.5**self._unanswered, LONGEST_BACK_OFF_S)
+        self._unanswered = min(self._unanswered + 1, 8)
         if not self._opened:
             return self._request(Opcode.OPEN_FILE_RO, data=self.path.encode())
-        gap = self._have.find(0)
-        end = self._have.find(1, gap)
+        # What is missing up to the end comes as one burst; a gap between received parts is read by itself.
+        gap = self._received_bytes.find(0)
+        end = self._received_bytes.find(1, gap)
         if end < 0:
             return self._request(Opcode.BURST_READ_FILE, offset=gap, size=MAX_DATA)
         return self._request(Opcode.READ_FILE, offset=gap, size=min(MAX_DATA, end - gap))
@@ -105,11 +106,11 @@ class Fetch:
             self._take(reply, now)
 
     def settle(self, now: float) -> bool:
-        """True when time alone has settled it just now."""
-        if self.settled or now - self._moved_at < LIFETIME_S:
+        """Apply the time limit; return True when it settled the fetch in this call."""
+        if self.settled or now - self._progress_at < LIFETIME_S:
             return False
         self._fail(f"no byte for {LIFETIME_S:.0f} s: is the companion heard?")
-        self._over = True
+        self._session_ended = True
         return True
 
     def _open(self, size: int, now: float) -> None:
@@ -119,30 +120,31 @@ class Fetch:
             self._fail(f"it is {size} bytes, more than {MAX_BYTES}")
             return
         if size != self.size:
-            self.size, self._content, self._have = size, bytearray(size), bytearray(size)
+            self.size, self._content, self._received_bytes = size, bytearray(size), bytearray(size)
         self._opened = True
-        self._goes_on(now, at_once=True)
+        self._note_progress(now, at_once=True)
 
     def _take(self, reply: FtpPayload, now: float) -> None:
         end = reply.offset + len(reply.data)
         if end > len(self._content):
             return
-        fresh = self._have[reply.offset : end].count(0)
+        fresh = self._received_bytes[reply.offset : end].count(0)
         self._content[reply.offset : end] = reply.data
-        self._have[reply.offset : end] = b"\1" * len(reply.data)
+        self._received_bytes[reply.offset : end] = b"\1" * len(reply.data)
         last = reply.burst_complete or reply.request == Opcode.READ_FILE
         if fresh or last:
-            self._goes_on(now, at_once=last)
+            self._note_progress(now, at_once=last)
 
-    def _goes_on(self, now: float, *, at_once: bool) -> None:
-        self._moved_at, self._silent = now, 0
+    def _note_progress(self, now: float, *, at_once: bool) -> None:
+        self._progress_at, self._unanswered = now, 0
         self._next_at = now if at_once else now + FIRST_BACK_OFF_S
-        if self._have.find(0) < 0:
+        if self._received_bytes.find(0) < 0:
             self.status, self._next_at = Fetched.DONE, now
 
     def _refused(self, reply: FtpPayload, now: float) -> None:
         error = reply.data[0]
         if reply.request in _READS and error == FtpError.INVALID_SESSION:
+            # the companion has closed the session or restarted: open the file again
             self._opened, self._next_at = False, now
         elif reply.request == Opcode.OPEN_FILE_RO and error == FtpError.NO_SESSIONS_AVAILABLE:
             self._next_at = now + FULL_S

@@ -24,14 +24,14 @@ MAX_PENDING = 64
 class Outbox:
     """Holds, for each rover, answers in order, the newest policy request, the newest file, a list request.
 
-    transactions: returns an id for each answer. tell: receives the events of answers and policy requests.
+    transactions: returns an id for each answer. report_event: receives events of answers and policy requests.
     """
 
-    def __init__(self, transactions: Callable[[], int], tell: Callable[[ev.Event], None]) -> None:
+    def __init__(self, transactions: Callable[[], int], report_event: Callable[[ev.Event], None]) -> None:
         self._transactions = transactions
-        self._tell = tell
+        self._report = report_event
         self._pending: deque[Pending] = deque(maxlen=MAX_PENDING)
-        self._wishes: dict[int, PolicyOnItsWay] = {}
+        self._policy_requests: dict[int, PolicyOnItsWay] = {}
         self._fetches: dict[int, Fetch] = {}
         self._lists_wanted: set[int] = set()
         self._may_send_at: dict[int, float] = {}
@@ -46,7 +46,9 @@ class Outbox:
         """Whether an answer, a policy request or a file is not settled yet."""
         if any(not fetch.settled for fetch in self._fetches.values()):
             return True
-        return bool(self.unsettled) or any(not wish.settled for wish in self._wishes.values())
+        return bool(self.unsettled) or any(
+            not policy_request.settled for policy_request in self._policy_requests.values()
+        )
 
     def answer(
         self,
@@ -66,15 +68,15 @@ class Outbox:
             self._pending.remove(next(old for old in self._pending if old.settled))
         self._pending.append(pending)
         if not heard:
-            self._tell_answer(pending)
+            self._report_answer(pending)
         return pending
 
     def set_policy(self, system: int, policy: Policy, now: float, *, heard: bool) -> PolicyOnItsWay:
         """Request a policy, in place of an earlier request. heard: as for `answer`."""
-        self._wishes[system] = wish = PolicyOnItsWay(system, policy, now)
+        self._policy_requests[system] = policy_request = PolicyOnItsWay(system, policy, now)
         if not heard:
-            self._tell_policy(wish)
-        return wish
+            self._report_policy(policy_request)
+        return policy_request
 
     def fetch(self, system: int, path: str, now: float) -> Fetch:
         """Fetch a file, in place of an earlier fetch from this rover."""
@@ -98,9 +100,9 @@ class Outbox:
 
     def hear_policy(self, system: int, *, granted: bool) -> None:
         """Take in the rover's acknowledgement of a policy request."""
-        wish = self._wishes.get(system)
-        if wish is not None and wish.acknowledge(granted=granted):
-            self._tell_policy(wish)
+        policy_request = self._policy_requests.get(system)
+        if policy_request is not None and policy_request.acknowledge(granted=granted):
+            self._report_policy(policy_request)
 
     def close(self, system: int, closed: Collection[int], now: float) -> None:
         """Stop sending the answers to these closed calls."""
@@ -112,10 +114,10 @@ class Outbox:
         """Settle what is past its lifetime."""
         for pending in self._pending:
             if pending.settle(now):
-                self._tell_answer(pending)
-        for wish in self._wishes.values():
-            if wish.settle(now):
-                self._tell_policy(wish)
+                self._report_answer(pending)
+        for policy_request in self._policy_requests.values():
+            if policy_request.settle(now):
+                self._report_policy(policy_request)
         for fetch in self._fetches.values():
             fetch.settle(now)
 
@@ -123,7 +125,7 @@ class Outbox:
         """Return at most one message to this rover, which must be heard; policy requests go first."""
         if now < self._may_send_at.get(system, 0.0):
             return None
-        message = self._next_wish(system, now) or self._next_answer(system, now)
+        message = self._next_policy_request(system, now) or self._next_answer(system, now)
         if message is None and system in self._lists_wanted:
             self._lists_wanted.discard(system)
             message = mavlink.MAVLink_param_request_list_message(system, COMPONENT_ID)
@@ -133,13 +135,13 @@ class Outbox:
             self._may_send_at[system] = now + PACE_S
         return message
 
-    def _next_wish(self, system: int, now: float) -> Any | None:
-        wish = self._wishes.get(system)
-        if wish is None:
+    def _next_policy_request(self, system: int, now: float) -> Any | None:
+        policy_request = self._policy_requests.get(system)
+        if policy_request is None:
             return None
-        before, message = wish.status, wish.due(now)
-        if wish.status is not before:
-            self._tell_policy(wish)
+        before, message = policy_request.status, policy_request.due(now)
+        if policy_request.status is not before:
+            self._report_policy(policy_request)
         return message
 
     def _next_answer(self, system: int, now: float) -> Any | None:
@@ -150,8 +152,8 @@ class Outbox:
             payload = pending.due(now)
             if payload is not None:
                 if pending.status is not before:
-                    self._tell_answer(pending)
-                padded = payload.ljust(MAX_PAYLOAD, b"\0")
+                    self._report_answer(pending)
+                padded = payload.ljust(MAX_PAYLOAD, b"\0")  # TUNNEL's payload field has a fixed length
                 return mavlink.MAVLink_tunnel_message(
                     system, COMPONENT_ID, TUNNEL_ANSWER, len(payload), padded
                 )
@@ -159,8 +161,8 @@ class Outbox:
                 return None
         return None
 
-    def _tell_answer(self, pending: Pending) -> None:
-        self._tell(ev.AnswerMoved(pending.system, pending.target, pending.transaction, pending.status))
+    def _report_answer(self, pending: Pending) -> None:
+        self._report(ev.AnswerMoved(pending.system, pending.target, pending.transaction, pending.status))
 
-    def _tell_policy(self, wish: PolicyOnItsWay) -> None:
-        self._tell(ev.PolicyMoved(wish.system, wish.policy, wish.status))
+    def _report_policy(self, policy_request: PolicyOnItsWay) -> None:
+        self._report(ev.PolicyMoved(policy_request.system, policy_request.policy, policy_request.status))

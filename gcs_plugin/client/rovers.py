@@ -28,7 +28,7 @@ MAX_LATENCIES = 4096
 MAX_SUMMARIES_A_SECOND = 20
 _NAME = re.compile(r"[A-Z0-9_]{1,16}\Z", re.ASCII)
 """Valid parameter names; others are dropped, since control characters would reach the terminal."""
-_TELLS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED, Result.STALE)
+_HOLDS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED, Result.STALE)
 
 
 @dataclass
@@ -58,7 +58,7 @@ class Call:
 
 @dataclass
 class Counters:
-    """Counts what was received from the companion. rubbish: messages that could not be read."""
+    """Counts what was received from the companion. rubbish: the messages that could not be read."""
 
     bytes: int = 0
     rubbish: int = 0
@@ -128,6 +128,7 @@ class Rover:
         }
 
     def hear_vehicle(self, vehicle: Vehicle) -> list[ev.Event]:
+        """Take in the autopilot's mode and arming."""
         if vehicle == self.vehicle:
             return []
         self.vehicle = vehicle
@@ -148,13 +149,13 @@ class Rover:
     def hear_state(self, custom_mode: int, now: float) -> list[ev.Event]:
         """Take in the heartbeat's custom_mode. Raises ValueError for a state unknown to this version."""
         state, current_id, self.policy = read_heartbeat_mode(custom_mode)
-        told: list[ev.Event] = []
+        new_events: list[ev.Event] = []
         if (state, current_id) != (self.state, self.current_id):
-            told.append(ev.StateChanged(self.system, state, current_id))
+            new_events.append(ev.StateChanged(self.system, state, current_id))
         if current_id != self.current_id:
             self._current_since = now
         self.state, self.current_id = state, current_id
-        return told + self._close_forgotten(now)
+        return new_events + self._close_missed(now)
 
     def hear_summary(self, summary: Summary, now: float) -> list[ev.Event]:
         """Take in a summary, and count lost ones by the gap in the sequence.
@@ -176,8 +177,8 @@ class Rover:
     def hear_call(self, data: CallData, now: float) -> list[ev.Event]:
         """Take in the data of a call or hold; a mere repeat makes no event."""
         known = self.calls.get(data.id)
-        if known is not None and not _begins_anew(known, data, now):
-            return self._hear_again(known, data, now)
+        if known is not None and not _is_another_call(known, data, now):
+            return self._update_call(known, data, now)
         self._make_room()
         self._serial += 1
         self.calls[data.id] = Call(data, now - data.age_s, now, self._serial, told_at=now)
@@ -189,7 +190,7 @@ class Rover:
         The acknowledgement of a refused answer holds no stage; a stale answer means that the call is closed.
         """
         call = self.calls.get(ack.target)
-        if call is None or not call.open or ack.result not in _TELLS_STAGE or ack.stage is call.data.stage:
+        if call is None or not call.open or ack.result not in _HOLDS_STAGE or ack.stage is call.data.stage:
             return []
         if ack.stage is not Stage.CLOSED:
             call.data = replace(call.data, stage=ack.stage)
@@ -200,17 +201,19 @@ class Rover:
         return []
 
     def hear_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
+        """Take in a STATUSTEXT of the companion."""
         self.texts.append((now, severity, text))
         return [ev.TextHeard(self.system, severity, text)]
 
     def hear_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         """Report the autopilot's texts of WARNING or worse, except repeats of the companion's texts."""
-        echo = any(told == text and now - at < ECHO_S for at, _, told in self.texts)
+        echo = any(new_events == text and now - at < ECHO_S for at, _, new_events in self.texts)
         if severity > MAV_SEVERITY_WARNING or echo:
             return []
         return [ev.VehicleTextHeard(self.system, severity, text)]
 
     def hear_parameter(self, name: str, value: float) -> list[ev.Event]:
+        """Take in a parameter; invalid names, values that are not finite, and names too many are dropped."""
         if not _NAME.match(name) or not math.isfinite(value) or self.parameters.get(name) == value:
             return []
         if name not in self.parameters and len(self.parameters) >= MAX_PARAMETERS:
@@ -218,7 +221,7 @@ class Rover:
         self.parameters[name] = value
         return [ev.ParameterHeard(self.system, name, value)]
 
-    def _hear_again(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
+    def _update_call(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
         if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):
             return []
         before, known.data, known.heard_at = known.data, data, now
@@ -231,19 +234,19 @@ class Rover:
             return [ev.CallChanged(self.system, data)]
         return []
 
-    def _close_forgotten(self, now: float) -> list[ev.Event]:
+    def _close_missed(self, now: float) -> list[ev.Event]:
         """Close open calls when the heartbeat names none for 3 s: their closing messages were lost."""
         if self.current_id:
             self._idle_since = None
             return []
         if self._idle_since is None:
             self._idle_since = now
-        told: list[ev.Event] = []
+        new_events: list[ev.Event] = []
         for call in self.open_calls():
             if call.heard_at < self._idle_since <= now - FRESH_S:
                 call.presumed_closed = True
-                told.append(self._close(call, Outcome.NONE, now))
-        return told
+                new_events.append(self._close(call, Outcome.NONE, now))
+        return new_events
 
     def _close(self, call: Call, outcome: Outcome, now: float) -> ev.Event:
         call.data = replace(call.data, stage=Stage.CLOSED, outcome=outcome, holding=False)
@@ -255,7 +258,7 @@ class Rover:
             del self.calls[by_use[0].data.id]
 
 
-def _begins_anew(known: Call, data: CallData, now: float) -> bool:
+def _is_another_call(known: Call, data: CallData, now: float) -> bool:
     """Return whether `data` is of a new call or hold that has the id of a known one, after a restart.
 
     A call keeps its frame for life. A hold may change its frame, but is announced only once.

@@ -83,7 +83,7 @@ class Stream:
 
 
 class Tcp:
-    """Is a TCP client's socket, which may still be connecting. `watch_peer` makes a lost peer an error."""
+    """Wraps a TCP client's socket, which may still be connecting; a lost peer becomes an OSError."""
 
     def __init__(self, family: int, address: Any) -> None:
         self._socket = socket.socket(family, socket.SOCK_STREAM)
@@ -102,7 +102,7 @@ class Tcp:
 
 
 class Serial:
-    """Is a serial device, opened for exclusive use."""
+    """Wraps a serial device, opened for exclusive use."""
 
     def __init__(self, device: str, baud: int) -> None:
         self._port = open_port(device, baud)
@@ -127,7 +127,7 @@ class LinkError(OSError):
 
 
 class Connection(Protocol):
-    """Is one link. `name` is its address, with the port that was bound."""
+    """Represents one link. `name` is its address, with the port that was bound."""
 
     @property
     def name(self) -> str: ...
@@ -150,7 +150,7 @@ class Connection(Protocol):
 
 
 class Udp:
-    """Is a UDP socket. It sends to `peer`, or without one to all senders of the last 30 s."""
+    """Wraps a UDP socket. It sends to `peer`, or without one to all senders of the last 30 s."""
 
     trouble = ""
 

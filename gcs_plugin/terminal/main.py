@@ -58,11 +58,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     session = Session(client, output, script, pictures.keep)
     try:
         output.started(connection.name)
-        _run(runner, session, _Doubts(connection, client, output, signing), stopped, options.quit_after)
+        _run(runner, session, _LinkProblems(connection, client, output, signing), stopped, options.quit_after)
         for pending in client.unsettled:
             output.problem(wording.given_up(pending.target))
         output.end(session.totals.record(client.rovers, time.monotonic() - started))
     except BrokenPipeError:
+        # Python flushes stdout at exit, which would raise again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     finally:
@@ -74,7 +75,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(
-    runner: Runner, session: Session, doubts: _Doubts, stopped: _Stopped, quit_after: float | None
+    runner: Runner,
+    session: Session,
+    link_problems: _LinkProblems,
+    stopped: _Stopped,
+    quit_after: float | None,
 ) -> None:
     keyboard = Keyboard.of(sys.stdin)
     started = time.monotonic()
@@ -83,7 +88,7 @@ def _run(
         now = time.monotonic()
         runner.step(now)
         session.step(now)
-        doubts.step(now)
+        link_problems.step(now)
         for line in keyboard.lines():
             session.type(line, now)
         over = quit_after is not None and now - started >= quit_after
@@ -91,7 +96,7 @@ def _run(
             break
 
 
-class _Doubts:
+class _LinkProblems:
     """Reports problems of the link and of signing, and once that no rover is heard on the link."""
 
     def __init__(
@@ -101,17 +106,17 @@ class _Doubts:
         self._connection = connection
         self._client = client
         self._output = output
-        self._told = ""
+        self._reported_trouble = ""
         self._unsigned: set[int] = set()
         self._quiet_until: float | None = time.monotonic() + SILENT_S
 
     def step(self, now: float) -> None:
         """Check the link and signing, and report new problems."""
         trouble = self._connection.trouble
-        if trouble and trouble != self._told:
+        if trouble and trouble != self._reported_trouble:
             self._output.problem(f"{self._connection.name}: {trouble}; trying again")
             self._quiet_until = None
-        self._told = trouble
+        self._reported_trouble = trouble
         for problem in self._signing.problems() if self._signing is not None else ():
             self._output.problem(problem)
         if self._signing is None:
@@ -129,15 +134,15 @@ class _Stopped:
     """Handles SIGTERM and SIGINT; is true once one of them came."""
 
     def __init__(self) -> None:
-        self._came = False
+        self._received = False
         for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._come)
+            signal.signal(number, self._handle)
 
-    def _come(self, *_: object) -> None:
-        self._came = True
+    def _handle(self, *_: object) -> None:
+        self._received = True
 
     def __bool__(self) -> bool:
-        return self._came
+        return self._received
 
 
 class _LogError(OSError):

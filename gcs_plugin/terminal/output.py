@@ -55,7 +55,7 @@ REPEATED_S = 60.0
 _FIGURE = re.compile(r"\d+%")
 _TYPED = re.compile(r"`(?=\w)")
 _ALARM, _GOOD, _FAINT, _PLAIN = "1;31", "32", "2", ""
-_ON_THE_WAY = {
+_STATUS_TEXTS = {
     Status.WAITING: "waits: the companion is not heard",
     Status.SENT: "sent",
     Status.ACKNOWLEDGED: "acknowledged",
@@ -64,10 +64,10 @@ _ON_THE_WAY = {
 }
 
 
-_Standing = tuple[int, Stage, bool, int]
+_ShownState = tuple[int, Stage, bool, int]
 
 
-def _standing(call: CallData) -> _Standing:
+def _shown_state(call: CallData) -> _ShownState:
     return call.id, call.stage, call.holding, int(call.reasons)
 
 
@@ -79,7 +79,7 @@ def _urgency(severity: int) -> str:
 
 
 class Writes(Protocol):
-    """Is a stream of text."""
+    """Represents a stream of text."""
 
     def write(self, text: str, /) -> object:
         """Write text: part of a line, or several lines."""
@@ -148,34 +148,34 @@ class Logged:
 
     def started(self, link: str) -> None:
         self._output.started(link)
-        self._keep(lambda log: log.started(link))
+        self._to_log(lambda log: log.started(link))
 
     def event(self, event: ev.Event, now: float, *, several: bool) -> None:
         self._output.event(event, now, several=several)
-        self._keep(lambda log: log.event(event, now, several=several))
+        self._to_log(lambda log: log.event(event, now, several=several))
 
     def say(self, lines: Iterable[str]) -> None:
         told = list(lines)
         self._output.say(told)
-        self._keep(lambda log: log.say(told))
+        self._to_log(lambda log: log.say(told))
 
     def problem(self, text: str) -> None:
         self._output.problem(text)
-        self._keep(lambda log: log.problem(text))
+        self._to_log(lambda log: log.problem(text))
 
     def typed(self, line: str) -> None:
         self._output.typed(line)
-        self._keep(lambda log: log.typed(line))
+        self._to_log(lambda log: log.typed(line))
 
     def end(self, totals: dict[str, Any]) -> None:
         self._output.end(totals)
-        self._keep(lambda log: log.end(totals))
+        self._to_log(lambda log: log.end(totals))
 
-    def _keep(self, tell: Callable[[Output], None]) -> None:
+    def _to_log(self, write_to: Callable[[Output], None]) -> None:
         if self._log is None:
             return
         try:
-            tell(self._log)
+            write_to(self._log)
         except OSError as error:
             self._log = None
             self._output.problem(f"the log ends here, it cannot be written: {error.strerror or error}")
@@ -189,7 +189,7 @@ class TextOutput:
         self._colours = colours
         self._before = before
         self._texts: dict[tuple[int, str], float] = {}
-        self._standing: dict[int, _Standing] = {}
+        self._shown_state: dict[int, _ShownState] = {}
 
     def started(self, link: str) -> None:
         self._write(f"on {link}; type `help` for what can be typed", stamped=True)
@@ -228,10 +228,10 @@ class TextOutput:
             case ev.VehicleChanged():
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], _FAINT
             case ev.CallOpened():
-                self._standing[event.system] = _standing(event.call)
+                self._shown_state[event.system] = _shown_state(event.call)
                 return wording.call_lines(event.call, event.call.age_s, self._before), _ALARM
             case ev.CallChanged():
-                return self._news(event), _PLAIN
+                return self._call_change_lines(event), _PLAIN
             case ev.CallClosed():
                 return [wording.closed(event.call, event.after_s)], _GOOD
             case ev.TextHeard():
@@ -243,7 +243,7 @@ class TextOutput:
             case ev.AnswerMoved():
                 subject = str(event.target) if event.target else "no call"
                 alarm = event.status in (Status.WAITING, Status.EXPIRED)
-                return [f"answer to {subject} {_ON_THE_WAY[event.status]}"], _ALARM if alarm else _FAINT
+                return [f"answer to {subject} {_STATUS_TEXTS[event.status]}"], _ALARM if alarm else _FAINT
             case ev.Acknowledged():
                 return [wording.acknowledged(event.acknowledgement)], _PLAIN
             case ev.PolicyMoved():
@@ -258,16 +258,16 @@ class TextOutput:
             case _:
                 return [], _PLAIN
 
-    def _news(self, event: ev.CallChanged) -> list[str]:
+    def _call_change_lines(self, event: ev.CallChanged) -> list[str]:
         """Return lines about what is new in a call.
 
         Reasons come and go from frame to frame: each one is shown once in each stage.
         """
-        call, told, now = event.call, self._standing.get(event.system), _standing(event.call)
+        call, told, now = event.call, self._shown_state.get(event.system), _shown_state(event.call)
         if told is None or told[:2] != now[:2]:
-            self._standing[event.system] = now
+            self._shown_state[event.system] = now
             return [wording.changed(call, call.age_s, self._before)]
-        self._standing[event.system] = (*now[:3], told[3] | now[3])
+        self._shown_state[event.system] = (*now[:3], told[3] | now[3])
         added = call.reasons & ~Reasons(told[3])
         if call.stage is Stage.OPEN and added:
             return [wording.also(call, added, self._before)]

@@ -88,7 +88,7 @@ class Runner:
     def step(self, now: float) -> None:
         """Read and process what was received, then send what is due."""
         for message in self._mavlink.parse_buffer(self._connection.read()) or []:
-            if self._signing is None or self._believes(self._signing, message):
+            if self._signing is None or self._accepts(self._signing, message):
                 self.client.receive(message, now)
         self._forget_parsed()
         if now - self._heartbeat_at >= HEARTBEAT_S:
@@ -121,7 +121,7 @@ class Runner:
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         self._connection.write(frame)
 
-    def _believes(self, signing: Signing, message: mavlink.MAVLink_message) -> bool:
+    def _accepts(self, signing: Signing, message: mavlink.MAVLink_message) -> bool:
         return message.get_msgId() >= 0 and signing.hears(message)
 
     def _forget_parsed(self) -> None:

@@ -41,7 +41,7 @@ class ScriptError(ValueError):
 
 @dataclass
 class Rule:
-    """Is one row of the table."""
+    """Holds one row of the table."""
 
     answer: str
     when: Stage = Stage.OPEN
@@ -73,7 +73,7 @@ class Rule:
 
 
 @dataclass
-class _Visit:
+class _StageVisit:
     """Holds since when a call is at a stage, and which rules have answered it there."""
 
     stage: Stage
@@ -90,7 +90,7 @@ class Script:
 
     def __init__(self, rules: list[Rule]) -> None:
         self._rules = rules
-        self._visits: dict[_Key, _Visit] = {}
+        self._visits: dict[_Key, _StageVisit] = {}
 
     @classmethod
     def parse(cls, text: str) -> Script:
@@ -108,7 +108,7 @@ class Script:
         key, stage = (system, call.serial), call.data.stage
         visit = self._visits.get(key)
         if visit is None or visit.stage is not stage:
-            visit = self._visits[key] = _Visit(stage, now)
+            visit = self._visits[key] = _StageVisit(stage, now)
         for number, rule in enumerate(self._rules):
             if not rule.fits(key, call.data) or number in visit.tried or not rule.left:
                 continue

@@ -104,7 +104,7 @@ class Session:
         self._script = script
         self._keep = keep
         self._fetches: dict[str, Fetch] = {}
-        self._told_at = 0.0
+        self._progress_shown_at = 0.0
         self._selected: int | None = None
         self._asked: set[int] = set()
 
@@ -118,7 +118,7 @@ class Session:
                 self._asked.add(event.system)
                 self._client.request_parameters(event.system)
         for name, fetch in list(self._fetches.items()):
-            self._follow(name, fetch, now)
+            self._check_fetch(name, fetch, now)
         for rover in rovers.values():
             if self._script is not None and rover.alive(now):
                 self._answer_by(self._script, rover, now)
@@ -157,10 +157,10 @@ class Session:
         for replaced in same:
             del self._fetches[replaced]
         self._fetches[name] = self._client.fetch(rover.system, path, now)
-        self._told_at = now
+        self._progress_shown_at = now
         self._output.say([f"{path} is asked for"])
 
-    def _follow(self, name: str, fetch: Fetch, now: float) -> None:
+    def _check_fetch(self, name: str, fetch: Fetch, now: float) -> None:
         if fetch.status is Fetched.DONE and self._keep is not None:
             try:
                 self._output.say([f"picture  {self._keep(name, fetch.content)}"])
@@ -168,8 +168,8 @@ class Session:
                 self._output.problem(f"the picture cannot be kept: {error}")
         elif fetch.status is Fetched.FAILED:
             self._output.problem(f"{fetch.path} did not come: {fetch.problem}")
-        elif now - self._told_at >= PROGRESS_S:
-            self._told_at = now
+        elif now - self._progress_shown_at >= PROGRESS_S:
+            self._progress_shown_at = now
             size = "" if fetch.size is None else f" of {fetch.size}"
             self._output.say([f"{fetch.path}: {fetch.received}{size} bytes"])
         if fetch.settled:

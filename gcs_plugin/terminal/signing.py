@@ -16,8 +16,8 @@ from companion.wire.signing_store import TimestampFile
 
 def state_folder() -> Path:
     """Return the user's folder for state, by the XDG Base Directory Specification."""
-    told = Path(os.environ.get("XDG_STATE_HOME", ""))
-    return (told if told.is_absolute() else Path.home() / ".local" / "state") / "anytraverse"
+    configured = Path(os.environ.get("XDG_STATE_HOME", ""))
+    return (configured if configured.is_absolute() else Path.home() / ".local" / "state") / "anytraverse"
 
 
 class KeptTimestamps:
@@ -66,14 +66,14 @@ class Signing:
         link: int = 0,
         wall: Callable[[], float] = time.time,
     ) -> None:
-        """link: our link id. wall: s since 1970."""
+        """link: our link id. wall: returns the seconds since 1970."""
         self._key = key
         self._kept = kept
         self._link = link
         self._wall = wall
         self._timestamps = Timestamps() if kept is None else kept.file.timestamps
         self._own: Stream | None = None
-        self._told: set[tuple[str, str]] = set()
+        self._reported: set[tuple[str, str]] = set()
         self._problems: list[str] = []
 
     def hears(self, message: Any) -> bool:
@@ -82,8 +82,8 @@ class Signing:
         reason = wire.refusal(frame, self._key, self._timestamps, self._clock())
         if not reason:
             self._keep(wire.stream_of(frame))
-        elif not self._may_come(reason, frame, message):
-            self._tell(reason, f"{message.get_srcSystem()}/{message.get_srcComponent()}")
+        elif not self._is_expected(reason, frame, message):
+            self._report_ignored(reason, f"{message.get_srcSystem()}/{message.get_srcComponent()}")
         return not reason
 
     def sign(self, frame: bytes, message: Any) -> bytes:
@@ -107,8 +107,8 @@ class Signing:
 
     def say(self, problem: str) -> None:
         """Report a problem for a person; each one is reported once."""
-        if ("", problem) not in self._told:
-            self._told.add(("", problem))
+        if ("", problem) not in self._reported:
+            self._reported.add(("", problem))
             self._problems.append(problem)
 
     def problems(self) -> list[str]:
@@ -120,14 +120,14 @@ class Signing:
         if self._kept is not None:
             self._kept.file.keep(stream)
 
-    def _may_come(self, reason: str, frame: bytes, message: Any) -> bool:
+    def _is_expected(self, reason: str, frame: bytes, message: Any) -> bool:
         """Return whether no report is needed: radios have no key, and routers echo our own frames."""
         echo = reason == wire.REPLAY and wire.stream_of(frame) == self._own
         return echo or message.get_type() in _RADIO
 
-    def _tell(self, reason: str, who: str) -> None:
-        if (reason, who) not in self._told and len(self._told) < MAX_PROBLEMS:
-            self._told.add((reason, who))
+    def _report_ignored(self, reason: str, who: str) -> None:
+        if (reason, who) not in self._reported and len(self._reported) < MAX_PROBLEMS:
+            self._reported.add((reason, who))
             self._problems.append(f"what {who} says {_WHY[reason]}")
 
     def _clock(self) -> int:

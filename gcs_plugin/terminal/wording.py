@@ -23,14 +23,14 @@ _STATES = {
     State.FAULT: "FAULT: it cannot judge",
     State.OFF: "OFF: nobody watches the trail",
 }
-_MEANS = {
+_POLICY_MEANINGS = {
     Policy.REPORT: "it calls, and holds nothing",
     Policy.SHADOW: "it calls, holds nothing, and counts what it would have held",
     Policy.HOLD: "it holds the vehicle, and drives on only after a go",
     Policy.OFF: "nobody watches the trail, and a hold is let go",
 }
-_HELD = {True: "vehicle held", False: "vehicle not held"}
-_LATER = {
+_HOLDING = {True: "vehicle held", False: "vehicle not held"}
+_ADDED_REASONS = {
     Reasons.UNKNOWN_OBJECT: "an unknown thing ahead",
     Reasons.UNKNOWN_SCENE: "a new place",
     Reasons.BLOCKED: "blocked by what it knows",
@@ -116,7 +116,7 @@ def _fitting_lines(call: CallData) -> list[str]:
 
 def headline(call: CallData, age: float) -> str:
     """Word a call in one line: its id, why it calls, whether the vehicle is held, and its age."""
-    stands = _HELD[call.holding]
+    stands = _HOLDING[call.holding]
     asks = _STAGES.get(call.stage, why(call))
     return f"{name(call.kind, call.id)} {asks} [{stands}, {duration(age)}]"
 
@@ -140,13 +140,13 @@ def changed(call: CallData, age: float, before: str = "") -> str:
 
 def also(call: CallData, added: Reasons, before: str = "") -> str:
     """Word reasons that came later, without figures: those of the call are of its own frame."""
-    named = " and ".join(text for reason, text in _LATER.items() if added & reason)
+    named = " and ".join(text for reason, text in _ADDED_REASONS.items() if added & reason)
     return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call, before))}"
 
 
 def stands(call: CallData) -> str:
     """Word a call of which only the holding of the vehicle has changed."""
-    return f"{name(call.kind, call.id)} {_HELD[call.holding]}"
+    return f"{name(call.kind, call.id)} {_HOLDING[call.holding]}"
 
 
 def closed(call: CallData, after_s: float) -> str:
@@ -187,7 +187,7 @@ def policy(value: Policy, status: PolicyRequested) -> str:
     became = {
         PolicyRequested.WAITING: "waits: the companion is not heard",
         PolicyRequested.SENT: "asked for",
-        PolicyRequested.GRANTED: f"is in force: {_MEANS[value]}",
+        PolicyRequested.GRANTED: f"is in force: {_POLICY_MEANINGS[value]}",
         PolicyRequested.REFUSED: "REFUSED: its text says why",
         PolicyRequested.EXPIRED: "LOST: no word within 60 s",
     }

@@ -93,6 +93,7 @@ def changed_memory(
     before = memory.preferences.without(*gone)
     preferences = before.merged(Preferences(settings))
     refuse_contradictions(preferences, perceiver.meaning)
+    # words set in answer to a call belong to its scene, so only words set without a call are settled
     settled = dict.fromkeys(gone if seen is not None else {*gone, *settings}, clock)
     after = replace(memory, history=_forgetting(memory.history, changes), clock=clock)
     if changes.new_episode:

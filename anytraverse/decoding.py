@@ -19,7 +19,7 @@ _TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
 
 
 class PictureTooLargeError(ValueError):
-    """A picture of more than MAX_PIXELS, or a file of more than MAX_BYTES."""
+    """Reports a picture of more than MAX_PIXELS, or a file of more than MAX_BYTES."""
 
 
 def decode(content: bytes, flags: int | None = None) -> NDArray[Any] | None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 
 class AnyTraverseError(Exception):
-    """Is the base of all errors raised on purpose. Its text says what to do next."""
+    """Serves as the base of all errors raised on purpose. Its text says what to do next."""
 
 
 class PreferencesError(AnyTraverseError, ValueError):

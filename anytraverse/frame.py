@@ -29,7 +29,7 @@ class Frame:
 
 
 def is_image(image: Any) -> bool:
-    """Whether `image` is a non-empty RGB uint8 array."""
+    """Return whether `image` is a non-empty RGB uint8 array."""
     return (
         isinstance(image, np.ndarray)
         and image.dtype == np.uint8

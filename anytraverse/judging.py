@@ -118,10 +118,10 @@ def make_maps(
     for a perceiver whose words do not compete for a pixel.
     """
     signs = np.sign(np.asarray(weights, dtype=np.float32))
-    whole = _checked(attention, len(weights))
+    whole = _checked_attention(attention, len(weights))
     if isinstance(whole, Finding):
         return whole
-    alone = whole[signs > 0] if evidence is None else _checked(evidence, int((signs > 0).sum()))
+    alone = whole[signs > 0] if evidence is None else _checked_attention(evidence, int((signs > 0).sum()))
     if isinstance(alone, Finding):
         return alone
     if alone.shape[1:] != whole.shape[1:]:
@@ -140,7 +140,7 @@ def make_maps(
     return Maps(whole, signed, uncertainty, strangeness, drivable, signs <= 0)
 
 
-def _checked(attention: Map, count: int) -> Map | Finding:
+def _checked_attention(attention: Map, count: int) -> Map | Finding:
     """Return the attention maps of `count` words as float32 clipped to [0, 1], or the fault in them."""
     attention = np.asarray(attention, dtype=np.float32)
     if attention.ndim != 3 or len(attention) != count or attention.shape[1] * attention.shape[2] == 0:
@@ -198,10 +198,12 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
         findings.append(unknown)
         if (named := roi.named_tile) is not None:
             strange = named.tile.uncertainty
-            findings.append(_named(NAMED_TILE, strange, named.explained, limits.tile, limits.margin, unknown))
+            findings.append(
+                _named_finding(NAMED_TILE, strange, named.explained, limits.tile, limits.margin, unknown)
+            )
     if roi.named_tile is not None:
         share = explained(roi.strangeness, roi.uncertainty)
-        findings.append(_named(NAMED_MEAN, roi.strangeness, share, limits.roi, limits.margin, mean))
+        findings.append(_named_finding(NAMED_MEAN, roi.strangeness, share, limits.roi, limits.margin, mean))
     findings.extend(find_scene(similarity, settings))
     if roi.drivable_share is not None:
         findings.append(
@@ -210,7 +212,7 @@ def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settin
     return findings + _find_corridor(roi.corridor)
 
 
-def _named(
+def _named_finding(
     figure: str, strange: float, share: float, limit: float, margin: float, unknown: Finding
 ) -> Finding:
     """Make the finding of a thing that words of no positive weight explain: bad above `limit`, as before.
@@ -280,17 +282,17 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share, outside=calling)
     if tile is None:
         return None
-    found = _of(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
+    found = _with_word(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
     if calling is None or found.explained >= _EXPLAINED:
         return found
-    # The tile found may be another part of the thing that calls, which may be larger than its tile. So look
+    # What was found may be part of the thing that calls already, which may be larger than its tile. So search
     # for the tile in which words of no positive weight explain most.
-    accounted = maps.strangeness - maps.uncertainty
-    beside = worst_tile(accounted, settings.region, aspect, settings.tile_share, outside=calling)
-    return found if beside is None else _of(maps, beside, 0.0)
+    explained_difference = maps.strangeness - maps.uncertainty
+    beside = worst_tile(explained_difference, settings.region, aspect, settings.tile_share, outside=calling)
+    return found if beside is None else _with_word(maps, beside, 0.0)
 
 
-def _of(maps: Maps, tile: Tile, left: float) -> NamedTile:
+def _with_word(maps: Maps, tile: Tile, left: float) -> NamedTile:
     """Make a NamedTile with the word of no positive weight that explains most of the tile."""
     rows, columns = tile.box.slices(*maps.strangeness.shape)
     within = np.where(maps.named, maps.attention[:, rows, columns].mean(axis=(1, 2)), -1.0)

@@ -83,7 +83,7 @@ def resumed_memory(
     that `meaning` refuses (the perceiver cannot ground them) are dropped, unless they have examples.
     history_limit: the most scenes to remember from now on; None: as many as before.
     """
-    memory, notices = _of_model(saved, model_id)
+    memory, notices = _restricted_to_model(saved, model_id)
     if history_limit is not None:
         memory = replace(memory, history=History(memory.history, history_limit))
     clock = memory.clock + 1
@@ -109,12 +109,12 @@ def resumed_memory(
     return replace(memory, configured=configured, clock=clock), notices
 
 
-def _of_model(saved: Memory, model_id: str) -> tuple[Memory, list[str]]:
+def _restricted_to_model(saved: Memory, model_id: str) -> tuple[Memory, list[str]]:
     """Return `saved` without the scenes and examples of other models, and notices of that."""
     if saved.model_id == model_id:
-        entries = [_fitted(entry, model_id) for entry in saved.history]
+        entries = [_without_foreign_examples(entry, model_id) for entry in saved.history]
         history = History(entries, saved.history.limit)
-        return replace(saved, history=history, examples=_own(saved.examples, model_id)), []
+        return replace(saved, history=history, examples=_examples_of(saved.examples, model_id)), []
     notice = (
         f"memory of model {saved.model_id} does not fit {model_id}: "
         f"{len(saved.history)} scenes and {len(saved.examples)} tapped words are left out"
@@ -138,13 +138,13 @@ def _contradicted(preferences: Preferences, configured: Preferences, meaning: Me
     }
 
 
-def _fitted(entry: Entry, model_id: str) -> Entry:
+def _without_foreign_examples(entry: Entry, model_id: str) -> Entry:
     """Remove other models' examples; return the same object where there are none: it is then unchanged."""
-    own = _own(entry.examples, model_id)
+    own = _examples_of(entry.examples, model_id)
     return entry if own == entry.examples else replace(entry, examples=own)
 
 
-def _own(examples: Examples, model_id: str) -> Examples:
+def _examples_of(examples: Examples, model_id: str) -> Examples:
     """Return the examples that this model made."""
     own = {word: tuple(one for one in kept if one.model_id == model_id) for word, kept in examples.items()}
     return {word: kept for word, kept in own.items() if kept}

@@ -128,7 +128,7 @@ class Preferences(Mapping[str, float]):
         return dict(self._settings)
 
     def order(self, word: str) -> int:
-        """The stamp of the word's setting."""
+        """Return the stamp of the word's setting. Raises KeyError."""
         return self._settings[word].order
 
     def merged(self, newer: Preferences) -> Preferences:

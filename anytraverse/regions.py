@@ -44,7 +44,7 @@ class Box:
 
     @classmethod
     def around(cls, mask: NDArray[np.bool_]) -> Box | None:
-        """The smallest box around the pixels of a (height, width) mask; None where there are none."""
+        """Return the smallest box around the True pixels of a (height, width) mask; None without any."""
         height, width = mask.shape
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         if len(rows) == 0:
@@ -97,5 +97,5 @@ class Box:
         )
 
     def contains(self, x: float, y: float) -> bool:
-        """Whether the point (x, y), in fractions, lies inside or on the edge."""
+        """Return whether the point (x, y), in fractions, is inside or on the edge."""
         return self.left <= x <= self.right and self.top <= y <= self.bottom

@@ -145,7 +145,7 @@ def worst_tile(
     enough = counts >= 0.5 * tile_height * tile_width
     if not enough.any():
         return None
-    means = np.where(enough, sums / np.maximum(counts, 1.0), -1.0)
+    means = np.where(enough, sums / np.maximum(counts, 1.0), -1.0)  # -1: never the highest
     row, column = np.unravel_index(int(np.argmax(means)), means.shape)
     top, left = rows.start + int(row), columns.start + int(column)
     box = Box(left / width, top / height, (left + tile_width) / width, (top + tile_height) / height)

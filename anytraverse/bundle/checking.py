@@ -84,15 +84,15 @@ def check(plan: Plan, say: Say) -> Report:
     or its fp32 variant fails; a failure of int8 is in the record.
     """
     manifest = read_manifest(plan.folder)
-    manifest.parts(plan.precision)
+    manifest.parts(plan.precision)  # raises for a missing variant, before minutes of work
     runtime = Runtime(threads=plan.threads)
     report = Report(manifest, this_machine(), runtime.cores)
     if plan.frames is not None:
-        next(frames_of(plan.frames, _silent))
+        next(frames_of(plan.frames, _silent))  # raises when no picture can be read
         if "int8" in manifest.variants:
             check_writable(plan.folder)
     verify(plan.folder, manifest, say)
-    perceivers = {plan.precision: _try(plan, plan.precision, report, say)}
+    perceivers = {plan.precision: _load_and_time(plan, plan.precision, report, say)}
     report.memory = peak_memory()
     if plan.frames is not None and "int8" in manifest.variants:
         report.record = _check_int8(plan, perceivers, report, say)
@@ -101,7 +101,7 @@ def check(plan: Plan, say: Say) -> Report:
     return report
 
 
-def _try(plan: Plan, precision: str, report: Report, say: Say) -> Perceiver:
+def _load_and_time(plan: Plan, precision: str, report: Report, say: Say) -> Perceiver:
     """Load a variant and time it."""
     say(f"loading {precision}")
     begin = time.perf_counter()
@@ -109,20 +109,24 @@ def _try(plan: Plan, precision: str, report: Report, say: Say) -> Perceiver:
     perceiver = make_perceiver(f"{report.manifest.kind}:{plan.folder}", runtime)
     report.loads[precision] = time.perf_counter() - begin
     say(f"timing {precision}, {plan.repeat} times")
-    told = _silent if "int8" in report.manifest.variants else say
-    images = [_noise()] if plan.frames is None else list(islice(frames_of(plan.frames, told), plan.repeat))
+    report_skipped = _silent if "int8" in report.manifest.variants else say
+    images = (
+        [_noise()]
+        if plan.frames is None
+        else list(islice(frames_of(plan.frames, report_skipped), plan.repeat))
+    )
     report.timings[precision] = time_parts(perceiver, images, _words(plan, perceiver), plan.repeat)
     return perceiver
 
 
 def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> CheckRecord:
     if "fp32" not in perceivers:
-        perceivers["fp32"] = _try(plan, "fp32", report, say)
+        perceivers["fp32"] = _load_and_time(plan, "fp32", report, say)
     fp32 = perceivers["fp32"]
     words = _words(plan, fp32)
     comparison, slow, fast = Comparison(words), report.timings["fp32"].step, 0.0
     try:
-        int8 = perceivers.get("int8") or _try(plan, "int8", report, say)
+        int8 = perceivers.get("int8") or _load_and_time(plan, "int8", report, say)
     except PerceiverError as error:
         comparison.failure = str(error)
     else:
@@ -162,13 +166,13 @@ def _compare(
     prompts = [Prompt(word) for word in comparison.words]
     slow, fast = [], []
     for number, image in enumerate(frames):
-        first = _see(fp32, image, prompts) if number % 2 == 0 else None
+        first = _run_step(fp32, image, prompts) if number % 2 == 0 else None
         try:
-            other = _see(int8, image, prompts)
+            other = _run_step(int8, image, prompts)
         except PerceiverError as error:
             comparison.failure = str(error)
             break
-        reference = first or _see(fp32, image, prompts)
+        reference = first or _run_step(fp32, image, prompts)
         comparison.add(reference, other)
         slow.append(reference.milliseconds)
         fast.append(other.milliseconds)
@@ -179,7 +183,7 @@ def _compare(
     return (median(slow), median(fast)) if slow else (0.0, 0.0)
 
 
-def _see(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> Seen:
+def _run_step(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> Seen:
     begin = time.perf_counter()
     features = perceiver.encode(image)
     maps = perceiver.attend(features, prompts)

@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_thresholds,
         default=THRESHOLDS,
         metavar="LIST",
-        help=f'that suit the network, by default "{_said(THRESHOLDS)}"',
+        help=f'that suit the network, by default "{_thresholds_text(THRESHOLDS)}"',
     )
     add("--name", help="of the bundle, for people, by default the file's")
     add("--source", default="", metavar="TEXT", help="where the weights come from, for the manifest")
@@ -137,13 +137,13 @@ def _text(out: Path, manifest: Manifest, found: NetworkForm) -> str:
             f"  input       {found.size[0]}x{found.size[1]} {form.layout} {form.dtype} {form.order}, {how}",
             f'  scores      "{details.output}", {found.maps[0]}x{found.maps[1]}, {details.activation}',
             f"  features    {taps}",
-            f"  thresholds  {_said(manifest.thresholds)}",
+            f"  thresholds  {_thresholds_text(manifest.thresholds)}",
             f'  try it      anytraverse look PICTURE --perceiver {KIND}:{out} --prompts "{words[0]}: 1"',
         ]
     )
 
 
-def _said(thresholds: DefaultThresholds) -> str:
+def _thresholds_text(thresholds: DefaultThresholds) -> str:
     tile = "none" if thresholds.tile is None else f"{thresholds.tile:g}"
     return f"roi={thresholds.roi:g},scene={thresholds.scene:g},tile={tile}"
 
@@ -183,5 +183,5 @@ def _thresholds(text: str) -> DefaultThresholds:
         thresholds = DefaultThresholds(**values)  # type: ignore[arg-type]
         Thresholds.of(thresholds)
     except (ValueError, AnyTraverseError) as error:
-        raise argparse.ArgumentTypeError(f"{error}; write e.g. {_said(THRESHOLDS)}") from None
+        raise argparse.ArgumentTypeError(f"{error}; write e.g. {_thresholds_text(THRESHOLDS)}") from None
     return thresholds

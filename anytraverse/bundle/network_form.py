@@ -78,71 +78,75 @@ def network_form(model: Path, words: Words, wishes: Wishes) -> NetworkForm:
     return NetworkForm(details, size, (width, height), len(tried[0][1]) if network.has_features else None)
 
 
-def _layout(shape: Dimensions, wish: str | None) -> str:
+def _layout(shape: Dimensions, wanted: str | None) -> str:
     """Find out which axis of the input holds the three colours."""
     if len(shape) != 4 or (isinstance(shape[0], int) and shape[0] != 1):
         raise BundleError(
-            f"the network's input has the shape {_said(shape)}, expected is one picture: "
+            f"the network's input has the shape {_shape_text(shape)}, expected is one picture: "
             "(1, 3, height, width) or (1, height, width, 3)"
         )
     axes = dict(zip(LAYOUTS, (shape[1], shape[3]), strict=True))
     possible = [layout for layout, size in axes.items() if size == 3 or not isinstance(size, int)]
     sure = [layout for layout, size in axes.items() if size == 3]
-    if wish is not None:
-        if wish not in possible:
-            raise BundleError(f"the network's input has the shape {_said(shape)}, which is not {wish}")
-        return wish
+    if wanted is not None:
+        if wanted not in possible:
+            raise BundleError(
+                f"the network's input has the shape {_shape_text(shape)}, which is not {wanted}"
+            )
+        return wanted
     found = sure or possible
     if len(found) != 1:
         problem = "may be either layout: say --layout nchw or nhwc" if found else "has no three colours"
-        raise BundleError(f"the network's input has the shape {_said(shape)}, which {problem}")
+        raise BundleError(f"the network's input has the shape {_shape_text(shape)}, which {problem}")
     return found[0]
 
 
-def _size(shape: Dimensions, layout: str, wish: tuple[int, int] | None) -> tuple[int, int]:
+def _size(shape: Dimensions, layout: str, wanted: tuple[int, int] | None) -> tuple[int, int]:
     """Find out the width and height of the input."""
     height, width = (shape[2], shape[3]) if layout == "nchw" else (shape[1], shape[2])
     own = (width, height)
-    if wish is None:
+    if wanted is None:
         if not (isinstance(width, int) and isinstance(height, int)):
             raise BundleError(
                 "the network leaves the size of its input free: say --size WxH, the one it was trained with"
             )
         return width, height
-    if any(isinstance(fixed, int) and fixed != wished for fixed, wished in zip(own, wish, strict=True)):
-        raise BundleError(f"the network's input is {_said(shape)}, not {wish[0]}x{wish[1]}: leave --size out")
-    return wish
+    if any(isinstance(fixed, int) and fixed != asked for fixed, asked in zip(own, wanted, strict=True)):
+        raise BundleError(
+            f"the network's input is {_shape_text(shape)}, not {wanted[0]}x{wanted[1]}: leave --size out"
+        )
+    return wanted
 
 
-def _output(names: Sequence[str], wish: str | None) -> str:
+def _output(names: Sequence[str], wanted: str | None) -> str:
     """Choose the output that holds the scores."""
     candidates = [name for name in names if name != FEATURES]
-    if wish is not None and wish not in names:
-        raise BundleError(f'the network has no output "{wish}": choose {" or ".join(candidates)}')
-    if wish is None and not candidates:
+    if wanted is not None and wanted not in names:
+        raise BundleError(f'the network has no output "{wanted}": choose {" or ".join(candidates)}')
+    if wanted is None and not candidates:
         raise BundleError(f'the network has no output but "{FEATURES}": its scores are missing')
-    return wish or candidates[0]
+    return wanted or candidates[0]
 
 
-def _activation(scores: NDArray[np.float32], wish: str | None) -> str:
+def _activation(scores: NDArray[np.float32], wanted: str | None) -> str:
     """Choose the activation to apply to the scores, (pictures, classes, h, w), by their values."""
     bounded = float(scores.min()) >= -_TOLERANCE and float(scores.max()) <= 1.0 + _TOLERANCE
     several = scores.shape[1] > 1
     shared = bounded and several and bool((np.abs(scores.sum(axis=1) - 1.0) < _TOLERANCE).all())
-    if wish is None:
+    if wanted is None:
         if shared:
             return "probabilities"
         return "none" if bounded else "softmax" if several else "sigmoid"
-    if shared and wish in ("softmax", "sigmoid"):
+    if shared and wanted in ("softmax", "sigmoid"):
         raise BundleError(
-            f"the network's values sum to 1 already, {wish} would blur them: leave --activation out"
+            f"the network's values sum to 1 already, {wanted} would blur them: leave --activation out"
         )
-    if (wish == "probabilities" and not shared) or (wish == "none" and not bounded):
+    if (wanted == "probabilities" and not shared) or (wanted == "none" and not bounded):
         what = "do not sum to 1" if bounded else f"go from {scores.min():.3g} to {scores.max():.3g}"
-        raise BundleError(f"the network's values {what}, which is not {wish}: leave --activation out")
-    if wish == "softmax" and not several:
+        raise BundleError(f"the network's values {what}, which is not {wanted}: leave --activation out")
+    if wanted == "softmax" and not several:
         raise BundleError("a single class has no softmax: leave --activation out")
-    return wish
+    return wanted
 
 
 def _pictures(width: int, height: int) -> list[NDArray[np.uint8]]:
@@ -150,5 +154,5 @@ def _pictures(width: int, height: int) -> list[NDArray[np.uint8]]:
     return [noise, np.full_like(noise, 128)]
 
 
-def _said(shape: Dimensions) -> str:
+def _shape_text(shape: Dimensions) -> str:
     return "x".join(str(size) if isinstance(size, int) else "?" for size in shape)

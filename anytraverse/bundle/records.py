@@ -57,7 +57,7 @@ class CheckRecord:
 
 @dataclass(frozen=True)
 class CheckRuntime(Runtime):
-    """Is the runtime of a check: it may run the variant that `precision` names without a record."""
+    """Lets a check run the variant that `precision` names without a record of it."""
 
 
 def choose_precision(folder: Path, manifest: Manifest, runtime: Runtime) -> tuple[str, str]:

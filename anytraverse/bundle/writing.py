@@ -50,9 +50,9 @@ class BundleWriter:
     def __enter__(self) -> BundleWriter:
         check_place(self.out)
         self.out.parent.mkdir(parents=True, exist_ok=True)
-        for left in sorted(self.out.parent.glob(f".{glob.escape(self.out.name)}.*.part")):
-            self._say(f"left by one that was killed, unless it is still at work: rm -r {left}")
-        self._folder = _beside(self.out, "part")
+        for leftover in sorted(self.out.parent.glob(f".{glob.escape(self.out.name)}.*.part")):
+            self._say(f"left by one that was killed, unless it is still at work: rm -r {leftover}")
+        self._folder = _temporary_folder_beside(self.out, "part")
         return self
 
     def __exit__(
@@ -96,9 +96,9 @@ class BundleWriter:
             (self.folder / MANIFEST).write_bytes(text.encode("utf-8"))
         except (TypeError, ValueError) as error:
             raise BundleError(f"what the manifest should say is not JSON: {error}") from error
-        manifest = read_manifest(self.folder)
+        manifest = read_manifest(self.folder)  # refuses what a rover would refuse
         _flush(self.folder)
-        check_place(self.out, kind)
+        check_place(self.out, kind)  # again, since the place may have changed, and now with the kind
         _put_in_place(self.folder, self.out)
         self._folder = None
         return manifest
@@ -152,7 +152,7 @@ def check_place(out: Path, kind: str | None = None) -> None:
         )
 
 
-def _beside(out: Path, suffix: str) -> Path:
+def _temporary_folder_beside(out: Path, suffix: str) -> Path:
     folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=f".{suffix}", dir=out.parent))
     umask = os.umask(0)
     os.umask(umask)
@@ -165,7 +165,7 @@ def _put_in_place(folder: Path, out: Path) -> None:
     if not out.exists() or not any(out.iterdir()):
         folder.rename(out)
     else:
-        old = _beside(out, "old")
+        old = _temporary_folder_beside(out, "old")
         try:
             out.rename(old)
             folder.rename(out)

@@ -74,11 +74,11 @@ class Watched:
         self._progress.close()
 
     def __iter__(self) -> Iterator[LabelledFrame]:
-        for frame in self._folder.frames(self._tell):
+        for frame in self._folder.frames(self._report_torn):
             yield frame
             self._progress.step()
 
-    def _tell(self, what: str) -> None:
+    def _report_torn(self, what: str) -> None:
         self.torn += 1
         self._progress.say(f"{what}, skipped")
         self._progress.step()

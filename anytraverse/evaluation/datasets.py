@@ -82,9 +82,9 @@ class LabelledFolder:
             raise DatasetError(f"{path} has no frame in the chosen range: its numbers go from {numbers}")
         for number in chosen:
             if number not in labels:
-                raise DatasetError(_halved(pictures[number], "label image", ".png"))
+                raise DatasetError(_missing_half(pictures[number], "label image", ".png"))
             if number not in pictures:
-                raise DatasetError(_halved(labels[number], "picture", ".jpg"))
+                raise DatasetError(_missing_half(labels[number], "picture", ".jpg"))
         self._files = {number: (pictures[number], labels[number]) for number in chosen}
 
     def __len__(self) -> int:
@@ -171,7 +171,7 @@ def _decoded(file: Path, flags: int) -> NDArray[np.uint8]:
     return picture
 
 
-def _halved(file: Path, what: str, suffix: str) -> str:
+def _missing_half(file: Path, what: str, suffix: str) -> str:
     missing = file.with_suffix(suffix).name
     return f"{file} has no {what} {missing}: add it, or leave the frame out with --from and --to"
 

@@ -77,13 +77,13 @@ def text_of(score: DrivableScore, first: str) -> str:
         lines.append(f"    {label:30}{shown(overlap.pooled):>8}{shown(overlap.mean):>8}")
     lines.append(f"  {'words':32}{'AUROC':>8}")
     for word, own in score.words.items():
-        lines.append(f"    {word:30}{shown(own.auroc):>8}   {_told(own)}")
+        lines.append(f"    {word:30}{shown(own.auroc):>8}   {_classes_text(own)}")
     worst = ", ".join(f"{number} ({iou:.2f})" for number, iou in score.ground.worst(_WORST))
     lines.append(f"  worst frames  {worst}")
     return "\n".join(lines)
 
 
-def _told(word: WordScore) -> str:
+def _classes_text(word: WordScore) -> str:
     if not word.classes:
         return "no label class matches: name one with --match"
     classes = ", ".join(word.classes)

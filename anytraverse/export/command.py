@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
         name=options.name,
         say=_progress(),
     )
-    print(_told(manifest, options.out))
+    print(_summary_text(manifest, options.out))
     return 0
 
 
@@ -72,7 +72,7 @@ def _progress() -> Callable[[str], None]:
     return say
 
 
-def _told(manifest: Manifest, out: Path) -> str:
+def _summary_text(manifest: Manifest, out: Path) -> str:
     megabytes = sum(entry.size for entry in manifest.files.values()) / 1e6
     lines = [
         f"{out}: {manifest.model_id}, {', '.join(manifest.variants)}, {megabytes:.0f} MB",

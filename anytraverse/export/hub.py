@@ -30,10 +30,10 @@ def find_checkpoint(checkpoint: str, *, words: bool) -> tuple[Path, str]:
     try:
         found = _download(checkpoint)
     except Exception as error:  # the hub's client raises many classes of its own, and those of the network
-        kept = _kept(checkpoint)
-        if kept is None or _missing(kept, words=words):
+        downloaded = _cached_folder(checkpoint)
+        if downloaded is None or _missing(downloaded, words=words):
             raise BundleError(_remedy(checkpoint, type(error).__name__, words=words)) from error
-        found = kept
+        found = downloaded
     if missing := _missing(found, words=words):
         raise BundleError(f"the hub's {checkpoint} lacks {', '.join(missing)}: give another checkpoint")
     return found, found.name
@@ -62,7 +62,7 @@ def _download(checkpoint: str) -> Path:
     return Path(snapshot_download(checkpoint, allow_patterns=[*CONFIGS, *TOKENIZER, CARD, *weights]))
 
 
-def _kept(checkpoint: str) -> Path | None:
+def _cached_folder(checkpoint: str) -> Path | None:
     """Return the folder of an earlier download, or None. The caller must check that it is complete."""
     from huggingface_hub import snapshot_download
 

@@ -23,12 +23,12 @@ def smoothed(weights: Weights, encoder: str, layers: int) -> Weights:
     changed = dict(weights)
     for index in range(layers):
         layer = f"{encoder}.layers.{index}"
-        _even(changed, f"{layer}.layer_norm1", [f"{layer}.self_attn.{part}_proj" for part in "qkv"])
-        _even(changed, f"{layer}.layer_norm2", [f"{layer}.mlp.fc1"])
+        _rescale(changed, f"{layer}.layer_norm1", [f"{layer}.self_attn.{part}_proj" for part in "qkv"])
+        _rescale(changed, f"{layer}.layer_norm2", [f"{layer}.mlp.fc1"])
     return changed
 
 
-def _even(weights: dict[str, np.ndarray], norm: str, readers: list[str]) -> None:
+def _rescale(weights: dict[str, np.ndarray], norm: str, readers: list[str]) -> None:
     scale, shift = weights[f"{norm}.weight"], weights[f"{norm}.bias"]
     reach = _SPREADS * np.abs(scale) + np.abs(shift)
     largest = np.max([np.abs(weights[f"{name}.weight"]).max(axis=0) for name in readers], axis=0)

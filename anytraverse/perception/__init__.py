@@ -128,7 +128,7 @@ KINDS: dict[str, tuple[str, str]] = {
 """Kind -> (module, its factory, called with (argument, runtime)). Imported only when the kind is chosen."""
 
 NAMED = ("builtin", "builtin:lexicon")
-"""Perceivers that come with this package. After the kind stands a name here, and a path in all others."""
+"""Perceivers of this package. Here a name follows the kind; for all other perceivers it is a path."""
 
 
 def make_perceiver(name: str, runtime: Runtime | None = None) -> Perceiver:

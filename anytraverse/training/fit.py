@@ -89,8 +89,8 @@ def check_out(path: Path) -> None:
     """Raise TrainingError now where `write` could not write later, after the training."""
     if path.suffix != ".onnx":
         raise TrainingError(f"{path.name}: a network's file ends in .onnx")
-    with _room_beside(path) as room:
-        (room / path.name).write_bytes(bytes(2 * LARGEST))
+    with _temporary_folder_beside(path) as folder_beside:
+        (folder_beside / path.name).write_bytes(bytes(2 * LARGEST))
 
 
 def write(fitted: Fitted, path: Path) -> None:
@@ -98,8 +98,8 @@ def write(fitted: Fitted, path: Path) -> None:
 
     Raises TrainingError.
     """
-    with _room_beside(path) as room:
-        network = room / path.name
+    with _temporary_folder_beside(path) as folder_beside:
+        network = folder_beside / path.name
         numbers = network.with_suffix(".npz")
         export(fitted.net, network)
         fitted.calibration.save(numbers)
@@ -108,12 +108,12 @@ def write(fitted: Fitted, path: Path) -> None:
 
 
 @contextmanager
-def _room_beside(path: Path) -> Iterator[Path]:
+def _temporary_folder_beside(path: Path) -> Iterator[Path]:
     """Make a temporary folder on the same disk, from which files can be renamed to `path`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=path.parent, prefix=".fit-") as room:
-            yield Path(room)
+        with TemporaryDirectory(dir=path.parent, prefix=".fit-") as folder_beside:
+            yield Path(folder_beside)
     except OSError as error:
         raise TrainingError(
             f"{path} cannot be written ({(error.strerror or str(error)).lower()}): "

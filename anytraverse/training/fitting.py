@@ -72,7 +72,7 @@ def train(real: Folder, made: Folder, options: Options, progress: Progress | Non
         nn.utils.clip_grad_norm_(net.parameters(), 5.0)
         optimizer.step()
         schedule.step()
-        _follow(average, net, min(options.decay, (step + 1) / (step + 10)))
+        _update_average(average, net, min(options.decay, (step + 1) / (step + 10)))
         lately += 0.02 * (float(loss.detach()) - lately) if step else float(loss.detach())
         if progress and ((step + 1) % 50 == 0 or step + 1 == options.steps):
             spent = time.monotonic() - begin
@@ -86,7 +86,7 @@ def batch(real: Folder, made: Folder, options: Options, rng: np.random.Generator
     size = SIZES[int(rng.choice(len(SIZES), p=_SIZE_ODDS))]
     views = []
     for _ in range(options.batch):
-        frame = _drawn(made if len(made) and rng.random() < options.made_share else real, rng)
+        frame = _random_frame(made if len(made) and rng.random() < options.made_share else real, rng)
         views.append(changed(frame.image, frame.labels, size, rng))
     frames = torch.from_numpy(np.stack([view for view, _ in views])).permute(0, 3, 1, 2)
     labels = np.stack([names[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE] for _, names in views])
@@ -117,7 +117,7 @@ def class_weights(folder: Folder) -> Tensor:
     return torch.from_numpy(weights / (weights * shares).sum()).float()
 
 
-def _drawn(folder: Folder, rng: np.random.Generator) -> Labelled:
+def _random_frame(folder: Folder, rng: np.random.Generator) -> Labelled:
     return folder.frames[int(rng.integers(len(folder)))]
 
 
@@ -128,7 +128,7 @@ def _groups(net: nn.Module) -> list[dict[str, object]]:
     return [{"params": heavy, "weight_decay": 0.01}, {"params": light, "weight_decay": 0.0}]
 
 
-def _follow(average: nn.Module, net: nn.Module, decay: float) -> None:
+def _update_average(average: nn.Module, net: nn.Module, decay: float) -> None:
     with torch.no_grad():
         for mean, new in zip(average.state_dict().values(), net.state_dict().values(), strict=True):
             if mean.is_floating_point():

@@ -112,10 +112,10 @@ def read_folder(path: Path, width: int = WIDTH, torn: Callable[[str], None] = la
             f"no label of {path / CLASSES_FILE} is known: {', '.join(stored.classes.names)}. "
             f"Name them by what they show, e.g. {', '.join(CLASSES[:-1])}"
         )
-    return Folder(tuple(_kept(frame, table, width) for frame in stored.frames(torn)))
+    return Folder(tuple(_shrunk(frame, table, width) for frame in stored.frames(torn)))
 
 
-def _kept(frame: LabelledFrame, table: NDArray[np.uint8], width: int) -> Labelled:
+def _shrunk(frame: LabelledFrame, table: NDArray[np.uint8], width: int) -> Labelled:
     image, ids = frame.image, frame.labels
     if image.shape[1] > width:
         size = width, max(1, round(image.shape[0] * width / image.shape[1]))

@@ -18,7 +18,7 @@ _DARK = 0.05  # share of the frame's mean added to its light: keeps the log of b
 
 
 class Separable(nn.Module):  # type: ignore[misc]
-    """Is a depthwise 3x3 and a pointwise convolution, with a residual where the shape does not change."""
+    """Applies a depthwise 3x3 and a pointwise convolution, with a residual if the shape does not change."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class Separable(nn.Module):  # type: ignore[misc]
 
 
 class Pointwise(nn.Sequential):  # type: ignore[misc]
-    """Is a 1x1 convolution with normalisation."""
+    """Applies a 1x1 convolution with normalisation."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__(nn.Conv2d(inputs, outputs, 1, bias=False), nn.BatchNorm2d(outputs))
@@ -75,24 +75,24 @@ class GroundNet(nn.Module):  # type: ignore[misc]
 
     def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
         """Return logits and features."""
-        light = frames / (self.luminance(_everywhere(frames)) + 1.0)
+        light = frames / (self.luminance(_global_mean(frames)) + 1.0)
         quarter = self.quarter(self.stem(torch.log(light + _DARK)))
         eighth = self.eighth(quarter)
         bottom = self.bottom(eighth)
-        context = self.context(_everywhere(bottom))
+        context = self.context(_global_mean(bottom))
         joined = self.mix_eighth(
-            torch.relu(_twice(self.from_bottom(bottom) + context) + self.from_eighth(eighth))
+            torch.relu(_upsampled(self.from_bottom(bottom) + context) + self.from_eighth(eighth))
         )
-        features = self.mix_quarter(torch.relu(_twice(joined) + self.from_quarter(quarter)))
+        features = self.mix_quarter(torch.relu(_upsampled(joined) + self.from_quarter(quarter)))
         return self.head(self.forget(features)), features
 
 
-def _everywhere(x: Tensor) -> Tensor:
+def _global_mean(x: Tensor) -> Tensor:
     """Average each channel over the frame, (n, c, 1, 1), by pooling: OpenCV cannot read a mean over axes."""
     return nn.functional.adaptive_avg_pool2d(x, 1)
 
 
-def _twice(x: Tensor) -> Tensor:
+def _upsampled(x: Tensor) -> Tensor:
     return nn.functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
 
 

@@ -19,13 +19,13 @@ from anytraverse.training.net import STEM, GroundNet
 
 REFIT = Options(steps=150, rate=1e-3)
 """Options that suit a trained network."""
-_KEPT = ("luminance", "stem", "quarter", "eighth", "bottom")
+_FROZEN_PARTS = ("luminance", "stem", "quarter", "eighth", "bottom")
 """Parts that are not trained: they detect edges, colours and textures, and few frames would spoil them."""
-_HOME = 1e-3  # weight in the loss of the squared distance from the weights at the start
+_PULL_TO_START = 1e-3  # weight in the loss of the squared distance from the weights at the start
 
 
 class Settled(GroundNet):
-    """Is the network whose normalisation layers do not change in training."""
+    """Extends the network so that its normalisation layers do not change in training."""
 
     def train(self, mode: bool = True) -> Settled:
         """Set the training mode, but leave all normalisation layers in evaluation mode."""
@@ -109,7 +109,7 @@ def refit(
     rng = np.random.default_rng([options.seed, 6])
     net = start.to(memory_format=torch.channels_last)
     for name, part in net.named_children():
-        part.requires_grad_(requires_grad=name not in _KEPT)
+        part.requires_grad_(requires_grad=name not in _FROZEN_PARTS)
     learnt = [p for p in net.parameters() if p.requires_grad]
     home = [p.detach().clone() for p in learnt]
     average = AveragedModel(net, multi_avg_fn=get_ema_multi_avg_fn(0.98))
@@ -121,9 +121,9 @@ def refit(
         frames, labels = batch(real, made, options, rng)
         net.train()
         loss = loss_of(net(frames)[0], labels, weights, options.drivable)
-        away = sum(((p - h) ** 2).sum() for p, h in zip(learnt, home, strict=True))
+        moved = sum(((p - h) ** 2).sum() for p, h in zip(learnt, home, strict=True))
         optimizer.zero_grad(set_to_none=True)
-        (loss + _HOME * away).backward()
+        (loss + _PULL_TO_START * moved).backward()
         nn.utils.clip_grad_norm_(learnt, 5.0)
         optimizer.step()
         schedule.step()

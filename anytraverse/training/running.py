@@ -47,7 +47,7 @@ def run_fit(given: argparse.Namespace) -> int:
         work = prepared(given)
         fitted = trained(work)
         _say("scoring on the drives that were held out")
-        return _ended(given, work, fitted)
+        return _compare_and_write(given, work, fitted)
     except KeyboardInterrupt:
         _say("stopped: nothing was written")
         raise
@@ -72,13 +72,13 @@ def prepared(given: argparse.Namespace) -> Work:
     if given.threads < 1 or steps < (0 if start else 1):
         raise TrainingError("--threads and --steps begin at 1; --steps 0 needs a network to begin from")
     options = replace(options, steps=steps, seed=given.seed, threads=given.threads)
-    real = read_folder(given.folder, torn=_torn)
+    real = read_folder(given.folder, torn=_report_torn)
     if strange := {*(given.validation or ()), *given.test} - set(real.blocks):
         raise TrainingError(
             f"{given.folder} has no drive {min(strange)}: its blocks of a hundred numbers are "
             f"{', '.join(map(str, real.blocks))}"
         )
-    made = Folder(tuple(f for path in given.made for f in read_folder(path, torn=_torn).frames))
+    made = Folder(tuple(f for path in given.made for f in read_folder(path, torn=_report_torn).frames))
     test = tuple(given.test)
     split = Split(tuple(given.validation), test) if given.validation else suggested(real, test)
     training, validation, _ = split.parts(real)
@@ -95,20 +95,20 @@ def trained(work: Work) -> Fitted:
     """Train with a progress bar. Raises TrainingError."""
     bar, shown = Progress(work.options.steps, "steps"), 0
 
-    def tell(done: int, _steps: int, loss: float, _left: float) -> None:
+    def report_progress(done: int, _steps: int, loss: float, _left: float) -> None:
         nonlocal shown
         bar.step(done - shown, f", loss {loss:.3f}")
         shown = done
 
     try:
         if work.start is None:
-            return fit(work.real, work.made, work.split, work.options, tell)
-        return fit_on(work.start, work.real, work.made, work.split, work.options, tell)
+            return fit(work.real, work.made, work.split, work.options, report_progress)
+        return fit_on(work.start, work.real, work.made, work.split, work.options, report_progress)
     finally:
         bar.close()
 
 
-def _ended(given: argparse.Namespace, work: Work, fitted: Fitted) -> int:
+def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) -> int:
     training, validation, test = work.split.parts(work.real)
     (replaced, before), model = work.replaced, fitted.model
     compared = compare(model, before, validation, chosen_here=True)
@@ -163,7 +163,7 @@ def _next(out: Path) -> str:
     )
 
 
-def _torn(what: str) -> None:
+def _report_torn(what: str) -> None:
     _say(f"{what}, skipped")
 
 

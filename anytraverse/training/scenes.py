@@ -20,8 +20,8 @@ from anytraverse.training.scores import Floats, Network, auroc
 SIZE = 32
 _VISITS = 3  # changed views of each frame
 _RIDGE = 0.1  # share of the total variance added to the diagonal of the covariance within places
-_MADE = 8.0  # weight of rendered frames: driving on changes a frame more than another light does
-_EVENED = 0.35  # 0: directions count by how well they tell places apart; 0.5: all count equally
+_RENDERED_WEIGHT = 8.0  # weight of rendered frames: driving on changes a frame more than another light does
+_FLATTENING = 0.35  # 0: directions count by how well they tell places apart; 0.5: all count equally
 _OTHERS = 0.10  # share of pairs of different drives that may count as the same place
 _REVISITS = 0.97  # least share of revisits that count as the same place; it goes before `_OTHERS`
 
@@ -53,7 +53,7 @@ def fitted_scene(
     everything = [middles]
     if len(made) > SIZE:
         passes = np.stack([scene_summary(network(frame.image)[1]) for frame in made.frames])
-        within = np.concatenate([within, _MADE * _strays(passes, made)])
+        within = np.concatenate([within, _RENDERED_WEIGHT * _deviations(passes, made)])
         everything.append(passes)
     total = np.concatenate(everything)
     mean, spread = total.mean(axis=0), total.std(axis=0) + 1e-4
@@ -102,7 +102,7 @@ def _visits(network: Network, folder: Folder, rng: np.random.Generator) -> NDArr
     ).astype(np.float64)
 
 
-def _strays(passes: Floats, made: Folder) -> NDArray[np.float64]:
+def _deviations(passes: Floats, made: Folder) -> NDArray[np.float64]:
     """Return how the frames of each block differ from the block's mean, (frames, 4 D)."""
     blocks = np.array([frame.number // BLOCK for frame in made.frames])
     every = [passes[blocks == block].astype(np.float64) for block in np.unique(blocks)]
@@ -120,7 +120,7 @@ def _discriminant(within: NDArray[np.float64], total: NDArray[np.float64]) -> ND
     outer = whitening @ (total.T @ total / len(total)) @ whitening
     spreads, directions = np.linalg.eigh(outer)
     chosen = directions[:, ::-1][:, :SIZE]
-    scale = np.maximum(spreads[::-1][:SIZE], 1e-6) ** -_EVENED
+    scale = np.maximum(spreads[::-1][:SIZE], 1e-6) ** -_FLATTENING
     return np.asarray((chosen * scale).T @ whitening)
 
 

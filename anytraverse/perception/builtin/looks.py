@@ -90,7 +90,7 @@ _NEARER = np.array([1.1, 1.1, 1.0, 1.0], dtype=np.float32)
 """Factors on the learnt centre: colours get purer as a thing comes nearer and fewer cells are mixed."""
 _LEAST_CELLS = 6
 _REACH = 3.0  # factor on the box, within which the thing may continue
-_ENOUGH = 0.15  # least share of the image that serves as background
+_LEAST_BACKGROUND = 0.15  # least share of the image that serves as background
 _SAMPLES = 900  # cells of the background to compare with
 _COMMON = 0.04  # share of the background that a cell must resemble to count as background
 _NOVEL = 1.5  # scaled difference from the background above which a cell is not background
@@ -152,7 +152,7 @@ def _background(inside: Mask, reach: Mask) -> Mask:
     level = np.zeros_like(inside)
     level[np.flatnonzero(inside.any(axis=1))[0] :] = True
     for candidate in (level & ~reach, level & ~inside):
-        if candidate.mean() >= _ENOUGH:
+        if candidate.mean() >= _LEAST_BACKGROUND:
             return candidate
     return ~inside
 

@@ -50,7 +50,8 @@ from anytraverse.regions import Box
 SHIPPED = Path(__file__).parent.parent / "data" / "builtin.onnx"
 """The network of this package; its calibration lies beside it, ending in .npz."""
 
-_THING = 0.75  # quantile of strangeness over a tapped box: its corners show the background, not the thing
+_STRANGENESS_QUANTILE = 0.75
+"""Of the strangeness over a tapped box: the box's corners show the background, not the thing."""
 
 
 @dataclass(eq=False)
@@ -84,7 +85,7 @@ class GroundNetwork:
 
         Raises PerceiverError for files that are missing, damaged, or not of the same training.
         """
-        stored, numbers = _read(model), _read(model.with_suffix(".npz"))
+        stored, numbers = _read_file(model), _read_file(model.with_suffix(".npz"))
         self.model_id = f"builtin-net-{hashlib.sha256(stored + numbers).hexdigest()[:12]}"
         self._calibration = Calibration.load(model.with_suffix(".npz"))
         self._run = open_network(model, runtime)
@@ -101,7 +102,7 @@ class GroundNetwork:
     def encode(self, image: Image) -> Ground:
         """Run the network, which is nearly all of a frame's cost. Raises PerceiverError."""
         check_image(image)
-        return self._seen(network_input(image))
+        return self._ground(network_input(image))
 
     def attend(self, features: Ground, prompts: Sequence[Prompt]) -> Floats:
         """Make attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
@@ -128,12 +129,12 @@ class GroundNetwork:
         """Learn what the box shows, by encoding the frame in six lights. Raises ExampleError."""
         pixels = features.frame[0].transpose(1, 2, 0).astype(np.uint8)
         views = [
-            self._seen(np.ascontiguousarray(view.transpose(2, 0, 1)[None], dtype=np.float32)).cells
+            self._ground(np.ascontiguousarray(view.transpose(2, 0, 1)[None], dtype=np.float32)).cells
             for view in changed_views(pixels)
         ]
         strange = self._strangeness(features)
         learnt = learn_tap(views, box, self._calibration, strange)
-        surely = np.quantile(strange[box.mask(*strange.shape)], _THING)
+        surely = np.quantile(strange[box.mask(*strange.shape)], _STRANGENESS_QUANTILE)
         return Example(self.model_id, np.append(learnt, surely).astype(np.float32))
 
     def _check(self, name: str) -> None:
@@ -159,7 +160,7 @@ class GroundNetwork:
                 f"{name} and its .npz are no pair of one training: copy both files again, or fit it again"
             )
 
-    def _seen(self, frame: Floats) -> Ground:
+    def _ground(self, frame: Floats) -> Ground:
         logits, features = self._run(frame)
         if not (np.isfinite(logits).all() and np.isfinite(features).all()):
             raise PerceiverError("the network's output is not finite: its file is broken, install it again")
@@ -205,7 +206,7 @@ class GroundNetwork:
         return np.asarray(1 - np.clip(1 - unknown, 0, 1) ** self._calibration.gamma, dtype=np.float32)
 
 
-def _read(path: Path) -> bytes:
+def _read_file(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:

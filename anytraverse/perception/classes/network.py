@@ -139,7 +139,7 @@ def _sigmoid(scores: Array) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(scores, -80.0, 80.0))), dtype=np.float32)
 
 
-def _as_it_is(values: Array) -> Array:
+def _unchanged(values: Array) -> Array:
     lowest, highest = float(values.min()), float(values.max())
     if lowest < -_TOLERANCE or highest > 1.0 + _TOLERANCE:
         raise PerceiverError(
@@ -151,7 +151,7 @@ def _as_it_is(values: Array) -> Array:
 
 _ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
     "softmax": _softmax,
-    "probabilities": _as_it_is,
+    "probabilities": _unchanged,
     "sigmoid": _sigmoid,
-    "none": _as_it_is,
+    "none": _unchanged,
 }

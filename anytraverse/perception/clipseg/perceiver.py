@@ -115,10 +115,11 @@ class ClipSeg:
         The examples of one prompt are averaged to one condition. Maps that were made for this frame before
         are taken from its cache. Raises PerceiverError and ExampleError.
         """
-        asked = self._asked(prompts)
+        asked = self._conditions(prompts)
         wanted = {key: condition for each in asked for key, condition in each.items()}
         missing = [key for key in wanted if key not in features.maps]
         if missing:
+            # drop maps that are not asked for any more, so that the cache cannot grow without limit
             features.maps = {key: features.maps[key] for key in wanted if key in features.maps}
             for start in range(0, len(missing), _AT_ONCE):
                 keys = missing[start : start + _AT_ONCE]
@@ -136,7 +137,7 @@ class ClipSeg:
             if self._scene is not None and self._resize_scene is not None:
                 (vector,) = run_session(self._scene, {"frame": self._resize_scene(features.image)})
             else:
-                vector = self._finish(features.deep)
+                vector = self._embed_deep(features.deep)
             length = float(np.linalg.norm(vector))
             if not np.isfinite(length) or length == 0.0:
                 raise PerceiverError("the scene's embedding is not finite")
@@ -149,7 +150,7 @@ class ClipSeg:
         if min(image[box.slices(*size)].shape[:2]) < _LEAST_SIDE:
             raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
         crop = image[box.grown(_CONTEXT).slices(*size)]
-        vector = self._finish(self.encode(crop).deep)
+        vector = self._embed_deep(self.encode(crop).deep)
         return Example(self.model_id, np.asarray(vector, dtype=np.float32))
 
     def _decode(self, reduced: Array, conditions: Array) -> Array:
@@ -159,7 +160,7 @@ class ClipSeg:
             raise PerceiverError("the decoder's output is not finite")
         return maps
 
-    def _asked(self, prompts: Sequence[Prompt]) -> list[dict[object, Array]]:
+    def _conditions(self, prompts: Sequence[Prompt]) -> list[dict[object, Array]]:
         """Return the decoder's conditions for each prompt: of its word, and the mean of its examples."""
         words = self._prompts.conditions([prompt.word for prompt in prompts])
         asked: list[dict[object, Array]] = []
@@ -170,7 +171,7 @@ class ClipSeg:
                 asked[-1][prompt.examples] = np.mean(vectors, axis=0)
         return asked
 
-    def _finish(self, deep: Array) -> Array:
+    def _embed_deep(self, deep: Array) -> Array:
         (vector,) = run_session(self._tail, {"deep": deep})
         return vector
 

@@ -17,7 +17,7 @@ from anytraverse.perception.runtime import Runtime, open_session, run_session
 
 Array = NDArray[np.float32]
 
-_KEPT = 256
+_CACHE_SIZE = 256
 
 
 class Prompts:
@@ -37,18 +37,18 @@ class Prompts:
             raise BundleError(f"{table} cannot be read ({error}): copy the bundle again") from error
         if self._table.ndim != 2 or self._table.dtype != np.float32:
             raise BundleError(f"{table} is no table of tokens: export the bundle again")
-        self._kept: OrderedDict[str, Array] = OrderedDict()
+        self._cache: OrderedDict[str, Array] = OrderedDict()
 
     def conditions(self, words: Sequence[str]) -> list[Array]:
         """Return a condition for each word, in order. Raises PerceiverError and BundleError."""
-        missing = [word for word in dict.fromkeys(words) if word not in self._kept]
+        missing = [word for word in dict.fromkeys(words) if word not in self._cache]
         if missing:
             self._embed(missing)
         for word in words:
-            self._kept.move_to_end(word)
-        found = [self._kept[word] for word in words]
-        while len(self._kept) > _KEPT:
-            self._kept.popitem(last=False)
+            self._cache.move_to_end(word)
+        found = [self._cache[word] for word in words]
+        while len(self._cache) > _CACHE_SIZE:
+            self._cache.popitem(last=False)
         return found
 
     def _embed(self, words: Sequence[str]) -> None:
@@ -61,7 +61,7 @@ class Prompts:
         for word, condition in zip(words, states, strict=True):
             if not np.isfinite(condition).all():
                 raise PerceiverError(f'the text network gave no finite answer for "{word}": check the bundle')
-            self._kept[word] = condition
+            self._cache[word] = condition
 
     def _ids(self, word: str) -> list[int]:
         """Return the token ids up to the first end of text: the text tower is read at that token."""

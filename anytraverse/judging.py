@@ -289,6 +289,7 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     # for the tile in which words of no positive weight explain most.
     explained_difference = maps.strangeness - maps.uncertainty
     beside = worst_tile(explained_difference, settings.region, aspect, settings.tile_share, outside=calling)
+    # its value is the difference, all of which these words explain: nothing is left
     return found if beside is None else _with_word(maps, beside, 0.0)
 
 

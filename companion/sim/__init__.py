@@ -1,1 +1,1 @@
-"""Simulated field, rover and autopilot, the demo, and links without a device."""
+"""Simulates the field, rover and autopilot, and holds the demo and the loopback links of the tests."""

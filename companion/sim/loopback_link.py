@@ -1,4 +1,4 @@
-"""A link in virtual time, between an autopilot and a ground station that are only encoders."""
+"""Runs a link in virtual time, without a device: autopilot and ground station are only MAVLink encoders."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ _MAX_WAITING = 4096
 
 
 class MemoryTransport:
-    """One end of a pair; what one end writes the other reads. `broken`: read and write raise OSError."""
+    """One end of a pair of transports: what one end writes, the other reads.
+
+    `broken`: read and write raise OSError. `full`: write returns False.
+    """
 
     datagrams = True
 
@@ -36,12 +39,12 @@ class MemoryTransport:
         self.full = False
 
     def read(self) -> bytes:
-        """The oldest frame that waits."""
+        """Returns the oldest frame that waits, b"" when there is none."""
         self._check()
         return self._inbox.popleft() if self._inbox else b""
 
     def write(self, frame: bytes) -> bool:
-        """False while `full`."""
+        """Puts a frame into the other end; returns False while `full`."""
         self._check()
         if self.full:
             return False
@@ -49,14 +52,14 @@ class MemoryTransport:
         return True
 
     def believe(self, now: float, *, autopilot: bool) -> None:
-        """There is one other end only."""
+        """Does nothing: there is only one other end, so that no address has to be trusted."""
 
     def fileno(self) -> int | None:
-        """There is none."""
+        """Returns None: there is no file descriptor."""
         return None
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Does nothing: there is nothing to release."""
 
     def _check(self) -> None:
         if self.broken:
@@ -64,7 +67,7 @@ class MemoryTransport:
 
 
 def pair() -> tuple[MemoryTransport, MemoryTransport]:
-    """Two ends."""
+    """Makes two ends that are connected."""
     one, other = MemoryTransport(), MemoryTransport()
     one._outbox, other._outbox = other._inbox, one._inbox
     return one, other
@@ -74,7 +77,7 @@ STEP = 0.01
 
 
 class Frame(NamedTuple):
-    """What the link sent, when, and how many bytes it was."""
+    """A frame that the link sent: when (s), the message, its size in bytes."""
 
     at: float
     message: Any
@@ -82,7 +85,10 @@ class Frame(NamedTuple):
 
 
 class Wire:
-    """One connection: `frames` keeps what the link sent. mavlink1: what arrives is of that version."""
+    """One connection of the link; `frames` stores what the link sent.
+
+    mavlink1: what arrives at the link is MAVLink 1. `mode`, `armed`: what the autopilot's heartbeat says.
+    """
 
     def __init__(self) -> None:
         self.near, self.far = pair()
@@ -94,7 +100,7 @@ class Wire:
         self._encoders: dict[tuple[int, int], Any] = {}
 
     def heartbeat(self, system: int) -> None:
-        """The heartbeat of an ArduPilot rover in `mode`."""
+        """Sends the heartbeat of an ArduPilot rover in `mode` to the link."""
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
         message = mavlink.MAVLink_heartbeat_message(
@@ -103,36 +109,37 @@ class Wire:
         self.send(message, (system, AUTOPILOT_COMPONENT_ID))
 
     def send(self, message: Any, sender: tuple[int, int] = (255, 190)) -> None:
-        """`message` arrives at the link, from a ground station unless `sender` says otherwise."""
+        """Sends `message` to the link, from a ground station unless `sender` says otherwise."""
         encoder = self._encoders.setdefault(sender, mavlink.MAVLink(None, *sender))
         self.far.write(message.pack(encoder, force_mavlink1=self.mavlink1))
         encoder.seq = (encoder.seq + 1) % 256
 
     def sent(self, kind: str) -> list[Any]:
-        """The messages of this MAVLink type that the link sent, in order."""
+        """Returns the messages of this MAVLink type that the link sent, in order."""
         return [frame.message for frame in self.frames if frame.message.get_type() == kind]
 
     def times(self, kind: str) -> list[float]:
-        """When they were sent, to 10 ms."""
+        """Returns when the messages of this type were sent, in s, rounded to 10 ms."""
         return [round(frame.at, 2) for frame in self.frames if frame.message.get_type() == kind]
 
     def tunnels(self, payload_type: int) -> list[bytes]:
-        """The payloads of this type that the link sent."""
+        """Returns the TUNNEL payloads of this type that the link sent."""
         found = [message for message in self.sent("TUNNEL") if message.payload_type == payload_type]
         return [bytes(message.payload[: message.payload_length]) for message in found]
 
     def collect(self, now: float) -> None:
-        """Take in what the link sent."""
+        """Parses what the link has sent and stores it in `frames`."""
         while data := self.far.read():
             for message in self._parser.feed(data, now, whole=True):
                 self.frames.append(Frame(now, message, len(message.get_msgbuf())))
 
 
 class Rehearsal(Wire):
-    """`run` lets time pass; `heard` keeps what the link reported. It is the first connection's wire itself.
+    """A link with all its connections in virtual time: `run` lets time pass, `heard` stores its events.
 
-    vehicle: system id of an autopilot that says HEARTBEAT there every second in `mode`; None for none.
-    more: the wires of the settings' other connections, by name. tree: what the link serves.
+    It is itself the wire of the first connection; `more` are the wires of the others, by name.
+    vehicle: system id of an autopilot that sends a HEARTBEAT there every second, in `mode`; None for none.
+    tree: the files that the link serves.
     """
 
     def __init__(
@@ -159,7 +166,7 @@ class Rehearsal(Wire):
         self._heartbeat_at = 0.0
 
     def run(self, seconds: float, step: float = STEP) -> None:
-        """Poll and tick for so long; the ground's and autopilot's frames are read first."""
+        """Lets `seconds` pass: sends heartbeats when due, polls, ticks and collects what was sent."""
         for _ in range(round(seconds / step)):
             if self.vehicle is not None and self.now >= self._heartbeat_at:
                 self.heartbeat(self.vehicle)
@@ -171,7 +178,7 @@ class Rehearsal(Wire):
             self.now += step
 
     def reported(self, kind: type) -> list[Any]:
-        """What the link reported of this type."""
+        """Returns the events of this type that the link reported."""
         return [event for event in self.heard if isinstance(event, kind)]
 
 
@@ -180,7 +187,7 @@ def _near(wire: Wire) -> Transport:
 
 
 class FileClient:
-    """Believes nothing and repeats nothing by itself: what is sent and what comes is the caller's matter."""
+    """Sends single MAVLink FTP requests and collects the replies; it checks and repeats nothing by itself."""
 
     def __init__(self, stage: Rehearsal, sender: Sender = (255, 190)) -> None:
         self.stage = stage
@@ -191,16 +198,16 @@ class FileClient:
     def request(
         self, opcode: int, data: bytes = b"", *, session: int = 0, offset: int = 0, size: int = 0
     ) -> FtpPayload:
-        """The next request. size: bytes asked for, where no data is sent."""
+        """Makes the next request. size: bytes asked for, where no data is sent."""
         self.sequence += 1
         return FtpPayload(self.sequence, session, opcode, size or len(data), offset=offset, data=data)
 
     def send(self, request: FtpPayload, *, target: Sender = (1, COMPONENT_ID)) -> None:
-        """It arrives at the link."""
+        """Sends a request to the link."""
         self.stage.send(encode.file_transfer(request.pack(), target), self.sender)
 
     def replies(self, seconds: float = 0.3) -> list[FtpPayload]:
-        """Let time pass; what came since the last call."""
+        """Lets time pass and returns the replies since the last call."""
         self.stage.run(seconds)
         messages = self.stage.sent("FILE_TRANSFER_PROTOCOL")
         new, self._seen = messages[self._seen :], len(messages)
@@ -208,15 +215,15 @@ class FileClient:
         return [FtpPayload.unpack(bytes(one.payload)) for one in ours]
 
     def ask(self, request: FtpPayload) -> FtpPayload:
-        """The first reply to it. Raises IndexError when none comes."""
+        """Sends a request and returns the first reply. Raises IndexError when none comes."""
         self.replies(0.0)
         self.send(request)
         return self.replies()[0]
 
     def open(self, path: str, *, session: int = 0) -> FtpPayload:
-        """The reply to OPEN_FILE_RO."""
+        """Opens a file and returns the reply to OPEN_FILE_RO."""
         return self.ask(self.request(Opcode.OPEN_FILE_RO, path.encode(), session=session))
 
     def read(self, *, session: int = 0, offset: int = 0, size: int = 80) -> FtpPayload:
-        """The reply to READ_FILE."""
+        """Reads from the open file and returns the reply to READ_FILE."""
         return self.ask(self.request(Opcode.READ_FILE, session=session, offset=offset, size=size))

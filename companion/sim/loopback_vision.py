@@ -1,4 +1,4 @@
-"""A vision process without a process, for tests and benches: real messages, the caller's time."""
+"""Stands in for the vision process in tests and benches: real messages, no process, the caller's time."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start, update_from
 from companion.vision.worker import Worker, weak_in_use
 
-_REMEMBERED = 256
+_MAX_REQUESTS = 256
 
 
 class Loopback:
-    """A `Child` that does what it was asked when `work` is called, and not while it is `hung`."""
+    """A `Child` that carries out its requests when `work` is called, and does nothing while it is `hung`."""
 
     idle = True
 
     def __init__(self, engine: Callable[[Memory | None], AnyTraverse], step: float = 0.02) -> None:
-        """engine: makes one on a memory, None: none was ever kept. step: seconds that a step takes."""
+        """engine: makes an engine from a memory (None: none was stored). step: s that a step takes."""
         self._make = engine
         self._step = step
         self._splitter = Splitter()
@@ -32,8 +32,8 @@ class Loopback:
         self._worker: Worker | None = None
         self.hung = False
         self.death = ""
-        self.requests: deque[object] = deque(maxlen=_REMEMBERED)
-        """What it was asked last, oldest first."""
+        self.requests: deque[object] = deque(maxlen=_MAX_REQUESTS)
+        """The newest requests, oldest first."""
 
     def fileno(self) -> int | None:
         return None
@@ -53,7 +53,7 @@ class Loopback:
         self.death = self.death or "closed"
 
     def work(self) -> None:
-        """Do what waits."""
+        """Carries out the requests that wait."""
         while self._requests and not self.hung and not self.death:
             request = decode_trusted(self._requests.pop(0))
             self.requests.append(request)
@@ -68,17 +68,17 @@ class Loopback:
                     self.report(report)
 
     def look(self, frame: Frame) -> None:
-        """Judge a frame."""
+        """Judges a frame and reports it, as if the camera had delivered it."""
         if self._worker is not None and not self.hung and not self.death:
             self.report(self._worker.look(frame))
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
-        """Give a sign of life."""
+        """Reports that the process is alive, with the camera's status."""
         if not self.hung and not self.death:
             self.report(Alive(camera, delivered_at))
 
     def report(self, report: Report) -> None:
-        """Send anything to the supervisor."""
+        """Sends any report to the supervisor."""
         self._reports += Splitter().feed(encode(report))
 
     def _start(self, start: Start) -> None:

@@ -1,1 +1,1 @@
-"""The whole job in one command: `companion demo`. Field, daemon and operator are processes of their own."""
+"""Shows the whole job in one command, `companion demo`: field, daemon and operator run as three processes."""

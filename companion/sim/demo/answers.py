@@ -1,4 +1,4 @@
-"""Who answers in `make demo AUTO=1`: a table, read as a person with eyes would read the picture."""
+"""Answers the calls of `make demo AUTO=1` by a table, as a person who looks at the picture would."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ WORDS_FOR_PLACE: Mapping[str, str] = {
     "forest": "dirt path: 1; tree: -1; bush: -1",
     "gravel": "gravel: 1; dry grass: 0.3",
 }
-"""What the operator knows of each place, and so says when asked about it."""
+"""The words with which the operator answers a call for each place."""
 
 GROUND: Mapping[str, str] = {"meadow": "grass", "forest": "dirt path", "gravel": "dry grass"}
-"""What a call for nothing is about: a tuft between the ruts, litter on the path."""
+"""The word for the ground where a call was needless: a tuft between the ruts, litter on the path."""
 
 THINK = 0.8
 """Seconds that the operator looks at a call before answering."""
@@ -29,17 +29,18 @@ class _Seen:
 
 @dataclass
 class AutoOperator:
-    """Answers every call: the place by its words, a thing by a tap on it.
+    """Answers every call: a place with its words, a thing with a tap on it.
 
-    A thing that was named is never waved through: it stays -1 until it is gone.
+    It never accepts a thing that it has named: that keeps its weight -1 until it is gone.
     """
 
     _calls: dict[int, _Seen] = field(default_factory=dict)
 
     def answer(self, call: Mapping[str, Any], place: str, thing: str | None, now: float) -> str | None:
-        """The line to type for an open call or hold now, if any.
+        """Returns the line to type now for an open call or hold; None while it waits.
 
-        call: the newest event of it. place: where the rover is heading. thing: the kind of what stands ahead.
+        call: its newest event. place: the zone that the rover is in. thing: the kind of the nearest thing
+        ahead, None where there is none. now: s of a steady clock.
         """
         seen = self._calls.setdefault(call["id"], _Seen(now, call["stage"]))
         if seen.stage != call["stage"]:

@@ -1,4 +1,4 @@
-"""A process of the demo, read line by line without blocking."""
+"""Runs a process of the demo and reads its output line by line without blocking."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _LIBC = ctypes.CDLL(None)
 
 
 class ChildError(RuntimeError):
-    """A process of the demo that did not start or ended too early; its log says why."""
+    """Raised for a process of the demo that did not start or ended too early; its log says why."""
 
 
 class Child:
-    """`python -m ...` with its stdout as lines; stderr goes to a log file.
+    """Runs `python -m ...`, gives its stdout as lines and writes its stderr to a log file.
 
-    interactive: the process talks to the terminal itself; its lines are those of `events`, a file it writes.
-    It ends with the thread that started it, however that ends, by the signal `orphaned`; only SIGKILL ends
-    one that is stopped.
+    interactive: the process uses the terminal itself; its lines are then those of the file `events` that it
+    writes. When the thread that started it ends, the kernel sends it the signal `orphaned`: choose SIGKILL
+    for a process that may be stopped (SIGSTOP), since no other signal ends that.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Child:
         orphaned: signal.Signals = signal.SIGTERM,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """environment: beside what it inherits."""
+        """environment: variables to set besides those that it inherits."""
         self.name = name
         self.log = log
         self._lines: queue.Queue[tuple[float, str]] = queue.Queue(MAX_LINES)
@@ -70,11 +70,11 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Whether the process has not ended yet."""
         return self.process.poll() is None
 
     def lines(self) -> list[tuple[float, str]]:
-        """What it printed since the last call, with the monotonic seconds when it was read."""
+        """Returns the lines printed since the last call, each with the monotonic seconds when it was read."""
         taken = self._read_file()
         with contextlib.suppress(queue.Empty):
             while True:
@@ -82,7 +82,7 @@ class Child:
         return taken
 
     def first_line(self, timeout: float) -> str:
-        """The first line that it prints. Raises ChildError when none comes."""
+        """Waits for the first line. Raises ChildError when none comes within `timeout` s."""
         deadline = time.monotonic() + timeout
         while time.monotonic() < deadline:
             with contextlib.suppress(queue.Empty):
@@ -92,20 +92,20 @@ class Child:
         raise self.error("did not start")
 
     def error(self, what: str) -> ChildError:
-        """What went wrong with it, where its log is, and how that ends."""
-        told = self.log.read_text(encoding="utf-8", errors="replace").split("\n") if self.log.exists() else []
-        last = next((line.strip() for line in reversed(told) if line.strip()), "")
+        """Makes an error that says what went wrong, where the log is and what its last line says."""
+        log = self.log.read_text(encoding="utf-8", errors="replace").split("\n") if self.log.exists() else []
+        last = next((line.strip() for line in reversed(log) if line.strip()), "")
         return ChildError(f"{self.name} {what}: see {self.log}" + (f", which ends: {last}" if last else ""))
 
     def type(self, line: str) -> None:
-        """Write a line to its standard input."""
+        """Writes a line to its standard input; does nothing once it has ended."""
         if self.process.stdin is not None and self.running:
             with contextlib.suppress(OSError):
                 self.process.stdin.write(line + "\n")
                 self.process.stdin.flush()
 
     def stop(self, timeout: float = 5.0) -> None:
-        """Ask it to end; kill it when it does not."""
+        """Sends SIGTERM, and SIGKILL when the process has not ended after `timeout` s."""
         if self.running:
             self.process.terminate()
         try:

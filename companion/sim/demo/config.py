@@ -1,4 +1,4 @@
-"""The configuration that a demo runs with: written out, so that a newcomer can read and change it."""
+"""Writes the configuration that a demo runs with to a file, so that a newcomer can read and change it."""
 
 from __future__ import annotations
 
@@ -66,24 +66,24 @@ braking = {braking:g}
 delay = {delay:g}
 """
 _TO_THE_AUTOPILOT = 0.1
-"""Seconds from an order until the simulated autopilot has taken HOLD, over the loopback."""
+"""Seconds from an order until the simulated autopilot is in HOLD, over the loopback."""
 
 
 def written_by_demo(path: Path) -> bool:
-    """Whether this configuration is an earlier demo's, and nobody's work."""
+    """Whether an earlier demo wrote this configuration, so that it may be overwritten."""
     return path.is_file() and path.read_bytes().startswith(_MARK.encode())
 
 
 def write_config(out: Path, *, camera: str, link: str, policy: str, speed: float | None = None) -> Path:
-    """companion.toml in `out`, with the state beside it.
+    """Writes companion.toml into `out`, with the state folder beside it, and returns its path.
 
-    speed: of the simulated rover, m/s; None where it is a camera of one's own, whose mount nobody knows.
+    speed: of the simulated rover in m/s; None for the user's own camera, whose mount is not known.
     """
     path = out / "companion.toml"
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
-    # What JSON makes of a string is a TOML string too, whatever is in a path.
+    # A JSON string is a TOML string too: this quotes paths with any characters.
     quoted = {name: json.dumps(value) for name, value in values.items()}
-    # Frames of the field say when they were captured.
+    # The field's frames carry their capture time, so that no latency of the camera has to be added.
     view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\nlatency = 0\n"
     stopping = "" if speed is None else _of_the_field(speed)
     path.write_text(_TEXT.format(mark=_MARK, view=view, stopping=stopping, **quoted), encoding="utf-8")

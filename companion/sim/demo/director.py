@@ -1,4 +1,4 @@
-"""Sets the stage and follows the play: field, daemon and operator over real UDP, told as a story."""
+"""Directs the demo: follows field, daemon and operator over real UDP and prints what happens."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ LIMIT = 170.0
 READY_WITHIN = 20.0
 STEP = 0.1
 BEYOND_RETURN = 12.0
-"""Metres into the known meadow that the rover must come without a call for the place."""
+"""Metres that the rover must drive into the known meadow without a call for the place."""
 NEAR = 9.0
-"""Metres ahead at which a person would point at a thing."""
+"""Metres ahead within which the scripted operator sees a thing."""
 TAKE_OVER_AFTER = 4.0
-"""Seconds that a blocked rover stands before nothing at all until a human takes over."""
+"""Seconds that a rover stands blocked, with nothing ahead of it, before a human takes over."""
 STANDS = 0.2
-"""m/s below which a rover in HOLD all but stands: the last centimetres take it two seconds."""
+"""m/s below which a rover in HOLD counts as standing: HOLD takes two seconds for the last centimetres."""
 REMOVE_AFTER = 1.5
-"""Seconds that a named thing must have kept the rover standing before somebody takes it away."""
+"""Seconds that a named thing must have kept the rover standing before a person takes it away."""
 
 
 @dataclass
 class Stage:
-    """The processes and where they leave things."""
+    """Holds the demo's processes and the folder `out` that they write to."""
 
     out: Path
     trail: Child
@@ -43,14 +43,14 @@ class Stage:
     started: float = field(default_factory=time.monotonic)
 
     def daemon_status(self) -> dict[str, Any]:
-        """The daemon's status file; empty while there is none."""
+        """Reads the daemon's status file; empty while there is none."""
         with contextlib.suppress(OSError, ValueError):
             status = json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8"))
             return status if isinstance(status, dict) else {}
         return {}
 
     def close(self) -> None:
-        """End all processes, the operator first."""
+        """Ends all processes, the operator first."""
         for child in (self.operator, self.daemon):
             child.stop()
         with contextlib.suppress(Exception):
@@ -60,7 +60,7 @@ class Stage:
 
 
 class Director:
-    """Follows field and operator; in the scripted demo also answers, and takes named things away."""
+    """Follows field and operator; in the scripted demo it also answers calls and takes named things away."""
 
     def __init__(self, stage: Stage, story: Story, *, auto: bool) -> None:
         self._stage = stage
@@ -76,7 +76,10 @@ class Director:
         self.status: dict[str, Any] = {}
 
     def play(self) -> dict[str, Any]:
-        """Until the rover is back in the known meadow, time is over or the operator quits; the figures."""
+        """Runs until the rover is back in the known meadow, `LIMIT` is over or the operator quits.
+
+        Returns the figures. Raises ChildError when the field or the daemon fails.
+        """
         self._wait_until_ready()
         self._stage.control.start()
         started = time.monotonic()
@@ -86,10 +89,10 @@ class Director:
                 time.sleep(STEP)
         except KeyboardInterrupt:
             if self._auto is not None:
-                raise  # for a person it is another way to quit
+                raise  # for a person Ctrl-C is another way to quit, so that the figures are still wanted
         self._seconds = time.monotonic() - started
         self._stage.daemon.stop()
-        self._hear_all()
+        self._read_events()
         return self._tally.figures(self.status, self._stage.daemon_status(), self._seconds)
 
     def _wait_until_ready(self) -> None:
@@ -112,26 +115,26 @@ class Director:
                 raise child.error("ended")
         self.status = self._stage.control.status()
         self._story.field(self.status, self._clock(now))
-        self._hear_all()
+        self._read_events()
         self._take_away(now)
         self._watch_return()
         if self._auto is not None:
             for call in list(self._open.values()):
                 self._answer(self._auto, call, now)
 
-    def _hear_all(self) -> None:
+    def _read_events(self) -> None:
         lines = self._stage.operator.lines()
         with (self._stage.out / "logs" / "events.jsonl").open("a", encoding="utf-8") as log:
             log.writelines(line + "\n" for _, line in lines)
         for at, line in lines:
             with contextlib.suppress(ValueError):
-                self._hear(json.loads(line), at)
+                self._handle_event(json.loads(line), at)
 
-    def _hear(self, event: dict[str, Any], now: float) -> None:
+    def _handle_event(self, event: dict[str, Any], now: float) -> None:
         self._tally.event(event, now)
         if self._auto is not None:
             self._story.event(event, self._clock(now))
-        else:  # the operator's own terminal tells the rest
+        else:  # the operator's own terminal prints the rest
             self._story.picture(event, self._stage.out, self._clock(now))
         if event.get("event") in {"call", "call_changed"}:
             self._open[event["id"]] = event
@@ -154,9 +157,10 @@ class Director:
         return min(ahead, key=lambda thing: thing["distance"], default=None)
 
     def _take_away(self, now: float) -> None:
-        """A person takes a named thing away, once it has kept the rover standing for a while.
+        """Takes a named thing away once it has kept the rover standing for `REMOVE_AFTER` s.
 
-        Where nothing stands, what is known there was mistaken: the person sees that, and takes over.
+        Where the rover stands blocked but nothing is ahead, the perceiver took ground for a named thing: then
+        a human takes over by hand.
         """
         thing = self._thing_ahead()
         standing = self.status["speed"] < STANDS and self.status["mode"] == "HOLD"
@@ -209,7 +213,7 @@ class Director:
 
 
 def verdict(figures: dict[str, Any], story: Story) -> int:
-    """Say what was shown and what was not; the exit code."""
+    """Prints what was not shown, or that all was; returns the exit code."""
     left = missing(figures)
     story.plain()
     for name in left:
@@ -220,7 +224,7 @@ def verdict(figures: dict[str, Any], story: Story) -> int:
 
 
 def summary(figures: dict[str, Any]) -> str:
-    """One line on what a person's own demo came to."""
+    """Returns one line with the totals of a demo that a person answered."""
     return (
         f"{figures['calls']} calls, {figures['holds']} holds, {figures['resumes']} resumes, "
         f"{figures['history_matches']} places known again, {figures['collisions']} things driven into."

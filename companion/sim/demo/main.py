@@ -1,4 +1,4 @@
-"""`companion demo`: with the simulated field, or on a camera of your own with --camera."""
+"""Runs `companion demo`: with the simulated field, or on your own camera with --camera."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OLD = ("state", "logs", "contact-sheet.png")
 
 
 def main(options: argparse.Namespace) -> int:
-    """Run the demo; the exit code is 0 only if all that it should show was shown."""
+    """Runs the demo. Exit code: 0 when it showed all that it should, 1 if not, 2 if `out` is not usable."""
     out = Path(options.out).absolute() if options.out else Path(tempfile.mkdtemp(prefix="atd-"))
     try:
         _make_room(out)
@@ -47,7 +47,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _make_room(out: Path) -> None:
-    """An empty folder `out`, where an earlier demo's may have been; nothing else is overwritten."""
+    """Makes `out` an empty folder: deletes only an earlier demo's files; OSError if it holds others."""
     out.mkdir(parents=True, exist_ok=True)
     config = out / "companion.toml"
     foreign = {path.name for path in out.iterdir()} - {config.name, *_OLD}
@@ -82,17 +82,17 @@ def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
 
 
 def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED) -> Stage:
-    """Start field, daemon and operator. speed: m/s that the rover drives. Raises ChildError."""
+    """Starts field, daemon and operator. speed: m/s that the rover drives. Raises ChildError."""
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
     started: list[Child] = []
 
-    def keep(child: Child) -> Child:
+    def track(child: Child) -> Child:
         started.append(child)
         return child
 
     try:
-        field = keep(
+        field = track(
             Child(
                 "field",
                 ["companion.sim.field", "--seed", str(seed), "--speed", str(speed)],
@@ -104,8 +104,8 @@ def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED) -> Stag
             print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
         camera, link = f"field:{ports['frames']}", ports["companion"]
         config = write_config(out, camera=camera, link=link, policy="hold", speed=speed)
-        daemon = keep(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
-        operator = keep(start_operator(ports["gcs"], logs, auto=auto))
+        daemon = track(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
+        operator = track(start_operator(ports["gcs"], logs, auto=auto))
         host, _, port = ports["control"].rpartition(":")
         return Stage(out, field, daemon, operator, FieldControl(host, int(port)))
     except BaseException:

@@ -1,4 +1,4 @@
-"""The operator of a demo: the terminal, typed at by a person or by the demo itself."""
+"""Starts the operator's terminal for a demo; a person or the demo itself types into it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from companion.sim.demo.child import Child
 
 
 def start_operator(link: str, logs: Path, *, auto: bool) -> Child:
-    """The terminal operator; a person's own unless `auto`. Its lines are its events either way."""
+    """Starts the terminal; with `auto` the demo types, else a person. `lines` gives its events either way."""
     arguments = ["gcs_plugin.terminal.main", "--connect", link]
     log = logs / "operator.log"
     if auto:

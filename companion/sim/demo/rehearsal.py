@@ -1,4 +1,4 @@
-"""`companion demo --camera ...`: real frames, no rover. What the daemon would have done is printed."""
+"""Runs `companion demo --camera ...`: judges real frames and prints where it would have held."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP = 0.1
 
 
 def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
-    """Play the camera to its end in shadow policy; 0 when frames were judged."""
+    """Plays the camera to its end in shadow policy. Returns 0 when frames were judged, else 1."""
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
     port = free_port()
@@ -49,7 +49,7 @@ def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
 
 
 class _Rehearsal:
-    """Follows daemon and operator; where nobody types, says go to every call."""
+    """Follows daemon and operator; with `auto` it answers every call with go."""
 
     def __init__(self, daemon: Child, operator: Child, out: Path, story: Story, *, auto: bool) -> None:
         self._daemon = daemon
@@ -64,7 +64,10 @@ class _Rehearsal:
         self._started = time.monotonic()
 
     def follow(self) -> dict[str, Any]:
-        """Until the camera has ended, the operator quits or Ctrl-C; the figures. Raises ChildError."""
+        """Runs until the camera has ended, the operator quits or Ctrl-C; returns the figures.
+
+        Raises ChildError when a process ends early or no frame comes.
+        """
         with contextlib.suppress(KeyboardInterrupt):
             self._follow()
         return {
@@ -83,7 +86,7 @@ class _Rehearsal:
             self._read_status()
             for _, line in self._operator.lines():
                 with contextlib.suppress(ValueError):
-                    self._hear(json.loads(line))
+                    self._handle_event(json.loads(line))
             if self._auto:
                 self._answer()
             if self._over():
@@ -99,10 +102,10 @@ class _Rehearsal:
             self._status = json.loads(self._status_file.read_text(encoding="utf-8"))
         self._story.where = f"frame {self._status.get('frames', 0)}"
 
-    def _hear(self, event: dict[str, Any]) -> None:
+    def _handle_event(self, event: dict[str, Any]) -> None:
         if self._auto:
             self._story.event(event, self._seconds)
-        else:  # the operator's own terminal tells the rest
+        else:  # the operator's own terminal prints the rest
             self._story.picture(event, self._out, self._seconds)
         name = event.get("event")
         if name == "call":
@@ -129,7 +132,7 @@ class _Rehearsal:
 
 
 def free_port() -> int:
-    """A UDP port of 127.0.0.1 that nobody has now."""
+    """Returns a UDP port of 127.0.0.1 that is not in use now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

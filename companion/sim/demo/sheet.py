@@ -1,4 +1,4 @@
-"""The contact sheet: the key frames of a demo with their maps and states."""
+"""Makes the contact sheet: the key frames of a demo with their maps and states."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _MOST = 24
 
 
 def write_sheet(out: Path) -> Path | None:
-    """`contact-sheet.png` of the album's pictures in `out`; None when there are none."""
+    """Writes `contact-sheet.png` from the snapshots in `out`; returns its path, None when there are none."""
     import cv2
     import numpy as np
 

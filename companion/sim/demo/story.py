@@ -1,4 +1,4 @@
-"""The demo as a newcomer reads it: one line a thing that happened."""
+"""Prints the demo's events for a newcomer, one line each."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _REASONS = {
 
 
 class Story:
-    """Prints lines with the time and the rover's place in front.
+    """Prints lines that begin with the time and the rover's place.
 
-    clock: the time of day, as the operator's terminal beside it tells it, instead of seconds.
+    clock: print the time of day, as the operator's terminal does, instead of seconds since the start.
     """
 
     def __init__(self, stream: TextIO = sys.stdout, *, clock: bool = False) -> None:
@@ -29,18 +29,18 @@ class Story:
         self.where = ""
 
     def tell(self, seconds: float, text: str) -> None:
-        """One line. seconds: since the start."""
+        """Prints one line. seconds: since the start."""
         line = f"{seconds:6.1f} s  {self.where:<14} {text}"
         if self._clock:
             line = f"{time.strftime('%H:%M:%S')}  [{self.where}] {text}"
         print(line, file=self._stream, flush=True)
 
     def plain(self, text: str = "") -> None:
-        """A line without a time."""
+        """Prints a line without a time."""
         print(text, file=self._stream, flush=True)
 
     def event(self, event: dict[str, Any], seconds: float) -> None:
-        """One event of the operator's, if a newcomer should know of it."""
+        """Prints an event of the operator's terminal, if it matters to a newcomer."""
         name = event.get("event")
         if name == "call" and event["kind"] == "call":
             why = " and ".join(_REASONS[reason] for reason in event["reasons"])
@@ -59,13 +59,13 @@ class Story:
             self.tell(seconds, f"state {event['state'].upper()}: {_REASONS[event['state']]}")
 
     def picture(self, event: dict[str, Any], out: Path, seconds: float) -> None:
-        """Where a call's large picture lies on this computer."""
+        """Prints where a call's large picture is on this computer."""
         if event.get("event") == "call" and event.get("picture"):
             name = Path(str(event["picture"])).stem
             self.tell(seconds, f"picture: {out / 'state' / 'calls' / f'{name}-large.jpg'}")
 
     def field(self, status: dict[str, Any], seconds: float) -> None:
-        """The field's status: place, mode, and what was touched."""
+        """Takes in the field's status: updates the place, prints a change of mode and each collision."""
         self.where = f"{status['zone']} {status['distance']:.0f} m"
         if status["mode"] != self._mode:
             by = status["mode_log"][-1]["by"] if status["mode_log"] else "?"

@@ -1,4 +1,4 @@
-"""`python -m companion.sim.field`: the simulated field as a process of its own."""
+"""Runs the simulated field as a process of its own: `python -m companion.sim.field`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ Number = TypeVar("Number", int, float)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the addresses as one line of JSON, then serve until stopped by the control channel, by SIGTERM or
-    SIGINT, or after --duration seconds."""
+    """Prints the addresses as one line of JSON, then serves until it is stopped.
+
+    The control channel, SIGTERM, SIGINT or --duration end it. Exit code: 0, or 2 without OpenCV.
+    """
     args = _parser().parse_args(arguments)
     try:
         import cv2
@@ -46,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _announce(line: str) -> None:
-    """Say it once; nobody listening is no reason not to run."""
+    """Prints the line. A closed stdout does not end the process: later output then goes to /dev/null."""
     try:
         print(line, flush=True)
     except (OSError, ValueError, AttributeError):

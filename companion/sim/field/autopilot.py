@@ -1,8 +1,8 @@
-"""The autopilot: ArduPilot Rover as a companion computer and a ground station see it on MAVLink.
+"""Simulates ArduPilot Rover as a companion computer and a ground station see it on MAVLink.
 
-It routes between its two ports, obeys modes, arming and parameters, and drives the rover. No sockets and no
-clock of its own: parsed frames and times come in, frames leave through `send(port, frame)`, which says
-whether anybody was there to send to.
+It routes between its two ports, obeys modes, arming and parameters, and drives the rover. It has no sockets
+and no clock of its own: parsed frames and times come in, and frames leave through `send(port, frame)`, which
+returns whether there was a peer to send to.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ class ModeChange:
 
 
 class Autopilot:
-    """Boots disarmed in HOLD. Accepts HOLD in every mode, whoever asks.
+    """An autopilot that boots disarmed in HOLD, and enters HOLD from every mode, whoever commands it.
 
-    Another kind is a class below this one. It says otherwise in the class variables and in the methods from
-    `find_mode` to `_beat`; the rest is the same for all.
+    A subclass simulates another kind. It overrides the class variables and the methods from `find_mode` to
+    `_mode_changed`; the rest is the same for all.
     """
 
     modes: ClassVar[type[enum.IntEnum]] = Mode
@@ -55,7 +55,7 @@ class Autopilot:
     mission: ClassVar[enum.IntEnum] = Mode.AUTO
     parameter_table: ClassVar[Sequence[Row]] = ARDUPILOT
     speeds: ClassVar[tuple[str, ...]] = ("WP_SPEED", "CRUISE_SPEED")
-    """Parameters of the speed along the trail: the first that is not 0 counts; the last is set at first."""
+    """Names of the speed parameters. The first that is not 0 counts; the constructor sets the last."""
 
     def __init__(self, rover: Rover, send: Callable[[Port, bytes], bool]) -> None:
         self.rover = rover
@@ -79,12 +79,12 @@ class Autopilot:
         self._apply()
 
     def overhear(self, port: Port, datagram: bytes) -> None:
-        """What came in on `port`, before anybody checks it: scripts hear damaged frames too."""
+        """Passes a datagram on to the script unchecked: ArduPilot's scripts receive damaged frames too."""
         if self.script is not None:
             self.script.hear(datagram, channel=list(Port).index(port))
 
     def receive(self, port: Port, frame: Any) -> None:
-        """Route and obey one parsed frame that came in on `port`."""
+        """Routes and executes one parsed frame that came in on `port`."""
         if frame.get_type() == "OBSTACLE_DISTANCE":
             self.obstacles_at = self.rover.time
         route = self.router.decide(port, frame)
@@ -94,8 +94,10 @@ class Autopilot:
             self._execute(port, frame)
 
     def poll(self, now: float) -> None:
-        """Say what is due at `now` (s, any steady clock): heartbeat, streams, parameters being listed.
-        A script runs by the rover's time."""
+        """Sends what is due at `now` (s, any steady clock): heartbeat, streams, parameters of a list.
+
+        It runs the script, too, whose clock is the rover's time.
+        """
         if self.script is not None:
             self.script.poll()
         if now >= self._next_heartbeat:
@@ -109,13 +111,14 @@ class Autopilot:
                 self.say_parameter(port, self._listing[port].popleft())
 
     def say(self, port: Port, message: Any) -> None:
-        """Send a message of the autopilot's own on one port."""
+        """Sends a message of the autopilot's own on one port."""
         mav = self._mav[port]
         frame = message.pack(mav)
         mav.seq = (mav.seq + 1) % 256
         self._send(port, frame)
 
     def say_parameter(self, port: Port, row: Parameter) -> None:
+        """Sends PARAM_VALUE of one parameter on one port."""
         self.say(
             port,
             mavlink.MAVLink_param_value_message(
@@ -124,7 +127,7 @@ class Autopilot:
         )
 
     def set_mode(self, mode: enum.IntEnum, by: str) -> None:
-        """Enter `mode`, and tell both ports."""
+        """Enters `mode` and reports the change on both ports. by: who set it, for the mode log."""
         if mode is self.mission and self.mode is not self.mission and self.restarts_mission():
             self.rover.restart_mission()
         changed = mode is not self.mode
@@ -133,10 +136,10 @@ class Autopilot:
         if changed:
             self.mode_by = by
             self.mode_log.append(ModeChange(self.rover.time, mode, by))
-            self._beat()
+            self._mode_changed()
 
     def arm(self, *, on: bool) -> bool:
-        """False: a script forbids it. Only where arming checks are on (ARMING_CHECK) it is asked."""
+        """Arms or disarms. Returns False when the script forbids arming; ARMING_CHECK 0 ignores it."""
         if on and self.script is not None and self.parameters["ARMING_CHECK"]:
             why = self.script.forbids_arming()
             if why:
@@ -146,38 +149,38 @@ class Autopilot:
         self.armed = on
         self._apply()
         if changed:
-            self._beat()
+            self._mode_changed()
             self.tell(b"Throttle armed" if on else b"Throttle disarmed", mavlink.MAV_SEVERITY_INFO)
         return True
 
     def set_parameter(self, name: str, value: float) -> Parameter | None:
-        """As `Parameters.set`; what the rover drives by takes effect at once."""
+        """Sets a parameter as `Parameters.set` does; a new speed takes effect at once."""
         row = self.parameters.set(name, value)
         self.rover.cruise_speed = next((v for name in self.speeds if (v := self.parameters[name])), 0.0)
         return row
 
     def find_mode(self, custom: int, _sub: int) -> enum.IntEnum | None:
-        """The mode that a command asks for; None when there is none."""
+        """Returns the mode that a command asks for; None when there is no such mode."""
         return Mode(custom) if custom in {int(mode) for mode in Mode} else None
 
     def may_enter(self, _mode: enum.IntEnum) -> bool:
-        """Whether a command for the mode is obeyed now."""
+        """Whether a command for this mode is obeyed now."""
         return True
 
     def restarts_mission(self) -> bool:
-        """Whether the mission begins anew each time its mode is entered."""
+        """Whether the mission starts over each time its mode is entered."""
         return bool(self.parameters["MIS_RESTART"])
 
     def results(self, _command: int, result: int) -> list[int]:
-        """The acknowledgements that a command gets, in order."""
+        """Returns the results of the acknowledgements that a command gets, in order."""
         return [result]
 
     def periods(self) -> dict[int, float]:
-        """Every message that can be streamed, and its period in s unless somebody asks; inf: never."""
+        """Returns each message id that can be streamed with its default period in s; inf: only on request."""
         return {number: period for number, (_, period) in telemetry.MESSAGES.items()}
 
     def message(self, number: int) -> Any:
-        """One of `periods` as it would be said now; None when there is no such message."""
+        """Makes the message of one of the ids of `periods` with its values now; None for other ids."""
         known = telemetry.MESSAGES.get(number)
         return None if known is None else known[0](self.rover)
 
@@ -185,11 +188,11 @@ class Autopilot:
         return telemetry.heartbeat(Mode(self.mode), armed=self.armed)
 
     def drives(self) -> Drive:
-        """What the mode asks of the motors of an armed rover."""
+        """Returns what the mode makes the motors of an armed rover do."""
         return {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}.get(Mode(self.mode), Drive.HOLD)
 
-    def _beat(self) -> None:
-        """Mode or arming has changed: the heartbeat tells it at once."""
+    def _mode_changed(self) -> None:
+        """Called when mode or arming has changed: ArduPilot sends a heartbeat at once."""
         self._say_heartbeat()
 
     def _apply(self) -> None:
@@ -200,7 +203,7 @@ class Autopilot:
             self.say(port, self.heartbeat())
 
     def tell(self, text: bytes, severity: int) -> None:
-        """A text of at most 50 bytes, on both ports."""
+        """Sends a STATUSTEXT of at most 50 bytes on both ports."""
         for port in Port:
             self.say(port, mavlink.MAVLink_statustext_message(severity, text))
 

@@ -1,4 +1,4 @@
-"""What closes the view: sky with clouds, wooded hills at the horizon, the wall of trees round a forest."""
+"""Paints the background: sky with clouds, wooded hills at the horizon, the wall of trees round a forest."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _PER_DEGREE = _WIDTH / 360
 _HIGHEST_HILL = 6.0  # degrees
 _ROWS = 300  # of the panorama, from the horizon up
 _DRIFT = 0.35  # degrees a second that the clouds move
-_RINGS = (14.0, 22.0, 32.0, 44.0)  # m, where the woods are looked for
+_RINGS = (14.0, 22.0, 32.0, 44.0)  # m from the camera, distances at which the ground is sampled for woods
 NEAREST_FOOT = _RINGS[1]  # m, before which the ground stays open
-_CROWN = 9.0  # m above the camera's eye that the woods reach
+_CROWN = 9.0  # m that the woods reach above the lens
 
 
 class Backdrop:
-    """Paints what is behind the things, over the upper rows of a frame, of pixels of known direction."""
+    """Paints what is behind the things over the upper rows of a frame, whose pixels' directions are known."""
 
     def __init__(self, seed: int, azimuth: Floats, elevation: Floats, labels: tuple[int, int]) -> None:
-        """`azimuth` (left positive) and `elevation` are (H, W), radians, of a camera that looks along +x.
+        """`azimuth` (left positive) and `elevation` are (H, W) in radians, of a camera that looks along +x.
 
-        The rows go on below the horizon as far as woods may stand; `labels` are those of sky and woods.
+        The rows reach as far below the horizon as woods may stand. `labels`: the label ids of sky and woods.
         """
         rng = np.random.default_rng([seed, 20])
         self._labels = labels
@@ -54,7 +54,10 @@ class Backdrop:
         )
 
     def paint(self, frame: Bytes, labels: Bytes, pose: Pose, t: float, ground: Ground) -> None:
-        """Paint, in full light, over a frame (rows, W, 3) with its ground and over its labels (rows, W)."""
+        """Paints in full light over a frame (rows, W, 3) with its ground drawn and over its labels (rows, W).
+
+        t: s, by which the clouds have drifted.
+        """
         import cv2
 
         turn = np.float32(np.degrees(pose.heading) * _PER_DEGREE)
@@ -82,7 +85,7 @@ class Backdrop:
             self._cover(frame, labels, woods, np.minimum(over * np.float32(0.6), under) * self._pixels)
 
     def _cover(self, frame: Bytes, labels: Bytes, woods: Bytes, rise: Floats) -> None:
-        """Woods wherever they reach `rise` pixels past the line of sight, with an edge one pixel soft."""
+        """Paints woods where they reach above a pixel, `rise` pixels high; the edge is one pixel soft."""
         import cv2
 
         shown = np.clip(rise + np.float32(0.5), 0, 1)
@@ -90,14 +93,14 @@ class Backdrop:
         labels[shown > 0.5] = self._labels[1]
 
     def _woods_around(self, pose: Pose, ground: Ground) -> tuple[Floats, Floats]:
-        """How far above and below the horizon the woods reach in each column, in degrees."""
+        """Returns how far above and below the horizon the woods reach in each column, in degrees."""
         bearing = (self._bearing + pose.heading)[None, :]
         ring = np.asarray(_RINGS, np.float32)[:, None]
         x = (pose.x + ring * np.cos(bearing)).astype(np.float32)
         y = (pose.y + ring * np.sin(bearing)).astype(np.float32)
         forest, _ = ground.shares(x, y)
         crown = (forest * np.degrees(np.arctan(_CROWN / ring))).max(axis=0)
-        beyond = slice(1, None)  # the nearest ring leaves the path free
+        beyond = slice(1, None)  # without the nearest ring, so that no foot of the woods covers the path
         foot = (forest * np.degrees(np.arctan(1 / ring)))[beyond].max(axis=0)
         return crown.astype(np.float32), foot.astype(np.float32)
 
@@ -147,7 +150,7 @@ def _raggedness(rng: np.random.Generator) -> Floats:
 
 
 def _hills(rng: np.random.Generator) -> Floats:
-    """The height of the hills in each column of the panorama, in degrees."""
+    """Returns the height of the hills in each column of the panorama, in degrees."""
     slow, fine = _panorama_noise(rng, 150, 1000, 1)[0], _panorama_noise(rng, 4, 30, 1)[0]
     heights: Floats = np.clip(2.6 + 1.1 * slow + 0.25 * fine, 0.8, _HIGHEST_HILL).astype(np.float32)
     return heights

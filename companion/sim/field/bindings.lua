@@ -1,5 +1,5 @@
--- ArduPilot's scripting bindings, as many as the shipped script uses, over a table of functions of the field.
--- They are as strict as the real ones about the colon and about numbers. Returns the sandbox of one script.
+-- Provides the ArduPilot scripting bindings that the shipped script uses, on top of a table of host functions.
+-- Like the real ones they refuse a call without the colon and numbers out of range. Returns one script's sandbox.
 local host = ...
 
 local uint32 = {}
@@ -16,7 +16,7 @@ uint32.__le = function(a, b) return unboxed(a) <= unboxed(b) end
 uint32.__eq = function(a, b) return unboxed(a) == unboxed(b) end
 uint32.__tostring = function(a) return tostring(a.value) end
 function uint32:tofloat() return self.value + 0.0 end
--- Integers have 32 bits there.
+-- ArduPilot's Lua has integers of 32 bits.
 function uint32:toint() return self.value < 0x80000000 and self.value or self.value - 0x100000000 end
 
 local function singleton(name, methods)

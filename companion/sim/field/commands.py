@@ -1,4 +1,4 @@
-"""The commands that the autopilot obeys, one table; every other one is answered UNSUPPORTED."""
+"""Runs the commands that the autopilot knows, by one table; every other one is answered UNSUPPORTED."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ Handler = Callable[[Port, Sequence[float]], int]
 
 
 class Script(Protocol):
-    """What a command may do to the autopilot's script."""
+    """What a command can do to the autopilot's script."""
 
     def restart(self) -> None: ...
 
 
 class Commanded(Protocol):
-    """What commands ask of an autopilot."""
+    """What the commands need of an autopilot."""
 
     streams: dict[Port, Streams]
 
@@ -61,14 +61,15 @@ class Commands:
         }
 
     def run(self, port: Port, frame: Any) -> None:
-        """Obey the command in `frame`; NaN where a number is needed is DENIED."""
+        """Runs the command in `frame` and acknowledges it; NaN where a number is needed is DENIED."""
         handler = self._handlers.get(frame.command)
         asked = [frame.param1, frame.param2, frame.param3]
         result = UNSUPPORTED if handler is None else handler(port, asked)
-        for told in self._autopilot.results(frame.command, result):
-            self.acknowledge(port, frame, frame.command, told)
+        for acknowledged in self._autopilot.results(frame.command, result):
+            self.acknowledge(port, frame, frame.command, acknowledged)
 
     def acknowledge(self, port: Port, frame: Any, command: int, result: int) -> None:
+        """Sends COMMAND_ACK to the sender of `frame`."""
         self._autopilot.say(
             port,
             mavlink.MAVLink_command_ack_message(
@@ -77,7 +78,7 @@ class Commands:
         )
 
     def set_mode(self, port: Port, asked: Sequence[float]) -> int:
-        """`asked`: base mode, which must carry the custom-mode bit, custom mode and, with some, sub mode."""
+        """Sets the mode. `asked`: base mode with the custom-mode bit, custom mode and, for PX4, sub mode."""
         base, custom = _whole(asked[0]), _whole(asked[1])
         if base is None or custom is None or not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return DENIED

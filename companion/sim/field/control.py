@@ -1,8 +1,8 @@
-"""The onlooker's channel: what a person beside the trail could see and do. Outside MAVLink.
+"""Serves the control channel, outside MAVLink: what a person beside the trail could see and do.
 
-Loopback TCP, one JSON object a line each way: {"do": "status"} is answered with the status, every other
-request with {"ok": true} or {"error": "what to do"}. A client that sends too long a line or does not read
-its answers is dropped.
+It is loopback TCP with one JSON object a line each way: {"do": "status"} is answered with the status, every
+other request with {"ok": true} or {"error": "what to do"}. A client that sends too long a line or does not
+read its answers is dropped.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ Handler = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class FieldError(Exception):
-    """The field refused a request or is gone. The message says what to do."""
+    """Raised when the field refused a request or is gone. The message says what to do."""
 
 
 class ControlServer:
-    """Serves on 127.0.0.1 from the selector of the caller's loop; `handle` answers one request."""
+    """Serves on 127.0.0.1 with the selector of the caller's loop; `handle` answers one request."""
 
     def __init__(self, selector: selectors.BaseSelector, handle: Handler) -> None:
         self._selector = selector
         self._handle = handle
         self._clients: dict[socket.socket, _Client] = {}
-        self._router = socket.create_server(("127.0.0.1", 0))
-        self._router.settimeout(0.0)
-        self._selector.register(self._router, selectors.EVENT_READ, self._accept)
-        self.address: tuple[str, int] = self._router.getsockname()
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self._listening.settimeout(0.0)
+        self._selector.register(self._listening, selectors.EVENT_READ, self._accept)
+        self.address: tuple[str, int] = self._listening.getsockname()
 
     def close(self) -> None:
         for client in list(self._clients):
             self._drop(client)
-        self._selector.unregister(self._router)
-        self._router.close()
+        self._selector.unregister(self._listening)
+        self._listening.close()
 
     def _accept(self, _events: int) -> None:
         with contextlib.suppress(OSError):
-            client, _ = self._router.accept()
+            client, _ = self._listening.accept()
             if len(self._clients) >= MAX_CLIENTS:
                 client.close()
                 return
@@ -76,7 +76,7 @@ class ControlServer:
 class _Client:
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
-        self._heard = bytearray()
+        self._received = bytearray()
         self.unsent = bytearray()
 
     def lines(self) -> list[bytes]:
@@ -86,11 +86,11 @@ class _Client:
             return []
         if not chunk:
             raise FieldError("the client hung up")
-        self._heard += chunk
-        *lines, rest = bytes(self._heard).split(b"\n")
+        self._received += chunk
+        *lines, rest = bytes(self._received).split(b"\n")
         if len(rest) > MAX_LINE:
             raise FieldError("the client's line has no end")
-        self._heard = bytearray(rest)
+        self._received = bytearray(rest)
         return lines
 
     def say(self, text: bytes) -> None:
@@ -105,7 +105,7 @@ class _Client:
 
 
 def answer(line: bytes, handle: Handler) -> bytes:
-    """The answer to one line, rubbish included, as a line."""
+    """Returns the answer to one line as a line; a line that is no request is answered with an error."""
     try:
         request = json.loads(line)
         if not isinstance(request, dict) or not isinstance(request.get("do"), str):
@@ -119,17 +119,19 @@ def answer(line: bytes, handle: Handler) -> bytes:
 
 
 class FieldControl:
-    """The client's end: `ask` for anything, with shorthands for what is asked most. Not for several
-    threads."""
+    """The client of the control channel: `ask` sends any request, the other methods the common ones.
+
+    It is not safe to use from several threads.
+    """
 
     def __init__(self, host: str, port: int, timeout: float = 5.0) -> None:
-        """Connect; FieldError when nobody answers within `timeout` s."""
+        """Connects. Raises FieldError when no field answers within `timeout` s."""
         self._timeout = timeout
         try:
             self._socket = socket.create_connection((host, port), timeout=timeout)
         except OSError as reason:
             raise FieldError(f"no field at {host}:{port} ({reason}): is it running?") from reason
-        self._heard = bytearray()
+        self._received = bytearray()
 
     def __enter__(self) -> FieldControl:
         return self
@@ -141,7 +143,7 @@ class FieldControl:
         self._socket.close()
 
     def ask(self, do: str, **fields: object) -> dict[str, Any]:
-        """Send one request and return its answer; FieldError when it is refused or the field is gone."""
+        """Sends a request and returns its answer. Raises FieldError: refused, or the field is gone."""
         deadline = time.monotonic() + self._timeout
         try:
             self._socket.settimeout(self._timeout)
@@ -158,30 +160,30 @@ class FieldControl:
         return self.ask("status")
 
     def start(self) -> None:
-        """Arm and drive the trail."""
+        """Arms the rover and sets the mode that drives the trail."""
         self.ask("start")
 
     def mode(self, mode: str) -> None:
         self.ask("mode", mode=mode)
 
     def rc(self, channel: int, pwm: int) -> None:
-        """Move a switch of the remote control: channel 5 up, pulse width in us."""
+        """Moves a switch of the remote control. channel: 5 to 16. pwm: pulse width in us, 800 to 2200."""
         self.ask("rc", channel=channel, pwm=pwm)
 
     def remove(self, thing: str) -> None:
         self.ask("remove", id=thing)
 
     def stop(self) -> None:
-        """End the process."""
+        """Ends the field's process."""
         self.ask("stop")
 
     def _line(self, deadline: float) -> bytes:
-        while b"\n" not in self._heard:
+        while b"\n" not in self._received:
             self._socket.settimeout(max(0.001, deadline - time.monotonic()))
             chunk = self._socket.recv(65536)
-            if not chunk or len(self._heard) > MAX_ANSWER:
+            if not chunk or len(self._received) > MAX_ANSWER:
                 raise OSError("it closed the connection or answered without an end")
-            self._heard += chunk
-        line, _, rest = bytes(self._heard).partition(b"\n")
-        self._heard = bytearray(rest)
+            self._received += chunk
+        line, _, rest = bytes(self._received).partition(b"\n")
+        self._received = bytearray(rest)
         return line

@@ -1,4 +1,4 @@
-"""The ground as a camera sees it: what lies where, its colour and shade, with texture fixed to the world."""
+"""Draws the ground as a camera sees it: material, colour and shade; its texture is fixed to the world."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Bytes = NDArray[np.uint8]
 GRASS, PATH, GRAVEL = range(3)  # the ground's own labels
 _LABELS = np.array([GRASS, GRASS, GRASS, PATH, PATH, GRAVEL], np.uint8)  # of the materials of tiles.py
 
-_MARGIN = 38.0  # m around the route that the maps cover; beyond, their edge goes on
+_MARGIN = 38.0  # m around the route that the maps cover; beyond it their edge is repeated
 _FOREST_ENDS = 26.0, 36.0  # m from the route, where forest and gravel give way to meadow
-_CELL = 0.5  # m a cell of the map of the route
-_SHADE_CELL = 0.1  # m a cell of the map of shadows
+_CELL = 0.5  # m, the side of a cell of the route map
+_SHADE_CELL = 0.1  # m, the side of a cell of the shadow map
 _NOISE_SIZE, _NOISE_TEXEL = 1024, 0.02  # the ragged edges, patches and light spots
 _SUN = (0.75, -0.66)  # where shadows fall, as a direction on the ground
 _RUT, _RUT_WIDTH = 0.62, 0.17  # m from the centre line; m
-_CANOPY = 0.46  # how much of the light a forest's crown takes
+_CANOPY = 0.46  # share of the light that a forest's crowns take
 _SHADOW = {
     "bush": (1.0, 0.55),
     "tree": (2.2, 0.4),
@@ -35,10 +35,10 @@ _SHADOW = {
 
 
 class Ground:
-    """Samples a world's ground at points; maps are drawn once, the shadows anew when the world changes."""
+    """Samples a world's ground at points. Maps are drawn once, shadows again when the world changes."""
 
     def __init__(self, world: World, forward: Floats, left: Floats, footprint: Floats) -> None:
-        """`forward`, `left`, `footprint`: (H, W) metres, where a camera's pixels meet the ground."""
+        """`forward`, `left`, `footprint`: (H, W) in metres, where pixels meet the ground (see `Lens`)."""
         rng = np.random.default_rng([world.seed, 10])
         self._world, self._forward, self._left = world, forward, left
         self._materials = tiles.Mips(np.stack(tiles.materials(rng)), tiles.TEXEL)
@@ -55,10 +55,10 @@ class Ground:
         self._corner, self._extent = low, high - low
         self._route = _route_map(world, low, high)
         self._shadows, self._drawn = np.zeros((0, 0), np.uint8), -1
-        self.points = (forward, left)  # world coordinates of the pixels at the last look
+        self.points = (forward, left)  # world coordinates of the pixels at the last call of `look`
 
     def look(self, pose: Pose) -> tuple[Bytes, Bytes, Floats]:
-        """Colours (H, W, 3) in full light, labels (H, W) and brightness (H, W; 1 = full light)."""
+        """Returns colours (H, W, 3) in full light, labels (H, W) and brightness (H, W; 1 = full light)."""
         if self._drawn != self._world.revision:
             self._shadows, self._drawn = self._draw_shadows(), self._world.revision
         c, s = np.float32(np.cos(pose.heading)), np.float32(np.sin(pose.heading))
@@ -87,12 +87,12 @@ class Ground:
         return colours, _LABELS[material], light * self._read_shadows(x, y)
 
     def shares(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """The shares of forest and of gravel (0..1) at points, arrays of at least two dimensions."""
+        """Returns the shares of forest and of gravel (0..1) at points; arrays of at least two dimensions."""
         _, _, forest, gravel = self._read_route(x, y)
         return forest, gravel
 
     def light_on(self, x: float, y: float) -> float:
-        """How bright a thing stands at a place: 1 in the open, less under trees."""
+        """Returns the brightness of a thing at a place: 1 in the open, less under trees."""
         forest, _ = self.shares(np.full((1, 1), x, np.float32), np.full((1, 1), y, np.float32))
         return 1.0 - 0.3 * float(forest[0, 0])
 
@@ -141,7 +141,7 @@ class Ground:
 
 
 def _route_map(world: World, low: NDArray[np.float64], high: NDArray[np.float64]) -> Floats:
-    """(rows, columns, 4): lateral offset and half width of the path (m), shares of forest and gravel."""
+    """Makes the route map (rows, columns, 4): lateral offset, half width (m); forest, gravel (0..1)."""
     import cv2
 
     trail = world.trail

@@ -1,4 +1,4 @@
-"""The geometry of a camera over level ground: which pixel looks where."""
+"""Computes where each pixel of a camera over level ground looks."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from companion.sim.field.trail import Pose
 
 Floats = NDArray[np.float32]
 
-HEIGHT = 1.0  # m of the lens above the ground
-PITCH = math.radians(7.0)  # of the axis below the horizon
-FIELD_OF_VIEW = math.radians(75.0)  # horizontal
-_FARTHEST = 300.0  # m; the row at the horizon would see for ever
+HEIGHT = 1.0  # m from the ground to the lens
+PITCH = math.radians(7.0)  # rad from the horizon down to the optical axis
+FIELD_OF_VIEW = math.radians(75.0)  # rad, horizontal
+_FARTHEST = 300.0  # m; without it the row at the horizon would be infinitely far
 
 
 class Lens:
-    """A pinhole without distortion, HEIGHT above the ground, that looks along a heading and PITCH down.
+    """A pinhole camera without distortion, HEIGHT above the ground, looking along a heading and PITCH down.
 
-    `forward` and `left` (m along and across the heading) and `footprint` (m of ground a pixel covers) are
-    (height - horizon, width), for the rows from `horizon` on, which see the ground.
+    `forward` and `left` (m along and across the heading) and `footprint` (m of ground that a pixel covers)
+    have the shape (height - horizon, width): the rows from `horizon` on see the ground.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -42,14 +42,14 @@ class Lens:
         self.footprint = np.broadcast_to(footprint[:, None], shape).astype(np.float32)
 
     def directions(self, rows: int) -> tuple[Floats, Floats]:
-        """Azimuth (left positive) and elevation of the first rows' pixels, (rows, width), in radians."""
+        """Returns azimuth (left positive) and elevation of the first rows' pixels: (rows, width), radians."""
         ahead, drop = self._ahead[:rows, None], self._drop[:rows, None]
         azimuth = np.arctan2(-self._across, ahead)
         elevation = np.arctan2(-drop, np.hypot(self._across, ahead))
         return azimuth.astype(np.float32), elevation.astype(np.float32)
 
     def project(self, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
-        """Where a point (m) falls: column and row in pixels, and its depth in m (NaN pixels when <= 0)."""
+        """Projects a point (m): returns column and row in pixels, NaN behind the lens, and its depth in m."""
         ahead, left = relative(pose, x, y)
         depth = ahead * math.cos(PITCH) + (HEIGHT - z) * math.sin(PITCH)
         if depth <= 0:
@@ -59,7 +59,7 @@ class Lens:
 
 
 def relative(pose: Pose, x: float, y: float) -> tuple[float, float]:
-    """A point as a pose sees it: metres ahead and metres to the left."""
+    """Returns how many metres ahead and to the left of a pose a point is."""
     dx, dy = x - pose.x, y - pose.y
     c, s = math.cos(pose.heading), math.sin(pose.heading)
     return dx * c + dy * s, dy * c - dx * s

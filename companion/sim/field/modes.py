@@ -1,4 +1,4 @@
-"""ArduPilot Rover's modes, as far as this autopilot knows them."""
+"""Lists the modes of ArduPilot Rover that the simulated autopilot knows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 
 class Mode(enum.IntEnum):
-    """Value: HEARTBEAT.custom_mode. MANUAL and AUTO drive; the others stand still."""
+    """A mode; its value is HEARTBEAT.custom_mode. MANUAL and AUTO drive, the others stand still."""
 
     MANUAL = 0
     HOLD = 4
@@ -19,7 +19,7 @@ class Mode(enum.IntEnum):
 
 
 def base_mode(mode: Mode, *, armed: bool) -> int:
-    """HEARTBEAT.base_mode: always with the custom-mode bit; 0x80 says armed."""
+    """Returns HEARTBEAT.base_mode: always with the custom-mode bit; 0x80 means armed."""
     bits = int(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
     if mode in (Mode.MANUAL, Mode.HOLD):
         bits |= int(mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
@@ -31,5 +31,5 @@ def base_mode(mode: Mode, *, armed: bool) -> int:
 
 
 def system_status(mode: Mode) -> int:
-    """HEARTBEAT.system_status: standby in HOLD, active in every other mode, armed or not."""
+    """Returns HEARTBEAT.system_status: standby in HOLD, active in every other mode, armed or not."""
     return int(mavlink.MAV_STATE_STANDBY if mode is Mode.HOLD else mavlink.MAV_STATE_ACTIVE)

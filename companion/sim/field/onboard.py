@@ -1,4 +1,4 @@
-"""The script that ships for the autopilot, run by the simulated one."""
+"""Lets the simulated autopilot run the script that ships for ArduPilot."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ BY_SCRIPT = "script"
 MAX_TEXT = 50
 FEED_TIMEOUT = 0.5
 _NO_SENSOR, _NO_DATA, _GOOD = range(3)
-# ModeReason of ArduPilot. What a companion sets looks like what a person at a ground station sets.
+# ArduPilot's ModeReason: 1 RC, 2 GCS command, 26 initialised, 32 scripting. It does not tell a companion's
+# command from a ground station's.
 _REASONS = {"companion": 2, "gcs": 2, "hand": 1, BY_SCRIPT: 32}
 _INITIALISED = 26
 
 
 def install(autopilot: Autopilot) -> str:
-    """Let `autopilot` run the shipped script. Returns why it does not, or ""."""
+    """Makes `autopilot` run the shipped script. Returns "", or why it does not run."""
     try:
         source = resource(SCRIPT).read_text(encoding="utf-8")
         steps = int(autopilot.parameters["SCR_VM_I_COUNT"])
@@ -39,7 +40,7 @@ def install(autopilot: Autopilot) -> str:
 
 
 class Onboard:
-    """`scripting.Host` on a simulated autopilot; its clock is the rover's time."""
+    """Implements `scripting.Host` on a simulated autopilot; its clock is the rover's time."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot

@@ -1,7 +1,7 @@
-"""The autopilot's parameters: an ordered table of names that ArduPilot Rover uses; a script adds its own.
+"""Stores the autopilot's parameters: an ordered table with ArduPilot Rover's names, to which a script adds.
 
-Values travel as floats whatever their type, as ArduPilot sends them. Most only sit there to be read;
-CRUISE_SPEED and MIS_RESTART change how the rover drives.
+Values travel as floats whatever their type, as ArduPilot sends them. Most of them can only be read and set;
+WP_SPEED, CRUISE_SPEED and MIS_RESTART change how the rover drives.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ REAL32 = int(mavlink.MAV_PARAM_TYPE_REAL32)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One row: its position in the list, its MAVLink type and the range it keeps to."""
+    """One parameter: position in the list, MAVLink type, value and the range of values that it takes."""
 
     name: str
     index: int
@@ -31,7 +31,7 @@ class Parameter:
 
 
 Row = tuple[str, int, float, float, float]
-"""Name, MAV_PARAM_TYPE, value, lowest and highest."""
+"""Name, MAV_PARAM_TYPE, default, lowest and highest value."""
 
 ARDUPILOT: tuple[Row, ...] = (
     ("SYSID_THISMAV", INT16, 1, 1, 255),
@@ -71,7 +71,7 @@ ARDUPILOT: tuple[Row, ...] = (
 
 
 class Parameters:
-    """Reading by name or index; a set that makes no sense leaves the old value standing."""
+    """Reads parameters by name or index and sets them; a value out of range leaves the old one in force."""
 
     def __init__(self, table: Sequence[Row] = ARDUPILOT) -> None:
         self._rows = [
@@ -90,19 +90,22 @@ class Parameters:
         return tuple(self._rows)
 
     def find(self, name: str, index: int = -1) -> Parameter | None:
-        """By index when it is >= 0, else by name; None when there is no such parameter."""
+        """Finds a parameter by index when that is >= 0, else by name; None when there is none."""
         at = self._index.get(name, -1) if index < 0 else index
         return self._rows[at] if 0 <= at < len(self._rows) else None
 
     def add(self, name: str, kind: int, default: float) -> None:
-        """One more at the end; one that is there keeps its value, as one that was stored does."""
+        """Adds a parameter at the end. One that exists keeps its value, as a stored one does on ArduPilot."""
         if name not in self._index:
             limit = float(1 << 24)
             self._index[name] = len(self._rows)
             self._rows.append(Parameter(name, len(self._rows), kind, default, -limit, limit))
 
     def set(self, name: str, value: float) -> Parameter | None:
-        """The row as it is afterwards: changed, or as before when `value` is not finite or out of range."""
+        """Sets a value and returns the row, which is unchanged when `value` is not finite or out of range.
+
+        Returns None when there is no such parameter.
+        """
         row = self.find(name)
         if row is None or not math.isfinite(value) or not row.low <= value <= row.high:
             return row

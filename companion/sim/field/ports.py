@@ -1,4 +1,4 @@
-"""One of the autopilot's two ports as a loopback UDP socket."""
+"""Makes one of the autopilot's two ports a loopback UDP socket."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ MAX_DATAGRAMS_A_READ = 64
 
 
 class UdpPort:
-    """Bound to an ephemeral port of 127.0.0.1. Its peer is whoever was last heard to speak MAVLink; until
-    then nothing is sent. `bytes_in` and `bytes_out` count whole datagrams."""
+    """A UDP socket on an ephemeral port of 127.0.0.1, with one peer: the last address that sent MAVLink.
+
+    Before that nothing is sent. `bytes_in` and `bytes_out` count whole datagrams.
+    """
 
     def __init__(self) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -31,8 +33,10 @@ class UdpPort:
         return int(self.socket.getsockname()[1])
 
     def read(self, overhear: Callable[[bytes], None] | None = None) -> list[Any]:
-        """The MAVLink frames that wait, a bounded number, so that the caller gets on; rubbish is left out.
-        `overhear` gets every datagram as it came."""
+        """Reads the MAVLink frames that wait, at most 64 datagrams at a time so that it returns soon.
+
+        What is no MAVLink is left out. `overhear` gets every datagram as it came.
+        """
         frames = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             for _ in range(MAX_DATAGRAMS_A_READ):
@@ -40,14 +44,14 @@ class UdpPort:
                 self.bytes_in += len(datagram)
                 if overhear is not None:
                     overhear(datagram)
-                heard = self.parser.frames(datagram)
-                if heard:
+                parsed = self.parser.frames(datagram)
+                if parsed:
                     self._peer = sender
-                frames += heard
+                frames += parsed
         return frames
 
     def send(self, frame: bytes) -> bool:
-        """True when the frame left; False when there is no peer, or it is gone or slow (as by radio)."""
+        """Sends a frame. Returns False when it is lost: there is no peer, or it is gone or slow."""
         if self._peer is None:
             return False
         try:

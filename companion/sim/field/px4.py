@@ -1,9 +1,9 @@
-"""A PX4 rover with car steering, as a companion computer and a ground station see it on MAVLink.
+"""Simulates a PX4 rover with car steering, as a companion computer and a ground station see it on MAVLink.
 
-What is the same is `Autopilot`'s. Otherwise: modes have a main and a sub mode; a command for a mode is
-acknowledged twice; the heartbeat tells a change when its second is over, CURRENT_MODE sooner where it is
-asked for; LOITER circles back; OFFBOARD wants setpoints before and during it; the loss of the companion is
-said, and changes nothing.
+It differs from `Autopilot` in this: modes have a main and a sub mode; a mode command is acknowledged twice; a
+new mode is reported with the next heartbeat, or sooner by CURRENT_MODE where that is requested; LOITER
+circles back; OFFBOARD needs setpoints before and during it; the loss of the companion is reported and changes
+nothing.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from companion.sim.field.rover import Drive
 SET_MODE = int(mavlink.MAV_CMD_DO_SET_MODE)
 CURRENT_MODE = int(mavlink.MAVLINK_MSG_ID_CURRENT_MODE)
 SETPOINTS_FIRST = 0.5
-"""s of setpoints until OFFBOARD is accepted."""
+"""Seconds for which setpoints must have come before OFFBOARD is accepted."""
 COMPANION_LOST_AFTER = 6.9
 STILL = 0.05
-"""m/s below which a setpoint says stand; no other is modelled."""
+"""m/s below which a setpoint means standstill; faster setpoints are not simulated."""
 TO_HOLD = 5
-"""COM_OBL_RC_ACT: LOITER instead of RTL when setpoints stop."""
+"""Value of COM_OBL_RC_ACT with which the rover goes to LOITER, not RTL, when setpoints stop."""
 _BY_ITSELF = "autopilot"
 _VELOCITY_IGNORED = 0b11_1000
 
 
 class Mode(enum.IntEnum):
-    """Value: HEARTBEAT.custom_mode, main mode << 16 | sub mode << 24."""
+    """A mode; its value is HEARTBEAT.custom_mode: main mode << 16 | sub mode << 24."""
 
     MANUAL = 0x0001_0000
     POSITION = 0x0003_0000
@@ -57,7 +57,7 @@ PARAMETERS: tuple[Row, ...] = (
 
 
 class Px4(Autopilot):
-    """Boots disarmed in LOITER. A setpoint other than zero velocity counts as none."""
+    """A PX4 autopilot that boots disarmed in LOITER. It ignores setpoints other than zero velocity."""
 
     modes: ClassVar[type[enum.IntEnum]] = Mode
     boots_in: ClassVar[enum.IntEnum] = Mode.LOITER
@@ -89,7 +89,7 @@ class Px4(Autopilot):
         super().poll(now)
 
     def find_mode(self, custom: int, sub: int) -> enum.IntEnum | None:
-        """By main and sub mode, or, in the old SET_MODE message, as the heartbeat has it."""
+        """Finds a mode by main and sub mode, or by the heartbeat's number (in the old SET_MODE message)."""
         wanted = custom if custom > 0xFF else custom << 16 | sub << 24
         return Mode(wanted) if wanted in {int(mode) for mode in Mode} else None
 
@@ -101,7 +101,10 @@ class Px4(Autopilot):
         return False
 
     def results(self, command: int, result: int) -> list[int]:
-        """A mode's two acknowledgements do not agree, and come now in this order, now in that."""
+        """Returns two results that contradict each other for a mode command, in alternating order.
+
+        PX4 does that: a companion must read the mode back and must not rely on an acknowledgement.
+        """
         if command != SET_MODE:
             return [result]
         self._acknowledged += 1
@@ -138,8 +141,8 @@ class Px4(Autopilot):
             Mode.RTL: Drive.HOME,
         }.get(Mode(self.mode), Drive.BRAKE)
 
-    def _beat(self) -> None:
-        """A change waits for the heartbeat's second."""
+    def _mode_changed(self) -> None:
+        """Does nothing: PX4 reports a change with its next regular heartbeat."""
 
     def _forward(self, port: Port, frame: Any) -> None:
         if self.parameters["MAV_0_FORWARD"] and self.parameters["MAV_1_FORWARD"]:

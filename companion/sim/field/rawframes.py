@@ -1,4 +1,4 @@
-"""Frames as ArduPilot hands them to its scripts: mavlink_message_t structures, checked by nobody.
+"""Makes frames as ArduPilot hands them to its scripts: mavlink_message_t structures that nobody has checked.
 
 The layout is that of mavlink_types.h of the MAVLink C library: checksum, magic, length, both flags, sequence,
 system, component, 24 bits of message id, 33 x 8 bytes of payload, checksum bytes and signature; 291 bytes.
@@ -17,9 +17,9 @@ _CHECKSUM = 2
 
 
 def raw_frames(datagram: bytes) -> Iterator[tuple[int, bytes]]:
-    """(message id, structure) of every whole frame in `datagram`, whether its checksum is right or not.
+    """Yields (message id, structure) of every whole frame in `datagram`, even with a wrong checksum.
 
-    What is no frame is passed over; half a frame at the end is forgotten.
+    Bytes that belong to no frame are skipped; a frame that is cut off at the end is dropped.
     """
     at = 0
     while at < len(datagram):

@@ -1,4 +1,4 @@
-"""A camera on the simulated rover: frames of the world with true labels, the same for the same moment."""
+"""Renders the frames of the rover's camera with true labels; the same moment gives the same frame."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ Seen = tuple[Thing, float, float]  # a thing, metres ahead, metres to the left
 
 LABELS = ("sky", "grass", "dirt path", "gravel", "bush", "tree", "puddle", "drum", "rock", "log")
 
-NEAR, FAR = 0.35, 48.0  # m ahead, between which things are drawn
+NEAR, FAR = 0.35, 48.0  # m ahead; things between these distances are drawn
 VISIBILITY = 85.0  # m at which haze has taken 63 % of a colour
 _GROUND_LABELS = np.array([LABELS.index(name) for name in ("grass", "dirt path", "gravel")], np.uint8)
 _THING_LABELS = {kind: LABELS.index(kind) for kind in KINDS} | {"tuft": LABELS.index("grass")}
-_CROWN = 7.0  # times a trunk's radius, half the width of a tree's crown
+_CROWN = 7.0  # half the width of a tree's crown, in radii of its trunk
 
 
 class Camera:
     """A pinhole camera that looks along a rover's heading, slightly down, 1 m above the ground.
 
-    Labels are true to the pixel: the nearest thing wins. A forest's floor and the tufts at the verge are
-    "grass", woods in the distance "tree".
+    Every pixel has the label of the nearest thing that it shows. A forest's floor and the tufts at the verge
+    are labelled "grass", woods in the distance "tree".
     """
 
     def __init__(self, world: World, width: int = 320, height: int = 240, seed: int = 0) -> None:
@@ -51,7 +51,10 @@ class Camera:
         self._sprites = sprites.paint_all(world.seed)
 
     def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """The frame at a pose and time t in s: RGB (H, W, 3) and labels (H, W), indices into LABELS."""
+        """Renders the frame at a pose and time t in s.
+
+        Returns RGB (H, W, 3) uint8 and labels (H, W) uint8, indices into LABELS.
+        """
         import cv2
 
         picture = np.empty((self.height, self.width, 3), np.uint8)
@@ -67,13 +70,13 @@ class Camera:
         return self._sensor.expose(soft, self.world.light, t), labels
 
     def distance_ahead(self, row: int) -> float:
-        """How far ahead (m) the level ground in this row of the picture is; infinite above the horizon."""
+        """Returns how far ahead (m) the level ground in a picture's row is; infinite above the horizon."""
         if row < self.lens.horizon:
             return math.inf
         return float(self.lens.forward[min(row, self.height - 1) - self.lens.horizon, 0])
 
     def _in_view(self, pose: Pose) -> list[Seen]:
-        """The things that may show, puddles first, then from far to near."""
+        """Returns the things that may be visible in drawing order: puddles first, then from far to near."""
         slope = self.width / 2 / self.lens.focal
         seen: list[Seen] = []
         for thing in [*self.world.things.values(), *self._verge.near(pose)]:
@@ -93,7 +96,7 @@ class Camera:
         labels[:] = _GROUND_LABELS[kinds]
 
     def _draw_puddle(self, picture: Bytes, labels: Bytes, thing: Thing, ahead: float) -> None:
-        """Water that mirrors the backdrop, in a wet rim, ragged at the shore."""
+        """Draws water that mirrors the backdrop, with a wet rim and a ragged shore."""
         found = np.flatnonzero(np.abs(self.lens.forward[:, 0] - ahead) < thing.radius * 1.4)
         if len(found) == 0:
             return
@@ -116,7 +119,7 @@ class Camera:
         labels[self.lens.horizon :][rows][water] = _THING_LABELS["puddle"]
 
     def _draw_thing(self, picture: Bytes, labels: Bytes, thing: Thing, pose: Pose, distance: float) -> None:
-        """A painted sheet that faces the camera, over what is behind it."""
+        """Draws a thing's sprite, which always faces the camera, over what is behind it."""
         column, foot, depth = self.lens.project(pose, thing.x, thing.y)
         if depth < NEAR:
             return
@@ -137,5 +140,5 @@ class Camera:
 
 
 def _clear(distance: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """How much of a colour the air lets through from a distance in m."""
+    """Returns the share (0..1) of a colour that the air lets through from a distance in m."""
     return np.asarray(np.exp(-np.minimum(distance, FAR) / VISIBILITY), np.float32)

@@ -1,4 +1,4 @@
-"""What the control channel can ask for: one table of requests, each checked before anything changes."""
+"""Carries out the requests of the control channel by one table; each is checked before anything changes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FIRST_SWITCH = 5  # the channels below are the sticks
 
 
 class RequestDispatcher:
-    """Carries out requests on a simulation; `status`, `freeze` and `stop` belong to the process around it."""
+    """Carries out requests on a simulation; its process provides `status`, `freeze` and `stop`."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class RequestDispatcher:
         }
 
     def handle(self, request: Request) -> dict[str, Any]:
-        """The answer to one request; FieldError says what is wrong with it."""
+        """Carries out a request and returns the answer. Raises FieldError that says what is wrong with it."""
         do = request["do"]
         if do == "status":
             return self._status()
@@ -52,7 +52,7 @@ class RequestDispatcher:
         return {"ok": True}
 
     def start(self) -> None:
-        """Arm and drive the trail, by hand."""
+        """Arms the rover and sets the mode that drives the trail, as a pilot does by hand."""
         self._arm(on=True)
         autopilot = self._simulation.autopilot
         autopilot.set_mode(autopilot.mission, HAND)

@@ -1,8 +1,8 @@
-"""Who hears what: the autopilot's routing between its two ports, as ArduPilot does it.
+"""Routes frames between the autopilot's two ports, as ArduPilot does.
 
-A route is a (system, component) heard on a port. Messages without a target, or for everyone, go to the
-other port; messages with a target go only where that target was heard. Routes never expire. Pure: frames
-in, decisions out, no sockets.
+A route is a (system, component) from which a frame came in on a port. Messages without a target, or for
+everyone, go to the other port; messages with a target go only to a port where that target has been heard.
+Routes never expire. This module is pure: frames in, decisions out, no sockets.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import development as mavlink
 MAX_ROUTES = 20
 EVERYONE = 0
 
-# Ids that ArduPilot knows and passes on. What is not here is dropped, like any id of a private dialect.
+# Messages that ArduPilot knows and passes on. All others are dropped, like those of a private dialect.
 _PASSED = (
     "HEARTBEAT SYSTEM_TIME PING SET_MODE PARAM_REQUEST_READ PARAM_REQUEST_LIST PARAM_VALUE PARAM_SET "
     "GLOBAL_POSITION_INT ATTITUDE SYS_STATUS RC_CHANNELS_OVERRIDE MANUAL_CONTROL VFR_HUD RC_CHANNELS "
@@ -43,7 +43,7 @@ class Port(enum.Enum):
 
 @dataclass(frozen=True)
 class Route:
-    """What becomes of one frame: passed to the other port, executed here, both or neither."""
+    """A decision about one frame: pass it to the other port, execute it here, both or neither."""
 
     forward: bool
     execute: bool
@@ -53,13 +53,13 @@ DROPPED = Route(forward=False, execute=False)
 
 
 class Parser:
-    """Frames of one datagram. Half a frame at its end is forgotten: it cannot harm the next datagram."""
+    """Parses datagrams one by one. A frame cut off at the end is dropped: it cannot harm the next."""
 
     def __init__(self) -> None:
         self.bad = 0
 
     def frames(self, datagram: bytes) -> list[Any]:
-        """The whole, correct frames of known ids in `datagram`, in order; the rest is counted in `bad`."""
+        """Returns the whole, correct frames of known ids in `datagram`; the rest is counted in `bad`."""
         mav = mavlink.MAVLink(None)
         mav.robust_parsing = True
         try:
@@ -73,7 +73,7 @@ class Parser:
 
 
 class Router:
-    """Learns who is where and decides about each frame. `system` and `component` are the autopilot's own."""
+    """Learns routes and decides about each frame. `system` and `component` are the autopilot's own ids."""
 
     def __init__(self, system: int = 1, component: int = 1) -> None:
         self._system = system
@@ -81,11 +81,11 @@ class Router:
         self._routes: list[tuple[int, int, Port]] = []
 
     def heard(self, port: Port) -> set[tuple[int, int]]:
-        """Every (system, component) heard on `port` so far."""
+        """Returns every (system, component) from which frames have come in on `port`."""
         return {(system, component) for system, component, at in self._routes if at is port}
 
     def decide(self, port: Port, frame: Any) -> Route:
-        """Learn the sender of a frame that came in on `port` and decide what becomes of it."""
+        """Learns the sender of a frame that came in on `port` and decides what becomes of the frame."""
         sender = (frame.get_srcSystem(), frame.get_srcComponent())
         if sender == (self._system, self._component) or frame.get_msgId() not in PASSED_IDS:
             return DROPPED
@@ -107,13 +107,17 @@ class Router:
     def _is_beyond(self, port: Port, system: int, component: int) -> bool:
         if system == EVERYONE:
             return True
-        # Within its own system the component decides; another system is reached through any of its parts.
+        # Within the own system the component counts; another system is reached by a route to any component of
+        # it.
         by_component = system == self._system and component != EVERYONE
         return any(
             (system, component) == known if by_component else system == known[0] for known in self.heard(port)
         )
 
     def _is_for_autopilot(self, system: int, component: int) -> bool:
-        """ArduPilot up to 4.6 also executes what is meant for a component of its system that it has not
-        heard yet; this one does not. That trap would be added here."""
+        """Whether the autopilot executes a frame with this target.
+
+        ArduPilot up to 4.6 also executes frames for a component of its system that it has not heard yet. This
+        simulation does not do that; it would be added here.
+        """
         return system in (EVERYONE, self._system) and component in (EVERYONE, self._component)

@@ -1,6 +1,6 @@
-"""The rover: a body with mass that follows the trail and, like a real one, does not stop at once.
+"""Simulates the rover: a body with mass that follows the trail and, like a real one, does not stop at once.
 
-A kinematic bicycle under force-limited longitudinal dynamics. Along the trail it steers by pure pursuit
+It is a kinematic bicycle with force-limited longitudinal dynamics. Along the trail it steers by pure pursuit
 (Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm", CMU-RI-TR-92-01, 1992).
 Lengths in m, angles in rad (counter-clockwise, 0 along x), times in s, forces in N.
 """
@@ -18,30 +18,30 @@ if TYPE_CHECKING:
 
 
 STEP = 0.02
-STANDSTILL = 0.02  # m/s; slower counts as standing
-OVERRUN = 2.5  # m that it runs on before it turns back to a point
-RETURN_SPEED = 1.0
-ARRIVED = 0.5  # m
+STANDSTILL = 0.02  # m/s below which it counts as standing
+OVERRUN = 2.5  # m that it drives on in LOITER before it turns back; measured on PX4's own simulation
+RETURN_SPEED = 1.0  # m/s
+ARRIVED = 0.5  # m from a point within which it has arrived
 
 
 class Drive(enum.Enum):
-    """What the autopilot asks of the motors."""
+    """What the autopilot makes the motors do."""
 
     FOLLOW = "follow"  # along the trail at cruise speed
     HOLD = "hold"  # to standstill as ArduPilot's HOLD does it, and stay
     BRAKE = "brake"  # to standstill as hard as it can, and stay
-    CIRCLE = "circle"  # run on, then back to where it was asked for, and stay
+    CIRCLE = "circle"  # run on, then drive back to where this began, and stay
     HOME = "home"  # straight to the start of the trail, and stay
-    HAND = "hand"  # the hand's throttle and steering
+    HAND = "hand"  # as the pilot's throttle and steering say
     OFF = "off"  # motors off: coast
 
 
 @dataclass(frozen=True)
 class Body:
-    """Default: 1 m/s2 of acceleration. `Drive.BRAKE` stops it from 2.5 m/s within about 2.6 m.
+    """The rover's body. It accelerates at 1 m/s2 by default; `Drive.BRAKE` stops it from 2.5 m/s in 2.6 m.
 
-    `Drive.HOLD` slows it down by `easing` of its speed each second, and by `easing_rest`: within 2 % the ways
-    of ArduPilot Rover 4.7-dev in its own simulation (companion.policy.stopping.ARDUPILOT).
+    `Drive.HOLD` decelerates by `easing` x speed + `easing_rest`. Its stopping distances are within 2 % of
+    those of ArduPilot Rover 4.7-dev in its own simulation (companion.policy.stopping.ARDUPILOT).
     """
 
     mass: float = 80.0  # kg
@@ -60,8 +60,7 @@ class Body:
 
 @dataclass
 class Hand:
-    """A person at the transmitter: both sticks in [-1, 1], steering left positive, and switches (channel ->
-    pulse width in us)."""
+    """The pilot's transmitter: throttle, steering (left positive) in [-1, 1], switches (channel -> us)."""
 
     throttle: float = 0.0
     steering: float = 0.0
@@ -70,7 +69,7 @@ class Hand:
 
 @dataclass(frozen=True)
 class Order:
-    """One command to the actuators; it acts `Body.reaction` after it was given."""
+    """One command to the actuators; it acts `Body.reaction` s after it was given."""
 
     force: float = 0.0
     brake: bool = False
@@ -79,7 +78,7 @@ class Order:
 
 
 class Rover:
-    """The state of the body, stepped in virtual time: `step` is the only thing that moves it."""
+    """The state of the body in virtual time; only `step` moves it."""
 
     def __init__(self, trail: Trail, *, cruise_speed: float = 2.5, body: Body | None = None) -> None:
         self.body = body or Body()
@@ -111,7 +110,7 @@ class Rover:
 
     @property
     def drive(self) -> Drive:
-        """What it is asked to do now."""
+        """What the motors are to do now."""
         return self._drive
 
     @drive.setter
@@ -122,16 +121,16 @@ class Rover:
 
     @property
     def laps(self) -> int:
-        """Whole rounds of the trail driven so far, never negative."""
+        """Number of whole rounds of the trail driven so far, never negative."""
         return max(0, int(self._progress // self._trail.length))
 
     def restart_mission(self) -> None:
-        """From where it stands, straight to the start of the trail, then along it once more."""
+        """Drives straight to the start of the trail, then along it from there; the laps count from 0."""
         self._rejoining = True
         self._progress = 0.0
 
     def step(self, dt: float) -> None:
-        """Let `dt` seconds pass, in substeps of `STEP`; what is left over is kept for the next call."""
+        """Lets `dt` s pass in substeps of `STEP`; a remainder counts for the next call."""
         self._unstepped += dt
         while self._unstepped >= STEP - 1e-9:
             self._unstepped -= STEP
@@ -150,7 +149,7 @@ class Rover:
         )
         self.x += self.speed * math.cos(self.heading) * STEP
         self.y += self.speed * math.sin(self.heading) * STEP
-        self._keep_the_log()
+        self._update_totals()
 
     def _accelerate(self, order: Order) -> None:
         body = self.body
@@ -160,7 +159,7 @@ class Rover:
             slower = body.easing * abs(speed) + body.easing_rest
         self.speed = math.copysign(max(0.0, abs(speed) - slower * STEP), speed)
 
-    def _keep_the_log(self) -> None:
+    def _update_totals(self) -> None:
         self.time += STEP
         self.distance += abs(self.speed) * STEP
         if abs(self.speed) < STANDSTILL:
@@ -192,7 +191,7 @@ class Rover:
         return Order()
 
     def _circle(self) -> Order:
-        """As a rover with car steering loiters: it cannot turn on the spot, so it passes the point first."""
+        """Loiters like a rover with car steering: it cannot turn on the spot and overruns the point first."""
         x, y = self._circled_from or (self.x, self.y)
         if not self._ran_on:
             self._ran_on = math.hypot(x - self.x, y - self.y) >= OVERRUN
@@ -200,7 +199,7 @@ class Rover:
         return self._towards(x, y, RETURN_SPEED)
 
     def _towards(self, x: float, y: float, speed: float) -> Order:
-        """To a point, and stay there; once there it does not set out again."""
+        """Drives to a point and brakes there; once it has arrived it does not drive off again."""
         if math.hypot(x - self.x, y - self.y) < ARRIVED:
             self._circled_from = self.x, self.y
             return Order(brake=True)

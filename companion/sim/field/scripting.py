@@ -1,6 +1,6 @@
-"""ArduPilot's scripting: one Lua script on bindings like the real ones, with their limits, in virtual time.
+"""Runs one Lua script as ArduPilot's scripting does, with its bindings and limits, in virtual time.
 
-Needs lupa with Lua 5.3, the version that ArduPilot carries; numbers are wider here (64 bits, there 32).
+It needs lupa with Lua 5.3, the version in ArduPilot. Numbers have 64 bits here and 32 there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from companion.sim.field.rawframes import raw_frames
 MAX_AUTHORISERS = 3
 MAX_NAME = 16
 _BINDINGS = Path(__file__).with_name("bindings.lua")
-# As ArduPilot's: once the steps are used up every further one fails, so that pcall cannot catch it.
+# As in ArduPilot: once the steps are used up, every further step raises the error again. So a script that
+# catches it with pcall ends all the same.
 _HOOK = b"""
 local function stop() debug.sethook(stop, "", 1) error("exceeded time limit", 0) end
 return stop
@@ -22,9 +23,9 @@ return stop
 
 
 class Host(Protocol):
-    """The autopilot as its scripts see it. Mode numbers, reasons and switches are ArduPilot's.
+    """What a script can see and do on the autopilot. Mode numbers, reasons and switches are ArduPilot's.
 
-    `millis` never goes back; scripts see its lower 32 bits.
+    `millis` never goes backwards; scripts see its lower 32 bits.
     """
 
     def millis(self) -> int: ...
@@ -41,15 +42,15 @@ class Host(Protocol):
 
 
 class Scripting:
-    """One script: `hear` what comes in on any port, `poll` often; `ended` says why it runs no more.
+    """Runs one script. Pass what comes in on any port to `hear`, and call `poll` often.
 
-    A script that takes more than `vm_steps` instructions in one run is ended, and nothing in it can prevent
-    that; so does an error that it lets out. As in ArduPilot up to 4.6, `restart` does not give back the
-    places of those who may forbid arming.
+    `ended` says why the script does not run any more, "" while it runs. An error that it does not catch ends
+    it; so do more than `vm_steps` instructions in one run, which it cannot prevent. As in ArduPilot up to
+    4.6, `restart` does not free the slots of auxiliary authorisation (who may forbid arming).
     """
 
     def __init__(self, source: str, name: str, host: Host, *, vm_steps: int = 10_000) -> None:
-        """Raises ImportError without lupa, ValueError where `source` is no Lua."""
+        """Loads the script. Raises ImportError without lupa, ValueError when `source` is no Lua."""
         self._source, self._name, self._host, self._steps = source, name, host, vm_steps
         self._authorisers: list[str | None] = []
         self._crowded = False
@@ -60,7 +61,7 @@ class Scripting:
         self.restart()
 
     def restart(self) -> None:
-        """As MAV_CMD_SCRIPTING does it: the script forgets everything, and what waits for it stays."""
+        """Restarts the script as MAV_CMD_SCRIPTING does: its state is lost, frames in its queue stay."""
         from lupa import lua53
 
         self.ended = ""
@@ -78,19 +79,19 @@ class Scripting:
         self._due = self._host.millis()
 
     def forbids_arming(self) -> str:
-        """Why the script lets nobody arm; "" when it does."""
+        """Returns why the script forbids arming; "" when it does not."""
         if self._crowded:
             return "Too many auxiliary authorisers"
         return next((why for why in self._authorisers if why), "")
 
     def hear(self, datagram: bytes, channel: int) -> None:
-        """Queue the frames that the script asked for; what finds the queue full is lost."""
+        """Queues the frames that the script has registered for; they are lost while the queue is full."""
         for number, structure in raw_frames(datagram):
             if number in self._ids and len(self._queue) < self._depth:
                 self._queue.append((structure, channel, self._host.millis()))
 
     def poll(self) -> None:
-        """Run the script if it is due."""
+        """Runs the script if it is due."""
         if self.ended or self._host.millis() < self._due:
             return
         self._set_hook(self._hook, b"", self._steps)

@@ -1,4 +1,4 @@
-"""What a sensor makes of a picture in full light: the light of the moment, its colour, and noise."""
+"""Turns a picture in full light into a camera's frame: the light of the moment, its colour, and noise."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from companion.sim.field.tiles import Bytes
 
 NOISE = 2.6  # standard deviation, of 255
-_SLACK = 64  # pixels by which the stored noise is larger than a frame, to look different every time
+_SLACK = 64  # pixels by which the stored noise is larger than a frame: each frame gets another part of it
 
 
 class Sensor:
-    """Exposes pictures of one size; the same seed, light and time give the same pixels."""
+    """Exposes pictures of one size; the same seed, light and time give the same frame."""
 
     def __init__(self, width: int, height: int, seed: int) -> None:
         rng = np.random.default_rng([seed, 40])
@@ -23,12 +23,12 @@ class Sensor:
         self._seed = seed
 
     def daylight(self, t: float) -> float:
-        """The slow change of the light with sun and clouds at a time in s: 0.86 to 1.14."""
+        """Returns the brightness of the daylight at a time in s, which changes slowly: 0.86 to 1.14."""
         sun, cloud, _ = self._phase
         return 1 + 0.09 * math.sin(t * 2 * math.pi / 75 + sun) + 0.05 * math.sin(t * 2 * math.pi / 21 + cloud)
 
     def expose(self, picture: Bytes, light: float, t: float) -> Bytes:
-        """The frame (H, W, 3) of a picture at a time in s; `light` 1 is full, highlights are pressed."""
+        """Makes the frame (H, W, 3) at a time in s. `light`: 1 is full. It compresses highlights."""
         import cv2
 
         warmth = 0.02 * math.sin(t * 2 * math.pi / 60 + self._phase[2])

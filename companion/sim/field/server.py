@@ -1,4 +1,4 @@
-"""The running field: one loop for physics, autopilot and control; one thread that draws."""
+"""Runs the field: one loop for physics, autopilot and control, and one thread that renders."""
 
 from __future__ import annotations
 
@@ -32,15 +32,17 @@ AUTOPILOTS: Mapping[str, type[Autopilot]] = {"ardupilot": Autopilot, "px4": Px4}
 
 
 class Renders(Protocol):
-    """A camera: pose and rover time in; rgb (H, W, 3) uint8 and labels (H, W) uint8 out."""
+    """A camera: renders RGB (H, W, 3) uint8 and labels (H, W) uint8 at a pose and rover time in s."""
 
     def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]: ...
 
 
 @dataclass(frozen=True)
 class Options:
-    """`fps` of the camera, `speed` in m/s; `duration` in s, None: until told to stop; `script`: whether the
-    autopilot runs the shipped script; `autopilot` is one of `AUTOPILOTS`."""
+    """How the field runs. `fps`: of the camera. `speed`: m/s. `duration`: s, None: until it is stopped.
+
+    `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`.
+    """
 
     seed: int = 1
     fps: float = 12.0
@@ -52,7 +54,7 @@ class Options:
 
 
 class FieldServer:
-    """Binds everything to ephemeral ports of 127.0.0.1 when made; `run` serves until stopped."""
+    """Binds its sockets to ephemeral ports of 127.0.0.1 when it is made; `run` serves until `stop`."""
 
     def __init__(self, world: World, camera: Renders, options: Options) -> None:
         self._options = options
@@ -82,7 +84,7 @@ class FieldServer:
             requests.start()
 
     def addresses(self) -> dict[str, Any]:
-        """Where everything is, as the process prints it."""
+        """Returns the addresses that the process prints at its start."""
         return {
             "companion": f"udpout:127.0.0.1:{self._ports[Port.COMPANION].number}",
             "gcs": f"udpout:127.0.0.1:{self._ports[Port.GCS].number}",
@@ -93,12 +95,14 @@ class FieldServer:
         }
 
     def stop(self) -> None:
-        """End `run`; may be called from a signal handler or another thread."""
+        """Ends `run`; may be called from a signal handler or another thread."""
         self._stopping.set()
 
     def run(self) -> None:
-        """Serve until `stop` or the duration is over, then close every socket. Raises what the camera raised:
-        a field without pictures is none."""
+        """Serves until `stop` is called or the duration is over, then closes every socket.
+
+        Raises what the camera raised: without pictures the field ends.
+        """
         begun = last = time.monotonic()
         artist = threading.Thread(target=self._draw, name="camera", daemon=True)
         artist.start()
@@ -106,7 +110,7 @@ class FieldServer:
             while not self._stopping.is_set():
                 events = self._selector.select(max(0.0, last + TICK - time.monotonic()))
                 now = time.monotonic()
-                # What has happened meanwhile happened under the old orders.
+                # Time passes before the new frames are read: until now the old orders were in force.
                 self._simulation.advance(now - last)
                 last = now
                 for key, mask in events:
@@ -129,7 +133,7 @@ class FieldServer:
         self._selector.close()
 
     def status(self) -> dict[str, Any]:
-        """The simulation's status, with the bytes on both ports, the frames drawn and this machine's time."""
+        """Returns the simulation's status, bytes on both ports, frames drawn and the monotonic time in s."""
         counts = {port.value: {"in": udp.bytes_in, "out": udp.bytes_out} for port, udp in self._ports.items()}
         counts[Port.GCS.value]["from_companion"] = self._simulation.autopilot.bytes_from_companion
         return {

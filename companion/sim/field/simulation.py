@@ -1,4 +1,4 @@
-"""The whole scene in virtual time: world, rover and autopilot together, and what has happened so far."""
+"""Simulates world, rover and autopilot together in virtual time, and logs what has happened."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ LONGEST_GAP = 0.5
 
 
 class Simulation:
-    """`advance` moves it; nothing here sleeps or reads a clock.
+    """The simulation; only `advance` lets time pass, and nothing here sleeps or reads a clock.
 
-    Whoever draws `world` from another thread holds `lock`; changes to it are made under `lock`.
+    A thread that renders `world` must hold `lock`; `world` is changed under `lock` alone.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Simulation:
         self._hand_until = 0.0
 
     def advance(self, dt: float) -> None:
-        """Let `dt` s pass. After a gap longer than `LONGEST_GAP` (a suspended process) the world waited."""
+        """Lets `dt` s pass, `LONGEST_GAP` at most: while the process was suspended the world stood still."""
         left = min(dt, LONGEST_GAP)
         while left > 0:
             self.rover.step(min(left, STEP))
@@ -56,7 +56,7 @@ class Simulation:
             self.rover.hand.throttle = self.rover.hand.steering = 0.0
 
     def take_the_stick(self, throttle: float, steering: float, seconds: float) -> None:
-        """The hand's throttle and steering, [-1, 1], for so long; then it lets go. They act in MANUAL."""
+        """Sets the pilot's throttle and steering, [-1, 1], for `seconds`, then 0. They act in MANUAL only."""
         self.rover.hand.throttle, self.rover.hand.steering = throttle, steering
         self._hand_until = self.rover.time + seconds
 
@@ -73,7 +73,7 @@ class Simulation:
             self.world.light = level
 
     def status(self) -> dict[str, Any]:
-        """What an onlooker sees; JSON types only. Lengths in m, angles in rad, times in s of rover time."""
+        """Returns what an onlooker sees, as JSON types: lengths in m, angles in rad, rover times in s."""
         rover, autopilot = self.rover, self.autopilot
         return {
             "t": round(rover.time, 3),
@@ -97,7 +97,7 @@ class Simulation:
         }
 
     def things_ahead(self) -> list[dict[str, Any]]:
-        """Things whose rim is within `BESIDE` m of the path's middle in the next `AHEAD` m, nearest first."""
+        """Returns the things within `BESIDE` m of the path's middle on the next `AHEAD` m, nearest first."""
         found = []
         for thing in self.world.things.values():
             s, lateral = self._place(thing.id, thing.x, thing.y)

@@ -1,4 +1,4 @@
-"""Pictures of the things: painted once by seed, kept at every scale, drawn into a frame with their shadow."""
+"""Paints the pictures of the things once by seed, stores them at every scale and draws them into frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from companion.sim.field.things import Thing, World
 from companion.sim.field.tiles import Bytes, Colour, blank, noise
 from companion.sim.field.trail import ZONES, Pose, half_width
 
-Picture = tuple[Bytes, float, float]  # RGBA; how much of the thing's diameter and of its height it spans
+Picture = tuple[Bytes, float, float]  # RGBA; its width in diameters of the thing, its height in heights of it
 
 
 def _foliage(
@@ -26,7 +26,7 @@ def _foliage(
     bright: Colour,
     size: tuple[float, float],
 ) -> None:
-    """Leaves in clumps (x, y, radius in pixels), brighter to the upper left of each, inside out."""
+    """Paints leaves in clumps (x, y, radius in pixels), from inside out, brighter at a clump's upper left."""
     import cv2
 
     weights = clumps[:, 2] ** 2 / (clumps[:, 2] ** 2).sum()
@@ -58,7 +58,7 @@ def bush(rng: np.random.Generator, look: int) -> Picture:
 
 
 def tree(rng: np.random.Generator, look: int) -> Picture:
-    """A trunk that leaves the ground a fifteenth of the picture's width wide, and a crown above it."""
+    """Paints a trunk, whose foot is a tenth of the picture's width wide, and a crown above it."""
     import cv2
 
     rows, columns = 640, 320
@@ -97,7 +97,7 @@ def tree(rng: np.random.Generator, look: int) -> Picture:
 
 
 def tuft(rng: np.random.Generator, look: int) -> Picture:
-    """Blades that spread from one foot: green (0, 1), dark fern (2, 3), straw (4, 5)."""
+    """Paints blades that spread from one foot. look: 0, 1 green; 2, 3 dark fern; 4, 5 straw."""
     import cv2
 
     rows, columns, blades = 96, 120, 70
@@ -124,7 +124,7 @@ DRUM_COLOURS = ((176, 44, 36), (36, 78, 168), (222, 118, 28))  # red, blue, oran
 
 
 def drum(rng: np.random.Generator, look: int) -> Picture:
-    """Painted steel, lit from the upper left, with two rolling hoops, a lid, scratches and rust."""
+    """Paints a steel drum, lit from the upper left, with two rolling hoops, a lid, scratches and rust."""
     import cv2
 
     rows, columns, lid = 256, 160, 9
@@ -168,7 +168,7 @@ def drum(rng: np.random.Generator, look: int) -> Picture:
 
 
 def rock(rng: np.random.Generator, look: int) -> Picture:
-    """A light boulder in grey-blue, cut into facets."""
+    """Paints a light grey-blue boulder of facets."""
     import cv2
 
     rows, columns = 168, 240
@@ -197,7 +197,7 @@ def rock(rng: np.random.Generator, look: int) -> Picture:
 
 
 def log(rng: np.random.Generator, look: int) -> Picture:
-    """A Scots pine trunk on its side, red of bark, with the cut face and its rings at one end."""
+    """Paints a Scots pine trunk on its side: red bark, and the cut face with its rings at one end."""
     import cv2
 
     rows, columns = 84, 512
@@ -236,7 +236,7 @@ _MOST = 60  # tufts in one frame
 
 
 class Verge:
-    """The tufts of a world; a tuft's look is 0 or 1 in the meadow, 2 or 3 in the forest, 4 or 5 on gravel."""
+    """Places a world's tufts of grass: look 0 or 1 in the meadow, 2 or 3 in the forest, 4 or 5 on gravel."""
 
     def __init__(self, world: World) -> None:
         rng = np.random.default_rng([world.seed, 50])
@@ -253,7 +253,7 @@ class Verge:
         self._places = np.array([(tuft.x, tuft.y) for tuft in self._tufts])
 
     def near(self, pose: Pose) -> list[Thing]:
-        """The tufts ahead of a pose that are near enough to stand out, at most 60 of them."""
+        """Returns the tufts ahead of a pose within 8 m, the 60 nearest at most."""
         dx, dy = (self._places - (pose.x, pose.y)).T
         c, s = math.cos(pose.heading), math.sin(pose.heading)
         ahead, left = dx * c + dy * s, dy * c - dx * s
@@ -273,7 +273,7 @@ _PAINTERS: dict[str, tuple[int, Callable[[np.random.Generator, int], Picture]]] 
 
 @dataclass(frozen=True)
 class Sprite:
-    """A thing's picture: RGBA with colour times alpha, largest first, each scale half the one before."""
+    """A thing's picture, RGBA with colour times alpha, at all scales: largest first, each half the last."""
 
     scales: tuple[Bytes, ...]
     wide: float  # of the thing's diameter (a log: of its length) that the picture spans
@@ -288,10 +288,10 @@ class Sprite:
         haze: Colour,
         clear: float,
     ) -> tuple[tuple[slice, slice], Bytes] | None:
-        """Blend the picture over a frame: `foot` (column, row) and `size` (wide, high) in pixels.
+        """Blends the picture over a frame. `foot` (column, row) and `size` (width, height) are in pixels.
 
-        `light` dims it, and of its colour `clear` (0..1) is left, the rest is `haze`.
-        Returns where it lies in the frame and its opacity there (0..255), or None when it lies outside.
+        `light` scales its brightness; a share `clear` (0..1) of its colour is left, the rest is `haze`.
+        Returns its place in the frame and its opacity there (0..255), or None when it lies outside the frame.
         """
         import cv2
 
@@ -316,7 +316,7 @@ class Sprite:
 
 
 def paint_all(seed: int) -> dict[str, tuple[Sprite, ...]]:
-    """The pictures of all kinds of things, one a look."""
+    """Paints all kinds of things: kind -> one sprite for each look."""
     return {
         kind: tuple(paint(kind, look, seed) for look in range(looks))
         for kind, (looks, _) in _PAINTERS.items()
@@ -325,7 +325,7 @@ def paint_all(seed: int) -> dict[str, tuple[Sprite, ...]]:
 
 @lru_cache(maxsize=128)
 def paint(kind: str, look: int, seed: int) -> Sprite:
-    """The picture of a kind of thing in one of its looks, counted from 0."""
+    """Paints one kind of thing in one of its looks, counted from 0."""
     import cv2
 
     rng = np.random.default_rng([seed, 30, list(_PAINTERS).index(kind), look])

@@ -1,4 +1,4 @@
-"""What the autopilot says unasked: its heartbeat and a few streams, each port at its own rates."""
+"""Makes the messages that the autopilot streams unasked, and keeps each port's rates."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def vfr_hud(rover: Rover) -> Any:
 
 
 def rc_channels(rover: Rover) -> Any:
-    """Steering on channel 1 (right is more), throttle on 3, switches where the hand has set them."""
+    """Makes RC_CHANNELS: steering on channel 1 (right is more), throttle on 3, switches as set."""
     pulses = [1500] * RC_CHANNELS
     pulses[0] = round(1500 - 500 * rover.hand.steering)
     pulses[2] = round(1500 + 500 * rover.hand.throttle)
@@ -93,16 +93,16 @@ MESSAGES: dict[int, tuple[Callable[[Rover], Any], float]] = {
 
 
 class Streams:
-    """When each message is due on one port."""
+    """Keeps when each message is due on one port."""
 
     def __init__(self, periods: Mapping[int, float]) -> None:
-        """periods: s of every message there is, when nobody has asked for another; inf: only when asked."""
+        """periods: default period in s of every message id; inf: sent only when an interval is set."""
         self._defaults = dict(periods)
         self._periods = {number: period for number, period in periods.items() if math.isfinite(period)}
         self._due = dict.fromkeys(periods, 0.0)
 
     def set_interval(self, number: int, microseconds: float) -> bool:
-        """MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops the message, 0 is its default rate. False: refused."""
+        """Does MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops the message, 0 restores its default. False: refused."""
         if number not in self._defaults or not math.isfinite(microseconds):
             return False
         if microseconds < 0:
@@ -115,7 +115,7 @@ class Streams:
         return True
 
     def due(self, now: float) -> list[int]:
-        """Ids to send now; each is then due again one period later."""
+        """Returns the ids to send now; each is due again one period later."""
         ready = [number for number in self._periods if self._due[number] <= now]
         for number in ready:
             self._due[number] = now + self._periods[number]
@@ -123,7 +123,7 @@ class Streams:
 
 
 def _yaw(rover: Rover) -> float:
-    """Clockwise from north, [0, 2 pi); the field's x points east, its y north."""
+    """Returns the yaw clockwise from north, [0, 2 pi); the field's x points east, its y north."""
     return (math.pi / 2 - rover.heading) % math.tau
 
 

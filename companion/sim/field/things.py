@@ -1,4 +1,4 @@
-"""What stands along the simulated trail: scenery that keeps off the path, and surprises on it."""
+"""Places the things along the simulated trail: scenery beside the path, and surprises on it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from companion.sim.field.trail import ZONES, Trail
 
 KINDS = ("bush", "tree", "puddle", "drum", "rock", "log")
 DEFAULT_SURPRISES = ("drum", "rock", "log")
-CLEAR = 2.4  # m from the centre line that bushes and trees keep free
+CLEAR = 2.4  # m from the centre line within which no bush or tree stands
 PUDDLE_CLEAR = 1.9  # m from the centre line to the rim of a puddle
 _SPACING = 3.5  # m, the least distance between two surprises
 
-# How many of a kind stand in 10 m of a zone's route, and how far from the centre line (m).
+# For each zone and kind: how many stand in 10 m of the route, and the least and largest distance from the
+# centre line (m).
 _SCENERY = {
     "meadow": {"bush": (2.6, 3.2, 16.0), "tree": (0.9, 8.0, 22.0), "puddle": (0.5, 2.6, 3.4)},
     "forest": {"bush": (7.0, 2.9, 12.0), "tree": (26.0, 3.0, 17.0), "puddle": (0.4, 2.6, 3.4)},
@@ -26,9 +27,9 @@ _SCENERY = {
 
 @dataclass
 class Thing:
-    """One thing: place, radius and height in metres.
+    """One thing: its place, radius and height in metres.
 
-    A log is `length` metres long, lying at `heading` (radians), and `radius` is its thickness halved.
+    A log lies at `heading` (radians), is `length` metres long, and `radius` is half its thickness.
     `look` picks one of its kind's looks (a drum's colour, a bush's shape).
     """
 
@@ -45,28 +46,29 @@ class Thing:
 
 
 class World:
-    """The trail and all that stands there; the same seed and surprises give the same world.
+    """The trail and all things on it; the same seed and surprises give the same world.
 
-    `surprises` are kinds, dealt out to meadow, forest and gravel in turn; by default a drum, a rock, a log.
+    `surprises` are kinds, given to meadow, forest and gravel in turn; by default a drum, a rock and a log.
+    Raises ValueError for an unknown kind, or for more than fit.
     """
 
     def __init__(self, seed: int, surprises: Sequence[str] = DEFAULT_SURPRISES) -> None:
         self.seed = seed
         self.trail = Trail(seed)
         self.light = 1.0
-        self.revision = 0  # counts changes, so that a camera knows when to look again
+        self.revision = 0  # counts changes, so that a camera knows when to draw the shadows again
         self.things: dict[str, Thing] = {}
         for thing in [*_surprises(self.trail, seed, surprises), *_scenery(self.trail, seed)]:
             self.things[thing.id] = thing
 
     def remove(self, thing_id: str) -> None:
-        """Take a thing away; KeyError when there is none of that id."""
+        """Takes a thing away. Raises KeyError when there is none of that id."""
         self._known(thing_id)
         del self.things[thing_id]
         self.revision += 1
 
     def move(self, thing_id: str, x: float, y: float) -> None:
-        """Put a thing somewhere else (metres); KeyError when there is none of that id."""
+        """Moves a thing (metres). Raises KeyError for an unknown id, ValueError if x or y is not finite."""
         if not (math.isfinite(x) and math.isfinite(y)):
             raise ValueError(f"{thing_id} cannot be moved to ({x}, {y}): give finite metres")
         thing = self._known(thing_id)
@@ -74,7 +76,7 @@ class World:
         self.revision += 1
 
     def contact(self, x: float, y: float, radius: float) -> list[str]:
-        """The ids of the things that a disc of this radius (m) at x, y touches, nearest first."""
+        """Returns the ids of the things that a disc of this radius (m) at x, y touches, nearest first."""
         gaps = [(_gap(thing, x, y) - radius, thing.id) for thing in list(self.things.values())]
         return [thing_id for gap, thing_id in sorted(gaps) if gap <= 0]
 
@@ -85,7 +87,7 @@ class World:
 
 
 def _gap(thing: Thing, x: float, y: float) -> float:
-    """From a point to the rim of a thing, in metres, negative inside."""
+    """Returns the distance from a point to the rim of a thing in metres, negative inside."""
     dx, dy = x - thing.x, y - thing.y
     c, s = math.cos(thing.heading), math.sin(thing.heading)
     half = max(0.0, thing.length / 2 - thing.radius)
@@ -155,7 +157,7 @@ def _scenery(trail: Trail, seed: int) -> Iterator[Thing]:
 
 
 def _make(kind: str, thing_id: str, x: float, y: float, rng: np.random.Generator) -> Thing:
-    """One thing of a kind, of a plausible size: metres."""
+    """Makes one thing of a kind, of a random plausible size; metres."""
     radius, height, length = {
         "bush": (rng.uniform(0.45, 0.95), rng.uniform(0.8, 1.7), 0.0),
         "tree": (rng.uniform(0.13, 0.26), rng.uniform(6.0, 9.5), 0.0),

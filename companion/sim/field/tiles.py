@@ -1,4 +1,4 @@
-"""Painted ground: square tiles of colour that repeat without a seam, and the noise they are painted with."""
+"""Paints the ground's materials as square tiles that repeat without a seam, and makes the noise for them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MEADOW_GRASS, FOREST_FLOOR, DRY_GRASS, DIRT, FOREST_DIRT, GRAVEL = range(6)
 
 
 def noise(rng: np.random.Generator, rows: int, columns: int, shortest: float, longest: float) -> Floats:
-    """Seamless noise, (rows, columns), mean 0, deviation 1, of wavelengths between two in texels."""
+    """Makes seamless noise (rows, columns) of mean 0 and deviation 1; wavelengths in texels."""
     spectrum = np.fft.rfft2(rng.standard_normal((rows, columns)))
     fy, fx = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)[None, :]
     frequency = np.hypot(fy, fx)
@@ -30,18 +30,18 @@ def noise(rng: np.random.Generator, rows: int, columns: int, shortest: float, lo
 
 
 def as_bytes(field: Floats, spread: float = 40.0) -> Bytes:
-    """Noise as bytes: 128 is its mean, `spread` its deviation."""
+    """Converts noise to bytes of mean 128 and deviation `spread`."""
     clipped: Bytes = np.clip(field * spread + 128, 0, 255).astype(np.uint8)
     return clipped
 
 
 def blank(rows: int, columns: int) -> Bytes:
-    """An empty picture: RGBA, all of it clear."""
+    """Makes an empty RGBA picture, all of it transparent."""
     return np.zeros((rows, columns, 4), np.uint8)
 
 
 def materials(rng: np.random.Generator) -> list[Bytes]:
-    """One RGB tile (SIZE, SIZE, 3) a material."""
+    """Paints one RGB tile (SIZE, SIZE, 3) for each material."""
     grass = _base(rng, (92, 112, 52), 0.16)
     _blades(rng, grass, 9000, [(78, 100, 42), (104, 128, 58), (124, 144, 72), (68, 90, 38), (142, 148, 86)])
     floor = _base(rng, (46, 50, 28), 0.2)
@@ -115,14 +115,14 @@ def _stones(
 
 
 def _shifts() -> list[tuple[int, int]]:
-    """Where to draw once more, so that what crosses one side of a tile comes in at the other."""
+    """Returns the offsets at which each shape is drawn, so that one across a side continues opposite."""
     return [(dx, dy) for dx in (0, -SIZE, SIZE) for dy in (0, -SIZE, SIZE)]
 
 
 class Mips:
-    """A seamless tile of up to four bytes a texel at every scale, read at points of the ground.
+    """Mipmaps of seamless tiles, which are read at points of the ground.
 
-    `tiles` are (n, size, size, c) with c <= 4, of one size (a power of two), a texel in metres wide.
+    `tiles`: (n, size, size, c) uint8 with c <= 4; size is a power of two. `texel`: a texel's width in metres.
     """
 
     def __init__(self, tiles: NDArray[np.uint8], texel: float) -> None:
@@ -146,7 +146,7 @@ class Mips:
         self._starts = np.asarray(starts, np.int32)
 
     def level(self, footprint: Floats) -> tuple[NDArray[np.int32], ...]:
-        """What `read` wants for pixels that cover `footprint` metres of ground: worked out once a camera."""
+        """Makes what `read` needs for pixels that cover `footprint` metres of ground, once for a camera."""
         level = np.clip(np.log2(np.maximum(footprint / self.texel, 1e-6)), 0, self.top).astype(np.int32)
         bits = (self.top - level).astype(np.int32)
         return level, bits, ((1 << bits) - 1).astype(np.int32), self._starts[level]
@@ -158,7 +158,7 @@ class Mips:
         level: tuple[NDArray[np.int32], ...],
         tile: NDArray[np.int32] | None = None,
     ) -> Bytes:
-        """The four bytes at each point (m), (..., 4), of each point's own tile (the first, if None)."""
+        """Reads four bytes at each point (m), (..., 4), from each point's own tile (None: from the first)."""
         down, bits, mask, start = level
         column = ((x * np.float32(1 / self.texel)).astype(np.int32) >> down) & mask
         row = ((y * np.float32(1 / self.texel)).astype(np.int32) >> down) & mask

@@ -1,4 +1,4 @@
-"""The route of the simulated trail: a closed loop through meadow, forest and gravel, back to the meadow."""
+"""Makes the simulated trail's route: a closed loop through meadow, forest and gravel to the meadow."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 ZONES = ("meadow", "forest", "gravel")
-MIN_RADIUS = 12.0  # m, the tightest bend
-START = 14.0  # m behind the border from gravel to meadow, so that a lap ends by returning to the meadow
-MEADOW = 48.0  # m; forest and gravel share the rest of the lap
+MIN_RADIUS = 12.0  # m, radius of the tightest bend
+START = 14.0  # m after the border from gravel to meadow, so that a lap ends by returning to the meadow
+MEADOW = 48.0  # m of route in the meadow; forest and gravel share the rest of the lap
 BLEND = 7.0  # m over which one zone becomes the next
 STEP = 0.1  # m between the stored points
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a rover stands: x and y in metres, heading in radians (0 = +x, counterclockwise)."""
+    """A place and direction: x and y in metres, heading in radians (0 = +x, counterclockwise)."""
 
     x: float
     y: float
@@ -54,11 +54,11 @@ class Trail:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The centre line, (N, 2) in metres, one point every 0.1 m from s = 0."""
+        """The centre line (N, 2) in metres, one point every 0.1 m from s = 0."""
         return self._points
 
     def pose(self, s: float) -> Pose:
-        """Stand on the centre line at s, looking along the route."""
+        """Returns the pose on the centre line at s, looking along the route."""
         at = (s % self.length) / STEP
         i, part = int(at) % len(self._points), at - int(at)
         j = (i + 1) % len(self._points)
@@ -67,7 +67,7 @@ class Trail:
         return Pose(float(x), float(y), math.remainder(float(self._headings[i]) + turn * part, 2 * math.pi))
 
     def nearest(self, x: float, y: float) -> tuple[float, float]:
-        """The nearest place on the centre line: (s, lateral offset in metres, left positive)."""
+        """Returns the nearest place on the centre line as (s, lateral offset), in metres, left positive."""
         dx, dy = x - self._points[:, 0], y - self._points[:, 1]
         i = int(np.argmin(dx * dx + dy * dy))
         c, s = math.cos(self._headings[i]), math.sin(self._headings[i])
@@ -75,12 +75,12 @@ class Trail:
         return float((i * STEP + along) % self.length), float(lateral)
 
     def zone(self, s: float) -> str:
-        """The zone at s: "meadow", "forest" or "gravel"."""
+        """Returns the zone at s: "meadow", "forest" or "gravel"."""
         s %= self.length
         return next((zone for zone, (begin, end) in self.borders.items() if begin <= s < end), ZONES[0])
 
     def shares(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How much of each zone there is at s: (..., 3) in the order of ZONES, summing to 1."""
+        """Returns the share of each zone at s: (..., 3) in the order of ZONES, summing to 1."""
         shares = []
         for begin, end in self.borders.values():
             middle, half = (begin + end) / 2, (end - begin) / 2
@@ -91,12 +91,12 @@ class Trail:
 
 
 def half_width(s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Half the width of the path at s, in metres, 1.3 to 1.6."""
+    """Returns half the width of the path at s, in metres: 1.3 to 1.6."""
     return 1.45 + 0.1 * np.sin(s * 0.45) + 0.05 * np.sin(s * 1.13 + 1.0)
 
 
 def _loop(rng: np.random.Generator) -> NDArray[np.float64]:
-    """A circle bent by two harmonics, of unit scale, as wild as MIN_RADIUS allows on the shortest lap."""
+    """Makes a circle of unit scale, bent by three harmonics as MIN_RADIUS allows on the shortest lap."""
     angle = np.linspace(0, 2 * np.pi, 4096, endpoint=False)
     phases = rng.uniform(0, 2 * np.pi, 3)
     strength = rng.uniform(0.7, 1.0, 3) * (0.16, 0.1, 0.03)

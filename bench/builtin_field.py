@@ -1,4 +1,4 @@
-"""How the built-in perceiver fares on the simulated trail, seed by seed.
+"""Measures the built-in perceiver on the simulated trail, seed by seed.
 
 Drives clean trails and trails with surprises in the light of day, and prints, per seed and light: alarms on
 clean trail (2 of 3 frames, by reason), the highest uncertainty there, from how far each surprise was seen,
@@ -51,7 +51,7 @@ SEEN_FROM = 12.0  # m, beyond which an alarm is not about the surprise
 def drive(
     perceiver: Perceiver, seed: int, light: float, surprises: tuple[str, ...], size: tuple[int, int]
 ) -> Iterator[tuple[float, str, Assessment, World]]:
-    """One lap, each frame judged with its zone's words: place, zone, assessment, world."""
+    """Drives one lap and judges each frame with its zone's words; yields place, zone, assessment, world."""
     world = World(seed, surprises)
     world.light = light
     camera = Camera(world, *size)
@@ -73,7 +73,7 @@ def debounced(flags: list[bool]) -> list[bool]:
 def clean(
     perceiver: Perceiver, seed: int, light: float, size: tuple[int, int]
 ) -> dict[str, list[NDArray[np.float32]]]:
-    """Print alarms and the highest uncertainties on a trail without surprises; embeddings by zone."""
+    """Prints alarms and the highest uncertainties on a clean trail; returns embeddings by zone."""
     frames = list(drive(perceiver, seed, light, (), size))
     scenes = defaultdict(list)
     for zone in WORDS:
@@ -97,7 +97,7 @@ def clean(
 
 
 def surprises(perceiver: Perceiver, seed: int, light: float, size: tuple[int, int]) -> dict[str, float]:
-    """From how far each surprise raised a debounced alarm, m; 0 for never."""
+    """Returns from how far (m) each surprise raised a debounced alarm; 0 for never."""
     seen: dict[str, float] = {}
     recent: dict[str, list[bool]] = defaultdict(list)
     for s, _, assessment, world in drive(perceiver, seed, light, ("drum", "rock", "log"), size):
@@ -118,9 +118,9 @@ def surprises(perceiver: Perceiver, seed: int, light: float, size: tuple[int, in
 
 
 def laps(perceiver: Perceiver, seed: int, size: tuple[int, int]) -> list[list[str]]:
-    """The calls of two laps whose operator names each place, and taps and takes away each thing.
+    """Returns the calls of two laps in which the operator names each place, and taps and removes each thing.
 
-    A thing's call is followed by what the frame is judged as after the tap.
+    A thing's call is followed by how the frame is judged after the tap.
     """
     world = World(seed)
     camera = Camera(world, *size)
@@ -165,7 +165,7 @@ def engine_of(perceiver: Perceiver, words: str) -> AnyTraverse:
 
 
 def similarities(scenes: dict[str, list[NDArray[np.float32]]]) -> str:
-    """Cosines of each zone's frames to a frame well inside each zone: low, median, high."""
+    """Returns a line of cosines of each zone's frames to a frame inside each zone: low, median, high."""
     parts = []
     for zone, reference in ((zone, own[len(own) // 3]) for zone, own in scenes.items()):
         for other, own in scenes.items():
@@ -176,7 +176,7 @@ def similarities(scenes: dict[str, list[NDArray[np.float32]]]) -> str:
 
 
 def timed(perceiver: Perceiver, size: tuple[int, int]) -> float:
-    """Milliseconds for encode, attend of eight words and embed, on one core; the median of 50."""
+    """Measures encode, attend (eight words) and embed on one core: milliseconds, the median of 50."""
     import cv2
 
     from anytraverse.perception import Prompt
@@ -196,7 +196,7 @@ def timed(perceiver: Perceiver, size: tuple[int, int]) -> float:
 
 
 def main() -> None:
-    """Run all of it."""
+    """Runs all measurements."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--lights", nargs="*", type=float, default=[0.5, 1.0, 1.6])

@@ -1,10 +1,10 @@
-"""How many clean frames are not OK, and for what, by the share of the corridor that must be drivable.
+"""Counts clean frames that are not OK, and why, for several shares of the corridor that must be drivable.
 
-Clean are frames of a labelled folder in whose region of interest every pixel is labelled as drivable; --count
-of them are taken, evenly by their numbers. --unlabelled adds a folder of pictures that are clean altogether.
+A frame of the labelled folder is clean if every pixel of its region of interest is labelled as drivable;
+--count of them are taken, spread evenly by number. --unlabelled adds a folder whose pictures are all clean.
 Run: python -m bench.false_stops FOLDER --drivable "smooth_trail,rough_trail,grass" [--count 100]
-     [--unlabelled FOLDER] [--words "trail: 1; grass: 1; bush: -1"] [--shares 0.75 0.8 0.85 0.9]
-The last line is one JSON object.
+[--unlabelled FOLDER] [--words "trail: 1; grass: 1; bush: -1"] [--shares 0.75 0.8 0.85 0.9] The last line is
+one JSON object.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from anytraverse.preferences import Preferences
 
 
 def clean_frames(folder: LabelledFolder, drivable: list[str], count: int) -> list[Image]:
-    """At most `count` pictures, evenly by number, with nothing but `drivable` in the region of interest."""
+    """Returns at most `count` pictures, spread by number, with only `drivable` in the region of interest."""
     classes = folder.classes.choose(drivable)
     region = Settings().region
     clean = []
@@ -42,7 +42,7 @@ def clean_frames(folder: LabelledFolder, drivable: list[str], count: int) -> lis
 
 
 def stops(engine: AnyTraverse, frames: list[Observation], share: float) -> tuple[int, Counter[str]]:
-    """How many frames are not OK, and how many for each figure."""
+    """Counts the frames that are not OK, in all and for each figure."""
     settings = engine.settings
     engine.settings = replace(settings, corridor=replace(settings.corridor, share=share))
     judged = [engine.judge(seen, seen.frame.captured_at) for seen in frames]
@@ -52,7 +52,7 @@ def stops(engine: AnyTraverse, frames: list[Observation], share: float) -> tuple
 
 
 def main() -> None:
-    """A line for each share, then all of it."""
+    """Prints a line for each share, then all of it as one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--drivable", required=True, help="the drivable classes, with commas")

@@ -1,4 +1,4 @@
-"""How long the simulated field's camera takes for a frame, on one core: `python bench/field_frames.py`."""
+"""Measures how long the simulated field's camera takes for a frame: `python bench/field_frames.py`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from companion.sim.field.trail import ZONES
 
 
 def main(seeds: tuple[int, ...] = (1, 2, 3), frames: int = 200) -> None:
-    """Print milliseconds of CPU a frame, over laps of several worlds."""
+    """Prints milliseconds of CPU time for a frame on one core, over laps of several worlds."""
     cv2.setNumThreads(1)
     for width, height in ((320, 240), (640, 480)):
         spent: dict[str, list[float]] = {zone: [] for zone in ZONES}

@@ -1,11 +1,10 @@
-"""Whether the built-in perceiver calls for everything that lies on simulated trails, and for little else.
+"""Tests whether the built-in perceiver calls for every thing on simulated trails, and for little else.
 
-Two laps a seed at 2.5 m/s and 10 frames/s in changing light, with an operator who names each place, taps each
-thing that is called for and takes it away. A thing is missed when the rover reaches it. A call is false on
-trail that is familiar: more than 10 m from a thing and from a change of scene. With --teach, a tap with that
-word and weight 1 answers a call for nothing.
-Run: python -m bench.field_goal [--perceiver builtin] [--seeds 1 2 3] [--size 320x240] [--teach tuft]
-The last line is one JSON object.
+It drives two laps a seed at 2.5 m/s and 10 frames/s in changing light. An operator names each place, taps
+each thing that is called for and removes it. A thing is missed when the rover reaches it. A call is false on
+familiar trail, more than 10 m from a thing and from a change of scene. With --teach, the operator answers a
+false call with a tap of that word and weight 1. Run: python -m bench.field_goal [--perceiver builtin]
+[--seeds 1 2 3] [--size 320x240] [--teach tuft] The last line is one JSON object.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ class Tally:
 
 
 class Drive:
-    """One seed's laps. Each kind of thing lies in another zone from seed to seed."""
+    """Drives one seed's laps. Each kind of thing lies in another zone from seed to seed."""
 
     def __init__(self, perceiver: Perceiver, seed: int, size: tuple[int, int], teach: str = "") -> None:
         turn = seed % len(DEFAULT_SURPRISES)
@@ -68,7 +67,7 @@ class Drive:
         self._teach = teach
 
     def run(self) -> Tally:
-        """All laps."""
+        """Drives all laps."""
         trail, travelled = self.world.trail, 0.0
         while travelled < LAPS * trail.length:
             self._frame((trail.start + travelled) % trail.length, travelled / SPEED)
@@ -123,7 +122,7 @@ class Drive:
         self._blocked.clear()
 
     def _ahead(self, s: float) -> Thing | None:
-        """The nearest surprise ahead."""
+        """Returns the nearest surprise ahead."""
         things = [thing for thing in self.world.things.values() if thing.surprise]
         return min(things, key=lambda thing: self._left(thing, s), default=None)
 
@@ -139,7 +138,7 @@ class Drive:
 
 
 def main() -> None:
-    """A line a seed, then all of it."""
+    """Prints a line for each seed, then all of it as one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--perceiver", default="builtin")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 21)))

@@ -1,4 +1,4 @@
-"""Where the lexicon's numbers come from: feature statistics of labelled frames, and how well its words fare.
+"""Fits the lexicon's numbers: prints feature statistics of labelled frames, and scores the lexicon's words.
 
 Reads a folder of frames NNNN.jpg with label images NNNN.png (indices into classes.json, 255 unlabelled).
 Numbers near each other come from one drive, so blocks of a hundred numbers are dealt to three folds, with
@@ -44,7 +44,7 @@ LABELS_OF = {
 
 
 def load(folder: Path) -> tuple[Floats, Labels, NDArray[np.int64], list[str]]:
-    """Features (n, h, w, 5), labels (n, h, w), numbers (n,) and the labels' names."""
+    """Loads features (n, h, w, 5), labels (n, h, w), numbers (n,) and the labels' names."""
     names = json.loads((folder / "classes.json").read_text())["classes"]
     grids, labels, numbers = [], [], []
     for path in sorted(folder.glob("*.jpg")):
@@ -60,7 +60,7 @@ def load(folder: Path) -> tuple[Floats, Labels, NDArray[np.int64], list[str]]:
 
 
 def statistics(grids: Floats, labels: Labels, names: list[str]) -> None:
-    """Print mean and spread of every feature by label."""
+    """Prints mean and spread of every feature by label."""
     print("label".ljust(16), *(name.rjust(14) for name in FEATURES))
     for index, name in enumerate(names):
         cells = grids[labels == index]
@@ -69,7 +69,7 @@ def statistics(grids: Floats, labels: Labels, names: list[str]) -> None:
 
 
 def shipped(grids: Floats) -> tuple[Floats, Floats]:
-    """Signed maps (n, h, w) and attention (n, words, h, w) of the lexicon as it stands."""
+    """Computes signed maps (n, h, w) and attention (n, words, h, w) of the lexicon as it ships."""
     words, perceiver = Preferences.parse(WORDS), Lexicon()
     weights = np.array(list(words.values()), dtype=np.float32)
     attention = np.stack([perceiver.attend(grid, [Prompt(word) for word in words]) for grid in grids])
@@ -77,7 +77,7 @@ def shipped(grids: Floats) -> tuple[Floats, Floats]:
 
 
 def fitted(grids: Floats, labels: Labels, train: Flags, test: Flags, names: list[str]) -> Flags:
-    """Drivable cells of the test frames by one diagonal bell curve a label, fitted to the training frames."""
+    """Finds the test frames' drivable cells by one diagonal Gaussian a label, fitted to training frames."""
     kinds = [index for index, name in enumerate(names) if name not in UNRELIABLE]
     scores = []
     for index in kinds:
@@ -89,12 +89,12 @@ def fitted(grids: Floats, labels: Labels, train: Flags, test: Flags, names: list
 
 
 def overlap(found: Flags, true: Flags, judged: Flags) -> float:
-    """Intersection over union on the judged cells."""
+    """Computes intersection over union on the judged cells."""
     return float((found & true & judged).sum() / ((found | true) & judged).sum())
 
 
 def auroc(scores: Floats, true: Flags) -> float:
-    """Chance that a true cell scores above another."""
+    """Computes the probability that a true cell scores above another."""
     ranks = np.empty(len(scores))
     ranks[np.argsort(scores, kind="stable")] = np.arange(len(scores))
     positive = int(true.sum())
@@ -103,7 +103,7 @@ def auroc(scores: Floats, true: Flags) -> float:
 
 
 def main() -> None:
-    """Print statistics, overlaps and AUROC."""
+    """Prints statistics, overlaps and AUROC."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     grids, labels, numbers, names = load(parser.parse_args().folder)

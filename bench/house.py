@@ -1,9 +1,9 @@
-"""How simple the code is, in figures: `python -m bench.house`, or `make house`.
+"""Measures how simple the code is: `python -m bench.house`, or `make house`.
 
-Lines are counted without blanks, comments and docstrings. A floor is a module that the ones below it do not
-import; the floors of rooms count packages of companion/ instead. A walk runs the daemon as `companion run`
-composes it, with a played camera and radio, and counts the files in which a function was called: all of them,
-and those that an idle turn does not call.
+Lines are counted without blanks, comments and docstrings. Floors are the depth of imports: each module stands
+on a floor above all modules that it imports. The floors of rooms count packages of companion/ instead. A walk
+runs the daemon as `companion run` composes it, with a simulated camera and radio, and counts the files in
+which a function was called: all of them, and those that an idle turn does not call.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ Graph = Mapping[str, set[str]]
 
 
 def main() -> int:
-    """Print the table; the last line is one JSON object."""
+    """Prints the table; the last line is one JSON object."""
     figures: dict[str, Any] = {name: _size(sorted((ROOT / name).rglob("*.py"))) for name in PACKAGES}
     daemon = [p for p in (ROOT / "companion").rglob("*.py") if SIMULATOR not in p.parts]
     figures["companion without the simulator"] = _size(daemon)

@@ -1,8 +1,8 @@
 """Renders labelled frames of the simulated trail to a folder: NNNN.jpg, NNNN.png, classes.json.
 
-Every zone of every world, a place, has a hundred numbers of its own. Surprises are left out unless they are
-asked for by kind.
-Run: python -m bench.labelled_field OUT --seeds 100 101 [--surprises drum] [--frames 24] [--light 0.5 1.6]
+Every zone of every world is a place and has a hundred numbers of its own. There are no surprises unless their
+kinds are given. Run: python -m bench.labelled_field OUT --seeds 100 101 [--surprises drum] [--frames 24]
+[--light 0.5 1.6]
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def render(
 
 
 def main() -> None:
-    """Render and say how many."""
+    """Renders the frames and prints how many there are."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", required=True)

@@ -1,9 +1,12 @@
-"""How far a frozen camera's pictures are from a creeping rover's: `python bench/still_pictures.py FOLDER...`
+"""Measures how a frozen camera's pictures differ from a creeping rover's.
 
-Of the 48 regions of a picture: how many change when it stands still but is compressed anew, or gets noise or
-another time of a clock; and how many when a rover has gone on by so many metres. That is made of one frame:
-the ground moves as far as it lies (a lens 1.2 m high, a field of view of 70 degrees, the horizon at 42 % of
-the height), and what stands comes nearer, from 25 m away.
+Run: python bench/still_pictures.py FOLDER...
+
+It counts how many of a picture's 48 regions change when the picture stands still but is compressed again, or
+gets noise or another time on its clock, and how many when the rover has driven on by so many metres. The
+picture after driving on is computed from one frame: the ground moves by its distance (a lens 1.2 m high, a
+field of view of 70 degrees, the horizon at 42 % of the height), and upright things, taken to be 25 m away,
+come nearer.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ _LIGHT = {
 
 
 def main(folders: list[str]) -> None:
-    """Print least, median and most regions that change, and the share judged wrongly."""
+    """Prints least, median and most regions that change, and the share judged wrongly."""
     paths = [path for folder in folders for path in sorted(Path(folder).glob("*.jpg"))]
     random = np.random.default_rng(0)
     for light, (contrast, haze) in _LIGHT.items():
@@ -81,7 +84,7 @@ def _clock(picture: Picture, time: str) -> Picture:
 
 
 def _further(picture: Picture, metres: float) -> Picture:
-    """What the same lens sees so many metres further on."""
+    """Computes what the same lens sees so many metres further on."""
     height, width = picture.shape[:2]
     focal, horizon = width / 2 / math.tan(math.radians(35.0)), 0.42 * height
     row, column = np.mgrid[0:height, 0:width].astype(np.float32)

@@ -1,4 +1,4 @@
-"""A contact sheet of the frames on which the built-in network fares worst: frame, labels, classes, result.
+"""Makes a contact sheet of the frames on which the built-in network is worst: frame, labels, classes, result.
 
 The last column is green where the ground is drivable and red where it is uncertain.
 Run: python -m bench.worst_frames FOLDER SHEET.png [--blocks 2] [--count 8] [--network FILE.onnx]
@@ -31,7 +31,7 @@ PALETTE[: len(_COLOURS)] = _COLOURS
 
 
 def row(network: Network, calibration: Calibration, frame: Labelled) -> tuple[float, NDArray[np.uint8]]:
-    """A frame's drivable IoU and its row of the sheet, RGB."""
+    """Computes a frame's drivable IoU and its row of the sheet, RGB."""
     logits, labels = network(frame.image)[0], frame.labels[::SCALE, ::SCALE]
     traversability, uncertainty = maps(logits, calibration, labels.shape)
     classes = posteriors(logits, calibration).argmax(axis=0).astype(np.uint8)
@@ -45,7 +45,7 @@ def row(network: Network, calibration: Calibration, frame: Labelled) -> tuple[fl
 
 
 def main() -> None:
-    """Write the sheet."""
+    """Writes the sheet."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("sheet", type=Path)

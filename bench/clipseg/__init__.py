@@ -1,1 +1,1 @@
-"""CLIPSeg through ONNX Runtime against the authors' step in PyTorch. Run: python -m bench.clipseg"""
+"""Compares CLIPSeg in ONNX Runtime with the authors' step in PyTorch. Run: python -m bench.clipseg"""

@@ -1,9 +1,8 @@
-"""CLIPSeg's step of this project against the authors' 2.0.0: CPU time, memory, parts, agreement.
+"""Compares this project's CLIPSeg step with the authors' 2.0.0: CPU time, memory, parts, agreement.
 
-Makes checkpoints with random weights and the true architectures, exports bundles, and runs all contestants
-turn by turn, each in a process of its own. Writes clipseg.md and clipseg.png; the last line of the output is
-one JSON object.
-Run: make bench-clipseg, or python -m bench.clipseg [--quick] [--tiny] [--out FOLDER]
+It makes checkpoints with random weights and the true architectures, exports bundles, and runs all contestants
+in turn, each in a process of its own. It writes clipseg.md and clipseg.png; the last line of the output is
+one JSON object. Run: make bench-clipseg, or python -m bench.clipseg [--quick] [--tiny] [--out FOLDER]
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _plans(models: Path, threads: int) -> list[Plan]:
-    """Who runs, the reference first, with bundles made anew."""
+    """Makes new bundles and returns the plans of the contestants, the reference first."""
     clipseg, clip = str(models / "clipseg"), str(models / "clip")
     options = {"checkpoint": clipseg, "clip": clip, "threads": threads}
     plans = [Plan(REFERENCE, "bench.clipseg.reference:make", options)]
@@ -71,7 +70,7 @@ def _say(text: str) -> None:
 
 
 def _prepare(module: str, *arguments: str) -> None:
-    """In a process of its own: what this one held would count as its children's peak memory."""
+    """Runs in a process of its own: memory of this one would count as its children's peak memory."""
     _say(f"{module} {' '.join(arguments)}")
     command = [sys.executable, "-m", module, *arguments]
     done = subprocess.run(command, stdout=sys.stderr, timeout=PREPARING, check=False)

@@ -1,4 +1,4 @@
-"""Checkpoints with random weights and the true architectures: what a step costs does not depend on training.
+"""Makes checkpoints with random weights and the true architectures: training does not change a step's cost.
 
 Run: python -m bench.clipseg.checkpoints FOLDER [--tiny] [--seed N]
 """
@@ -15,7 +15,7 @@ from typing import Any
 from bench.clipseg.vocabulary import FULL_SIZE, write_tokenizer
 
 FORMAT = 1
-"""Raise it when what is made changes: checkpoints of another format are made anew."""
+"""Raise it when this file makes other checkpoints: those of another format are then made again."""
 
 SPREAD = 2.0
 """Standard deviation of a map's logits on noise, so that no mask is all one or all the other."""
@@ -95,14 +95,14 @@ TINY = Architecture(
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """Two folders as a download from the hub would lay them out."""
+    """Two folders in the layout of a download from the hub."""
 
     clipseg: Path
     clip: Path
 
 
 def make_checkpoints(folder: Path, architecture: Architecture = PUBLISHED, seed: int = 0) -> Checkpoints:
-    """The checkpoints of this architecture and seed under `folder`; made once, about 1.2 GB when not tiny."""
+    """Makes the checkpoints of this architecture and seed under `folder` once, about 1.2 GB unless tiny."""
     made = Checkpoints(folder / "clipseg", folder / "clip")
     stamp = json.dumps({"format": FORMAT, "seed": seed, **asdict(architecture)}, sort_keys=True)
     finished = folder / "made.json"
@@ -160,7 +160,7 @@ def _write_clip(folder: Path, architecture: Architecture, seed: int) -> None:
 
 
 def quieten_transformers() -> None:
-    """No progress bars, no report of the weights that a part of a model leaves unread."""
+    """Switches off transformers' progress bars and its report of unused weights."""
     from transformers.utils import logging
 
     logging.disable_progress_bar()

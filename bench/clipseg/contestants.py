@@ -1,4 +1,4 @@
-"""Who takes part: how each is made in a process of its own, and what it answers."""
+"""Defines the contestants: how each is made in a process of its own, and what it answers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WARM_UP = 0
 
 @dataclass(frozen=True)
 class Figures:
-    """What a step found, to see that all contestants do the same: ROI means in [0, 1], a unit vector."""
+    """A step's results, to see that all contestants do the same: ROI means in [0, 1], a unit vector."""
 
     roi_traversability: float
     roi_uncertainty: float
@@ -36,15 +36,15 @@ class Contestant(Protocol):
     parts: Parts
 
     def set_prompts(self, words: Sequence[str], weights: Sequence[float]) -> None:
-        """What is looked for from the next step on, each word with its weight in [-1, 1]."""
+        """Sets the prompts from the next step on, each word with its weight in [-1, 1]."""
 
     def figures(self, frame: NDArray[np.uint8]) -> Figures:
-        """One step on an RGB frame, (height, width, 3) uint8."""
+        """Runs one step on an RGB frame, (height, width, 3) uint8."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """name: in the tables. factory: "module:callable" that makes the contestant from `options`."""
+    """How to make a contestant. name: in the tables. factory: "module:callable" that takes `options`."""
 
     name: str
     factory: str
@@ -67,7 +67,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Sample:
-    """What one step took, in seconds of this process and of the clock, and what it found."""
+    """What one step took, in seconds of process CPU and of the clock, and its results."""
 
     cpu: float
     wall: float
@@ -78,16 +78,16 @@ class Sample:
 
 
 def serve(connection: Connection, plan: Plan) -> None:
-    """The life of a contestant's process: says "ready", answers each request with a sample, ends on None.
+    """Runs a contestant's process: sends "ready", answers each request with a sample, ends on None.
 
-    What goes wrong is answered as text, and ends it.
+    It answers an error with its text, and ends.
     """
     try:
         contestant = plan.make()
         connection.send("ready")
         while (request := connection.recv()) is not None:
             connection.send(_step(contestant, request))
-    except EOFError:  # who asked is gone
+    except EOFError:  # the benchmark is gone
         return
     except Exception as error:
         connection.send(f"{plan.name}: {type(error).__name__}: {error}")

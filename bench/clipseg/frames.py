@@ -1,4 +1,4 @@
-"""What the contestants look at: made pictures, the same on every machine, and the words looked for."""
+"""Makes the pictures for the contestants, the same on every machine, and lists the words to look for."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COUNTS = (1, 4, 8)
 
 
 def make_frame(width: int, height: int, index: int) -> NDArray[np.uint8]:
-    """An RGB frame, (height, width, 3): a sky, a ground that darkens, patches of 40 pixels, and grain."""
+    """Makes an RGB frame (height, width, 3): a sky, a ground that darkens, patches of 40 pixels, grain."""
     random = np.random.default_rng((width, height, index))
     sky, ground = random.integers(40, 216, size=(2, 3))
     down = np.linspace(0.0, 1.0, height)[:, None, None]

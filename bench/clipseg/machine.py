@@ -1,4 +1,4 @@
-"""On what the figures were measured."""
+"""Describes the machine on which the figures were measured."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PACKAGES = ("torch", "transformers", "onnxruntime", "numpy")
 
 
 def describe_machine() -> dict[str, Any]:
-    """CPU, its flags that matter to networks, cores that may be used, versions."""
+    """Returns the CPU, its flags that matter to networks, the usable cores and the versions."""
     machine = this_machine()
     described: dict[str, Any] = {
         "cpu": machine.cpu,

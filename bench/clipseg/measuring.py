@@ -1,4 +1,4 @@
-"""Runs the contestants turn by turn, frame by frame, so that a machine's moods meet all of them."""
+"""Runs the contestants in turn, frame by frame, so that other load on the machine affects all alike."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LEAVING = 5.0
 
 
 class ContestantError(Exception):
-    """A contestant failed, died or hung."""
+    """Raised when a contestant failed, died or hung."""
 
 
 class Running:
@@ -59,11 +59,11 @@ class Running:
         return self._process.is_alive()
 
     def wait_ready(self, deadline: float = LOADING) -> None:
-        """Raises ContestantError when it cannot be made within `deadline` seconds."""
+        """Waits until it is ready. Raises ContestantError when that takes more than `deadline` seconds."""
         self._receive(deadline)
 
     def step(self, request: Request, deadline: float = STEPPING) -> Sample:
-        """Raises ContestantError."""
+        """Runs one step. Raises ContestantError when it fails, dies or hangs."""
         try:
             self._connection.send(request)
         except OSError:
@@ -88,11 +88,11 @@ class Running:
 def measure(
     plans: Sequence[Plan], cases: Sequence[Case], rounds: int, say: Callable[[str], None]
 ) -> tuple[Samples, dict[str, str]]:
-    """Samples of every contestant, and the reasons why some have none.
+    """Measures every contestant; returns the samples, and the reasons why some have none.
 
-    Case by case: one step of each that does not count, then `rounds` times one step of each, in an order
-    that turns from round to round. The first plan must run; another that fails is left out from there on.
-    Raises ContestantError when the first fails.
+    For each case it runs one step of each that does not count, then `rounds` times one step of each, in an
+    order that rotates from round to round. A contestant that fails is left out from there on. Raises
+    ContestantError when the first one fails.
     """
     samples: Samples = {}
     with ExitStack() as stack:
@@ -110,7 +110,7 @@ def measure(
 
 
 class _Entered:
-    """Those still in the race, and why the others are not."""
+    """Keeps the contestants that still run, and why the others do not."""
 
     def __init__(self, contestants: Sequence[Running], say: Callable[[str], None]) -> None:
         self.failed: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""The step of this project: a bundle run by ONNX Runtime, pooled at the model's own size.
+"""Runs this project's step: a bundle in ONNX Runtime, pooled at the model's own size.
 
 Run: python -m bench.clipseg.ours CHECKPOINT CLIP OUT SCENE PRECISION... exports the bundle OUT.
 """
@@ -28,7 +28,7 @@ REGION = Box(0.333, 0.6, 0.667, 0.95)
 
 
 class Ours:
-    """The perceiver `clipseg` and the judging of its maps. The scene's embedding is made on every frame."""
+    """Runs the perceiver `clipseg` and judges its maps; it makes the scene's embedding on every frame."""
 
     def __init__(self, bundle: str, precision: str, threads: int) -> None:
         self.parts = Parts()

@@ -1,4 +1,4 @@
-"""Process-CPU time by named part of a step."""
+"""Measures process CPU time by named part of a step."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _Made = TypeVar("_Made")
 class Parts:
     """Adds up the CPU seconds of this process spent in each part, until `take` empties it.
 
-    A part within a part counts for itself alone.
+    The time of a part within another part counts only for the inner one.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class Parts:
                 self._within[-1] += whole
 
     def timed(self, name: str, act: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
-        """`act`, whose every call counts as this part."""
+        """Wraps `act` so that each of its calls counts as this part."""
 
         def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
             with self.time(name):
@@ -43,6 +43,6 @@ class Parts:
         return wrapped
 
     def take(self) -> dict[str, float]:
-        """CPU seconds by part since the last call."""
+        """Returns CPU seconds by part since the last call."""
         taken, self._seconds = self._seconds, {}
         return taken

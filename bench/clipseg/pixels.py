@@ -1,4 +1,4 @@
-"""Frames to pixel values, as transformers' image processors do it where torchvision is installed.
+"""Converts frames to pixel values as transformers' image processors do where torchvision is installed.
 
 Their resize is torch's own for uint8 images, with antialiasing: within a grey level of Pillow's, and faster.
 """
@@ -22,7 +22,7 @@ MODES = {2: "bilinear", 3: "bicubic"}
 
 @dataclass(frozen=True)
 class Pixels:
-    """Resize, crop and normalise by a preprocessor_config.json.
+    """Resizes, crops and normalises frames by a preprocessor_config.json.
 
     size: (height, width) of the result, or the shorter edge, of which `crop` (pixels, square) is kept.
     """
@@ -48,7 +48,7 @@ class Pixels:
         )
 
     def of(self, frame: NDArray[np.uint8]) -> torch.Tensor:
-        """Pixel values, (1, 3, h, w) float32, of an RGB frame, (height, width, 3) uint8."""
+        """Returns the pixel values (1, 3, h, w) float32 of an RGB frame (height, width, 3) uint8."""
         import torch
 
         image = torch.from_numpy(frame).permute(2, 0, 1).contiguous()[None]

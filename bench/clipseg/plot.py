@@ -1,4 +1,4 @@
-"""The report's figures as a picture."""
+"""Plots the report's figures."""
 
 from __future__ import annotations
 

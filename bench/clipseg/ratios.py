@@ -1,4 +1,4 @@
-"""Medians, their spread, and how many times faster one contestant is than another."""
+"""Computes medians, their spread, and how many times faster one contestant is than another."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Spread:
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Raises ValueError without values."""
+    """Computes median and quartiles. Raises ValueError without values."""
     if not values:
         raise ValueError("no values to take a median of")
     low, median, high = np.percentile(values, [25, 50, 75])
@@ -32,5 +32,5 @@ def spread(values: Sequence[float]) -> Spread:
 
 
 def ratio(slower: Sequence[float], faster: Sequence[float]) -> Spread:
-    """How many times less the second took, by pairs of the same round. Raises ValueError where one lacks."""
+    """Computes how many times less the second took, by pairs of a round. ValueError if one is missing."""
     return spread([one / other for one, other in zip(slower, faster, strict=True)])

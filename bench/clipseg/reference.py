@@ -1,9 +1,9 @@
-"""What one step of the authors' AnyTraverse 2.0.0 computes, in PyTorch: the yardstick.
+"""Computes one step of the authors' AnyTraverse 2.0.0 in PyTorch, as the reference of the benchmark.
 
-Written from what their release does: words as they are, no template; embeddings cached by the tuple of all
-words; the image encoded once, with all layers; the decoder batched over the words; the sigmoid at the model's
-size, then maps at the frame's size, pooled there; CLIP ViT-B/32 beside it as the scene encoder.
-Left out: comparing with remembered scenes, microseconds in both. float32 on the CPU, as theirs.
+It does what their release does: words without a template; embeddings cached by the tuple of all words; the
+image encoded once, with all layers; the decoder batched over the words; the sigmoid at the model's size, then
+maps resized to the frame's size and pooled there; CLIP ViT-B/32 as a separate scene encoder; float32 on the
+CPU. Comparing with remembered scenes is left out: it takes microseconds in both.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ CACHED = 64
 
 @dataclass(frozen=True)
 class Step:
-    """What a step gives.
+    """The result of a step.
 
     maps: (k, height, width); traversability, uncertainty: (height, width), all in [0, 1] at the frame's size.
     roi_traversability, roi_uncertainty: means over the ROI. embedding: (d,), unit norm.
@@ -44,7 +44,7 @@ class Step:
 
 
 class Reference:
-    """checkpoint, clip: local folders of a CLIPSeg and of a CLIP checkpoint."""
+    """The authors' step. checkpoint, clip: local folders of a CLIPSeg and of a CLIP checkpoint."""
 
     def __init__(self, checkpoint: Path, clip: Path, threads: int = 1) -> None:
         torch.set_num_threads(threads)
@@ -59,11 +59,11 @@ class Reference:
         self._weights: dict[str, float] = {}
 
     def set_prompts(self, words: Sequence[str], weights: Sequence[float]) -> None:
-        """What is looked for from the next step on, each word with its weight in [-1, 1]."""
+        """Sets the prompts from the next step on, each word with its weight in [-1, 1]."""
         self._weights = dict(zip(words, weights, strict=True))
 
     def step(self, frame: NDArray[np.uint8]) -> Step:
-        """One RGB frame, (height, width, 3) uint8."""
+        """Runs one step on an RGB frame, (height, width, 3) uint8."""
         with torch.inference_mode():
             return self._step(frame)
 
@@ -117,7 +117,7 @@ class Reference:
 
 
 def _roi(pooled: torch.Tensor) -> torch.Tensor:
-    """Their region of interest: both ends belong to it."""
+    """Returns their region of interest as pixels; both ends belong to it."""
     height, width = pooled.shape
     left, right = (int(width * bound) for bound in ROI_X)
     top, bottom = (int(height * bound) for bound in ROI_Y)
@@ -129,7 +129,7 @@ def make(checkpoint: str, clip: str, threads: int) -> ReferenceContestant:
 
 
 class ReferenceContestant:
-    """The reference, as the benchmark calls it."""
+    """Adapts the reference to the benchmark."""
 
     def __init__(self, reference: Reference) -> None:
         self.parts = reference.parts

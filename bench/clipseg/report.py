@@ -1,4 +1,4 @@
-"""The measured figures as tables in Markdown."""
+"""Writes the measured figures as tables in Markdown."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bench.clipseg.work import ClipSegWork, Transformer, read_clip, read_clipseg
 SHOWN = (SIZES[0], 4)
 """The case whose parts are shown."""
 _SHOWN_FROM = 5e-5
-"""Seconds. What takes less is cached, as the prompts' embeddings are."""
+"""Seconds. A part that takes less comes from a cache, like the prompts' embeddings, and is not shown."""
 
 EXPLANATION = (
     "CPU: process CPU time of one step at one thread, median [quartiles]; faster: the authors' CPU time over "
@@ -32,7 +32,7 @@ LIKENESS = (
 def write_report(
     results: Results, machine: Mapping[str, Any], work: Mapping[str, Mapping[str, float]]
 ) -> str:
-    """The whole report. work: contestant -> part -> floating-point operations in the case shown."""
+    """Returns the whole report. work: contestant -> part -> floating-point operations in the case shown."""
     return "\n\n".join(
         [
             "# CLIPSeg: this project against the authors' AnyTraverse 2.0.0",
@@ -54,7 +54,7 @@ def write_report(
 
 
 def count_work(clipseg: Path, clip: Path, count: int) -> dict[str, dict[str, float]]:
-    """Floating-point operations of each contestant's parts with `count` prompts, from the architectures."""
+    """Computes the floating-point operations of each contestant's parts with `count` prompts."""
     net, scene = read_clipseg(clipseg), read_clip(clip)
     shared = {**_ours(net, count), "tail": net.tail()}
     own = {**_ours(net, count), "scene": _once(scene)}
@@ -73,7 +73,7 @@ def _ours(net: ClipSegWork, count: int) -> dict[str, float]:
 
 
 def _once(scene: Transformer) -> float:
-    """An embedding whose last layer is computed for the class token alone."""
+    """Counts an embedding whose last layer is computed for the class token alone."""
     return scene.tower(scene.layers - 1) + scene.tail(scene.layers - 1)
 
 

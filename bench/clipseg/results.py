@@ -1,4 +1,4 @@
-"""What was measured, and the figures that are quoted from it."""
+"""Stores what was measured, and computes the figures that are quoted from it."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ EMBEDDING_PARTS = ("scene", "tail")
 
 @dataclass(frozen=True)
 class Results:
-    """samples: of each contestant and case. missing: why a contestant has none."""
+    """The measurements. samples: of each contestant and case. missing: why a contestant has none."""
 
     samples: Samples
     missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> list[str]:
-        """Who was measured, the reference first."""
+        """Returns the contestants that were measured, the reference first."""
         return [name for name in (REFERENCE, *OURS) if any(key[0] == name for key in self.samples)]
 
     @property
@@ -36,20 +36,20 @@ class Results:
         return [size for size in SIZES if any(key[1] == size for key in self.samples)]
 
     def of(self, name: str, size: tuple[int, int], count: int) -> list[Sample]:
-        """Empty when this was not measured."""
+        """Returns the samples of a contestant and case; empty when it was not measured."""
         return self.samples.get((name, size, count), [])
 
     def cpu(self, name: str, size: tuple[int, int], count: int) -> list[float]:
-        """Process CPU seconds of each round."""
+        """Returns the process CPU seconds of each round."""
         return [sample.cpu for sample in self.of(name, size, count)]
 
     def times_faster(self, name: str, size: tuple[int, int], count: int) -> Spread | None:
-        """The reference's CPU time over this contestant's, pair by pair; None without samples."""
+        """Computes the reference's CPU time over this contestant's, pair by pair; None without samples."""
         ours = self.cpu(name, size, count)
         return ratio(self.cpu(REFERENCE, size, count), ours) if ours else None
 
     def times_faster_without_embedding(self, name: str, size: tuple[int, int], count: int) -> Spread | None:
-        """The same, without what makes the scene's embedding in either."""
+        """Computes the same without the scene's embedding in either."""
         ours = self.of(name, size, count)
         if not ours:
             return None
@@ -59,16 +59,16 @@ class Results:
         )
 
     def part(self, name: str, part: str, size: tuple[int, int], count: int) -> Spread:
-        """CPU seconds of one part."""
+        """Returns the CPU seconds of one part."""
         return spread([sample.parts.get(part, 0.0) for sample in self.of(name, size, count)])
 
     def peak_mb(self, name: str, size: tuple[int, int]) -> float | None:
-        """Highest resident memory after the cases of this size, which follow those of smaller ones."""
+        """Returns the highest resident memory (MB) after the cases of this size; smaller sizes ran before."""
         peaks = [sample.peak_mb for count in COUNTS for sample in self.of(name, size, count)]
         return max(peaks) if peaks else None
 
     def roi_difference(self, name: str) -> float:
-        """The largest difference of a ROI mean from the reference's on the same frame and words."""
+        """Computes the largest difference of a ROI mean from the reference's on the same frame and words."""
         pairs = self._pairs(name)
         return max(
             max(
@@ -79,7 +79,7 @@ class Results:
         )
 
     def embedding_cosine(self, name: str) -> float:
-        """The smallest cosine between an embedding and the reference's. For the CLIP B/32 scene alone."""
+        """Computes the smallest cosine of an embedding and the reference's; CLIP B/32 scene only."""
         return min(
             float(np.dot(one.figures.embedding, other.figures.embedding)) for one, other in self._pairs(name)
         )
@@ -98,7 +98,7 @@ def _maps_alone(sample: Sample) -> float:
 
 
 def figures(results: Results) -> dict[str, Any]:
-    """The figures of the last line; null, with a reason beside it, where there is none."""
+    """Returns the figures of the last line: null, with a reason beside it, for a missing one."""
     line: dict[str, Any] = {}
     for size in results.sizes:
         suffix = "" if size == SIZES[0] else f"_{size[0]}x{size[1]}"
@@ -132,7 +132,7 @@ def _ratio(
 
 
 def labels(names: Sequence[str]) -> list[str]:
-    """As people read them."""
+    """Returns the contestants' names as people read them."""
     readable = {
         REFERENCE: "authors' step, PyTorch",
         "fp32": "fp32, shared scene",

@@ -1,4 +1,4 @@
-"""A made tokenizer of CLIP's kind and size. CLIP's own vocabulary is not ours to ship."""
+"""Makes a tokenizer of CLIP's kind and size, since CLIP's own vocabulary is not ours to ship."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CONTEXT = 77
 
 
 def byte_symbols() -> list[str]:
-    """The printable stand-ins of the 256 bytes in a byte-level vocabulary, in the order of their ids.
+    """Returns the printable characters for the 256 bytes of a byte-level vocabulary, ordered by id.
 
     Bytes that print stand for themselves; the others become the characters from U+0100 on.
     """
@@ -24,7 +24,7 @@ def byte_symbols() -> list[str]:
 
 
 def make_merges(count: int) -> list[tuple[str, str]]:
-    """`count` merges of letters: pairs, triples and fours, each inside and at the end of a word."""
+    """Makes `count` merges of letters: pairs, triples and fours, each inside and at the end of a word."""
     merges: list[tuple[str, str]] = []
     stems = list(ascii_lowercase)
     while len(merges) < count:

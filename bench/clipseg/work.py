@@ -1,4 +1,4 @@
-"""Floating-point work of the networks, from their architecture: multiplications and additions of matrices."""
+"""Computes the networks' floating-point work from their architecture: the matrix products."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Transformer:
         return _layer(self.tokens, self.width, self.hidden)
 
     def tower(self, layers: int) -> float:
-        """Patches and the first `layers` layers."""
+        """Counts the patches and the first `layers` layers."""
         return 2.0 * (self.tokens - 1) * 3 * self.patch**2 * self.width + layers * self.layer()
 
     def tail(self, layers: int) -> float:
-        """The embedding from the output of the first `layers`, the last layer for the class token alone."""
+        """Counts the embedding from the first `layers`' output; the last layer for the class token alone."""
         if layers >= self.layers:
             return 2.0 * self.width * self.projection
         keys = 2.0 * self.tokens * 2 * self.width**2
@@ -57,7 +57,7 @@ class Transformer:
 
 @dataclass(frozen=True)
 class ClipSegWork:
-    """Work of CLIPSeg's parts, in floating-point operations."""
+    """The work of CLIPSeg's parts in floating-point operations."""
 
     vision: Transformer
     needed: int
@@ -77,11 +77,11 @@ class ClipSegWork:
         return self.vision.tail(self.needed)
 
     def reduce(self) -> float:
-        """Bringing the tower's activations to the decoder's width: once a frame, or once a prompt."""
+        """Counts projecting the tower's activations to the decoder's width: once a frame, or a prompt."""
         return self.taps * 2.0 * self.vision.tokens * self.vision.width * self.reduced
 
     def decoder(self) -> float:
-        """What each prompt costs after that."""
+        """Counts what each prompt costs after that."""
         tokens = self.vision.tokens
         return self.taps * _layer(tokens, self.reduced, self.hidden) + self._convolutions(tokens - 1)
 
@@ -96,12 +96,12 @@ class ClipSegWork:
 
 
 def _layer(tokens: int, width: int, hidden: int) -> float:
-    """One transformer layer: four projections, attention, two linear maps of the MLP."""
+    """Counts one transformer layer: four projections, attention, two linear maps of the MLP."""
     return 2.0 * tokens * (4 * width**2 + 2 * tokens * width + 2 * width * hidden)
 
 
 def read_clipseg(checkpoint: Path) -> ClipSegWork:
-    """The work at the image size that the checkpoint's preprocessor makes."""
+    """Computes CLIPSeg's work at the image size that the checkpoint's preprocessor makes."""
     config = _CLIPSEG | json.loads((checkpoint / "config.json").read_text())
     images = json.loads((checkpoint / "preprocessor_config.json").read_text())
     return ClipSegWork(
@@ -115,7 +115,7 @@ def read_clipseg(checkpoint: Path) -> ClipSegWork:
 
 
 def read_clip(checkpoint: Path) -> Transformer:
-    """CLIP's vision tower at its own image size."""
+    """Computes the work of CLIP's vision tower at its own image size."""
     config = {"projection_dim": 512} | json.loads((checkpoint / "config.json").read_text())
     return _vision(config, None)
 

@@ -1,1 +1,1 @@
-"""The radio link under a bad radio, under rubbish and under load: `python -m bench.link`."""
+"""Tests the radio link over a bad radio, with mutated frames and under load: `python -m bench.link`."""

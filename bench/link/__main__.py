@@ -1,12 +1,12 @@
-"""The radio link proven. Prints a line a run; the last line is one JSON object.
+"""Tests the radio link. Prints a line for each run; the last line is one JSON object.
 
 lossy: calls over a bad radio in virtual time; each must be answered exactly once.
 udp: a tenth as many over real sockets, in real time, through a bad relay.
-fuzz: mutated frames with right checksums; nothing may escape, strangers change nothing, memory stays flat.
-flood: noise, answers and heartbeats under one name and many, over real sockets, with signing and without;
-heartbeats go on, the autopilot is heard, the operator is acknowledged, memory stays flat.
-speed: frames handled, CPU share at rest, and how soon a summary is on the wire; figures, no promise.
-Exit code 1: a promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
+fuzz: mutated frames with right checksums; no exception may escape, strangers change nothing, memory stays
+flat. flood: noise, answers and heartbeats from one id and from many, over real sockets, with signing and
+without; heartbeats go on, the autopilot is heard, the operator is acknowledged, memory stays flat. speed:
+frames handled, CPU share at rest, and how soon a summary is on the wire; figures, no promise. Exit code 1: a
+promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 TRACED = 100_000
-"""Frames at most during which every byte taken is counted, which is slow."""
+"""Number of frames for which every allocated byte is counted at most, since that is slow."""
 _Report = tuple[dict[str, Any], bool]
 """Figures, and whether all promises were kept."""
 

@@ -1,4 +1,4 @@
-"""Past one unknown thing after the other, and what became of the calls for them."""
+"""Drives past one unknown thing after the other, and records what became of the calls for them."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ class Outcome:
     """What became of `calls` calls.
 
     lost: not answered, or the operator never knew. twice: more than one answer counted. anew: answers that
-    the operator gave again after 60 s without a word. Lists in s since a call was opened on the rover; told:
-    until the operator knew of it; answered: until an answer counted; known: until the operator knew that.
+    the operator gave again after 60 s without a reply. The lists are in s since a call was opened on the
+    rover. told: until the operator knew of it. answered: until an answer counted. known: until the operator
+    knew that.
     """
 
     calls: int = 0
@@ -38,7 +39,7 @@ class Outcome:
 
     @property
     def good(self) -> bool:
-        """Every call answered exactly once, and the operator knows."""
+        """Whether every call was answered exactly once, and the operator knows it."""
         return self.calls > 0 and self.lost == self.twice == 0
 
     def __str__(self) -> str:
@@ -48,7 +49,7 @@ class Outcome:
         return told
 
     def figures(self) -> dict[str, Any]:
-        """For the report."""
+        """Returns the figures for the report."""
         counted = {"calls": self.calls, "lost": self.lost, "twice": self.twice, "anew": self.anew}
         times = {"told": self.told, "answered": self.answered, "known": self.known}
         return {
@@ -58,7 +59,7 @@ class Outcome:
 
 
 def at(values: Iterable[float], share: float) -> float | None:
-    """The smallest of the values that `share` of them do not exceed."""
+    """Returns the smallest value that a `share` of the values do not exceed (a quantile)."""
     ordered = sorted(values)
     if not ordered:
         return None
@@ -66,7 +67,7 @@ def at(values: Iterable[float], share: float) -> float | None:
 
 
 def drive(rover: Rover, operator: Operator, calls: int, step: Callable[[], None]) -> Outcome:
-    """Things 1 to `calls`; `step` lets a moment pass at both ends."""
+    """Drives past things 1 to `calls`; `step` lets a moment pass at both ends."""
     outcome = Outcome()
     for number in range(1, calls + 1):
         _wait(step, lambda: rover.clear and bool(operator.client.rovers))
@@ -103,14 +104,14 @@ def _count(
 
 
 def _taught_twice(rover: Rover) -> int:
-    """How many answers with words reached the vision process more than once."""
+    """Counts the answers with words that reached the vision process more than once."""
     requests = [getattr(token, "request", None) for token in rover.vision.asked]
     asked = [one.transaction for one in requests if isinstance(one, AnswerRequest)]
     return len(asked) - len(set(asked))
 
 
 def _wait(step: Callable[[], None], fits: Callable[[], bool]) -> bool:
-    """Whether it came to that within `PATIENCE`."""
+    """Waits `PATIENCE` s at most for a condition; returns whether it became true."""
     until = time.monotonic() + PATIENCE
     while not fits():
         if time.monotonic() > until:

@@ -1,6 +1,7 @@
-"""A link on real sockets and in real time, while a process beside it floods it: who still gets through.
+"""Floods a link on real sockets in real time from a second process, and measures who still gets through.
 
-The autopilot and an operator speak from that process too, each from a port of its own, as the floods do.
+The second process is also autopilot and operator; each of them sends from a port of its own, as the floods
+do.
 """
 
 from __future__ import annotations
@@ -40,17 +41,17 @@ BEAT = 0.2
 ASK_EVERY, ASK_AGAIN = 0.5, 1.0
 PORTS = 8
 ALONE = 2.0
-"""s before the flood begins, in which autopilot and operator are met."""
+"""s before the flood begins, in which the link learns autopilot and operator."""
 TICK = 0.02
 BEATS_WITHIN, HEARD_WITHIN = 1.3, 0.3
 MORE_BLOCKS = 4000
-"""For tables of bounded size that are not full at first."""
+"""Memory blocks by which it may grow, for tables of bounded size that are not full at first."""
 _TUNNEL, _ACK = 385, 45004
 
 
 @dataclass(frozen=True)
 class Flood:
-    """rate: datagrams a second, 0 for none."""
+    """A kind of flood. rate: datagrams a second, 0 for none."""
 
     rate: float
     datagrams: tuple[bytes, ...] = (b"",)
@@ -58,12 +59,12 @@ class Flood:
 
 @dataclass
 class Flooded:
-    """What became of it; s, unless said otherwise.
+    """The result of a flood; in s, unless said otherwise.
 
     turn_p99, turn_max: from waking to the next wait. heard_max: from an autopilot's heartbeat to the link's
-    news of it. beat_max: longest gap between the companion's heartbeats at the autopilot. asked, told: what
-    the operator answered, and what of it was acknowledged; told_max: the slowest. granted: answers of others
-    that were let through. cpu: share of a core. blocks: memory blocks taken in the second half.
+    event for it. beat_max: longest gap between the companion's heartbeats at the autopilot. asked, told: the
+    operator's answers, and how many of them were acknowledged; told_max: the slowest. granted: answers of
+    others that were let through. cpu: share of a core. blocks: memory blocks taken in the second half.
     """
 
     poured: int = 0
@@ -81,7 +82,7 @@ class Flooded:
 
 
 def floods() -> dict[str, Flood]:
-    """By name. many: 2,816 senders, each allowed to answer. one: a single one of them."""
+    """Returns the floods by name. many: 2,816 senders, each allowed to answer. one: a single one of them."""
     everybody = list(product(range(245, 256), range(256)))
     heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     return {
@@ -96,13 +97,13 @@ def floods() -> dict[str, Flood]:
 
 
 def good(flooded: Flooded) -> bool:
-    """Whether the promises were kept: heartbeats, hearing, the operator, and memory."""
+    """Whether the promises were kept: heartbeats, the autopilot heard, the operator answered, memory flat."""
     in_time = flooded.beat_max <= BEATS_WITHIN and flooded.heard_max <= HEARD_WITHIN
     return in_time and flooded.asked - flooded.told <= 1 and flooded.blocks <= MORE_BLOCKS
 
 
 def run(name: str, seconds: float, *, signed: bool = False) -> Flooded:
-    """One flood for so long; signed: link, autopilot and operator have a key, the flood has not."""
+    """Runs one flood for `seconds`. signed: link, autopilot and operator have a key, the flood has none."""
     with tempfile.TemporaryDirectory(prefix="atl-") as folder:
         return _run(name, seconds, _signing(Path(folder)) if signed else None)
 
@@ -157,7 +158,7 @@ def _run(name: str, seconds: float, key: Signing | None) -> Flooded:
 
 
 class Outside:
-    """Autopilot, operator and flood, on sockets of their own."""
+    """Plays autopilot, operator and flood, each on sockets of its own."""
 
     def __init__(self, port: int, flood: Flood, *, signed: bool) -> None:
         self._there = (HOST, port)
@@ -173,7 +174,7 @@ class Outside:
         self.told = Flooded()
 
     def live(self, seconds: float) -> dict[str, Any]:
-        """Figures of what was seen from here."""
+        """Runs the second process, and returns the figures that it measured."""
         began = time.monotonic()
         while (now := time.monotonic()) < began + ALONE + seconds:
             self._autopilot_speaks(now)

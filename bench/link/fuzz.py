@@ -1,4 +1,4 @@
-"""Mutated frames into the receiver: nothing escapes, strangers change nothing, memory stays flat."""
+"""Feeds mutated frames to the link: no exception escapes, strangers change nothing, memory stays flat."""
 
 from __future__ import annotations
 
@@ -49,21 +49,21 @@ WARM_UP = 0.3
 """Share of the frames after which memory must not grow."""
 GROWTH = 128 * 1024
 MORE_BLOCKS = 4000
-"""Bytes and blocks that it may, for tables of bounded size that are not full at first."""
+"""Bytes and blocks by which it may grow, for tables of bounded size that are not full at first."""
 SILENCE = 1.5
-"""s at most between two heartbeats, but for 10 s after another component 191 was heard."""
+"""s at most between two heartbeats, except for 10 s after another component 191 was heard."""
 CLASH = 11.5
 
 
 class Broken(AssertionError):  # noqa: N818
-    """A promise of the link was not kept; the message says which."""
+    """Raised when the link broke a promise; the message says which."""
 
 
 @dataclass
 class Fuzzed:
-    """frames: put in. requests: by kind, that the link let through. sent: messages of the link, by type.
+    """The result. frames: fed in. requests: let through, by kind. sent: the link's messages, by type.
 
-    rejected: as the link counts it. growth, blocks: memory taken after the warm-up; bytes only if traced.
+    rejected: the link's own counts. growth, blocks: memory taken after the warm-up; bytes only if traced.
     """
 
     frames: int = 0
@@ -80,7 +80,7 @@ class Fuzzed:
 
 
 class Fuzz:
-    """A link, its autopilot once a second, and a daemon that grants whatever it is asked for."""
+    """A link, an autopilot with a heartbeat a second, and a daemon that grants every request."""
 
     def __init__(self, seed: int) -> None:
         self.now = 0.0
@@ -100,9 +100,9 @@ class Fuzz:
         self._clashes = 0
 
     def run(self, frames: int, *, traced: bool = False) -> Fuzzed:
-        """Strangers and all, batch by batch; traced: bytes are counted too, five times as slowly.
+        """Feeds in mutated frames, batch by batch. traced: counts bytes too, which is five times as slow.
 
-        Raises Broken, and whatever escapes the link.
+        Raises Broken, and any exception that escapes the link.
         """
         if traced:
             tracemalloc.start()
@@ -119,10 +119,10 @@ class Fuzz:
         return self.told
 
     def _until(self, frames: int) -> tuple[int, int]:
-        """Blocks, and bytes where they are traced, that are in use after so many frames."""
+        """Feeds in frames up to a number; returns the blocks (and bytes, if traced) then in use."""
         while self.told.frames < frames:
             self._batch("strangers" if self.told.frames // BATCH % 2 else "all")
-        for _ in range(CALM):  # what waits leaves, what is half told or open ends
+        for _ in range(CALM):  # queues empty themselves, and what is half transferred or open times out
             self._step()
         gc.collect()
         return sys.getallocatedblocks(), tracemalloc.get_traced_memory()[0]
@@ -141,7 +141,7 @@ class Fuzz:
         self._watch_clash()
 
     def _step(self) -> None:
-        """A moment passes; the autopilot is heard, and all that the link says is looked at."""
+        """Lets a moment pass: the autopilot's heartbeat comes in, and all that the link sends is checked."""
         for _ in range(_TICKS):
             self.now += _TICK
             if self.now >= self._heartbeat_at:
@@ -199,7 +199,7 @@ class Fuzz:
 
 
 def well_formed(event: InboundEvent, names: set[str]) -> bool:
-    """Whether the daemon can believe what it is asked."""
+    """Whether a request that reached the daemon is well-formed."""
     match event:
         case AnswerRequest(transaction=transaction, target=target, motion=motion, operations=operations):
             whole = isinstance(motion, Motion) and 0 <= target <= 0xFFFF and transaction != 0

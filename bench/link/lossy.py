@@ -1,4 +1,4 @@
-"""Calls over a bad radio in virtual time: each is answered once, whatever the radio does."""
+"""Makes calls over a bad radio in virtual time: each must be answered exactly once."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ WEATHERS = {
     "1 kB/s": Weather(rate=1000.0),
     "all of it": Weather(loss=0.3, twice=0.2, shuffled=0.2, stall_every=8.0, rate=1000.0),
 }
-"""All of them each way."""
+"""The kinds of bad radio; each acts in both directions."""
 STEP = 0.02
 _COMMAND_LONG = 76
 
 
 class Clock:
-    """Seconds that pass when told to."""
+    """A clock that moves only when it is set."""
 
     def __init__(self) -> None:
         self.now = 1000.0
@@ -46,21 +46,21 @@ class Clock:
 
 @contextmanager
 def virtual_time() -> Iterator[Clock]:
-    """`time.monotonic` is the clock's, and the daemon waits for nothing."""
+    """Replaces `time.monotonic` by the clock, and makes the daemon wait for nothing."""
     clock = Clock()
     with mock.patch("time.monotonic", clock), mock.patch("companion.daemon.daemon.TICK", 0.0):
         yield clock
 
 
 class Autopilot:
-    """An ArduPilot rover in AUTO, as far as it is heard: what it is asked for it streams."""
+    """An ArduPilot rover in AUTO: it sends heartbeats, and streams what is requested."""
 
     def __init__(self) -> None:
         self._mavlink = mavlink.MAVLink(None, 1, AUTOPILOT_COMPONENT_ID)
         self._says_at = 0.0
 
     def says(self, now: float) -> list[bytes]:
-        """Heartbeat, position, attitude and time, once a second."""
+        """Returns heartbeat, position, attitude and time, once a second."""
         if now < self._says_at:
             return []
         self._says_at = now + 1.0
@@ -84,12 +84,12 @@ class Autopilot:
 
 
 def is_for_autopilot(frame: bytes) -> bool:
-    """A command; whatever else the companion says is for the ground too."""
+    """Whether a frame is a command to the autopilot; all other frames are for the ground."""
     return int.from_bytes(frame[7:10], "little") == _COMMAND_LONG
 
 
 class Radio:
-    """The rover's only wire, and what the operator's client has as its connection."""
+    """The bad radio: the rover's only wire, and the connection of the operator's client."""
 
     name = "radio"
     trouble = ""
@@ -100,7 +100,7 @@ class Radio:
         self._autopilot = Autopilot()
 
     def carry(self, now: float) -> None:
-        """Between the autopilot, whom nothing is lost for, the rover and the radio."""
+        """Carries frames between rover, radio and autopilot; between rover and autopilot none is lost."""
         while frame := self._far.read():
             if not is_for_autopilot(frame):
                 self.up.put(frame, now)
@@ -108,23 +108,23 @@ class Radio:
             self._far.write(frame)
 
     def read(self) -> bytes:
-        """What came over to the operator."""
+        """Returns what has reached the operator."""
         return b"".join(self.up.take(time.monotonic()))
 
     def write(self, frame: bytes) -> None:
-        """To the rover."""
+        """Sends to the rover."""
         self.down.put(frame, time.monotonic())
 
     def fileno(self) -> int | None:
-        """There is none."""
+        """Returns None: there is no file descriptor."""
         return None
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Does nothing: there is nothing to release."""
 
 
 def run(weather: Weather, calls: int, folder: Path, seed: str = "1", step_s: float = STEP) -> Outcome:
-    """So many calls in virtual time, `step_s` s from one round of the daemon to the next."""
+    """Makes `calls` calls in virtual time, `step_s` s from one turn of the daemon to the next."""
     with virtual_time() as clock:
         radio = Radio(weather, seed)
         rover = Rover(folder, lambda: radio.near)

@@ -1,4 +1,4 @@
-"""Frames that are whole by their checksum and wrong in any other way: seeded, 10 us each."""
+"""Makes frames with a right checksum that are wrong in some other way: seeded, 10 us each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, TUNNEL_ANSWER, Moti
 
 Crowd = Literal["strangers", "all"]
 OURS = 1
-"""System id of the vehicle that is listened to."""
+"""System id of the vehicle to which the link listens."""
 ALLOWED = (245, 255)
 _LONGEST = 255
 _FLOATS = (float("nan"), float("inf"), -float("inf"), 1e38, 1e-40, -2.0, 0.5, 2.0**31, 655353.0)
@@ -24,7 +24,7 @@ _TEXT = b"\xff\xfegrass\0: 1; old wall: -0.5"
 
 
 class Mutants:
-    """`next` makes one; strangers are neither our autopilot nor senders that may change anything."""
+    """Makes mutated frames; strangers are neither our autopilot nor senders that may change anything."""
 
     def __init__(self, seed: int) -> None:
         self._random = Random(seed)
@@ -32,7 +32,7 @@ class Mutants:
         self._sequence = 0
 
     def next(self, crowd: Crowd) -> bytes:
-        """A frame with a right checksum."""
+        """Makes a mutated frame with a right checksum."""
         random = self._random
         number, payload = random.choice(self._templates)
         payload = self._mutated(payload)
@@ -89,7 +89,7 @@ class Mutants:
 
 
 def genuine(number: int) -> bytes:
-    """One of the right ones, by turns, from the autopilot or a ground station."""
+    """Makes an unchanged frame from the autopilot or a ground station, each kind in turn."""
     message = _GENUINE[number % len(_GENUINE)]
     ours = not hasattr(message, "target_system") or message.get_type() == "COMMAND_ACK"
     encoder = mavlink.MAVLink(None, *((OURS, 1) if ours else (ALLOWED[1], 190)))
@@ -98,7 +98,7 @@ def genuine(number: int) -> bytes:
 
 
 def _payload(message: Any) -> bytes:
-    """All of it, with the zeros that MAVLink 2 leaves out."""
+    """Returns a message's whole payload, with the zeros that MAVLink 2 leaves out."""
     packed = message.pack(mavlink.MAVLink(None, 255, 190))
     return bytes(packed[10:-2]).ljust(message.unpacker.size, b"\0")
 
@@ -113,7 +113,7 @@ _IDS = tuple(mavlink.mavlink_map)
 
 
 def _templates() -> list[Any]:
-    """Every kind that is reacted to, right in every field."""
+    """Makes a message of every kind to which the link reacts, right in every field."""
     system, to = OURS, COMPONENT_ID
     files = (
         FtpPayload(3, 1, Opcode.OPEN_FILE_RO, 11, data=b"/state.json"),

@@ -1,4 +1,4 @@
-"""The operator's side: the client as it ships, and somebody who answers every call at once."""
+"""Plays the operator's side: the client as it ships, and an operator who answers every call at once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WORDS = 10
 
 @dataclass
 class Told:
-    """One call as the operator knows it, times in s. answers: what was sent for it, in order."""
+    """A call as the operator knows it, times in s. answers: what was sent for it, in order."""
 
     heard_at: float
     answers: list[Pending] = field(default_factory=list)
@@ -32,7 +32,7 @@ class Told:
 
 
 class Operator:
-    """`shown` tells what is ahead of the rover, as the call's picture would."""
+    """Answers every call. `shown` returns what is ahead of the rover, as the call's picture would show it."""
 
     def __init__(self, connection: Connection, seed: str, shown: Callable[[], int]) -> None:
         random = Random(seed)
@@ -43,7 +43,7 @@ class Operator:
         self._number = 0
 
     def step(self, now: float) -> None:
-        """Hear, answer, send."""
+        """Reads the client's events, answers calls and sends what is due."""
         self._runner.step(now)
         for event in self.client.events():
             self._hear(event, now)
@@ -61,7 +61,7 @@ class Operator:
         return told is not None and told.known_at is not None and all(one.settled for one in told.answers)
 
     def close(self) -> None:
-        """Give the link back."""
+        """Closes the link."""
         self._runner.close()
 
     def _hear(self, event: ev.Event, now: float) -> None:
@@ -83,7 +83,7 @@ class Operator:
             told.known_at = now
 
     def _answer(self, call: CallData, now: float) -> Pending:
-        """By turns: go; a word; a word and go; more words than one frame takes, and go."""
+        """Makes an answer, in turn: go; a word; a word and go; more words than one frame takes, and go."""
         self._number += 1
         name = SetWord(thing(self._shown()), 1.0)
         kind = self._number % 4
@@ -99,5 +99,5 @@ class Operator:
 
 
 def expired(told: Told) -> int:
-    """How many of its answers ran out of time."""
+    """Counts the answers of a call that ran out of time."""
     return sum(one.status is Status.EXPIRED for one in told.answers)

@@ -1,4 +1,4 @@
-"""A bad radio, one direction of it: what is put in comes out late, twice, in another order or not at all."""
+"""Models one direction of a bad radio: frames come out late, twice, in another order or not at all."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from random import Random
 
 @dataclass(frozen=True)
 class Weather:
-    """What a radio does to frames; shares in [0, 1].
+    """The properties of a bad radio; shares are in [0, 1].
 
     loss: share lost. twice: share that comes a second time, up to `late` s after the first. shuffled: share
-    that comes up to `late` s late, behind what was sent after it. stall_every: mean s between stalls of
-    `stall_for` s, in which nothing comes out, and all of it after; 0: none. rate: B/s, 0 unlimited; what does
-    not fit the radio's memory of `memory` bytes is lost. delay: s that every frame takes.
+    that comes up to `late` s late, after frames that were sent later. stall_every: mean s between stalls of
+    `stall_for` s, in which nothing comes out, and then all at once; 0: no stalls. rate: B/s, 0: unlimited;
+    frames that do not fit the radio's memory of `memory` bytes are lost. delay: s that every frame takes.
     """
 
     loss: float = 0.0
@@ -29,7 +29,7 @@ class Weather:
 
 
 class Ether:
-    """Seeded, so that the same frames at the same times meet the same fate."""
+    """One direction of a bad radio; the same seed, frames and times give the same result."""
 
     def __init__(self, weather: Weather, seed: str) -> None:
         self._weather = weather
@@ -42,7 +42,7 @@ class Ether:
         self.put_in = self.lost = self.doubled = 0
 
     def put(self, frame: bytes, now: float) -> None:
-        """Send one frame."""
+        """Sends one frame."""
         weather = self._weather
         self.put_in += 1
         if weather.rate:
@@ -63,7 +63,7 @@ class Ether:
             self._fly(frame, due + self._random.uniform(0.0, weather.late))
 
     def take(self, now: float) -> list[bytes]:
-        """What comes out by now."""
+        """Returns the frames that have come out by now."""
         while now >= self._stall_at:
             self._stalled_until = self._stall_at + self._weather.stall_for
             self._stall_at = self._next_stall(self._stalled_until)

@@ -1,6 +1,6 @@
-"""The rover's side: the daemon as it ships, with its journal; only camera and perceiver are played.
+"""Runs the rover's side: the daemon as it ships, with its journal; only camera and perceiver are simulated.
 
-The vision process is played, too, where time is (`Rover`); `Companion` takes any.
+In virtual time (`Rover`) the vision process is simulated, too; `Companion` takes any.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Applied(NamedTuple):
 
 
 class CountedCalls(OperatorCalls):
-    """The daemon's own; `applied` keeps every answer that reached it."""
+    """The daemon's own state machine; `applied` stores every answer that reached it."""
 
     def __init__(self, numbers: Numbers, now: float) -> None:
         super().__init__(numbers, now)
@@ -68,19 +68,19 @@ class CountedCalls(OperatorCalls):
         *,
         go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
-        """As ever, and counted."""
+        """Handles an answer as usual, and stores it in `applied`."""
         result, decisions = super().answered(target, motion, changed, outcome, now, go_at=go_at)
         self.applied.append(Applied(now, target, motion, result))
         return result, decisions
 
 
 class CountedVision(Vision):
-    """The daemon's own; `asked` keeps what was taught."""
+    """The daemon's own vision client; `asked` stores the answers that it accepted."""
 
     asked: list[object]
 
     def answer(self, token: object, changes: Any, **given: Any) -> bool:
-        """As ever, and counted."""
+        """Passes an answer to vision as usual, and stores it in `asked` if it was accepted."""
         taken = super().answer(token, changes, **given)
         if taken:
             self.asked.append(token)
@@ -88,12 +88,12 @@ class CountedVision(Vision):
 
 
 class Companion:
-    """The daemon, put together as `companion run` does; policy report. Call `turn` some 50 times a second."""
+    """The daemon as `companion run` composes it, in policy report. Call `turn` some 50 times a second."""
 
     def __init__(
         self, folder: Path, opener: Callable[[], Transport], vision: Vision, settings: Settings | None = None
     ) -> None:
-        """vision: ready. settings: to judge by, by default as it is configured."""
+        """vision: must be ready. settings: to judge by; by default those of the configuration."""
         now, ready = time.monotonic(), vision.ready
         assert ready is not None
         words = vision.memory.preferences
@@ -116,19 +116,19 @@ class Companion:
         self.calls = cast(CountedCalls, self._daemon.calls)
 
     def turn(self) -> None:
-        """One round of the daemon's loop; what it wants kept is on disk before the next."""
+        """Runs one turn of the daemon's loop, and then writes what it wants stored to disk."""
         self._daemon.turn()
         self.writer.drain()
 
     def close(self) -> None:
-        """Give everything back."""
+        """Closes vision, link and writer."""
         self._vision.close()
         self.link.close()
         self.writer.close()
 
 
 class Rover(Companion):
-    """With a vision process that is stepped; `shows` is the number of what is ahead."""
+    """A companion with a simulated vision process; `shows` is the number of the thing ahead."""
 
     def __init__(self, folder: Path, opener: Callable[[], Transport]) -> None:
         self._child = Loopback(_make_engine)
@@ -144,7 +144,7 @@ class Rover(Companion):
         self._delivered_at: float | None = None
 
     def turn(self) -> None:
-        """After a look at what is ahead."""
+        """Lets vision judge what is ahead, then runs one turn of the daemon."""
         now = time.monotonic()
         self._child.work()
         if now >= self._frame_at:
@@ -157,7 +157,7 @@ class Rover(Companion):
 
     @property
     def clear(self) -> bool:
-        """Whether nothing is asked, nothing accepted and all is well: the next thing makes a call."""
+        """Whether no call is open, no thing is accepted and frames are OK: the next thing makes a call."""
         reason_filter = self.calls.reason_filter
         return self.calls.current_id == 0 and reason_filter.acceptance is None and reason_filter.ok_run > 0
 

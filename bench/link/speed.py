@@ -1,4 +1,4 @@
-"""How fast the link is: frames handled, what it costs at rest, and how soon a summary is on the wire."""
+"""Measures how fast the link is: frames handled, CPU at rest, and how soon a summary is on the wire."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SUMMARY = Summary(
 
 
 def handled(frames: int = FRAMES) -> dict[str, float]:
-    """Genuine requests and telemetry, answered; CPU of one core."""
+    """Measures how many genuine requests and telemetry frames one core handles and answers."""
     near, far = pair()
     settings = LinkSettings(f"udpout:{HOST}:14550", asked_budget=0.0, pace=0.0)
     link = Link(settings, build(["grass"], {}, {}), 0.0, openers={MAIN: lambda: near})
@@ -51,7 +51,7 @@ def handled(frames: int = FRAMES) -> dict[str, float]:
 
 
 def share_at(rate: float, seconds: float) -> float:
-    """CPU of one core, in per cent, that the link alone takes at so many summaries a second."""
+    """Measures the CPU of one core (%) that the link alone takes at so many summaries a second."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
         ground.bind((HOST, 0))
         address = Address("udpout", HOST, int(ground.getsockname()[1]))
@@ -77,7 +77,7 @@ def share_at(rate: float, seconds: float) -> float:
 
 
 def run(seconds: float, folder: Path) -> dict[str, Any]:
-    """All of it; each CPU share over `seconds` s. load: of the machine, over the last minute."""
+    """Runs all measurements, each CPU share over `seconds` s. load: of the machine, over the last minute."""
     return {
         "handled": handled(),
         "share_at_1_hz": share_at(1.0, seconds),

@@ -1,4 +1,4 @@
-"""The same calls over real sockets and in real time: a relay between them is the bad radio."""
+"""Makes the same calls over real sockets in real time; a relay between the two ends is the bad radio."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HOST = "127.0.0.1"
 
 
 class Relay:
-    """The autopilot and the radio, between the rover's socket and the operator's at `port`."""
+    """Plays autopilot and radio between the rover's socket and the operator's at `port`."""
 
     def __init__(self, weather: Weather, seed: str, port: int) -> None:
         self._rover, self._ground = _socket(), _socket()
@@ -33,11 +33,11 @@ class Relay:
 
     @property
     def port(self) -> int:
-        """Where the rover's frames go."""
+        """The port to which the rover sends."""
         return int(self._rover.getsockname()[1])
 
     def carry(self, now: float) -> None:
-        """What has come on either side."""
+        """Carries what has come in on either side."""
         for frame, near in _received(self._rover):
             self._near = near
             if not is_for_autopilot(frame):
@@ -51,13 +51,13 @@ class Relay:
                 self._rover.sendto(frame, self._near)
 
     def close(self) -> None:
-        """Give the sockets back."""
+        """Closes the sockets."""
         self._rover.close()
         self._ground.close()
 
 
 def run(weather: Weather, calls: int, folder: Path, seed: str = "1") -> Outcome:
-    """So many calls, a few seconds each."""
+    """Makes `calls` calls, a few seconds each."""
     connection = open_connection(f"udpin:{HOST}:0")
     relay = Relay(weather, seed, int(connection.name.rpartition(":")[2]))
     rover = Rover(folder, opener(Address("udpout", HOST, relay.port)))

@@ -1,4 +1,4 @@
-"""The whole daemon with its vision process and the builtin perceiver: how soon a summary is on the wire."""
+"""Measures how soon a summary is on the wire in the whole daemon with its vision process and `builtin`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from companion.wire.payloads import Summary
 HOST = "127.0.0.1"
 FRAME_RATE = 10.0
 START = 3.0
-"""s that do not count: the journal is made, and an autopilot is met."""
+"""s that do not count: the journal is made, and the autopilot is found."""
 LOADED_WITHIN = 60.0
 _TUNNEL = 385
 _WORDS = {"grass": 1.0, "dirt": 1.0}
@@ -36,7 +36,7 @@ _CALM = Thresholds(roi=1.0, scene=-1.0, tile=None, trav=0.0)
 
 
 class Stamped:
-    """A UDP transport; `told` keeps when the summary of a frame left."""
+    """A UDP transport; `told` stores when the summary of a frame left."""
 
     datagrams = True
 
@@ -66,7 +66,7 @@ class Stamped:
 
 
 class Ground:
-    """Somebody who listens, and the autopilot, at one UDP port."""
+    """A listener and the autopilot at one UDP port."""
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -77,11 +77,11 @@ class Ground:
 
     @property
     def address(self) -> Address:
-        """Where the companion speaks to."""
+        """The address to which the companion sends."""
         return Address("udpout", HOST, int(self._socket.getsockname()[1]))
 
     def step(self, now: float) -> None:
-        """Hear all, and say the autopilot's heartbeat."""
+        """Reads all that came in, and sends the autopilot's heartbeat."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 _, self._companion = self._socket.recvfrom(4096)
@@ -90,17 +90,17 @@ class Ground:
                 self._socket.sendto(frame, self._companion)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Closes the port."""
         self._socket.close()
 
 
 class TimedVision(Vision):
-    """The daemon's own, with its process; `judged` keeps when each frame was, by the one monotonic clock."""
+    """The daemon's vision client; `judged` stores when each frame was judged, by the one monotonic clock."""
 
     judged: dict[int, float]
 
     def poll(self, now: float) -> list[Result]:
-        """As ever, and timed."""
+        """Polls as usual, and takes the time of each judged frame."""
         results = super().poll(now)
         for one in results:
             if isinstance(one, Judged):
@@ -109,7 +109,7 @@ class TimedVision(Vision):
 
 
 def seeing(rate: float, seconds: float, folder: Path) -> dict[str, Any]:
-    """At so many summaries a second, ten frames a second and one core for the network."""
+    """Measures at so many summaries a second, with ten frames a second and one core for the network."""
     config = Config(
         camera=Camera(f"folder:{_noise(folder / 'noise')}", FRAME_RATE, FRAME_RATE, loop=True),
         perceiver=Perceiver("builtin", threads=1),
@@ -145,7 +145,7 @@ def seeing(rate: float, seconds: float, folder: Path) -> dict[str, Any]:
 
 
 def _noise(folder: Path) -> Path:
-    """Eight pictures of it, for a camera."""
+    """Makes eight pictures of noise for a camera."""
     folder.mkdir(parents=True)
     random = np.random.default_rng(1)
     for number in range(8):

@@ -1,1 +1,1 @@
-"""Small faults put into the safety path, one at a time: do the tests notice each?"""
+"""Puts small faults into the safety path, one at a time, and tests whether the tests notice each."""

@@ -1,7 +1,7 @@
 """Runs the tests against each mutant of the safety path; the last line is one JSON object.
 
-The mutants stand in mutants.json, chosen once by seed: `--choose 200` writes them anew. A result file is
-compared with by `--before`: the exit code is 1 if one that was caught then is not caught now.
+The mutants are in mutants.json and were chosen once by seed; `--choose 200` chooses new ones. `--before`
+compares with an earlier result file: the exit code is 1 if a mutant that was caught then is not caught now.
 Run: python -m bench.mutants [--jobs 2] [--only 3 17] [--out results.json] [--before results.json]
 """
 

@@ -1,4 +1,4 @@
-"""What a mutant is, where one can be made, and how: a file's syntax tree with one node changed."""
+"""Defines the mutants: finds where one can be made, and changes one node of a file's syntax tree."""
 
 from __future__ import annotations
 

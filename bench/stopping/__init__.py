@@ -1,1 +1,1 @@
-"""Does the rover stop? Faults made on purpose while it drives the simulated trail, by seed."""
+"""Tests whether the rover stops: causes faults on purpose while it drives the simulated trail, by seed."""

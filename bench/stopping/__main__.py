@@ -1,4 +1,4 @@
-"""Faults on purpose, `--runs` of each kind by seed, several stages side by side.
+"""Causes faults on purpose, `--runs` of each kind by seed, with several rovers side by side.
 
 Prints a line a run; the last line is one JSON object, also when it is ended early. The exit code is 1 if a
 rover did not stop within its limit, a human was overruled, or a rover in report policy was commanded.
@@ -52,7 +52,7 @@ def _all_of(group: Callable[[Job], Iterator[Run]], job: Job, runs: list[Run]) ->
 
 
 def _wait(todo: list[Future[None]]) -> None:
-    """Until all are done; raises what the first that fails raised."""
+    """Waits until all are done; raises what the first that fails has raised."""
     left = set(todo)
     while left:
         done, left = wait(left, timeout=1.0, return_when=FIRST_COMPLETED)

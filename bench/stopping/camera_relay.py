@@ -1,4 +1,4 @@
-"""A camera between the field's and the companion, which can freeze: the same picture, always as if new."""
+"""Relays the field's camera to the companion, and can freeze it: the same picture, always as if new."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _PERIOD = 1.0 / 12.0
 
 
 class Lens:
-    """Serves the field's frames until closed.
+    """Serves the field's frames until it is closed.
 
-    frozen: the last of them again and again, as if just taken. clock: with the time drawn into each and
-    compressed anew, so that no two are equal.
+    frozen: serves the last frame again and again, as if just taken. clock: draws the time into each and
+    compresses it again, so that no two are equal.
     """
 
     def __init__(self, frames: str) -> None:
@@ -34,7 +34,7 @@ class Lens:
 
     @property
     def source(self) -> str:
-        """For the companion's [camera]."""
+        """The `source` for the companion's [camera]."""
         return "field:{}:{}".format(*self._server.address)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What presses on a healthy companion, which goes on driving: a slow disk, strangers, a flood of answers."""
+"""Disturbs a healthy companion, which must go on driving: a slow disk, strangers, a flood of answers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Pressure = Callable[[Stage], AbstractContextManager[None]]
 
 @contextmanager
 def slow_disk(stage: Stage) -> Iterator[None]:
-    """Whatever is written takes 8 s longer, and there is something to write."""
+    """Makes every write take 8 s longer, and gives the companion something to write."""
     assert stage.disk is not None
     stage.disk.delay(DISK_DELAY)
     stage.ground.set_weight("GRASS", 0.9)
@@ -40,7 +40,7 @@ def slow_disk(stage: Stage) -> Iterator[None]:
 
 @contextmanager
 def spoofed_peers(stage: Stage) -> Iterator[None]:
-    """Strangers send rubbish to the port where the companion listens."""
+    """Lets strangers send rubbish to the port where the companion listens."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(STRANGERS)]
     others = cycle(sockets)
 
@@ -57,7 +57,7 @@ def spoofed_peers(stage: Stage) -> Iterator[None]:
 
 @contextmanager
 def answer_flood(stage: Stage) -> Iterator[None]:
-    """Everybody who may answer answers all the time."""
+    """Lets every id that may answer send answers all the time."""
     frames = cycle(_answers())
     with _repeated(lambda: stage.wire.to_companion(next(frames)), FLOOD_RATE):
         yield
@@ -83,7 +83,7 @@ def _answers() -> list[bytes]:
 
 @contextmanager
 def _repeated(act: Callable[[], None], rate: float) -> Iterator[None]:
-    """Do it so often a second meanwhile, in a thread."""
+    """Calls a function so often a second in a thread, until the block ends."""
     over = threading.Event()
 
     def run() -> None:

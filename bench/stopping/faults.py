@@ -1,4 +1,4 @@
-"""Faults that must stop a driving rover: how each begins, and how it ends where its companion goes on."""
+"""Defines the faults that must stop a driving rover: how each begins and ends."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ AUTOPILOT_SILENT = Numbers().heartbeat_lost
 
 @dataclass(frozen=True)
 class Fault:
-    """How it begins and ends. end: None where nothing can be mended: it is the last on its stage."""
+    """How a fault begins and ends. end: None if it cannot be undone: then it is the last on its stage."""
 
     begin: Act
     end: Act | None
     noticed: float = 0.0
-    """Seconds until the companion may call it a fault, where that is longer than T."""
+    """Seconds until the companion can notice the fault, if that is longer than T."""
     returns: bool = False
-    """Whether the companion gets over it by itself, and how soon is measured."""
+    """Whether the companion recovers by itself; then the time for that is measured."""
     alone: bool = False
-    """Whether it needs a companion whose vision process never died."""
+    """Whether the fault needs a companion whose vision process has never died."""
 
 
 def _signal(number: signal.Signals) -> Act:
@@ -72,6 +72,6 @@ BREAKABLE: Mapping[str, Fault] = {
     "vision_lock_hang": Fault(_break("lock"), _break(""), returns=True, alone=True),
     "vision_out_of_memory": Fault(_break("memory"), _break(""), alone=True),
 }
-"""On a companion whose perceiver was made to break."""
+"""Faults of a companion whose perceiver can be broken."""
 FAINT = {"nan_maps": Fault(_break("one nan"), _break(""))}
-"""The same in its smallest form, on every other seed."""
+"""The same faults in their smallest form, for every other seed."""

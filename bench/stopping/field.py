@@ -1,4 +1,4 @@
-"""The field as a process, with the rover anywhere on the trail: `python -m bench.stopping.field`."""
+"""Runs the field as a process, with the rover anywhere on the trail: `python -m bench.stopping.field`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZE = 320, 240
 
 
 def main() -> None:
-    """Print the addresses as one line of JSON, then serve until SIGTERM or SIGINT."""
+    """Prints the addresses as one line of JSON, then serves until SIGTERM or SIGINT."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--at", type=float, default=0.0, help="m along the trail")

@@ -1,4 +1,4 @@
-"""What the runs come to."""
+"""Sums up the runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SILENCED = ("sigstop", "kill_9")
 
 
 def line(run: Run) -> str:
-    """One run for a reader."""
+    """Formats one run as a line for a reader."""
     told = f"{run.kind:14} seed {run.seed:3}"
     if run.stop is not None:
         stop = run.stop
@@ -28,7 +28,7 @@ def line(run: Run) -> str:
 
 
 def figures(runs: Sequence[Run]) -> dict[str, Any]:
-    """runs, stopped: of those that had to stop. Seconds, metres: the worst; limits: the longest."""
+    """Sums up the runs that had to stop. Seconds, metres: the worst; limits: the longest."""
     due = [run for run in runs if run.kind not in NEVER_STOPS]
     return {
         "runs": len(due),

@@ -1,4 +1,4 @@
-"""A person at a ground station: answers calls, and sets how fast the rover drives."""
+"""Plays a person at a ground station, who answers calls and sets how fast the rover drives."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REAL32 = 9
 
 
 class Ground:
-    """Speaks to the autopilot's second port; what comes back nobody reads."""
+    """Sends to the autopilot's second port; it does not read what comes back."""
 
     def __init__(self, url: str) -> None:
         """url: as the field prints it, udpout:HOST:PORT."""
@@ -28,16 +28,16 @@ class Ground:
         self._socket.close()
 
     def set_speed(self, speed: float) -> None:
-        """m/s along the trail."""
+        """Sets the speed along the trail, m/s."""
         self._send(mavlink.MAVLink_param_set_message(ROVER, AUTOPILOT, b"CRUISE_SPEED", speed, REAL32))
 
     def set_weight(self, word: str, weight: float) -> None:
-        """A word of the companion's."""
+        """Sets the weight of one of the companion's words."""
         name = f"AT_W_{word}".encode()
         self._send(mavlink.MAVLink_param_set_message(ROVER, COMPONENT_ID, name, weight, REAL32))
 
     def go(self, number: int) -> None:
-        """Answer go to the call or hold of this id."""
+        """Answers go to the call or hold of this id."""
         params = (float(number), float(Motion.GO), 0.0, 0.0, 0.0, 0.0, 0.0)
         self._send(mavlink.MAVLink_command_long_message(ROVER, COMPONENT_ID, ANSWER_COMMAND, 0, *params))
 

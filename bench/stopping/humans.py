@@ -1,4 +1,4 @@
-"""A human who takes over is left alone, whatever the companion is about."""
+"""Tests that a human who takes over is left alone, whatever the companion is doing."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from bench.stopping.stage import Disturbed, Stage
 SOON = 10.0
 FAILED = 20.0
 IN_FLIGHT = 0.3
-"""Seconds in which an order may still be on its way that was given before the human's mode was heard."""
+"""Seconds in which a command may still arrive that was sent before the human's mode was received."""
 WATCHED = 3.0
 READ = 2.2
-"""Seconds until an answer counts as one to what was announced."""
+"""Seconds after an announcement from which an answer to it counts."""
 
 
 def _mode(stage: Stage) -> Any:
@@ -24,7 +24,7 @@ def _mode(stage: Stage) -> Any:
 
 
 def _requested(stage: Stage, random: Random) -> str:
-    """It asks for the hold, and the autopilot does not hear."""
+    """Brings the companion to command a hold that the autopilot does not receive."""
     stage.wire.deaf = True
     stage.cover(on=True)
     stage.wait("a hold that is asked for", lambda: bool(stage.wire.commands), SOON)
@@ -33,7 +33,7 @@ def _requested(stage: Stage, random: Random) -> str:
 
 
 def _standing(stage: Stage, random: Random) -> str:
-    """It holds; it sees again, but nobody said go."""
+    """Brings the companion to hold: it sees again, but no go was given."""
     stage.cover(on=True)
     stage.wait("a hold", lambda: _mode(stage) == "HOLD", SOON)
     _pass(stage, random.uniform(0.0, 2.0))
@@ -43,7 +43,7 @@ def _standing(stage: Stage, random: Random) -> str:
 
 
 def _resuming(stage: Stage, random: Random) -> str:
-    """It was told to go, asks for AUTO, and the autopilot does not hear."""
+    """Brings the companion, after a go, to command AUTO, which the autopilot does not receive."""
     _standing(stage, random)
     _pass(stage, READ)
     stage.wire.deaf = True
@@ -55,7 +55,7 @@ def _resuming(stage: Stage, random: Random) -> str:
 
 
 def _asleep(stage: Stage, random: Random) -> str:
-    """It stands still itself; when it wakes, what it hears first is old."""
+    """Stops the companion's process; when it wakes, the first frames that it reads are old."""
     stage.daemon.process.send_signal(signal.SIGSTOP)
     _pass(stage, random.uniform(1.5, 4.0))
     return random.choice(["MANUAL", "RTL"])
@@ -70,7 +70,7 @@ STATES: Mapping[str, Callable[[Stage, Random], str]] = {
 
 
 def take_over(stage: Stage, state: str, random: Random) -> str:
-    """Bring the companion to a state, take over by hand; what it commanded after that, "" for nothing."""
+    """Brings the companion to a state, takes over by hand, returns what it commanded then ("": nothing)."""
     mode = STATES[state](stage, random)
     if state == "standing" and _mode(stage) != "HOLD":
         raise Disturbed("it did not stand")

@@ -1,4 +1,4 @@
-"""How long and how far the rover may go on until it stands, and where the figures for that come from."""
+"""Computes how long and how far the rover may go on until it stands, and measures the figures for that."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from companion.sim.field.simulation import Simulation
 from companion.sim.field.things import World
 
 SPARE = 1.0
-"""Seconds granted beyond what is reckoned: a heartbeat's period."""
+"""Seconds granted beyond what is computed: a heartbeat's period."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """From a fault to standstill, by the formula of `companion check`: driven on at speed, then braked.
+    """The limit from a fault to standstill, as `companion check` computes it: drive on, then brake.
 
     freshness: T in s, after which the companion may not say OK. timeout: s of silence after which the script
     on the autopilot acts. speed: m/s at the fault; the rover really drives it, and does not overshoot it.
@@ -43,14 +43,14 @@ class Limit:
 
 @cache
 def brakes() -> Brakes:
-    """As the demo's and the bench's configuration have them."""
+    """Returns the brakes as the demo's and the bench's configuration have them."""
     found = fit(ARDUPILOT)
     return Brakes.of(found.braking, found.time_constant)
 
 
 @cache
 def script_timeout() -> float:
-    """ATS_TIMEOUT as the shipped script sets it, in seconds. RuntimeError where it does not run."""
+    """Returns ATS_TIMEOUT as the shipped script sets it, in s. RuntimeError if the script does not run."""
     simulation = Simulation(World(1, ()), lambda *_: True)
     autopilot = simulation.autopilot
     missing = install(autopilot)
@@ -62,7 +62,7 @@ def script_timeout() -> float:
 
 @lru_cache(256)
 def braking(speed: float) -> tuple[float, float]:
-    """Seconds and metres that the simulated rover takes from HOLD to standstill, at `speed` m/s."""
+    """Measures seconds and metres from HOLD to standstill of the simulated rover, at `speed` m/s."""
     rover = Rover(World(1, ()).trail, cruise_speed=speed)
     rover.drive = Drive.FOLLOW
     while rover.speed < 0.99 * speed and rover.time < 20.0:

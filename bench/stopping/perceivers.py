@@ -1,10 +1,10 @@
-"""The companion with a perceiver that breaks when told to: `python -m bench.stopping.perceivers run ...`.
+"""Runs the companion with a perceiver that can be broken: `python -m bench.stopping.perceivers run ...`.
 
 `broken:FILE` is the built-in perceiver until FILE says otherwise.
-"nan" or "one nan": maps that are no numbers, as a whole or in one pixel.
+"nan" or "one nan": maps that are NaN, everywhere or in one pixel.
 "hang": once, a call that never returns.
-"lock": once, the same in native code that keeps the interpreter's lock.
-"segfault": native code that reads where nothing is. "memory": killed as when memory runs out.
+"lock": once, the same in native code that holds the interpreter's lock.
+"segfault": native code that reads an invalid address. "memory": killed as when memory runs out.
 `python -m bench.stopping.perceivers vision` is its vision process.
 """
 
@@ -36,12 +36,12 @@ from anytraverse.regions import Box
 
 
 def register() -> None:
-    """Make "broken" a kind of perceiver in this process."""
+    """Registers "broken" as a kind of perceiver in this process."""
     KINDS["broken"] = ("bench.stopping.perceivers", "Breakable")
 
 
 class Breakable:
-    """A sound `Perceiver` as long as its file is absent or empty."""
+    """A `Perceiver` that works as long as its file is absent or empty."""
 
     def __init__(self, argument: str, runtime: Runtime) -> None:
         self._own: Perceiver = make_perceiver("builtin", runtime)

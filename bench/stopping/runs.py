@@ -1,4 +1,4 @@
-"""What is run for one seed, group by group: each group sets its own stage."""
+"""Does the runs for one seed, group by group; each group sets up its own stage."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from companion.wire.ids import Policy, State
 
 SLOW, FAST = 0.6, SPEED
 RUSH = 5.0
-"""m/s of a rover that is only looked after."""
+"""m/s of the rover in policy report, in which nothing may hold it."""
 LAP_WITHIN = 60.0
 HEALTHY = 4.0
-"""Seconds under pressure in which nobody may hold the rover."""
+"""Seconds of a disturbance in which nobody may hold the rover."""
 TRIES = 3
 LATE = "too late"
-"""It stands, but took longer, or went farther, than its limit."""
+"""The rover stands, but took longer or went farther than its limit."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run. wrong: what went wrong, "" nothing, LATE where that is all. stop: where one was due.
+    """One run. wrong: what went wrong, "" for nothing, LATE if that is all. stop: if one was due.
 
-    commanded: orders in report policy. disturbed: how often it was begun anew because the rover was not
-    driving when it should have been.
+    commanded: orders in report policy. disturbed: how often the run was started again because the rover was
+    not driving when it should have been.
     """
 
     kind: str
@@ -49,7 +49,7 @@ class Run:
 
 @dataclass
 class Job:
-    """A seed, where its files go, and how to give up."""
+    """A seed, the folder for its files, and how to cancel."""
 
     seed: int
     out: Path
@@ -60,31 +60,31 @@ class Job:
         self._stages = 0
 
     def random(self, *what: object) -> Random:
-        """The same for the same seed and purpose."""
+        """Makes a random generator: the same for the same seed and purpose."""
         return Random(f"{self.seed} {what}")
 
     def plan(self, random: Random) -> Plan:
-        """Somewhere on the trail, not as fast as it may get."""
+        """Makes a plan: a place on the trail, and a speed below the fastest."""
         return Plan(self.seed, random.uniform(0.0, self.trail.length), FAST)
 
     def stage(self, plan: Plan, out: Path | None = None) -> Stage:
-        """A new one, in a folder of its own."""
+        """Makes a new stage, in a folder of its own."""
         self._stages += 1
         return Stage(out or self.out / f"{self.seed}-{self._stages}", plan, self.cancelled)
 
 
 def blind(job: Job) -> Iterator[Run]:
-    """The camera fails the companion as it ships."""
+    """Runs the faults of the camera, with the companion as it ships."""
     yield from _faults(job, CAMERA, job.random("blind"), breakable=False)
 
 
 def dead(job: Job) -> Iterator[Run]:
-    """The companion as it ships is silent, one way after the other, killed at last."""
+    """Runs the faults that silence the companion as it ships; it is killed last."""
     yield from _faults(job, SILENCE, job.random("dead"), breakable=False)
 
 
 def broken(job: Job) -> Iterator[Run]:
-    """Of a companion whose perceiver breaks."""
+    """Runs the faults of a companion whose perceiver breaks."""
     named = {**BREAKABLE, **FAINT} if job.seed % 2 else BREAKABLE
     yield from _faults(job, named, job.random("broken"), breakable=True)
 
@@ -124,7 +124,7 @@ def _one_fault(stage: Stage, fault: Fault, random: Random) -> Stop:
 
 
 def pressed(job: Job) -> Iterator[Run]:
-    """Of a healthy companion under pressure, which drives on until its camera fails."""
+    """Disturbs a healthy companion, which must drive on until its camera fails."""
     for kind, pressure in PRESSURES.items():
         yield _retried(job, kind, partial(_pressed, job, kind, pressure))
 
@@ -150,7 +150,7 @@ def _pressed(job: Job, kind: str, pressure: Pressure, random: Random) -> Run:
 
 
 def human(job: Job) -> Iterator[Run]:
-    """Takes over in one state, by seed; then a fault of the next drive holds again."""
+    """Takes over by hand in one state, by seed; then a fault of the next drive must hold again."""
     state = list(STATES)[job.seed % len(STATES)]
 
     def run(random: Random) -> Run:
@@ -171,7 +171,7 @@ def human(job: Job) -> Iterator[Run]:
 
 
 def alien(job: Job) -> Iterator[Run]:
-    """A journal from one place, restarted in another: it asks, and the rover does not get away."""
+    """Restarts a companion with another place's journal: it must call, the rover must not get away."""
 
     def run(random: Random) -> Run:
         zones = list(job.trail.borders.values())
@@ -204,7 +204,7 @@ def _asks(job: Job, stage: Stage) -> Run:
 
 
 def report(job: Job) -> Iterator[Run]:
-    """A lap in report policy, past things without a word, for a while without eyes or a link."""
+    """Drives a lap in report policy, past things without a word, for a while without vision or a link."""
 
     def run(random: Random) -> Run:
         plan = replace(
@@ -233,7 +233,7 @@ def report(job: Job) -> Iterator[Run]:
 
 
 def untested(told: set[tuple[State, Policy]]) -> str:
-    """Why a lap without orders proves nothing, from what the companion told; "" where it does."""
+    """Returns why a lap without orders proves nothing, by what the companion reported; "" if it does."""
     if {policy for _, policy in told} - {Policy.REPORT}:
         return "it was not in policy report all the time"
     missing = {State.CALLING, State.FAULT} - {state for state, _ in told}

@@ -1,4 +1,4 @@
-"""A disk that takes its time: a shim for a companion's fsync and fdatasync, compiled where it is needed."""
+"""Slows down a companion's disk: a shim for fsync and fdatasync, which is compiled when it is needed."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _SOURCE = Path(__file__).with_suffix(".c")
 
 
 class SlowDisk:
-    """For the processes that are started with `environment`; `delay` counts from their next write on."""
+    """Slows down the processes that are started with `environment`; `delay` acts from their next write on."""
 
     def __init__(self, folder: Path) -> None:
-        """Compile the shim into `folder` with the compiler `cc`. Raises RuntimeError where that fails."""
+        """Compiles the shim into `folder` with the compiler `cc`. Raises RuntimeError if that fails."""
         self._library = folder / "slow_disk.so"
         self._seconds = folder / "slow_disk.seconds"
         command = ["cc", "-shared", "-fPIC", "-O1", "-o", str(self._library), str(_SOURCE), "-ldl"]
@@ -27,13 +27,13 @@ class SlowDisk:
 
     @property
     def environment(self) -> Mapping[str, str]:
-        """What a process is to find in its environment, beside what it has."""
+        """The variables to add to a process's environment."""
         others = os.environ.get("LD_PRELOAD", "")
         preloaded = f"{self._library} {others}".strip()
         return {"LD_PRELOAD": preloaded, "SLOW_DISK": str(self._seconds)}
 
     def delay(self, seconds: float) -> None:
-        """Every sync takes so much longer from now on, 0: no longer than it does."""
+        """Makes every sync take so many seconds longer from now on; 0: no longer."""
         part = self._seconds.with_suffix(".part")
         part.write_text(f"{seconds:g}\n", encoding="ascii")
         part.replace(self._seconds)

@@ -1,4 +1,4 @@
-"""One rover on the trail with its companion: processes, what they say, and how a stop is measured."""
+"""Sets up one rover on the trail with its companion, and measures how it stops."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RETURN_WITHIN = 15.0
 BEYOND = 6.0
 """Seconds beyond the limit after which a rover counts as not stopped."""
 STAYS = 0.5
-"""Seconds after which one that stood is looked at again."""
+"""Seconds after which a rover that stood is checked again."""
 LOOK = 0.02
 _QUIET = """\
 
@@ -53,16 +53,16 @@ trav = 0.0
 
 
 class Disturbed(Exception):  # noqa: N818
-    """The run says nothing: the rover was not driving when it should have been. The message says why."""
+    """Raised when a run is void: the rover was not driving when it should have been. The message says why."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How a stage is set. at: m along the trail. speed: m/s at most.
+    """How a stage is set up. at: m along the trail. speed: m/s at most.
 
     quiet: no word is missing and no place is new, so that nothing but a fault can stop the rover.
-    breakable: with the perceiver that `Stage.break_eyes` breaks. listens: the companion's link is one that
-    others may send to. slow_disk: `Stage.disk` can delay what the companion writes.
+    breakable: use the perceiver that `Stage.break_eyes` breaks. listens: the companion listens on a port to
+    which others can send. slow_disk: `Stage.disk` can delay what the companion writes.
     """
 
     seed: int
@@ -79,11 +79,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class Stop:
-    """From a fault to standstill: by the simulation's clock and way. by: who changed the mode, "" nobody.
+    """A stop, from the fault to standstill, in the simulation's time and distance.
 
-    stands: in HOLD that no hand set, late or not, and half a second later still. seconds: s. metres: m.
-    speed: m/s at the fault. gap: s between two heartbeats of the companion, the longest meanwhile.
-    returned: s from the fault until the companion told that it was well again, None where nobody waited.
+    by: who changed the mode, "" for nobody. stands: in a HOLD that was not set by hand, late or not, and
+    still half a second later. seconds: s. metres: m. speed: m/s at the fault. gap: s, the longest between two
+    heartbeats of the companion meanwhile. returned: s from the fault until the companion reported that it was
+    well again, None if that was not waited for.
     """
 
     stands: bool
@@ -98,12 +99,12 @@ class Stop:
 
     @property
     def stopped(self) -> bool:
-        """Within the limit, in seconds and in metres."""
+        """Whether it stopped within the limit, in seconds and in metres."""
         return self.stands and self.seconds <= self.limit.seconds and self.metres <= self.limit.metres
 
 
 class Stage:
-    """Field and companion, started; ends them when left."""
+    """Starts field and companion, and ends them when the block ends."""
 
     def __init__(self, out: Path, plan: Plan, cancelled: threading.Event) -> None:
         self.out, self.plan = out, plan
@@ -144,37 +145,37 @@ class Stage:
         self.close()
 
     def close(self) -> None:
-        """End all processes, whatever state they are in."""
+        """Ends all processes, whatever state they are in."""
         self._closing.close()
 
     def start_daemon(self) -> None:
-        """A companion on the configuration; an earlier one must be dead."""
+        """Starts a companion with the configuration; an earlier one must be dead."""
         (self.out / "state" / "status.json").unlink(missing_ok=True)
         module = "bench.stopping.perceivers" if self.plan.breakable else "companion"
         environment = self.disk.environment if self.disk is not None else {}
         self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)], environment)
 
     def break_eyes(self, how: str) -> None:
-        """How the perceiver is broken from now on: see bench.stopping.perceivers; "" not at all."""
+        """Breaks the perceiver from now on, in a way of bench.stopping.perceivers; "" mends it."""
         part = self.out / "fault.part"
         part.write_text(how, encoding="utf-8")
         part.replace(self.out / "fault")
 
     def cover(self, *, on: bool) -> None:
-        """The camera delivers nothing."""
+        """Makes the camera deliver nothing."""
         self.control.ask("freeze_camera", on=on)
 
     def set_speed(self, speed: float) -> None:
-        """m/s along the trail from now on, at most the plan's."""
+        """Sets the speed along the trail in m/s, at most the plan's."""
         self.speed = speed
         self.ground.set_speed(speed)
 
     def status(self) -> dict[str, Any]:
-        """The field's."""
+        """Returns the field's status."""
         return self.control.status()
 
     def told(self) -> dict[str, Any]:
-        """The companion's status file; empty while there is none."""
+        """Reads the companion's status file; empty while there is none."""
         with contextlib.suppress(OSError, ValueError):
             return dict(json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8")))
         return {}
@@ -187,7 +188,7 @@ class Stage:
         return found[1] if found else ""
 
     def wait(self, what: str, fits: Callable[[], bool], limit: float) -> None:
-        """Until `fits`; Disturbed after `limit` s, or when a process has ended."""
+        """Waits until `fits`. Raises Disturbed after `limit` s, or when a process has ended."""
         until = time.monotonic() + limit
         while not fits():
             if self._cancelled.is_set():
@@ -199,9 +200,10 @@ class Stage:
             time.sleep(LOOK)
 
     def wait_until_well(self) -> None:
-        """Until the companion sees, and the autopilot has heard so.
+        """Waits until the companion sees, and the autopilot has received a heartbeat that says so.
 
-        A driver who sets AUTO before that is taken to want to go blind, and left alone by the script.
+        If AUTO is set before that, the script takes it that the driver wants to drive blind, and does not
+        hold.
         """
         since, heard = time.time(), self.wire.well
         self.wait("a companion that is well", lambda: self.wire.well > heard, READY_WITHIN)
@@ -214,7 +216,7 @@ class Stage:
         return False
 
     def drive(self, longer: float = 0.0) -> None:
-        """Arm, AUTO by hand, and `longer` s at cruise speed."""
+        """Arms, sets AUTO by hand, and drives until `longer` s at cruise speed are over."""
         self.control.start()
         self.wait("driving", self._is_driving, DRIVING_WITHIN)
         until = time.monotonic() + longer
@@ -230,7 +232,7 @@ class Stage:
         return bool(status["speed"] > 0.95 * self.speed)
 
     def measure(self, fault: Callable[[], None], noticed: float = 0.0) -> Stop:
-        """What comes of a fault that begins now. noticed: as of `Fault`."""
+        """Measures the stop after a fault that begins now. noticed: as of `Fault`."""
         before = self.status()
         if before["mode"] != "AUTO":
             raise Disturbed(f"it stood already: {before['mode_log'][-1]}")
@@ -249,7 +251,7 @@ class Stage:
         return replace(stopped(before, after, limit, self.status()), gap=gap)
 
     def returned(self, since: float) -> float | None:
-        """Seconds from `since` until the companion told that it was well again; None: not within 15 s."""
+        """Returns s from `since` until the companion reported itself well again; None: not within 15 s."""
         with contextlib.suppress(Disturbed):
             self.wait("a return", lambda: self.wire.well_again(since) is not None, RETURN_WITHIN)
         return self.wire.well_again(since)
@@ -275,7 +277,7 @@ class Stage:
 def stopped(
     before: dict[str, Any], after: dict[str, Any], limit: Limit, later: dict[str, Any] | None = None
 ) -> Stop:
-    """What lies between two of the field's statuses; later: one more, to see whether it stays."""
+    """Computes the stop between two statuses of the field. later: a third, to see if it still stands."""
     held = [change for change in after["mode_log"] if change["t"] >= before["t"] and change["by"] != HAND]
     return Stop(
         stands=bool(held)
@@ -290,6 +292,6 @@ def stopped(
 
 
 def _end(child: Child) -> None:
-    """Whatever state it is in."""
+    """Ends a process, whatever state it is in."""
     child.process.kill()
     child.stop()

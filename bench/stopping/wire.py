@@ -1,4 +1,4 @@
-"""The companion's cable to the autopilot, as a UDP proxy: it can be cut, and it reads what is commanded."""
+"""Simulates the companion's cable to the autopilot: a UDP proxy that can be cut and reads commands."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ _UNWELL = (State.STARTING, State.FAULT)
 
 
 class Wire:
-    """Passes datagrams both ways until closed.
+    """Passes datagrams both ways until it is closed.
 
-    cut: nothing passes. deaf: what would command the vehicle gets lost on the way to it. commands: all that
-    the companion said to command the vehicle, lost or not. well: heartbeats that reached the autopilot and
-    told neither a start nor a fault. told: state and policy of every heartbeat of the companion, lost or not.
-    mute: nothing passes from the autopilot to the companion. beats: when the newest heartbeats of the
-    companion came, monotonic seconds, and their state.
+    cut: nothing passes. deaf: commands to the vehicle are lost. mute: nothing passes from the autopilot to
+    the companion. commands: all commands that the companion sent to the vehicle, lost or not. well:
+    heartbeats that reached the autopilot and said neither starting nor fault. told: state and policy of every
+    heartbeat of the companion, lost or not. beats: when the newest heartbeats of the companion came,
+    monotonic seconds, and their state.
     """
 
     def __init__(self, autopilot: int, *, calls: bool = False) -> None:
-        """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire speaks first."""
+        """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire sends first."""
         self.cut = self.deaf = self.mute = False
         self.beats: deque[tuple[float, State]] = deque(maxlen=_BEATS)
         self.commands: list[str] = []
@@ -69,29 +69,29 @@ class Wire:
 
     @property
     def url(self) -> str:
-        """For the companion's [link]."""
+        """The `url` for the companion's [link]."""
         if self._calls and self._companion is not None:
             return f"udpin:127.0.0.1:{self._companion[1]}"
         return f"udpout:127.0.0.1:{self._near.getsockname()[1]}"
 
     @property
     def companion(self) -> tuple[str, int] | None:
-        """Where the companion is reached."""
+        """The address of the companion."""
         return self._companion
 
     def to_companion(self, datagram: bytes) -> None:
-        """Slip a datagram in, as if it came from the ground by the autopilot."""
+        """Sends a datagram to the companion, as if it came from the ground through the autopilot."""
         if self._companion is not None:
             with contextlib.suppress(OSError):
                 self._near.sendto(datagram, self._companion)
 
     def longest_gap(self, since: float, until: float) -> float:
-        """Seconds between two heartbeats of the companion, the longest within these monotonic seconds."""
+        """Returns the longest gap (s) between heartbeats of the companion within these monotonic seconds."""
         at = [since, *(when for when, _ in list(self.beats) if since <= when <= until), until]
         return max(after - before for before, after in pairwise(at))
 
     def well_again(self, since: float) -> float | None:
-        """Seconds after `since` of the first well heartbeat behind a fault's; None: not yet, or no fault."""
+        """Returns s from `since` to the first well heartbeat after a fault's; None: not yet, or no fault."""
         later = [(when, state) for when, state in list(self.beats) if when >= since]
         faulty = [when for when, state in later if state is State.FAULT]
         good = (when for when, state in later if faulty and when > faulty[0] and state not in _UNWELL)
@@ -143,7 +143,7 @@ def _is_well(frame: Any) -> bool:
 
 
 def _ordered(frame: Any) -> str:
-    """What a frame commands the vehicle to do; "" for what is known to be harmless."""
+    """Returns what a frame commands the vehicle to do; "" for frames that are known to be harmless."""
     kind = str(frame.get_type())
     if kind in _MAY_BE_SAID:
         return ""

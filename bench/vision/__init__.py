@@ -1,1 +1,1 @@
-"""What the vision process costs, and what its death costs: nothing that was acknowledged."""
+"""Tests that the death of the vision process loses nothing that was acknowledged."""

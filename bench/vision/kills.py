@@ -49,7 +49,7 @@ _DONE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
 
 
 class Operator:
-    """Sends answers as 255/190 and hears what comes of them."""
+    """Sends answers as 255/190 and receives the acknowledgements."""
 
     def __init__(self) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -62,11 +62,11 @@ class Operator:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port on which it listens."""
         return int(self.socket.getsockname()[1])
 
     def send(self, transaction: int, word: str, weight: float) -> None:
-        """One word without a call."""
+        """Sends one word without a call."""
         payload = AnswerMessage(transaction, 0, Motion.NONE, (SetWord(word, weight),)).pack()
         padded = list(payload.ljust(128, b"\0"))
         message = mavlink.MAVLink_tunnel_message(1, COMPONENT_ID, TUNNEL_ANSWER, len(payload), padded)
@@ -76,12 +76,12 @@ class Operator:
             self.socket.sendto(packed, self._rover)
 
     def heard(self) -> bool:
-        """Whether the companion has said anything yet."""
+        """Whether anything has come from the companion yet."""
         self.acknowledgements()
         return self._rover is not None
 
     def acknowledgements(self) -> list[Acknowledgement]:
-        """What came within 2 ms."""
+        """Returns the acknowledgements that came within 2 ms."""
         try:
             data, self._rover = self.socket.recvfrom(4096)
         except TimeoutError:
@@ -94,7 +94,7 @@ class Operator:
 
 
 class Returns(logging.Handler):
-    """Counts how often the vision process was back. took: s from each kill until then."""
+    """Counts how often the vision process came back. took: s from each kill until then."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -116,7 +116,7 @@ class Returns(logging.Handler):
 
 
 def vision_pid() -> int | None:
-    """Of the vision process that this process started, None while there is none."""
+    """Returns the id of the vision process that this process started, None while there is none."""
     for task in Path("/proc/self/task").iterdir():
         with suppress(OSError, ValueError):
             for pid in (task / "children").read_text().split():
@@ -126,7 +126,7 @@ def vision_pid() -> int | None:
 
 
 def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Kill `count` times; what came of it."""
+    """Kills vision `count` times and returns the figures."""
     register()
     chance, operator = random.Random(seed), Operator()
     frames = folder / "frames"
@@ -186,7 +186,7 @@ def _answered(
     results: Counter[str],
     returns: Returns,
 ) -> int:
-    """Send until it is acknowledged for good, with one kill on the way; how many there were."""
+    """Sends an answer until it is acknowledged for good; returns the number of kills meanwhile."""
     until = time.monotonic() + PATIENCE
     kill_at: float | None = None
     sent_at, killed = float("-inf"), 0
@@ -216,7 +216,7 @@ def _is_ready(status: Path, returns: Returns, killed: int) -> bool:
 
 
 def _until_ready(operator: Operator, ready: Callable[[], bool]) -> None:
-    """Wait for the process that follows the last one that was killed."""
+    """Waits for the process that follows the last one that was killed."""
     until = time.monotonic() + PATIENCE
     while not operator.heard() or not ready():
         if time.monotonic() > until:
@@ -224,7 +224,7 @@ def _until_ready(operator: Operator, ready: Callable[[], bool]) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """0 when nothing was lost or applied twice."""
+    """Runs the bench; returns 0 when nothing was lost or applied twice."""
     parser = argparse.ArgumentParser(prog="python -m bench.vision.kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)

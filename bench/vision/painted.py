@@ -1,4 +1,4 @@
-"""A vision process that starts in a blink: `python -m bench.vision.painted DESCRIPTOR PARENT`."""
+"""Runs a vision process that starts at once: `python -m bench.vision.painted DESCRIPTOR PARENT`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ COMMAND = (sys.executable, "-m", "bench.vision.painted")
 
 
 def make(_: str, __: Runtime) -> Plates:
-    """The perceiver of bench.link, which reads numbers off pictures."""
+    """Makes the perceiver of bench.link, which reads numbers off pictures."""
     return Plates()
 
 
 def register() -> None:
-    """Make "plates" a kind of perceiver in this process."""
+    """Registers "plates" as a kind of perceiver in this process."""
     KINDS["plates"] = ("bench.vision.painted", "make")
 
 

@@ -29,12 +29,12 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from bench.link.synthetic_frames import GRASS, Plates, picture, thing
+from bench.link.synthetic_frames import GRASS, NumberPerceiver, picture, thing
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config, schema
-from companion.daemon.composition import Opened, compose
-from companion.sim.loopback_link import Rehearsal
-from companion.sim.loopback_vision import Loopback
+from companion.daemon.composition import Resources, compose
+from companion.sim.loopback_link import LoopbackLink
+from companion.sim.loopback_vision import LoopbackVision
 from companion.storage import Journal
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
@@ -204,14 +204,14 @@ class _Stage:
         )
         self._journal, served = Journal(folder), ServedFiles(folder)
         self._writer = Writer(self._journal)
-        self.radio = Rehearsal(tree=served.tree)
+        self.radio = LoopbackLink(tree=served.tree)
         self._vision = Vision(self._launch, config, None, VISION, first_frame=1)
         for _ in range(2):
             self._vision.poll(time.monotonic())
             self.child.work()
         self._vision.poll(time.monotonic())
         assert self._vision.ready is not None
-        opened = Opened(self.radio.link, self._vision, self._journal, self._writer, served, {})
+        opened = Resources(self.radio.link, self._vision, self._journal, self._writer, served, {})
         self.daemon = compose(config, opened, self._vision.ready, [])
         self._frame_id = 0
         self._grain = np.random.default_rng(0)
@@ -251,13 +251,13 @@ class _Stage:
         self._vision.close()
         self._writer.close()
 
-    def _launch(self) -> Loopback:
-        self.child = Loopback(_make_engine)
+    def _launch(self) -> LoopbackVision:
+        self.child = LoopbackVision(_make_engine)
         return self.child
 
 
 def _make_engine(memory: Memory | None) -> AnyTraverse:
-    perceiver = Plates()
+    perceiver = NumberPerceiver()
     known = memory or first_memory(perceiver.model_id, Preferences.parse(f"{GRASS}: 1"))
     return AnyTraverse(perceiver, Settings(region=Box(0.333, 0.6, 0.667, 0.95)), known)
 

@@ -194,9 +194,9 @@ def _check_rover(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
-    from companion.preflight.running import tell_status
+    from companion.preflight.running import print_status
 
-    return tell_status(options.file, as_json=options.json)
+    return print_status(options.file, as_json=options.json)
 
 
 def _try_perceiver(config: Config) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 from anytraverse.memory import Memory
 from companion.config import Config
-from companion.daemon.composition import Opened, compose, first_parameters, first_policy, open_id, whole
+from companion.daemon.composition import Resources, compose, first_parameters, first_policy, open_id, whole
 from companion.daemon.daemon import Daemon, stop_on_signals
 from companion.daemon.startup import load
 from companion.link.link import Link
@@ -22,7 +22,7 @@ from companion.policy.hold_gate import require_checkable
 from companion.settings.mapping import first_words
 from companion.storage import Journal
 from companion.storage.file_reader import Reader
-from companion.storage.log_file import logbook
+from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.tasks import VISION
@@ -53,7 +53,7 @@ def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequenc
 def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], closing: ExitStack) -> int:
     journal = Journal(config.journal.path)
     writer = closing.enter_context(Writer(journal))
-    closing.enter_context(logbook(config.journal.path, writer))
+    closing.enter_context(log_to_file(config.journal.path, writer))
     served = ServedFiles(config.journal.path, closing.enter_context(Reader()))
     memory, saved = journal.load_memory(), journal.load_supervision() or {}
     # The memory lives as long as the daemon, and a full collection over 10,000 scenes would stall the loop.
@@ -67,7 +67,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     if ready is None:
         return 0
     start_notices = list(ready.notices)
-    daemon = compose(config, Opened(link, vision, journal, writer, served, saved), ready, start_notices)
+    daemon = compose(config, Resources(link, vision, journal, writer, served, saved), ready, start_notices)
     if ready.model.int8_idle and config.perceiver.precision == "auto":
         start_notices.append(notices.int8_idle())
     for notice in start_notices:
@@ -108,7 +108,7 @@ def _run(daemon: Daemon, stop: Callable[[], bool]) -> None:
                 daemon.persistence.write_status(daemon.status())
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
-        daemon.farewell()
+        daemon.report_death()
         raise
     daemon.leave()
     daemon.persistence.leave(daemon.status())

@@ -12,7 +12,7 @@ from pathlib import Path
 from anytraverse.bundle.class_names import read_class_names
 from anytraverse.bundle.manifest import Manifest, sha256_of
 from anytraverse.bundle.network_files import copy_network
-from anytraverse.bundle.network_form import NetworkForm, Wishes, network_form
+from anytraverse.bundle.network_form import NetworkForm, NetworkOptions, network_form
 from anytraverse.bundle.writing import BundleWriter
 from anytraverse.errors import AnyTraverseError, BundleError
 from anytraverse.judging import Thresholds
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the bundle and print a description of it. Returns 0. Raises BundleError, OSError."""
     words = read_class_names(options.names)
-    wishes = Wishes(_form(options), options.size, options.layout, options.activation, options.output)
+    wishes = NetworkOptions(_form(options), options.size, options.layout, options.activation, options.output)
     with BundleWriter(options.out, lambda line: print(line, file=sys.stderr)) as writer:
         files = copy_network(options.model, writer.folder)
         found = network_form(writer.folder / files[0], words, wishes)

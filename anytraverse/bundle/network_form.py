@@ -22,7 +22,7 @@ Dimensions = Sequence[int | str | None]
 
 
 @dataclass(frozen=True)
-class Wishes:
+class NetworkOptions:
     """Holds what the user said about a network; None where it is to be found out.
 
     form: of the input, except its layout and dtype. size: width and height of the input.
@@ -46,7 +46,7 @@ class NetworkForm:
     """The number of channels of its features; None without features."""
 
 
-def network_form(model: Path, words: Words, wishes: Wishes) -> NetworkForm:
+def network_form(model: Path, words: Words, wishes: NetworkOptions) -> NetworkForm:
     """Open the network and run it on noise and on grey. Raises BundleError and PerceiverError."""
     runtime = Runtime()
     session = open_session(model, runtime)

@@ -9,7 +9,7 @@ from typing import Any
 
 from anytraverse.evaluation.datasets import LabelledFolder, LabelledFrame, Selection
 from anytraverse.evaluation.progress import Progress
-from anytraverse.evaluation.seeing import Seeing
+from anytraverse.evaluation.seeing import PerceiverRun
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
@@ -50,10 +50,10 @@ def open_folder(options: argparse.Namespace) -> LabelledFolder:
     return LabelledFolder(options.folder, Selection(options.first, options.last, options.every))
 
 
-def open_eyes(options: argparse.Namespace) -> Seeing:
+def open_perceiver(options: argparse.Namespace) -> PerceiverRun:
     """Make the perceiver with its words. Raises PreferencesError, PerceiverError."""
     words = Preferences.parse(options.prompts)
-    return Seeing(make_perceiver(options.perceiver, Runtime(threads=options.threads)), words)
+    return PerceiverRun(make_perceiver(options.perceiver, Runtime(threads=options.threads)), words)
 
 
 class Watched:
@@ -84,7 +84,9 @@ class Watched:
         self._progress.step()
 
 
-def setting(options: argparse.Namespace, seeing: Seeing, watched: Watched, images: int) -> dict[str, Any]:
+def setting(
+    options: argparse.Namespace, seeing: PerceiverRun, watched: Watched, images: int
+) -> dict[str, Any]:
     """Return what was scored, for JSON."""
     return {
         "images": images,

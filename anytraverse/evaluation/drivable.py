@@ -10,7 +10,7 @@ from anytraverse.evaluation.datasets import LabelledFrame
 from anytraverse.evaluation.labels import Classes, DatasetError
 from anytraverse.evaluation.matching import Matches
 from anytraverse.evaluation.scores import Overlap, Ranking
-from anytraverse.evaluation.seeing import Seeing, stretched, stretched_mask
+from anytraverse.evaluation.seeing import PerceiverRun, stretched, stretched_mask
 
 HALF = 0.5
 """The traversability above which a pixel counts as drivable."""
@@ -46,7 +46,7 @@ class DrivableScore:
 
 def score_drivable(
     frames: Iterable[LabelledFrame],
-    seeing: Seeing,
+    seeing: PerceiverRun,
     classes: Classes,
     drivable: Sequence[str],
     matches: Matches,

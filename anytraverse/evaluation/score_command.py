@@ -10,8 +10,8 @@ from anytraverse.evaluation.arguments import (
     Watched,
     add_shared,
     heading,
-    open_eyes,
     open_folder,
+    open_perceiver,
     rounded,
     setting,
     shown,
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     given = parse_matches(options.match)
     folder = open_folder(options)
     drivable = folder.classes.choose(options.drivable.split(","))
-    seeing = open_eyes(options)
+    seeing = open_perceiver(options)
     matches = match_words(seeing.words, folder.classes, seeing.perceiver.meaning, given)
     with Watched(folder) as frames:
         score = score_drivable(frames, seeing, folder.classes, drivable, matches)

@@ -26,7 +26,7 @@ class Seen:
     milliseconds: float
 
 
-class Seeing:
+class PerceiverRun:
     """Runs a perceiver with fixed words. It stores nothing from frame to frame."""
 
     def __init__(self, perceiver: Perceiver, words: Preferences) -> None:

@@ -9,7 +9,7 @@ from statistics import median
 from anytraverse.evaluation.datasets import LabelledFrame
 from anytraverse.evaluation.labels import Classes, DatasetError
 from anytraverse.evaluation.scores import Ranking, Share
-from anytraverse.evaluation.seeing import Seeing, stretched
+from anytraverse.evaluation.seeing import PerceiverRun, stretched
 
 HALF = 0.5
 """The uncertainty above which no word explains a pixel."""
@@ -34,7 +34,7 @@ class UnknownScore:
 
 def score_unknown(
     frames: Iterable[LabelledFrame],
-    seeing: Seeing,
+    seeing: PerceiverRun,
     classes: Classes,
     unknown: Sequence[str],
     drivable: Sequence[str],

@@ -10,8 +10,8 @@ from anytraverse.evaluation.arguments import (
     Watched,
     add_shared,
     heading,
-    open_eyes,
     open_folder,
+    open_perceiver,
     rounded,
     setting,
     shown,
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     for name in unknown:
         if name in drivable:
             raise DatasetError(f'"{name}" is both unknown and drivable: leave it out of one of them')
-    seeing = open_eyes(options)
+    seeing = open_perceiver(options)
     refuse_asked(seeing.words, unknown, seeing.perceiver.meaning)
     with Watched(folder) as frames:
         score = score_unknown(frames, seeing, folder.classes, unknown, drivable)

@@ -39,10 +39,10 @@ def main() -> int:
 
 
 def _lossy(given: argparse.Namespace) -> _Report:
-    from bench.link.lossy import WEATHERS, run
+    from bench.link.lossy import LINK_CONDITIONS, run
 
     told, good = {}, True
-    for name, weather in WEATHERS.items():
+    for name, weather in LINK_CONDITIONS.items():
         with tempfile.TemporaryDirectory(prefix="atl-") as folder:
             outcome = run(weather, given.calls, Path(folder), str(given.seed))
         told[name] = outcome.figures()

@@ -23,7 +23,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import AnswerRequest, VehicleHeard
+from companion.link.inbound import AnswerRequest, VehicleUpdate
 from companion.link.link import Link
 from companion.link.settings import MAIN, Address, LinkSettings
 from companion.link.signing import Signing, open_signing
@@ -131,7 +131,7 @@ def _run(name: str, seconds: float, key: Signing | None) -> Flooded:
                     case AnswerRequest():
                         told.granted += event.sender != OPERATOR
                         link.acknowledge(event, _granted(event), now)
-                    case VehicleHeard(vehicle):
+                    case VehicleUpdate(vehicle):
                         if began == math.inf:
                             began, cpu = now, time.process_time()
                         late = max(0, int(now * 1000) % (1 << 32) - vehicle.custom_mode) / 1000

@@ -19,9 +19,9 @@ from companion.link.inbound import (
     ModeAck,
     ParameterRequest,
     PolicyRequest,
-    Pulses,
+    RcChannels,
     ResetRequest,
-    VehicleHeard,
+    VehicleUpdate,
     WordsRequest,
 )
 from companion.link.link import Link
@@ -149,7 +149,7 @@ class Fuzz:
                 message = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)
                 self._far.write(message.pack(self._autopilot))
             for event in self._link.poll(self.now):
-                if not isinstance(event, VehicleHeard):
+                if not isinstance(event, VehicleUpdate):
                     raise Broken(f"from a heartbeat: {event}")
             self._link.tick(self.now)
         while data := self._far.read():
@@ -179,7 +179,7 @@ class Fuzz:
         return mode, [self._link._parameters.value(one.name) for one in self._listed]
 
     def _grant(self, event: InboundEvent) -> None:
-        if isinstance(event, VehicleHeard | Pulses | ModeAck | ScriptHold):
+        if isinstance(event, VehicleUpdate | RcChannels | ModeAck | ScriptHold):
             return
         if not ALLOWED[0] <= event.sender[0] <= ALLOWED[1]:
             raise Broken(f"not from one that may: {event}")

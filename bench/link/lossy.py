@@ -13,21 +13,21 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.drive import Outcome, drive
 from bench.link.operator import Operator
-from bench.link.radio_model import Ether, Weather
+from bench.link.radio_model import LinkConditions, RadioModel
 from bench.link.rover import Rover
 from companion.sim.loopback_link import pair
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
-WEATHERS = {
-    "clear": Weather(),
-    "loss 10 %": Weather(loss=0.1),
-    "loss 30 %": Weather(loss=0.3),
-    "loss 50 %": Weather(loss=0.5),
-    "duplicates": Weather(twice=0.3),
-    "reordering": Weather(shuffled=0.3),
-    "stalls of 1 s": Weather(stall_every=4.0),
-    "1 kB/s": Weather(rate=1000.0),
-    "all of it": Weather(loss=0.3, twice=0.2, shuffled=0.2, stall_every=8.0, rate=1000.0),
+LINK_CONDITIONS = {
+    "clear": LinkConditions(),
+    "loss 10 %": LinkConditions(loss=0.1),
+    "loss 30 %": LinkConditions(loss=0.3),
+    "loss 50 %": LinkConditions(loss=0.5),
+    "duplicates": LinkConditions(twice=0.3),
+    "reordering": LinkConditions(shuffled=0.3),
+    "stalls of 1 s": LinkConditions(stall_every=4.0),
+    "1 kB/s": LinkConditions(rate=1000.0),
+    "all of it": LinkConditions(loss=0.3, twice=0.2, shuffled=0.2, stall_every=8.0, rate=1000.0),
 }
 """The kinds of bad radio; each acts in both directions."""
 STEP = 0.02
@@ -94,9 +94,9 @@ class Radio:
     name = "radio"
     trouble = ""
 
-    def __init__(self, weather: Weather, seed: str) -> None:
+    def __init__(self, weather: LinkConditions, seed: str) -> None:
         self.near, self._far = pair()
-        self.up, self.down = Ether(weather, f"up {seed}"), Ether(weather, f"down {seed}")
+        self.up, self.down = RadioModel(weather, f"up {seed}"), RadioModel(weather, f"down {seed}")
         self._autopilot = Autopilot()
 
     def carry(self, now: float) -> None:
@@ -123,7 +123,7 @@ class Radio:
         """Does nothing: there is nothing to release."""
 
 
-def run(weather: Weather, calls: int, folder: Path, seed: str = "1", step_s: float = STEP) -> Outcome:
+def run(weather: LinkConditions, calls: int, folder: Path, seed: str = "1", step_s: float = STEP) -> Outcome:
     """Makes `calls` calls in virtual time, `step_s` s from one turn of the daemon to the next."""
     with virtual_time() as clock:
         radio = Radio(weather, seed)

@@ -8,7 +8,7 @@ from random import Random
 
 
 @dataclass(frozen=True)
-class Weather:
+class LinkConditions:
     """The properties of a bad radio; shares are in [0, 1].
 
     loss: share lost. twice: share that comes a second time, up to `late` s after the first. shuffled: share
@@ -28,10 +28,10 @@ class Weather:
     delay: float = 0.05
 
 
-class Ether:
+class RadioModel:
     """One direction of a bad radio; the same seed, frames and times give the same result."""
 
-    def __init__(self, weather: Weather, seed: str) -> None:
+    def __init__(self, weather: LinkConditions, seed: str) -> None:
         self._weather = weather
         self._random = Random(seed)
         self._flying: list[tuple[float, int, bytes]] = []

@@ -18,17 +18,17 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from bench.link.synthetic_frames import GRASS, Plates, picture
+from bench.link.synthetic_frames import GRASS, NumberPerceiver, picture
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config, schema
-from companion.daemon.composition import Opened, compose
+from companion.daemon.composition import Resources, compose
 from companion.link.link import Link
 from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Transport
-from companion.sim.loopback_vision import Loopback
+from companion.sim.loopback_vision import LoopbackVision
 from companion.storage import Journal
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
@@ -109,7 +109,7 @@ class Companion:
         listed = build(list(words), words, {})
         self.link = Link(LinkSettings(_NOWHERE), listed, now, openers={MAIN: opener})
         self._vision = vision
-        opened = Opened(self.link, vision, self.journal, self.writer, ServedFiles(folder), {})
+        opened = Resources(self.link, vision, self.journal, self.writer, ServedFiles(folder), {})
         if settings is not None:
             ready = replace(ready, settings=settings)
         self._daemon = compose(config, opened, ready, [], state_machine=CountedCalls)
@@ -131,7 +131,7 @@ class Rover(Companion):
     """A companion with a simulated vision process; `shows` is the number of the thing ahead."""
 
     def __init__(self, folder: Path, opener: Callable[[], Transport]) -> None:
-        self._child = Loopback(_make_engine)
+        self._child = LoopbackVision(_make_engine)
         self.vision = CountedVision(lambda: self._child, Config(), None, VISION)
         self.vision.asked = []
         while self.vision.ready is None:
@@ -163,6 +163,6 @@ class Rover(Companion):
 
 
 def _make_engine(memory: Memory | None) -> AnyTraverse:
-    perceiver = Plates()
+    perceiver = NumberPerceiver()
     known = memory or first_memory(perceiver.model_id, Preferences.parse(f"{GRASS}: 1"))
     return AnyTraverse(perceiver, Settings(region=_ROI), known)

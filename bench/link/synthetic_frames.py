@@ -27,7 +27,7 @@ def picture(number: int) -> Image:
     return image
 
 
-class Plates:
+class NumberPerceiver:
     """A perceiver that reads the number off the picture, and takes every picture for the same place."""
 
     model_id = "plates-1"

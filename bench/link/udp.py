@@ -11,24 +11,24 @@ from typing import Any
 from bench.link.drive import Outcome, drive
 from bench.link.lossy import Autopilot, is_for_autopilot
 from bench.link.operator import Operator
-from bench.link.radio_model import Ether, Weather
+from bench.link.radio_model import LinkConditions, RadioModel
 from bench.link.rover import Rover
 from companion.link.settings import Address
 from companion.link.transport import opener
 from gcs_plugin.terminal.connection import open_connection
 
-WEATHER = Weather(loss=0.3, twice=0.1, shuffled=0.1, stall_every=8.0)
+WEATHER = LinkConditions(loss=0.3, twice=0.1, shuffled=0.1, stall_every=8.0)
 HOST = "127.0.0.1"
 
 
 class Relay:
     """Plays autopilot and radio between the rover's socket and the operator's at `port`."""
 
-    def __init__(self, weather: Weather, seed: str, port: int) -> None:
+    def __init__(self, weather: LinkConditions, seed: str, port: int) -> None:
         self._rover, self._ground = _socket(), _socket()
         self._operator = (HOST, port)
         self._near: Any = None
-        self._up, self._down = Ether(weather, f"up {seed}"), Ether(weather, f"down {seed}")
+        self._up, self._down = RadioModel(weather, f"up {seed}"), RadioModel(weather, f"down {seed}")
         self._autopilot = Autopilot()
 
     @property
@@ -56,7 +56,7 @@ class Relay:
         self._ground.close()
 
 
-def run(weather: Weather, calls: int, folder: Path, seed: str = "1") -> Outcome:
+def run(weather: LinkConditions, calls: int, folder: Path, seed: str = "1") -> Outcome:
     """Makes `calls` calls, a few seconds each."""
     connection = open_connection(f"udpin:{HOST}:0")
     relay = Relay(weather, seed, int(connection.name.rpartition(":")[2]))

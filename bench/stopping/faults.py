@@ -51,7 +51,7 @@ def _cover(*, on: bool) -> Act:
 
 
 def _break(how: str) -> Act:
-    return lambda stage: stage.break_eyes(how)
+    return lambda stage: stage.break_perceiver(how)
 
 
 CAMERA: Mapping[str, Fault] = {

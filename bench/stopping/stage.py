@@ -61,8 +61,8 @@ class Plan:
     """How a stage is set up. at: m along the trail. speed: m/s at most.
 
     quiet: no word is missing and no place is new, so that nothing but a fault can stop the rover.
-    breakable: use the perceiver that `Stage.break_eyes` breaks. listens: the companion listens on a port to
-    which others can send. slow_disk: `Stage.disk` can delay what the companion writes.
+    breakable: use the perceiver that `Stage.break_perceiver` breaks. listens: the companion listens on a
+    port to which others can send. slow_disk: `Stage.disk` can delay what the companion writes.
     """
 
     seed: int
@@ -155,7 +155,7 @@ class Stage:
         environment = self.disk.environment if self.disk is not None else {}
         self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)], environment)
 
-    def break_eyes(self, how: str) -> None:
+    def break_perceiver(self, how: str) -> None:
         """Breaks the perceiver from now on, in a way of bench.stopping.perceivers; "" mends it."""
         part = self.out / "fault.part"
         part.write_text(how, encoding="utf-8")

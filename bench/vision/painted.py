@@ -6,14 +6,14 @@ import sys
 
 from anytraverse.perception import KINDS
 from anytraverse.perception.runtime import Runtime
-from bench.link.synthetic_frames import Plates
+from bench.link.synthetic_frames import NumberPerceiver
 
 COMMAND = (sys.executable, "-m", "bench.vision.painted")
 
 
-def make(_: str, __: Runtime) -> Plates:
+def make(_: str, __: Runtime) -> NumberPerceiver:
     """Makes the perceiver of bench.link, which reads numbers off pictures."""
-    return Plates()
+    return NumberPerceiver()
 
 
 def register() -> None:

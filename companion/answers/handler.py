@@ -240,7 +240,7 @@ class AnswerHandler:
         acknowledgement = reply.acknowledgement if remembered else unremembered(reply.acknowledgement)
         decisions: list[Decision] = []
         if reply.go is not None:
-            decisions = self._calls.go_kept(reply.go, now)
+            decisions = self._calls.go_stored(reply.go, now)
             if self._calls.go_at is None:
                 target = acknowledgement.target
                 over = texts.fit(f"{target} is closed: the go came too late")

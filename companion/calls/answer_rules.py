@@ -43,7 +43,7 @@ def answer_call(
                 reason_filter.accept(
                     call.reasons, _scope(call, reason_filter, now, travelled), now, travelled
                 )
-            reason_filter.look_afresh(now)
+            reason_filter.restart_after_answer(now)
         return Result.APPLIED
     if call.accepted:
         call.answered = call.accepted = False
@@ -53,7 +53,7 @@ def answer_call(
     call.seen = outcome.call
     covered = not _uncovered_reasons(call)
     if covered and not call.answered:
-        reason_filter.look_afresh(now)
+        reason_filter.restart_after_answer(now)
     call.answered, call.tried = covered, changed and not covered
     return Result.NOT_COVERED if call.tried else Result.APPLIED
 
@@ -98,4 +98,4 @@ def accept_taken_over(
             )
             scope = scope.joined(blocked)
     reason_filter.accept(reasons, scope, now, travelled)
-    reason_filter.look_afresh(now)
+    reason_filter.restart_after_answer(now)

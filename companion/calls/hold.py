@@ -41,7 +41,7 @@ class Hold:
     failed: the autopilot did not follow after all tries; a human must act.
     only_fault: only faults caused it, so that it may end without a go where the configuration allows that. A
     hold whose resume failed needs a go.
-    called_back_at: when a resume was cancelled last.
+    resume_cancelled_at: when a resume was cancelled last.
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
     """
@@ -55,7 +55,7 @@ class Hold:
     tried_at: float = 0.0
     failed: bool = False
     only_fault: bool = True
-    called_back_at: float | None = None
+    resume_cancelled_at: float | None = None
     rebooted: bool = False
     seen: Assessment | None = None
 
@@ -77,10 +77,10 @@ class Hold:
         """Change to another stage, and start counting tries again."""
         self.stage, self.tries, self.failed = stage, 0, False
 
-    def call_back(self, now: float) -> None:
+    def cancel_resume(self, now: float) -> None:
         """Hold again while a resume is under way: the autopilot may already have changed back."""
         self.turn(HoldStage.REQUESTED)
-        self.called_back_at = now
+        self.resume_cancelled_at = now
 
     def begin_anew(self) -> None:
         """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
@@ -93,7 +93,7 @@ class Hold:
             return False
         return now - self.started_at < autopilot.lead
 
-    def found_at_rest(self, mode: int | None, autopilot: Autopilot | None) -> None:
+    def adopt_rest_mode(self, mode: int | None, autopilot: Autopilot | None) -> None:
         """Adopt the rest mode where the autopilot changed to it because our setpoints stopped."""
         if autopilot is not None and self.mode in autopilot.streamed and mode == autopilot.rest_mode:
             self.mode = autopilot.rest_mode
@@ -133,7 +133,7 @@ class Hold:
         if self.stage is HoldStage.REQUESTED:
             return None
         # The autopilot may carry out our cancelled resume late: that is not a human who takes over.
-        if self.called_back_at is None or now - self.called_back_at > numbers.mode_settles:
+        if self.resume_cancelled_at is None or now - self.resume_cancelled_at > numbers.mode_settles:
             return HoldEvent.TAKEN_OVER
         self.turn(HoldStage.REQUESTED)
         return None

@@ -47,7 +47,8 @@ class HoldController:
     earlier one that no other answer revoked, is stored in the journal. taken_back_at: when the newest answer
     that was not a go was given.
     handover: the release of a hold that stood on our setpoints. Nothing else is commanded meanwhile.
-    script_told: the last report of a hold by the autopilot's script, until the vehicle shows that it is over.
+    script_hold_report: the last report of a hold by the autopilot's script, until the vehicle shows that it
+    is over.
     """
 
     def __init__(self, numbers: Numbers) -> None:
@@ -59,7 +60,7 @@ class HoldController:
         self.taken_back_at = -math.inf
         self._first_go_at = -math.inf
         self.handover: OffboardRelease | None = None
-        self.script_told: ScriptHold | None = None
+        self.script_hold_report: ScriptHold | None = None
         self._unknown_until = self._back_at = -math.inf
         self._heartbeat_at: float | None = None
 
@@ -75,12 +76,12 @@ class HoldController:
         before, self.vehicle = self.vehicle, vehicle
         new = (vehicle.heard_at, vehicle.mode, vehicle.armed) != (before.heard_at, before.mode, before.armed)
         if new and not self._at_rest:
-            self.script_told = None
+            self.script_hold_report = None
         if not new or self.hold is None or vehicle.mode is None or self.handover is not None:
             return None
         silent_before = self._unseen(before)
         if silent_before:
-            self.hold.found_at_rest(vehicle.mode, vehicle.autopilot)
+            self.hold.adopt_rest_mode(vehicle.mode, vehicle.autopilot)
         return self._reboot(self.hold, before, now, silent_before=silent_before) or (
             None if self.hold.rebooted else self.hold.vehicle(vehicle.mode, now, self.numbers)
         )
@@ -161,7 +162,7 @@ class HoldController:
     @property
     def script_holds(self) -> ScriptHold | None:
         """The hold by the autopilot's script in which the vehicle stands, None without one."""
-        return self.script_told if self.hold is None and self._at_rest else None
+        return self.script_hold_report if self.hold is None and self._at_rest else None
 
     @property
     def _at_rest(self) -> bool:
@@ -201,7 +202,7 @@ class HoldController:
         if not self.vehicle.armed or self.handover.over(self.vehicle.mode, now, self.numbers):
             self.handover = None
             if self.hold is not None:
-                self.hold.found_at_rest(self.vehicle.mode, self.vehicle.autopilot)
+                self.hold.adopt_rest_mode(self.vehicle.mode, self.vehicle.autopilot)
             return []
         mode = self.handover.tick(self.vehicle.mode, now, self.numbers) if self.heard(now) else None
         return [] if mode is None else [SetMode(mode)]
@@ -221,7 +222,7 @@ class HoldController:
             self.go_counts, self._first_go_at = False, at
         self.go_at = at
 
-    def go_kept(self, at: float, reason_filter: ReasonFilter) -> None:
+    def go_stored(self, at: float, reason_filter: ReasonFilter) -> None:
         """Let the go received at `at` count, unless it was revoked. OK frames from now on fulfil it."""
         if self.hold is None or self.go_at is None or self.go_counts or at < self._first_go_at:
             return
@@ -246,7 +247,7 @@ class HoldController:
             decisions.append(GoLapsed(hold.id))
         ready = not reasons and self._ready(hold, reason_filter, now)
         if hold.stage is HoldStage.RESUMING and not ready:
-            hold.call_back(now)
+            hold.cancel_resume(now)
         elif hold.stage is not HoldStage.RESUMING and ready:
             hold.turn(HoldStage.RESUMING)
         return decisions + self._command(hold, now)

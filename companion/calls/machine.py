@@ -141,7 +141,7 @@ class OperatorCalls:
         """Take in an applied answer to `target`, an id that `resolve` returned. Returns its result, too.
 
         changed: it taught words. outcome: the call's frame and the newest frame, judged again; None where
-        neither was. go_at: when the answer was received. A go in it then has no effect before `go_kept`.
+        neither was. go_at: when the answer was received. A go in it then has no effect before `go_stored`.
         None: it counts at once.
         """
         if target == 0 or target != self.current_id:
@@ -165,15 +165,15 @@ class OperatorCalls:
         at = now if go_at is None else go_at
         self.holding.answer(motion if result is Result.APPLIED else Motion.NONE, at)
         if go_at is None:
-            self.holding.go_kept(at, self.reason_filter)
+            self.holding.go_stored(at, self.reason_filter)
         return result, self._settle(now)
 
-    def go_kept(self, at: float, now: float) -> list[Decision]:
+    def go_stored(self, at: float, now: float) -> list[Decision]:
         """Let the go that was received at `at` count from now on, since it is stored in the journal.
 
         A go that was revoked meanwhile does not count.
         """
-        self.holding.go_kept(at, self.reason_filter)
+        self.holding.go_stored(at, self.reason_filter)
         return self._settle(now)
 
     @property

@@ -124,7 +124,7 @@ class ReasonFilter:
             if reason is not Reason.FAULT:
                 self._debounced[reason].reset()
 
-    def look_afresh(self, now: float) -> None:
+    def restart_after_answer(self, now: float) -> None:
         """Restart the debouncing of calls, and T, after an answer: it changed what earlier frames say."""
         for reason in CALLS_FOR_WORDS:
             self._debounced[reason].reset()

@@ -116,7 +116,7 @@ def checked(parse: Callable[[str], object]) -> Check:
     return Check(check, text.schema)
 
 
-Complaint = tuple[tuple[str, ...], str]
+Conflict = tuple[tuple[str, ...], str]
 """Keys of a section that contradict each other ("more.wifi.url" for an inner table), and the reason."""
 
 
@@ -143,6 +143,6 @@ def section_schema(section: type[Section]) -> Schema:
 class Section:
     """Base of the sections: one table of the file."""
 
-    def complaints(self) -> Iterator[Complaint]:
+    def conflicts(self) -> Iterator[Conflict]:
         """Yield the problems between settings that are valid each by itself."""
         yield from ()

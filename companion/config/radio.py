@@ -10,7 +10,7 @@ from typing import Any
 
 from companion.config.checks import (
     Check,
-    Complaint,
+    Conflict,
     NestedError,
     Section,
     checked,
@@ -40,7 +40,7 @@ class Connection(Section):
     asked_budget: float = setting(1500.0, number(0, 1e6), "bytes/s of replies to requests, 0 unlimited")
     pace: float = setting(0.03, number(0, LONGEST_PACE), "least s between frames; 0.05 behind PX4")
 
-    def complaints(self) -> Iterator[Complaint]:
+    def conflicts(self) -> Iterator[Conflict]:
         try:
             self.settings()
         except ValueError as error:
@@ -64,14 +64,14 @@ def _connections(value: object) -> Connections:
     """Check the tables [link.more.NAME], of one connection each. Raises NestedError, ValueError."""
     if not isinstance(value, Mapping):
         raise ValueError("give each connection a name and its settings: [link.more.wifi], then url = ...")
-    problems: list[Complaint] = []
+    problems: list[Conflict] = []
     found = tuple((name, _connection(name, table, problems)) for name, table in value.items())
     if problems:
         raise NestedError(problems)
     return found
 
 
-def _connection(name: str, table: object, problems: list[Complaint]) -> Connection:
+def _connection(name: str, table: object, problems: list[Conflict]) -> Connection:
     if not isinstance(table, Mapping) or "url" not in table:
         problems.append(((name,), "needs a url, like udpin:0.0.0.0:14551"))
         return Connection()
@@ -83,7 +83,7 @@ def _connection(name: str, table: object, problems: list[Complaint]) -> Connecti
             problems.append(((name, key), str(error)))
     read = Connection(**given)
     if len(problems) == before:
-        for keys, reason in read.complaints():
+        for keys, reason in read.conflicts():
             problems.append(((name, next((key for key in keys if key in table), keys[0])), reason))
     return read
 
@@ -118,7 +118,7 @@ class Link(Connection):
     )
     more: Connections = setting((), Check(_connections, _MORE), "further connections, at most 3", tables=True)  # noqa: RUF009
 
-    def complaints(self) -> Iterator[Complaint]:
+    def conflicts(self) -> Iterator[Conflict]:
         if self.unsigned_autopilot and not self.signing_key:
             yield ("unsigned_autopilot",), "counts only with a signing_key: give one, or take this out"
         try:

@@ -120,7 +120,7 @@ def _read_section(
     # Only when each setting is valid by itself: the default in place of a wrong one could cause false
     # complaints.
     if len(problems) == before:
-        for keys, reason in read.complaints():
+        for keys, reason in read.conflicts():
             path = next((path for path in map(_path, keys) if path[0] in source), _path(keys[0]))
             problems.append(source.get(path[0], layers[0]).problem((name, *path), reason))
     return read

@@ -16,7 +16,7 @@ from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
 from companion.cameras import split_source
 from companion.config.checks import (
-    Complaint,
+    Conflict,
     Section,
     checked,
     choice,
@@ -97,7 +97,7 @@ class Mount(Section):
     aspect: float = setting(1.333, number(0.3, 5), "the picture's width divided by its height")
     front: float = setting(0.0, number(0, 20), "distance from the lens forward to the vehicle's front, m")
 
-    def complaints(self) -> Iterator[Complaint]:
+    def conflicts(self) -> Iterator[Conflict]:
         if (self.height is None) != (self.tilt is None):
             yield ("height", "tilt"), "height and tilt go together: give both"
 
@@ -135,7 +135,7 @@ class Roi(Section):
     bottom: float = setting(0.95, number(0, 1), "lower side")
     tile_share: float = setting(0.25, number(0.05, 1), "side of a tile as a fraction of the ROI's width")
 
-    def complaints(self) -> Iterator[Complaint]:
+    def conflicts(self) -> Iterator[Conflict]:
         if self.left >= self.right:
             yield ("left", "right"), f"left {self.left:g} must be less than right {self.right:g}"
         if self.top >= self.bottom:
@@ -203,7 +203,7 @@ class Call(Section):
     fault_ends_hold: bool = setting(False, flag, "whether a fault's hold may end by itself")  # noqa: FBT003
     px4_hold: str = setting("loiter", choice(*PX4_HOLDS), "how a PX4 rover is held: loiter or offboard")
 
-    def complaints(self) -> Iterator[Complaint]:
+    def conflicts(self) -> Iterator[Conflict]:
         if self.votes > self.window:
             yield ("votes", "window"), f"votes {self.votes} must be at most window {self.window}"
 

@@ -24,7 +24,13 @@ from companion.policy.hold_gate import HoldGate
 from companion.policy.service import PolicyService
 from companion.policy.shadow import ShadowStatistics
 from companion.policy.stopping import Stopping
-from companion.settings.mapping import call_numbers, first_values, first_words, kept_values, restored_policies
+from companion.settings.mapping import (
+    call_numbers,
+    first_values,
+    first_words,
+    restored_policies,
+    storable_defaults,
+)
 from companion.settings.runtime import RuntimeSettings
 from companion.settings.service import SettingsService
 from companion.storage import Journal
@@ -43,7 +49,7 @@ log = logging.getLogger(__name__)
 _U32 = 0xFFFFFFFF
 
 
-class Opened(NamedTuple):
+class Resources(NamedTuple):
     """Holds the opened resources of a daemon. Their opener closes them. saved: state from the journal."""
 
     link: Link
@@ -56,7 +62,7 @@ class Opened(NamedTuple):
 
 def compose(
     config: Config,
-    opened: Opened,
+    opened: Resources,
     ready: Ready,
     startup_notices: list[str],
     *,
@@ -79,7 +85,7 @@ def compose(
     calls = state_machine(replace(numbers, policy=policies.in_force), now)
     if saved:
         restore_calls(calls, saved, now, startup_notices)
-    statistics = open_book(model.id, calls, saved.get("shadow"), now, startup_notices)
+    statistics = restore_statistics(model.id, calls, saved.get("shadow"), now, startup_notices)
     replies = AnswerStore(saved.get("replies"))
     position = VehiclePosition(lambda: link.vehicle)
     persistence = Persistence(
@@ -94,7 +100,7 @@ def compose(
         whole(saved.get("frame_id")),
     )
     answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, replies)
-    keep = persistence.when_kept
+    keep = persistence.when_stored
     policy = PolicyService(link, calls, policies, keep, refuses=hold_gate.refuses, wants_hold=wants_hold)
     listed = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     settings = SettingsService(
@@ -116,7 +122,7 @@ def restore_settings(
 
     Returns them and the settings for judging frames. Adds to `startup_notices` which were left out.
     """
-    overrides = RuntimeSettings(kept_values(config, ready.settings), ready.model.id)
+    overrides = RuntimeSettings(storable_defaults(config, ready.settings), ready.model.id)
     left_out = overrides.restore(saved)
     judging, misfits = overrides.tuned(ready.settings)
     startup_notices += [*left_out, *misfits]
@@ -184,7 +190,7 @@ def restore_calls(
         log.warning("restarted with %s %d open", calls.kind.name.lower(), calls.current_id)
 
 
-def open_book(
+def restore_statistics(
     model: str, calls: OperatorCalls, saved: Any, now: float, startup_notices: list[str]
 ) -> ShadowStatistics:
     """Restore the statistics of policy shadow. Ends would-be holds if another policy is in force now."""

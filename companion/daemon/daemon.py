@@ -19,7 +19,7 @@ from companion.daemon.startup import wait
 from companion.daemon.status import Status
 from companion.daemon.test_call import TestCall
 from companion.link import inbound as radio
-from companion.link.inbound import AnswerRequest, ModeAck, PolicyRequest, Pulses, VehicleHeard
+from companion.link.inbound import AnswerRequest, ModeAck, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.link import Link
 from companion.policy.shadow import ShadowReporter
 from companion.settings.service import SettingsService
@@ -114,7 +114,7 @@ class Daemon:
             with self._error_guard.survived(type(event).__name__, now):
                 self._handle(event, now)
         # A hold that the events led to is sent before anything else, which may take its time.
-        self._executor.hurry(now)
+        self._executor.send_hold_now(now)
         self._vision.situation(
             self.position.place(),
             now,
@@ -144,7 +144,7 @@ class Daemon:
         while self.calls.holding.handover is not None and time.monotonic() < until:
             self.turn()
 
-    def farewell(self) -> None:
+    def report_death(self) -> None:
         """Report at once that the daemon dies, to the autopilot's script and to the operator."""
         autopilot = self.calls.autopilot.autopilot
         if autopilot is not None and self.calls.holding.streams:
@@ -176,7 +176,7 @@ class Daemon:
 
     def _handle(self, event: radio.InboundEvent, now: float) -> None:
         match event:
-            case VehicleHeard(vehicle):
+            case VehicleUpdate(vehicle):
                 self._handle_vehicle(vehicle, now)
             case AnswerRequest() if self._test_call.hear(event, now):
                 pass
@@ -187,16 +187,16 @@ class Daemon:
             case PolicyRequest():
                 self._executor.carry_out(self.settings.policy.command(event, now), now)
             case ScriptHold():
-                self.calls.holding.script_told = event
+                self.calls.holding.script_hold_report = event
             case ModeAck(accepted=False):
                 log.info("the autopilot says no to a mode: MAV_RESULT %d", event.result)
-            case Pulses():
+            case RcChannels():
                 self._executor.carry_out(self.settings.policy.hear(event, now), now)
 
     def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self.calls.numbers.px4_hold)
-        decisions = self.settings.policy.reckon(autopilot, now)
+        decisions = self.settings.policy.check_hold_again(autopilot, now)
         decisions += self.calls.vehicle(
             vehicle.custom_mode, vehicle.armed, now, travelled, vehicle.heard_at, autopilot
         )
@@ -217,7 +217,7 @@ class Daemon:
         self._status.latencies.append(seen.age)
         self.answer_handler.words = judged.memory.preferences
         self.persistence.save_memory(judged.memory)
-        self.persistence.miss_frames(self.calls)
+        self.persistence.forget_lost_frames(self.calls)
         # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.
         settled = self.persistence.settled(now, judged.memory)
         self._executor.carry_out(self.calls.assessed(seen, now, settled=settled), now, at_once=True)
@@ -247,13 +247,13 @@ class Daemon:
     def _applied(self, applied: Applied, now: float) -> None:
         self.persistence.save_memory(applied.memory)
         if self.persistence.is_call_frame(applied.token):
-            self.persistence.reseen(self.calls, applied, now)
+            self.persistence.call_frame_judged(self.calls, applied, now)
             return
         handled = self.answer_handler.applied(applied, now)
         if handled.refused:
             self._link.say(notices.refused(handled.refused), ERROR, now)
         self._finish_answer(handled, now)
-        self.persistence.when_kept(lambda _, now: self.settings.answered(applied, now))
+        self.persistence.when_stored(lambda _, now: self.settings.answered(applied, now))
         call = self.calls.call
         if call is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
@@ -268,7 +268,7 @@ class Daemon:
         for reply in handled.replies:
             if reply.changed:
                 self.persistence.answered(reply)
-                self.persistence.when_kept(partial(self._answer_stored, reply))
+                self.persistence.when_stored(partial(self._answer_stored, reply))
             else:
                 ack = reply.acknowledgement
                 self._link.acknowledge(reply.request, ack, now)
@@ -305,7 +305,7 @@ class Daemon:
         else:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
         if self.persistence.settled(now):
-            self.settings.tell_changes(self.answer_handler.words, now)
+            self.settings.send_changes(self.answer_handler.words, now)
 
 
 def stop_on_signals() -> Callable[[], bool]:

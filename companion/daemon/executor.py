@@ -23,7 +23,7 @@ from companion.calls.decisions import (
 )
 from companion.calls.hold import HoldEvent
 from companion.calls.machine import OperatorCalls
-from companion.daemon.health import ASLEEP
+from companion.daemon.health import STALLED_AFTER
 from companion.daemon.persistence import Persistence
 from companion.link.link import Link
 from companion.policy.shadow import ShadowReporter
@@ -77,7 +77,7 @@ class DecisionExecutor:
             with self._error_guard.survived(type(decision).__name__, now):
                 self._send_mode(decision, now)
         if at_once:
-            self.hurry(now)
+            self.send_hold_now(now)
         for decision in decisions:
             with self._error_guard.survived(type(decision).__name__, now):
                 self._do(decision, now)
@@ -85,10 +85,10 @@ class DecisionExecutor:
             with self._error_guard.survived(HoldShown.__name__, now):
                 self._show_hold(now)
 
-    def hurry(self, now: float) -> None:
+    def send_hold_now(self, now: float) -> None:
         """Send a decided hold now, unless the process stalled since `now`: a human may have taken over."""
-        if time.monotonic() - now <= ASLEEP:
-            self._link.urge_hold(now)
+        if time.monotonic() - now <= STALLED_AFTER:
+            self._link.send_hold_now(now)
 
     def _send_mode(self, decision: Decision, now: float) -> None:
         match decision:

@@ -33,7 +33,7 @@ class WeakWords:
         return new
 
 
-ASLEEP = 1.0
+STALLED_AFTER = 1.0
 """Seconds between two calls of `look` after which the process counts as having been stalled."""
 
 
@@ -52,7 +52,7 @@ class StallDetector:
     def look(self, now: float) -> None:
         """Check for a stall. Called before anything is received, and again before anything is sent."""
         stalled, self._looked_at = now - self._looked_at, now
-        if stalled > ASLEEP:
+        if stalled > STALLED_AFTER:
             log.warning(
                 "the companion was stalled for %.1f s: check the load of this computer, and whether it slept",
                 stalled,
@@ -64,7 +64,7 @@ class StallDetector:
 
 
 ALERT, ERROR, WARNING, NOTICE = 1, 3, 4, 5
-ALONE_AFTER = 10.0
+NO_AUTOPILOT_AFTER = 10.0
 """Seconds without an autopilot after which the log says what to check."""
 AUTOPILOT_SILENT = "autopilot silent, STOP BY HAND"
 RECOVERED_AFTER = 2.0
@@ -169,11 +169,11 @@ class HealthMonitor:
             self._no_autopilot_since, self._no_autopilot_logged = None, False
         elif self._no_autopilot_since is None:
             self._no_autopilot_since = now
-        elif not self._no_autopilot_logged and now - self._no_autopilot_since >= ALONE_AFTER:
+        elif not self._no_autopilot_logged and now - self._no_autopilot_since >= NO_AUTOPILOT_AFTER:
             self._no_autopilot_logged = True
             log.warning(
                 "no autopilot heard for %.0f s: check [link] url, and that autopilot or router sends there",
-                ALONE_AFTER,
+                NO_AUTOPILOT_AFTER,
             )
 
     def _check_autopilot_kind(self, now: float) -> None:

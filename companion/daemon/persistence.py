@@ -23,7 +23,7 @@ from companion.storage import Batch, Journal, JournalError, Row
 from companion.storage.batch import as_json, record_of
 from companion.storage.call_files import CallFiles, PictureArchive, address
 from companion.storage.writer import SLOW, Writer
-from companion.system.atomic_write import write_whole
+from companion.system.atomic_write import write_atomically
 from companion.vision.client import Applied, Vision
 from companion.vision.messages import LARGEST_PNG, Drawn
 from companion.wire.ids import State
@@ -45,7 +45,7 @@ Say = Callable[[bool, float], None]
 class Persistence:
     """Collects the changes of a turn of the main loop for the writer, and knows which are on disk.
 
-    Never waits: a message that must not be sent before a change is on disk is registered with `when_kept`.
+    Never waits: a message that must not be sent before a change is on disk is registered with `when_stored`.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class Persistence:
             self._waiting.append((self._ticket, now, self._unsent))
             self._unsent = []
 
-    def when_kept(self, say: Say) -> None:
+    def when_stored(self, say: Say) -> None:
         """Have `due` return `say` once this turn's changes are on disk, or were not written in `SLOW` s."""
         self._unsent.append(say)
 
@@ -255,11 +255,11 @@ class Persistence:
         png = self._load_frame(calls.call)
         self._frame_lost = png is None or not self._vision.restore(_CALL_FRAME, calls.call.frame_id, png)
 
-    def miss_frames(self, calls: OperatorCalls) -> None:
+    def forget_lost_frames(self, calls: OperatorCalls) -> None:
         """Forget frames of the open call and the hold that vision has lost: answers cannot refer to them."""
         if self._vision.trouble:
             return
-        holds = self._vision.holds_frame
+        holds = self._vision.has_stored_frame
         self._drawing = {frame: number for frame, number in self._drawing.items() if holds(frame)}
         call, hold = calls.call, calls.hold
         if call is not None and call.seen is not None and not holds(call.frame_id):
@@ -272,13 +272,13 @@ class Persistence:
         """Whether an `Applied` is the outcome of a stored frame given to vision, and not of an answer."""
         return token is _CALL_FRAME or token is None
 
-    def reseen(self, calls: OperatorCalls, applied: Applied, now: float) -> None:
+    def call_frame_judged(self, calls: OperatorCalls, applied: Applied, now: float) -> None:
         """Take the assessment of the restored call's frame. Without one, the frame may be lost."""
         call, seen = calls.call, applied.outcome.call if applied.outcome is not None else None
         if call is None:
             return
         if seen is None:
-            self._frame_lost = not self._vision.holds_frame(call.frame_id)
+            self._frame_lost = not self._vision.has_stored_frame(call.frame_id)
         elif seen.frame.id == call.frame_id:
             self._resume_call(calls, seen, now)
 
@@ -294,7 +294,7 @@ class Persistence:
 
     def write_status(self, figures: Mapping[str, Any]) -> None:
         """Queue the status file: figures, number of judged frames, process id and the state of the disk."""
-        self._writer.write("status", partial(write_whole, self._status, self._status_bytes(figures)))
+        self._writer.write("status", partial(write_atomically, self._status, self._status_bytes(figures)))
 
     def leave(self, figures: Mapping[str, Any]) -> None:
         """Write everything that waits, within `SLOW` seconds, and last the status file.

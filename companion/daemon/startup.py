@@ -68,7 +68,7 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
         case WordsRequest():
             link.acknowledge_words(event, now, accepted=False)
         case ParameterRequest():
-            link.keep_parameter(event.name, now)
+            link.echo_parameter(event.name, now)
         case _:
             return
     link.say(notices.refused(_AGAIN), _WARNING, now)

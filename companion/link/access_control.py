@@ -48,7 +48,7 @@ class AccessControl:
         """Whether to accept a message at all: where a key is set, whether it is signed and new."""
         if self._signing is None:
             return True
-        if self._signing.passes_over(message):
+        if self._signing.is_radio_report(message):
             return False
         reason = self._signing.refusal(message, now)
         if reason:

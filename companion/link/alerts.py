@@ -90,7 +90,7 @@ _NEVER = float("-inf")
 
 
 @dataclass(frozen=True)
-class Spoken:
+class StatusText:
     """A text with its MAV_SEVERITY."""
 
     text: str
@@ -166,10 +166,10 @@ class AlertRepeater:
         self._repeats += 1
         return replace(self._call, age_s=self._call.age_s + int(now - self._announced_at))
 
-    def text(self, now: float) -> Spoken | None:
+    def text(self, now: float) -> StatusText | None:
         """The text that is due, None when none is. Several may be due: call until None."""
         if self._closing_texts:
-            return Spoken(self._closing_texts.popleft(), NOTICE)
+            return StatusText(self._closing_texts.popleft(), NOTICE)
         if not self._text:
             return None
         fast = not self._quiet and self._text_at - self._since < TEXT_ALERT_AFTER
@@ -178,7 +178,7 @@ class AlertRepeater:
             return None
         self._text_at, self._text_new = now, False
         alert = not self._quiet and now - self._since >= TEXT_ALERT_AFTER
-        return Spoken(self._text, min(ALERT, self._severity) if alert else self._severity)
+        return StatusText(self._text, min(ALERT, self._severity) if alert else self._severity)
 
     def _close(self, call: CallData, text: str) -> None:
         if self._closed == call.id:

@@ -101,7 +101,7 @@ _ACCEPTED = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
 
 
 @dataclass
-class _Case:
+class _CachedReply:
     """An answer that was passed on at `at` (s), and its stored reply.
 
     reply: an Acknowledgement; for a command the MAV_RESULT; for AT_ANSWER whether it was accepted. None while
@@ -126,7 +126,9 @@ class AnswerService:
         self._access = access
         self._parameters = parameters
         self._reassembly = Reassembly()
-        self._cases: SenderCache[_Case] = SenderCache()
+        self._reply_cache: SenderCache[_CachedReply] = SenderCache()
+        # Of its own: whoever sets AT_ANSWER often must not push out a transaction that may come again.
+        self._parameter_cache: SenderCache[_CachedReply] = SenderCache()
 
     def tunnel(self, sender: Sender, payload: bytes, now: float) -> AnswerRequest | None:
         """Take the payload of an answer, or of one part of it; return the answer once it is complete."""
@@ -153,7 +155,7 @@ class AnswerService:
             return None
         if whole is None:
             return None
-        self._cases.put((sender, part.transaction), _Case(now))
+        self._reply_cache.put((sender, part.transaction), _CachedReply(now))
         return AnswerRequest(sender, whole.transaction, whole.target, whole.motion, whole.operations)
 
     def command(self, sender: Sender, message: Any, now: float) -> AnswerRequest | PolicyRequest | None:
@@ -175,7 +177,7 @@ class AnswerService:
         again = getattr(message, "confirmation", 0) > 0
         if self._is_repeated((sender, request), now, repeat_within=REPEAT_WITHIN if again else 0.0):
             return None
-        self._cases.put((sender, request), _Case(now))
+        self._reply_cache.put((sender, request), _CachedReply(now))
         return request
 
     def parameter(self, request: ParameterRequest, now: float) -> AnswerRequest | None:
@@ -196,14 +198,14 @@ class AnswerService:
             self._parameters.echo(ANSWER, 0.0, sender, now)
             return None
         key = (sender, target, Motion(code))
-        case = self._cases.get(key)
+        case = self._parameter_cache.get(key)
         if case is not None and code != Motion.STAY:
             if case.reply is None and now - case.at <= self._access.undecided_for:
                 return None
             if case.reply is not None and now - case.at <= REPEAT_WITHIN:
                 self._parameters.echo(ANSWER, value if case.reply else 0.0, sender, now)
                 return None
-        self._cases.put(key, _Case(now))
+        self._parameter_cache.put(key, _CachedReply(now))
         return AnswerRequest(sender, None, target, Motion(code), (), value)
 
     def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
@@ -221,9 +223,9 @@ class AnswerService:
             reply = ack
             self._reply(request.sender, ack, now)
         if ack.result == Result.BUSY:
-            self._cases.pop(key)
+            self._reply_cache.pop(key)
         else:
-            self._cases.put(key, _Case(now, reply))
+            self._reply_cache.put(key, _CachedReply(now, reply))
 
     def _acknowledge_parameter(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """Send the result as echo and as text. An answer that was not accepted may be sent again at once."""
@@ -233,19 +235,19 @@ class AnswerService:
         # Also under the id that it was applied to: id 0 and then the call's own id are one answer.
         for target in (request.target, ack.target):
             key = (request.sender, target, request.motion)
-            self._cases.pop(key)
+            self._parameter_cache.pop(key)
             if taken or (ack.result is Result.STALE and request.target == 0):
-                self._cases.put(key, _Case(now, taken))
+                self._parameter_cache.put(key, _CachedReply(now, taken))
 
     def _is_repeated(self, key: tuple[Any, ...], now: float, repeat_within: float = math.inf) -> bool:
-        case = self._cases.get(key)
+        case = self._reply_cache.get(key)
         if case is None:
             return False
         if case.reply is None:
             return now - case.at < self._access.undecided_for
         if now - case.at > repeat_within or repeat_within == 0.0:
             return False
-        self._cases.put(key, case)
+        self._reply_cache.put(key, case)
         if isinstance(case.reply, Acknowledgement):
             self._reply(key[0], case.reply, now)
         else:

@@ -20,7 +20,7 @@ READS_PER_POLL = 512
 BYTES_PER_POLL = 256 * 1024
 """Bytes of one poll: a sender that is faster than we read must not stop the main loop."""
 READS_AT_MOST = 4096
-CLASH_FOR = 10.0
+ID_CONFLICT_FOR = 10.0
 """s of silence after another component sent under our ids."""
 STOPPING = frozenset({"hold", "setpoint"})
 """Rows that are sent even while another component uses our ids: that must not prevent a hold."""
@@ -151,9 +151,9 @@ class Channel:
             self._opened = self._connection.opened
             self._parser.forget()
             self.sender.version.forget()
-            self.periodic.hurry()
+            self.periodic.send_heartbeat_now()
 
-    def hear_ourselves(self, now: float) -> bool:
+    def note_id_conflict(self, now: float) -> bool:
         """Note that another component sent under our ids here; True when that is new."""
         new, self._clash_at = self._clash_at is None, now
         self.sender.keep(STOPPING)
@@ -178,18 +178,18 @@ class Channel:
         if self._may_send:
             self.sender.urge(name, now)
 
-    def may_speak(self, now: float, *, has_vehicle: bool) -> bool:
+    def may_send(self, now: float, *, has_vehicle: bool) -> bool:
         """Whether more than `STOPPING` may be sent.
 
         On udpin and serial connections, nothing is sent before the autopilot is received.
         """
-        if self._clash_at is not None and now - self._clash_at > CLASH_FOR:
+        if self._clash_at is not None and now - self._clash_at > ID_CONFLICT_FOR:
             self._clash_at = None
         self._may_send = has_vehicle or not self._waits_for_vehicle
         return self._may_send and not self.clash
 
     def tick(self, now: float, *, calling: bool) -> None:
-        """Send what is due, within pace and budgets. Call `may_speak` first.
+        """Send what is due, within pace and budgets. Call `may_send` first.
 
         calling: whether a call or hold is open.
         """

@@ -17,7 +17,7 @@ _SHORTEST, _LONGEST = 800, 2200
 
 
 @dataclass(frozen=True)
-class VehicleHeard:
+class VehicleUpdate:
     """The autopilot sent a heartbeat, mode or position."""
 
     vehicle: Vehicle
@@ -77,7 +77,7 @@ class PolicyRequest:
 
 
 @dataclass(frozen=True)
-class Pulses:
+class RcChannels:
     """The remote control's newest channels. widths: us, of channels 1 to 18. count: channels in use."""
 
     widths: tuple[int, ...]
@@ -103,4 +103,4 @@ class ModeAck:
 
 
 SetRequest = ParameterRequest | WordsRequest | ResetRequest
-InboundEvent = VehicleHeard | AnswerRequest | SetRequest | PolicyRequest | Pulses | ModeAck | ScriptHold
+InboundEvent = VehicleUpdate | AnswerRequest | SetRequest | PolicyRequest | RcChannels | ModeAck | ScriptHold

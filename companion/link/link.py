@@ -161,7 +161,7 @@ class Link:
             self._signing.tick(now)
             # Frames of an autopilot with an old clock are refused; one frame of ours sets its clock right.
             has_vehicle |= self._signing.behind
-        sending = [one for one in self._channels if one.may_speak(now, has_vehicle=has_vehicle)]
+        sending = [one for one in self._channels if one.may_send(now, has_vehicle=has_vehicle)]
         self._setpoints.tick(self.vehicle, now)
         returns = self._tracker.returns + self._outbox.moves
         if sending:
@@ -173,7 +173,7 @@ class Link:
         if returns != self._returns_seen:
             self._returns_seen = returns
             for channel in sending:
-                channel.periodic.hurry()
+                channel.periodic.send_heartbeat_now()
         for channel in self._channels:
             with self._error_guard.survived(channel.label, now):
                 channel.tick(now, calling=self._alerts.is_open)
@@ -224,9 +224,9 @@ class Link:
         """Send the result of a command (MAV_RESULT) to its sender."""
         self._commands.acknowledge(request, result, now)
 
-    def ask_for_pulses(self) -> None:
+    def request_rc_channels(self) -> None:
         """Request RC_CHANNELS from the autopilot from now on, and again whenever they stop."""
-        self._intervals.wants_pulses = True
+        self._intervals.wants_rc_channels = True
 
     def set_parameter(self, name: str, value: float, now: float) -> None:
         """Set a parameter's value in force; echo it to its requester, or send it to all when it changed.
@@ -239,7 +239,7 @@ class Link:
         """Set the parameters' configured values, which a client may request as their defaults."""
         self._parameters.configured = values
 
-    def keep_parameter(self, name: str, now: float) -> None:
+    def echo_parameter(self, name: str, now: float) -> None:
         """Echo the value in force, because a requested one was not accepted."""
         self._parameters.changed(name, self._parameters.value(name), now)
 
@@ -267,9 +267,9 @@ class Link:
         """
         self._modes.ask(self.vehicle, custom_mode, now)
 
-    def urge_hold(self, now: float) -> None:
+    def send_hold_now(self, now: float) -> None:
         """Send a queued hold command at once, not with the next `tick`."""
-        self._modes.urge_hold(now)
+        self._modes.send_hold_now(now)
 
     def stand_still(self, *, on: bool) -> None:
         """Start or stop streaming zero velocity to the autopilot, at the table's rate."""

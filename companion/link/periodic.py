@@ -83,7 +83,7 @@ class PeriodicTelemetry:
         filled = [name for name in NUMBERS if name in self._numbers]
         return [encode.number(name, self._numbers[name], self._uptime(now)) for name in filled]
 
-    def hurry(self) -> None:
+    def send_heartbeat_now(self) -> None:
         """Make the next heartbeat due now, after a reconnect or when the autopilot is back."""
         self._heartbeat_at = -math.inf
 

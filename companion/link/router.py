@@ -13,7 +13,7 @@ from companion.link.answers import AnswerService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import InboundEvent, ModeAck, Sender, VehicleHeard
+from companion.link.inbound import InboundEvent, ModeAck, Sender, VehicleUpdate
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
@@ -184,7 +184,7 @@ class MessageRouter:
             self._access.rejected["echo"] += 1
             return
         self._access.rejected["clash"] += 1
-        if channel.hear_ourselves(now):
+        if channel.note_id_conflict(now):
             self._text_sender.say(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
 
     def _take_heartbeat(
@@ -196,7 +196,7 @@ class MessageRouter:
             return None
         self._tracker.heartbeat(system_id, message, now)
         self._outbox.system_id = system_id
-        return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
+        return None if self._tracker.vehicle is None else VehicleUpdate(self._tracker.vehicle)
 
     def _take_telemetry(self, kind: str, system_id: int, message: Any, now: float) -> InboundEvent | None:
         if (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
@@ -217,7 +217,7 @@ class MessageRouter:
             elif kind == "SYSTEM_TIME":
                 self._tracker.time(system_id, message, now)
             return None
-        return None if self._tracker.vehicle is None else VehicleHeard(self._tracker.vehicle)
+        return None if self._tracker.vehicle is None else VehicleUpdate(self._tracker.vehicle)
 
     def _take_mode_ack(self, message: Any) -> ModeAck | None:
         for_us = message.target_component in (0, COMPONENT_ID)

@@ -121,11 +121,11 @@ class Signing:
         return None
 
     @staticmethod
-    def passes_over(message: Any) -> bool:
+    def is_radio_report(message: Any) -> bool:
         """Whether `message` is a radio's own report, which is ignored without being counted as refused."""
         return message.get_type() in RADIO_FRAMES and not wire.is_signed(bytes(message.get_msgbuf()))
 
-    def refusal(self, message: Any, now: float) -> wire.HoldRefusal | Literal["echo"]:
+    def refusal(self, message: Any, now: float) -> wire.FrameRefusal | Literal["echo"]:
         """Why a decoded message is refused: unsigned, signature, replay, ahead or echo; "" when accepted."""
         frame = bytes(message.get_msgbuf())
         if not wire.is_signed(frame) and self._may_be_unsigned(frame, message):

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import Pulses
+from companion.link.inbound import RcChannels
 from companion.system.wall_clock import is_set
 from companion.vehicle.state import Vehicle
 
@@ -40,7 +40,7 @@ class RemoteControl:
         failed = used & ~message.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
         self._failed_at = now if failed else -math.inf
 
-    def hear_pulses(self, message: Any, now: float) -> Pulses:
+    def hear_pulses(self, message: Any, now: float) -> RcChannels:
         """Take RC_CHANNELS; return them, with a count of 0 where the signal is known to be lost.
 
         A strength that was always 0 is not measured. One that falls to 0 is a loss.
@@ -50,7 +50,7 @@ class RemoteControl:
         self._had_strength = self._had_strength or 0 < strength < _UNKNOWN_STRENGTH
         gone = now - self._failed_at <= FAILED_LASTS or (self._had_strength and strength == 0)
         widths = tuple(int(getattr(message, f"chan{number}_raw")) for number in range(1, _CHANNELS + 1))
-        return Pulses(widths, 0 if gone else int(message.chancount))
+        return RcChannels(widths, 0 if gone else int(message.chancount))
 
 
 POSITION_LIFETIME = 5.0

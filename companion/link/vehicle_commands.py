@@ -38,7 +38,7 @@ class ModeCommands:
         row = "resume" if custom_mode in autopilot.holdable else "hold"
         self._outbox.push(row, message, now, lifetime=LIFETIME, to=to)
 
-    def urge_hold(self, now: float) -> None:
+    def send_hold_now(self, now: float) -> None:
         """Send a queued hold command now."""
         self._outbox.urge("hold", now)
 
@@ -87,7 +87,7 @@ class MessageIntervals:
     """Requests missing messages, and all of them when the autopilot returns: it may have rebooted."""
 
     def __init__(self, outbox: Outbox, remote_control: RemoteControl) -> None:
-        self.wants_pulses = False
+        self.wants_rc_channels = False
         self._outbox = outbox
         self._remote_control = remote_control
         self._returns = 0
@@ -111,13 +111,13 @@ class MessageIntervals:
                 self._ask(vehicle, message_id, period, MESSAGES["interval"].period or 0.0, now)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
         reported_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
-        if autopilot is not None and autopilot.tells_late and now - reported_at > MODE_SILENCE:
+        if autopilot is not None and autopilot.reports_mode_late and now - reported_at > MODE_SILENCE:
             period = MESSAGES["mode told"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
-        if self.wants_pulses and now - self._remote_control.pulses_at > PULSES_SILENCE:
+        if self.wants_rc_channels and now - self._remote_control.pulses_at > PULSES_SILENCE:
             period = MESSAGES["rc"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_RC_CHANNELS, period, PULSES_PATIENCE, now)
-        if self.wants_pulses and now - self._remote_control.health_at > HEALTH_SILENCE:
+        if self.wants_rc_channels and now - self._remote_control.health_at > HEALTH_SILENCE:
             period = MESSAGES["rc health"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_SYS_STATUS, period, HEALTH_PATIENCE, now)
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.judging import Settings
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
-from companion.link.inbound import PolicyRequest, Pulses, Sender
+from companion.link.inbound import PolicyRequest, RcChannels, Sender
 from companion.link.link import Link
 from companion.policy.hold_gate import HoldRefusal, Refuses
 from companion.policy.policy import PolicyState
@@ -22,8 +22,8 @@ from companion.wire.parameters import POLICY
 log = logging.getLogger(__name__)
 _WARNING, _ERROR = 4, 3
 
-WhenKept = Callable[[Callable[[bool, float], None]], None]
-"""Registers a callback for when this turn's changes are in the journal: see `Persistence.when_kept`."""
+WhenStored = Callable[[Callable[[bool, float], None]], None]
+"""Registers a callback for when this turn's changes are in the journal: see `Persistence.when_stored`."""
 
 
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
@@ -37,7 +37,7 @@ class PolicyService:
         link: Link,
         calls: OperatorCalls,
         policies: PolicyState,
-        when_kept: WhenKept,
+        when_stored: WhenStored,
         *,
         refuses: Refuses,
         wants_hold: bool,
@@ -51,9 +51,9 @@ class PolicyService:
         self._refusal = refuses(*self._judged_for)
         self._wants_hold = wants_hold
         self._lost = False
-        self._when_kept = when_kept
+        self._when_kept = when_stored
         if policies.switch is not None:
-            link.ask_for_pulses()
+            link.request_rc_channels()
 
     @property
     def off_by(self) -> str:
@@ -108,7 +108,7 @@ class PolicyService:
         self._when_kept(lambda _, now: self._link.acknowledge_command(request, result, now))
         return decisions
 
-    def reckon(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
+    def check_hold_again(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
         """Check again whether the vehicle may be held, where the autopilot or the settings have changed.
 
         A hold policy that is not allowed any more is changed to report.
@@ -130,14 +130,14 @@ class PolicyService:
         self._link.say(self._refusal.short, _ERROR, now)
         return self._put_in_force("", now, announce=False)
 
-    def forbids(self, judging: Settings) -> HoldRefusal | None:
+    def refuses_settings(self, judging: Settings) -> HoldRefusal | None:
         """Return why these settings are refused, None where they are allowed.
 
         They are refused where hold is requested, and could not be allowed with them.
         """
         return self._refuses(judging, self._judged_for[1]) if self._policies.asked is Policy.HOLD else None
 
-    def hear(self, pulses: Pulses, now: float) -> list[Decision]:
+    def hear(self, pulses: RcChannels, now: float) -> list[Decision]:
         """Take in the RC channels."""
         switch = self._policies.switch
         if switch is None or not switch.hear(pulses.of(switch.channel), now):

@@ -78,7 +78,7 @@ def talking(
     signing, began = _signing(config.link.signing_key), time.monotonic()
     connection = Connection(partial(open_transport, address), began)
     interview = Interview(connection, names, config.link.system_id, began, signing)
-    interview.sceptical = not config.link.unsigned_autopilot
+    interview.refuse_unsigned = not config.link.unsigned_autopilot
 
     def turn() -> bool:
         over = interview.turn(time.monotonic())

@@ -131,10 +131,10 @@ class Perceives(NamedTuple):
 def check_perceiver(config: Config) -> Perceives:
     """Load the perceiver and measure its time for a frame, as the daemon does. Takes seconds."""
     from companion.vision.messages import Model
-    from companion.vision.warm_up import get_ready, too_slow
+    from companion.vision.warm_up import load_and_warm_up, too_slow
 
     try:
-        ready = get_ready(config, None)
+        ready = load_and_warm_up(config, None)
     except AnyTraverseError as error:
         return Perceives(failed("perceiver", str(error)))
     tile = ready.engine.settings.thresholds.tile

@@ -117,7 +117,7 @@ class Interview:
     system_id: int
     began: float
     signing: Signing | None = None
-    sceptical: bool = True
+    refuse_unsigned: bool = True
     listen: Callable[[Any, float], None] = lambda _message, _now: None
     autopilot: Heartbeat | None = None
     values: dict[str, float] = field(default_factory=dict)
@@ -162,7 +162,7 @@ class Interview:
         )
 
     def _is_refused(self, message: Any, now: float) -> bool:
-        return self.signing is not None and self.sceptical and self.signing.refusal(message, now) != ""
+        return self.signing is not None and self.refuse_unsigned and self.signing.refusal(message, now) != ""
 
     def _ask(self, autopilot: Heartbeat, now: float) -> None:
         if now - self._sent_at < PACE:

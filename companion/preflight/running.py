@@ -18,7 +18,7 @@ WELL, FAULTY, NOT_RUNNING = 0, 1, 2
 _WIDTH = 10
 
 
-def tell_status(file: str, *, as_json: bool = False) -> int:
+def print_status(file: str, *, as_json: bool = False) -> int:
     """Print the status. Returns 0 if the companion runs and is well, 1 if it is faulty, 2 if none runs."""
     said: dict[str, Any] = {}
     try:

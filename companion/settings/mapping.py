@@ -10,7 +10,7 @@ from anytraverse.preferences import Preferences
 from companion.calls.numbers import Numbers
 from companion.config import Config
 from companion.policy.policy import OffSwitch, PolicyState, Side
-from companion.settings.runtime import judging_values, kept_settings
+from companion.settings.runtime import judging_values, saved_settings
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
     BUDGET,
@@ -55,7 +55,7 @@ def first_values(config: Config, saved: Any = None) -> dict[str, float]:
     tile = NOT_IN_USE if limits.tile == "off" else limits.tile
     thresholds = {THR_ROI: limits.roi, THR_SCENE: limits.scene, THR_TILE: tile, THR_TRAV: limits.trav}
     configured = {name: float(value) for name, value in thresholds.items() if value is not None}
-    return kept_settings({**configured, **roi_sides, **_rates(), BUDGET: config.link.budget}, saved)
+    return saved_settings({**configured, **roi_sides, **_rates(), BUDGET: config.link.budget}, saved)
 
 
 def first_words(config: Config, saved: Memory | None) -> Preferences:
@@ -65,7 +65,7 @@ def first_words(config: Config, saved: Memory | None) -> Preferences:
     return resumed_memory(saved, saved.model_id, config.preferences, lambda word: word)[0].preferences
 
 
-def kept_values(config: Config, judging: Settings) -> dict[str, float]:
+def storable_defaults(config: Config, judging: Settings) -> dict[str, float]:
     """Return the configured values of the parameters that are stored when the ground sets them."""
     return {**judging_values(judging), **_rates(), BUDGET: config.link.budget}
 

@@ -139,7 +139,7 @@ class RuntimeSettings:
         return [f"{', '.join(names)}: {what}" for what, names in notices if names]
 
 
-def kept_settings(known: Mapping[str, float], saved: Any) -> dict[str, float]:
+def saved_settings(known: Mapping[str, float], saved: Any) -> dict[str, float]:
     """Return the values in force before the perceiver is loaded.
 
     known: the configured values that are known already. saved: as `RuntimeSettings.saved` returned it. A

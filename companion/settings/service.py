@@ -15,7 +15,7 @@ from companion.answers.handler import AnswerHandler, Handled
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
-from companion.policy.service import PolicyService, WhenKept
+from companion.policy.service import PolicyService, WhenStored
 from companion.policy.shadow import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
 from companion.vision.client import Applied, Vision
@@ -54,11 +54,11 @@ class SettingsService:
         policy: PolicyService,
         overrides: RuntimeSettings,
         statistics: ShadowStatistics,
-        when_kept: WhenKept,
+        when_stored: WhenStored,
     ) -> None:
         """parameters: as configured. overrides: what the ground has set. statistics: shadow policy's counts.
 
-        when_kept: registers what must not be sent before this turn's changes are in the journal.
+        when_stored: registers what must not be sent before this turn's changes are in the journal.
         """
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
@@ -71,7 +71,7 @@ class SettingsService:
         self.overrides = overrides
         self.policy = policy
         self.statistics = statistics
-        self._when_kept = when_kept
+        self._when_kept = when_stored
 
     @property
     def vocabulary(self) -> list[str]:
@@ -135,7 +135,7 @@ class SettingsService:
         if applied.outcome is not None and applied.outcome.dropped:
             self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), _WARNING, now)
 
-    def tell_changes(self, words: Preferences, now: float) -> None:
+    def send_changes(self, words: Preferences, now: float) -> None:
         """Send the ground the shadow counts and the weights that changed without a request for them."""
         for name, value in self.statistics.values(self._calls.shadow).items():
             if value != self._sent[name]:
@@ -182,7 +182,7 @@ class SettingsService:
             other = tuned(judging, values)
         except SettingsError as error:
             return notices.refused(str(error))
-        refusal = self.policy.forbids(other)
+        refusal = self.policy.refuses_settings(other)
         if refusal is not None:
             log.warning("%s: %s", what, refusal.why)
             return notices.kept_for_hold(what, refusal.reason)

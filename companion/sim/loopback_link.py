@@ -134,7 +134,7 @@ class Wire:
                 self.frames.append(Frame(now, message, len(message.get_msgbuf())))
 
 
-class Rehearsal(Wire):
+class LoopbackLink(Wire):
     """A link with all its connections in virtual time: `run` lets time pass, `heard` stores its events.
 
     It is itself the wire of the first connection; `more` are the wires of the others, by name.
@@ -189,7 +189,7 @@ def _near(wire: Wire) -> Transport:
 class FileClient:
     """Sends single MAVLink FTP requests and collects the replies; it checks and repeats nothing by itself."""
 
-    def __init__(self, stage: Rehearsal, sender: Sender = (255, 190)) -> None:
+    def __init__(self, stage: LoopbackLink, sender: Sender = (255, 190)) -> None:
         self.stage = stage
         self.sender = sender
         self.sequence = 0

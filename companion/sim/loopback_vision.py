@@ -16,7 +16,7 @@ from companion.vision.worker import Worker, weak_in_use
 _MAX_REQUESTS = 256
 
 
-class Loopback:
+class LoopbackVision:
     """A `Child` that carries out its requests when `work` is called, and does nothing while it is `hung`."""
 
     idle = True

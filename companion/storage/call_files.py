@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from companion.system.atomic_write import write_whole
+from companion.system.atomic_write import write_atomically
 
 PATTERN = "[0-9]*.j*"
 """Names of the folder's files that are served."""
@@ -77,7 +77,7 @@ class CallFiles:
         self._write(f"{self._record['id']}.json", json.dumps(self._record, separators=(",", ":")).encode())
 
     def _write(self, name: str, content: bytes) -> None:
-        write_whole(self._folder / name, content)
+        write_atomically(self._folder / name, content)
 
     def _prune(self, newest: int) -> None:
         """Delete the files of all but the newest calls.
@@ -124,7 +124,7 @@ class PictureArchive:
         self._count += 1
         slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
         path = self._folder / f"{self._count:05d}-{slug}.jpg"
-        write_whole(path, picture)
+        write_atomically(path, picture)
         for old in self._pictures()[: -self._keep]:
             old.unlink(missing_ok=True)
         return path

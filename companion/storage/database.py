@@ -173,9 +173,9 @@ class Database:
         wanted = _TABLES.keys() - (_NEW_TABLES if version < VERSION else set())
         if not found >= wanted:
             raise Damaged(f"tables are missing: {', '.join(sorted(wanted - found))}")
-        complaints = [text for (text,) in execute("PRAGMA quick_check(1)")]
-        if complaints != ["ok"]:
-            raise Damaged(str(complaints[0]))
+        conflicts = [text for (text,) in execute("PRAGMA quick_check(1)")]
+        if conflicts != ["ok"]:
+            raise Damaged(str(conflicts[0]))
         if version < VERSION:
             self._upgrade_from(version)
 

@@ -48,7 +48,7 @@ class _WriterHandler(QueueHandler):
 
 
 @contextmanager
-def logbook(folder: Path, writer: Writer) -> Iterator[None]:
+def log_to_file(folder: Path, writer: Writer) -> Iterator[None]:
     """Write everything that is logged within the block to `folder`/logs, too, as far as the disk allows."""
     root = logging.getLogger()
     try:

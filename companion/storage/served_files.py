@@ -28,8 +28,8 @@ from companion.storage.served_tree import (
     MissingError,
     Opened,
     Tree,
-    open_in,
     presentable,
+    read_regular_file,
 )
 
 MAX_FILES = 500
@@ -67,7 +67,7 @@ class Folder:
 
     def _open(self, name: str) -> Opened:
         with self._directory() as directory:
-            return open_in(directory, name)
+            return read_regular_file(directory, name)
 
     def _shows(self, name: str) -> bool:
         return presentable(name) and fnmatchcase(name, self._pattern)

@@ -51,7 +51,7 @@ class Held:
         self._content = b""
 
 
-def open_in(folder: int, name: str) -> Opened:
+def read_regular_file(folder: int, name: str) -> Opened:
     """Read the regular file `name` of the directory descriptor `folder` into memory. Raises FileError.
 
     A symbolic link is refused: it could lead out of the folder.
@@ -86,7 +86,7 @@ class Entry(NamedTuple):
     size: int | None
 
 
-class Shelf(Protocol):
+class ServedFolder(Protocol):
     """Serves a folder of the tree.
 
     The main loop calls both methods: they return within some milliseconds, or raise LaterError.
@@ -127,18 +127,18 @@ class Documents:
 
 
 class Tree:
-    """Serves files and folders under names: a `Document` is a file in the root, a `Shelf` is a folder.
+    """Serves files and folders under names: a `Document` is a file in the root, a `ServedFolder` is a folder.
 
     When one of them raises, only its own files fail. Raises ValueError for a name that cannot be served.
     """
 
-    def __init__(self, mounts: Mapping[str, Document | Shelf] | None = None) -> None:
+    def __init__(self, mounts: Mapping[str, Document | ServedFolder] | None = None) -> None:
         self._mounts = dict(mounts or {})
         for name in self._mounts:
             if not presentable(name):
                 raise ValueError(f'"{name}" cannot be the name of a file for the ground')
 
-    def beside(self, name: str, folder: Shelf) -> Tree:
+    def beside(self, name: str, folder: ServedFolder) -> Tree:
         """Return a copy with one more folder. Raises ValueError for a name that cannot be served."""
         return Tree({**self._mounts, name: folder})
 
@@ -189,7 +189,7 @@ def _parts(path: str) -> list[str]:
     return parts
 
 
-def _sizes(shelf: Shelf) -> dict[str, int]:
+def _sizes(shelf: ServedFolder) -> dict[str, int]:
     sizes = _guarded(shelf.sizes)
     return {name: size for name, size in sizes.items() if presentable(name)}
 

@@ -15,7 +15,7 @@ def write_durably(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Replace the content of `path` without waiting for the disk, and create its folder.
 
     After a power cut the file may hold the old content or the new one. Raises OSError.

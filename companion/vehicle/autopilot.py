@@ -22,7 +22,7 @@ class Autopilot:
     rest_mode: a mode that stands still without setpoints. A hold in a streamed mode changes to it when the
     setpoints must end.
     lead: seconds of setpoints that a streamed mode needs before the autopilot accepts it.
-    tells_late: HEARTBEAT shows a mode change up to 1 s late; a requested CURRENT_MODE shows it sooner.
+    reports_mode_late: HEARTBEAT shows a mode change up to 1 s late; a requested CURRENT_MODE shows it sooner.
     overrun: metres that hold_mode drives on, beyond the braking distance, before it turns back and stands.
     """
 
@@ -36,7 +36,7 @@ class Autopilot:
     streamed: frozenset[int] = frozenset()
     booting: frozenset[int] = frozenset()
     lead: float = 0.0
-    tells_late: bool = False
+    reports_mode_late: bool = False
     overrun: float = 0.0
 
     @property

@@ -39,7 +39,7 @@ LOITERING = Autopilot(
     command=_command,
     streamed=frozenset({OFFBOARD}),
     lead=0.7,
-    tells_late=True,
+    reports_mode_late=True,
     overrun=2.5,
     names={
         custom_mode(1): "MANUAL",

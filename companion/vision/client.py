@@ -274,7 +274,7 @@ class Vision:
             self._situation_at = now
             self._send(Situation(place, moving))
 
-    def holds_frame(self, frame_id: int) -> bool:
+    def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
         return frame_id in self._frames or frame_id in self._drawing.values()
 

@@ -20,7 +20,7 @@ _LEAST, _MOST = 2.0, 3.0
 _Luma = NDArray[np.float32]
 
 
-class FrozenPicture:
+class FreezeDetector:
     """Measures for how long the picture has been the same although the vehicle moved.
 
     Time in which the vehicle stands does not count, since a still picture is right then. It does not reset

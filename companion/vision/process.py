@@ -36,7 +36,7 @@ from companion.vision.messages import (
     told,
     update_from,
 )
-from companion.vision.warm_up import get_ready
+from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker, weak_in_use
 
 log = logging.getLogger(__name__)
@@ -136,7 +136,7 @@ def _serve(port: Port) -> None:
     playback = Playback(camera.playback, camera.loop)
     reader = CameraThread(partial(open_camera, camera.source, playback), first_id=start.first_frame)
     try:
-        ready = get_ready(start.config, start.memory)
+        ready = load_and_warm_up(start.config, start.memory)
     except AnyTraverseError as error:
         port.send(Failed(told(error)))
         return

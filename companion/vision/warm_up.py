@@ -48,7 +48,7 @@ class Ready:
     step: float
 
 
-def get_ready(config: Config, saved: Memory | None) -> Ready:
+def load_and_warm_up(config: Config, saved: Memory | None) -> Ready:
     """Load the engine and warm it up. Takes seconds. Raises as `load_engine` does."""
     engine, notices = load_engine(config, saved)
     remembered = [word for entry in engine.memory.history for word in entry.preferences]

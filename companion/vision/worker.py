@@ -18,7 +18,7 @@ from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
 from companion.vision import pictures
-from companion.vision.freeze_detector import FrozenPicture
+from companion.vision.freeze_detector import FreezeDetector
 from companion.vision.messages import (
     Answer,
     Done,
@@ -53,7 +53,7 @@ class Worker:
         self._reported = engine.memory
         self.revision = revision
         self._situation = Situation(Place(), moving=False)
-        self._freeze_detector = FrozenPicture()
+        self._freeze_detector = FreezeDetector()
         self._recent: OrderedDict[int, Assessment] = OrderedDict()
         self._stored: OrderedDict[int, Assessment] = OrderedDict()
         self._logged_at = float("-inf")

@@ -33,7 +33,7 @@ REPLAY: Final = "replay"
 AHEAD: Final = "ahead"
 """Why a frame is refused: no signature; not our key; not newer than those received; a year ahead of us."""
 
-HoldRefusal = Literal["", "unsigned", "signature", "replay", "ahead"]
+FrameRefusal = Literal["", "unsigned", "signature", "replay", "ahead"]
 
 _V2 = 0xFD
 _SIGNED = 1
@@ -133,7 +133,7 @@ class Timestamps:
         self._note(stream, self.last)
         return self.last
 
-    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> HoldRefusal:
+    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> FrameRefusal:
         """Check and store the timestamp of a verified frame; return why it is refused, "" when accepted.
 
         clock: our time, None while it is not known: then only the stored timestamps count.
@@ -158,7 +158,7 @@ class Timestamps:
             self.floor = max(self.floor, self._streams.pop(forgotten))
 
 
-def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> HoldRefusal:
+def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> FrameRefusal:
     """Why a whole frame is refused, "" when accepted. The timestamp is checked only after the signature."""
     if not is_signed(frame):
         return UNSIGNED

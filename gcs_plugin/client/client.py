@@ -29,7 +29,7 @@ from companion.wire.packing import PayloadError
 from companion.wire.payloads import CallData, Summary
 from companion.wire.signing import is_signed
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import Pending, PolicyOnItsWay, Status
+from gcs_plugin.client.delivery import Pending, PendingPolicy, Status
 from gcs_plugin.client.fetch import Fetch
 from gcs_plugin.client.outbox import Outbox
 from gcs_plugin.client.rovers import Rover
@@ -127,7 +127,7 @@ class OperatorClient:
         """
         return self._outbox.answer(system, target, motion, operations, now, heard=self._is_alive(system, now))
 
-    def set_policy(self, system: int, policy: Policy, now: float) -> PolicyOnItsWay:
+    def set_policy(self, system: int, policy: Policy, now: float) -> PendingPolicy:
         """Request a policy; it is sent once the rover is heard. Replaces an earlier request."""
         return self._outbox.set_policy(system, policy, now, heard=self._is_alive(system, now))
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Policy, State
 from companion.wire.payloads import CallData, Summary
-from gcs_plugin.client.delivery import PolicyRequested, Status
+from gcs_plugin.client.delivery import PolicyStatus, Status
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class CallClosed:
 
 
 @dataclass(frozen=True)
-class SummaryHeard:
+class SummaryReceived:
     """Reports a summary."""
 
     event: ClassVar = "summary"
@@ -81,7 +81,7 @@ class SummaryHeard:
 
 
 @dataclass(frozen=True)
-class TextHeard:
+class TextReceived:
     """Reports a STATUSTEXT of the companion; severity as in MAV_SEVERITY."""
 
     event: ClassVar = "text"
@@ -91,7 +91,7 @@ class TextHeard:
 
 
 @dataclass(frozen=True)
-class VehicleTextHeard:
+class VehicleTextReceived:
     """Reports a STATUSTEXT of the autopilot, WARNING or worse, that does not repeat one of the companion."""
 
     event: ClassVar = "vehicle_text"
@@ -101,7 +101,7 @@ class VehicleTextHeard:
 
 
 @dataclass(frozen=True)
-class ParameterHeard:
+class ParameterReceived:
     """Reports a parameter of the companion that is new or has changed."""
 
     event: ClassVar = "parameter"
@@ -111,7 +111,7 @@ class ParameterHeard:
 
 
 @dataclass(frozen=True)
-class AnswerMoved:
+class AnswerStatusChanged:
     """Reports a new status of an answer."""
 
     event: ClassVar = "answer"
@@ -131,13 +131,13 @@ class Acknowledged:
 
 
 @dataclass(frozen=True)
-class PolicyMoved:
+class PolicyStatusChanged:
     """Reports a new status of a policy request."""
 
     event: ClassVar = "policy"
     system: int
     policy: Policy
-    status: PolicyRequested
+    status: PolicyStatus
 
 
 @dataclass(frozen=True)
@@ -156,12 +156,12 @@ Event = (
     | CallOpened
     | CallChanged
     | CallClosed
-    | SummaryHeard
-    | TextHeard
-    | VehicleTextHeard
-    | ParameterHeard
-    | AnswerMoved
+    | SummaryReceived
+    | TextReceived
+    | VehicleTextReceived
+    | ParameterReceived
+    | AnswerStatusChanged
     | Acknowledged
-    | PolicyMoved
+    | PolicyStatusChanged
     | NotUnderstood
 )

@@ -22,7 +22,7 @@ MAX_BYTES = 8 << 20
 _READS = (Opcode.READ_FILE, Opcode.BURST_READ_FILE)
 
 
-class Fetched(Enum):
+class FetchStatus(Enum):
     """Names the status of a fetch. The last two are final."""
 
     WAITING = "waiting"
@@ -45,7 +45,7 @@ class Fetch:
     path: str
     created: float
     session: int = field(default_factory=lambda: 1 + secrets.randbelow(255))
-    status: Fetched = Fetched.WAITING
+    status: FetchStatus = FetchStatus.WAITING
     size: int | None = None
     problem: str = ""
     _content: bytearray = field(default_factory=bytearray, repr=False)
@@ -63,7 +63,7 @@ class Fetch:
     @property
     def settled(self) -> bool:
         """Whether the file is complete, or the fetch has failed."""
-        return self.status in (Fetched.DONE, Fetched.FAILED)
+        return self.status in (FetchStatus.DONE, FetchStatus.FAILED)
 
     @property
     def received(self) -> int:
@@ -82,7 +82,7 @@ class Fetch:
         if self.settled:
             self._session_ended = True
             return self._request(Opcode.TERMINATE_SESSION)
-        self.status = Fetched.RUNNING
+        self.status = FetchStatus.RUNNING
         self._next_at = now + min(FIRST_BACK_OFF_S * 1.5**self._unanswered, LONGEST_BACK_OFF_S)
         self._unanswered = min(self._unanswered + 1, 8)
         if not self._opened:
@@ -96,7 +96,7 @@ class Fetch:
 
     def hear(self, reply: FtpPayload, now: float) -> None:
         """Take in a file transfer message of this rover; those of other sessions are ignored."""
-        if self.settled or reply.session != self.session or self.status is Fetched.WAITING:
+        if self.settled or reply.session != self.session or self.status is FetchStatus.WAITING:
             return
         if reply.opcode == Opcode.NAK and reply.data:
             self._refused(reply, now)
@@ -139,7 +139,7 @@ class Fetch:
         self._progress_at, self._unanswered = now, 0
         self._next_at = now if at_once else now + FIRST_BACK_OFF_S
         if self._received_bytes.find(0) < 0:
-            self.status, self._next_at = Fetched.DONE, now
+            self.status, self._next_at = FetchStatus.DONE, now
 
     def _refused(self, reply: FtpPayload, now: float) -> None:
         error = reply.data[0]
@@ -153,7 +153,7 @@ class Fetch:
             self._fail("the companion has no such file" if missing else f"refused with error {error}")
 
     def _fail(self, problem: str) -> None:
-        self.status, self.problem = Fetched.FAILED, problem
+        self.status, self.problem = FetchStatus.FAILED, problem
 
     def _request(self, opcode: Opcode, *, data: bytes = b"", offset: int = 0, size: int = 0) -> Any:
         self._sequence = (self._sequence + 1) & 0xFFFF

@@ -13,7 +13,7 @@ from companion.wire.ftp import FtpPayload
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, Motion, Policy
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import Pending, PolicyOnItsWay
+from gcs_plugin.client.delivery import Pending, PendingPolicy
 from gcs_plugin.client.fetch import Fetch
 
 PACE_S = 0.05
@@ -31,7 +31,7 @@ class Outbox:
         self._transactions = transactions
         self._report = report_event
         self._pending: deque[Pending] = deque(maxlen=MAX_PENDING)
-        self._policy_requests: dict[int, PolicyOnItsWay] = {}
+        self._policy_requests: dict[int, PendingPolicy] = {}
         self._fetches: dict[int, Fetch] = {}
         self._lists_wanted: set[int] = set()
         self._may_send_at: dict[int, float] = {}
@@ -71,9 +71,9 @@ class Outbox:
             self._report_answer(pending)
         return pending
 
-    def set_policy(self, system: int, policy: Policy, now: float, *, heard: bool) -> PolicyOnItsWay:
+    def set_policy(self, system: int, policy: Policy, now: float, *, heard: bool) -> PendingPolicy:
         """Request a policy, in place of an earlier request. heard: as for `answer`."""
-        self._policy_requests[system] = policy_request = PolicyOnItsWay(system, policy, now)
+        self._policy_requests[system] = policy_request = PendingPolicy(system, policy, now)
         if not heard:
             self._report_policy(policy_request)
         return policy_request
@@ -162,7 +162,11 @@ class Outbox:
         return None
 
     def _report_answer(self, pending: Pending) -> None:
-        self._report(ev.AnswerMoved(pending.system, pending.target, pending.transaction, pending.status))
+        self._report(
+            ev.AnswerStatusChanged(pending.system, pending.target, pending.transaction, pending.status)
+        )
 
-    def _report_policy(self, policy_request: PolicyOnItsWay) -> None:
-        self._report(ev.PolicyMoved(policy_request.system, policy_request.policy, policy_request.status))
+    def _report_policy(self, policy_request: PendingPolicy) -> None:
+        self._report(
+            ev.PolicyStatusChanged(policy_request.system, policy_request.policy, policy_request.status)
+        )

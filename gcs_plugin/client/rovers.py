@@ -172,7 +172,7 @@ class Rover:
         counters.summaries += 1
         counters.latency(summary.frame_age_ms)
         self.summary, self._summary_at = summary, now
-        return [ev.SummaryHeard(self.system, summary)]
+        return [ev.SummaryReceived(self.system, summary)]
 
     def hear_call(self, data: CallData, now: float) -> list[ev.Event]:
         """Take in the data of a call or hold; a mere repeat makes no event."""
@@ -203,14 +203,14 @@ class Rover:
     def hear_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         """Take in a STATUSTEXT of the companion."""
         self.texts.append((now, severity, text))
-        return [ev.TextHeard(self.system, severity, text)]
+        return [ev.TextReceived(self.system, severity, text)]
 
     def hear_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         """Report the autopilot's texts of WARNING or worse, except repeats of the companion's texts."""
         echo = any(new_events == text and now - at < ECHO_S for at, _, new_events in self.texts)
         if severity > MAV_SEVERITY_WARNING or echo:
             return []
-        return [ev.VehicleTextHeard(self.system, severity, text)]
+        return [ev.VehicleTextReceived(self.system, severity, text)]
 
     def hear_parameter(self, name: str, value: float) -> list[ev.Event]:
         """Take in a parameter; invalid names, values that are not finite, and names too many are dropped."""
@@ -219,7 +219,7 @@ class Rover:
         if name not in self.parameters and len(self.parameters) >= MAX_PARAMETERS:
             return []
         self.parameters[name] = value
-        return [ev.ParameterHeard(self.system, name, value)]
+        return [ev.ParameterReceived(self.system, name, value)]
 
     def _update_call(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
         if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WA
 from companion.wire.ids import Reasons, Stage, State
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import PolicyRequested, Status
+from gcs_plugin.client.delivery import PolicyStatus, Status
 from gcs_plugin.client.events import Event
 from gcs_plugin.terminal import wording
 
@@ -234,23 +234,23 @@ class TextOutput:
                 return self._call_change_lines(event), _PLAIN
             case ev.CallClosed():
                 return [wording.closed(event.call, event.after_s)], _GOOD
-            case ev.TextHeard():
+            case ev.TextReceived():
                 fresh = self._fresh(event, now)
                 return [f'says "{wording.clean(event.text)}"'] * fresh, _urgency(event.severity)
-            case ev.VehicleTextHeard():
+            case ev.VehicleTextReceived():
                 fresh = self._fresh(event, now)
                 return [f'autopilot says "{wording.clean(event.text)}"'] * fresh, _ALARM
-            case ev.AnswerMoved():
+            case ev.AnswerStatusChanged():
                 subject = str(event.target) if event.target else "no call"
                 alarm = event.status in (Status.WAITING, Status.EXPIRED)
                 return [f"answer to {subject} {_STATUS_TEXTS[event.status]}"], _ALARM if alarm else _FAINT
             case ev.Acknowledged():
                 return [wording.acknowledged(event.acknowledgement)], _PLAIN
-            case ev.PolicyMoved():
+            case ev.PolicyStatusChanged():
                 alarm = event.status in (
-                    PolicyRequested.WAITING,
-                    PolicyRequested.REFUSED,
-                    PolicyRequested.EXPIRED,
+                    PolicyStatus.WAITING,
+                    PolicyStatus.REFUSED,
+                    PolicyStatus.EXPIRED,
                 )
                 return [wording.policy(event.policy, event.status)], _ALARM if alarm else _PLAIN
             case ev.NotUnderstood():
@@ -273,7 +273,7 @@ class TextOutput:
             return [wording.also(call, added, self._before)]
         return [wording.stands(call)] * (told[2] != now[2])
 
-    def _fresh(self, event: ev.TextHeard | ev.VehicleTextHeard, now: float) -> bool:
+    def _fresh(self, event: ev.TextReceived | ev.VehicleTextReceived, now: float) -> bool:
         """Return whether a text was not shown within the last minute; its figures (`12%`) do not count.
 
         The companion repeats its texts, and the autopilot repeats them again.

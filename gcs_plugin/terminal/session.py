@@ -12,7 +12,7 @@ from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.delivery import Status
-from gcs_plugin.client.fetch import Fetch, Fetched
+from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.commands import CommandError, Picture, Reply, Select, SetPolicy, Show, parse
@@ -39,7 +39,7 @@ class SessionStatistics:
                 self._by_reason.update(plain(event.call.reasons))
             case ev.CallClosed():
                 self._by_outcome[plain(event.call.outcome)] += 1
-            case ev.AnswerMoved() if event.status is Status.SENT:
+            case ev.AnswerStatusChanged() if event.status is Status.SENT:
                 self._sent += 1
             case ev.Acknowledged() if event.acknowledgement.result is not Result.BUSY:
                 self._acknowledged += 1
@@ -161,12 +161,12 @@ class Session:
         self._output.say([f"{path} is asked for"])
 
     def _check_fetch(self, name: str, fetch: Fetch, now: float) -> None:
-        if fetch.status is Fetched.DONE and self._keep is not None:
+        if fetch.status is FetchStatus.DONE and self._keep is not None:
             try:
                 self._output.say([f"picture  {self._keep(name, fetch.content)}"])
             except OSError as error:
                 self._output.problem(f"the picture cannot be kept: {error}")
-        elif fetch.status is Fetched.FAILED:
+        elif fetch.status is FetchStatus.FAILED:
             self._output.problem(f"{fetch.path} did not come: {fetch.problem}")
         elif now - self._progress_shown_at >= PROGRESS_S:
             self._progress_shown_at = now

@@ -20,7 +20,7 @@ def state_folder() -> Path:
     return (configured if configured.is_absolute() else Path.home() / ".local" / "state") / "anytraverse"
 
 
-class KeptTimestamps:
+class StoredTimestamps:
     """Stores the signing timestamps of one key and our own ids, locked for this program alone."""
 
     def __init__(self, key: SigningKey, system: int, component: int, *, clock: int) -> None:
@@ -62,7 +62,7 @@ class Signing:
     def __init__(
         self,
         key: SigningKey,
-        kept: KeptTimestamps | None = None,
+        kept: StoredTimestamps | None = None,
         link: int = 0,
         wall: Callable[[], float] = time.time,
     ) -> None:
@@ -140,7 +140,7 @@ def open_signing(key: SigningKey, system: int, component: int) -> Signing:
     If not, it works without them, and reports that as a problem.
     """
     try:
-        kept = KeptTimestamps(key, system, component, clock=wire.ticks(time.time()))
+        kept = StoredTimestamps(key, system, component, clock=wire.ticks(time.time()))
     except BlockingIOError:
         signing = Signing(key)
         signing.say(NOT_ALONE.format(f"{system}/{component}"))

@@ -11,7 +11,7 @@ from companion.wire.packing import Fractions
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
-from gcs_plugin.client.delivery import PolicyRequested
+from gcs_plugin.client.delivery import PolicyStatus
 from gcs_plugin.client.rovers import Rover
 
 _STATES = {
@@ -182,14 +182,14 @@ def state(value: State, current_id: int) -> str:
     return f"companion {_STATES[value]}{about}"
 
 
-def policy(value: Policy, status: PolicyRequested) -> str:
+def policy(value: Policy, status: PolicyStatus) -> str:
     """Word a policy request and its status."""
     became = {
-        PolicyRequested.WAITING: "waits: the companion is not heard",
-        PolicyRequested.SENT: "asked for",
-        PolicyRequested.GRANTED: f"is in force: {_POLICY_MEANINGS[value]}",
-        PolicyRequested.REFUSED: "REFUSED: its text says why",
-        PolicyRequested.EXPIRED: "LOST: no word within 60 s",
+        PolicyStatus.WAITING: "waits: the companion is not heard",
+        PolicyStatus.SENT: "asked for",
+        PolicyStatus.GRANTED: f"is in force: {_POLICY_MEANINGS[value]}",
+        PolicyStatus.REFUSED: "REFUSED: its text says why",
+        PolicyStatus.EXPIRED: "LOST: no word within 60 s",
     }
     return f"policy {value.name.lower()} {became[status]}"
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from companion.link.inbound import AnswerRequest
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Operation, SetWord
 from companion.wire.payloads import CallData, Summary
@@ -21,7 +21,7 @@ class Both:
     """A rehearsed link whose every frame the client hears, and the other way round."""
 
     def __init__(self, sender: tuple[int, int] = (255, 190)) -> None:
-        self.link = Rehearsal()
+        self.link = LoopbackLink()
         self.client = OperatorClient()
         self.told: list[ev.Event] = []
         self._sender = sender
@@ -67,7 +67,9 @@ def acknowledgement(request: AnswerRequest, result: ids.Result = ids.Result.APPL
 def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thing_call: CallData) -> None:
     pair = both()
     assert [event.call for event in pair.of(ev.CallOpened)] == [thing_call]
-    assert [event.text for event in pair.of(ev.TextHeard)][:1] == ["C7 unknown thing ahead 38%: go/stay/word"]
+    assert [event.text for event in pair.of(ev.TextReceived)][:1] == [
+        "C7 unknown thing ahead 38%: go/stay/word"
+    ]
     assert pair.of(ev.NotUnderstood) == []
     rover = pair.client.rovers[1]
     assert (rover.state, rover.current_id, rover.counters.summaries_lost) == (ids.State.CALLING, 7, 0)

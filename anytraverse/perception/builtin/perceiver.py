@@ -39,9 +39,9 @@ from anytraverse.perception.builtin.vocabulary import concept_of, words_for
 from anytraverse.perception.builtin.words import (
     GROUND_WORDS,
     UNKNOWN,
-    among_kin,
     colour_fits,
     reach,
+    relative_fits,
     word_tables,
 )
 from anytraverse.perception.runtime import Runtime
@@ -186,7 +186,7 @@ class GroundNetwork:
         if any(GROUND_WORDS[concept].colour for concept in concepts):
             fits = colour_fits(concepts, seen.cells[..., -COLOURS:][..., :3])
         far = reach(concepts, fits)
-        kinds = None if fits is None else among_kin(fits, covers)
+        kinds = None if fits is None else relative_fits(fits, covers)
         unknown = self._calibration.classes.index(UNKNOWN)
         return attention(seen.probabilities, covers, own, self._calibration.gamma, kinds, far, unknown)
 

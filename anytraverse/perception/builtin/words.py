@@ -100,7 +100,7 @@ def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:
     return fits
 
 
-def among_kin(fits: Floats, covers: Floats) -> Floats:
+def relative_fits(fits: Floats, covers: Floats) -> Floats:
     """Divide colour fits by the best fit of all words that share a class, (N, h, w) in (0, 1].
 
     So colours tell kinds of ground apart, and do not decide whether it is ground at all.

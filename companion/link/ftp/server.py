@@ -129,7 +129,7 @@ class FtpServer:
     def _open(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
         session = self._sessions.repeated(sender, request, now)
         if session is None:
-            if self._sessions.overtaken(sender, request, now):
+            if self._sessions.is_late_copy(sender, request, now):
                 return None
             if not self._sessions.has_room(sender) and not self._outranks(sender):
                 return request.nak(FtpError.NO_SESSIONS_AVAILABLE)

@@ -90,7 +90,7 @@ class Session:
         """The session number that the client chose."""
         return self.opening.session
 
-    def outlives(self, request: FtpPayload) -> bool:
+    def is_older(self, request: FtpPayload) -> bool:
         """Whether `request` was sent before this session's newest request, and arrived late.
 
         Only the low byte is compared, as one client counts to 255 only.
@@ -100,7 +100,7 @@ class Session:
     def use(self, request: FtpPayload, now: float) -> None:
         """Note that `request` uses this session."""
         self.used_at = now
-        if not self.outlives(request):
+        if not self.is_older(request):
             self.sequence = request.sequence
 
 
@@ -128,12 +128,12 @@ class Sessions:
             return None
         return session
 
-    def overtaken(self, sender: Sender, request: FtpPayload, now: float) -> bool:
+    def is_late_copy(self, sender: Sender, request: FtpPayload, now: float) -> bool:
         """Whether `request` is a late copy of one that opened an earlier file in the same session."""
         session = self.get(sender, request.session)
         if session is None or now - session.used_at > REPEAT_WITHIN:
             return False
-        return session.outlives(request) and (sender, request) in self._closed
+        return session.is_older(request) and (sender, request) in self._closed
 
     def has_room(self, sender: Sender) -> bool:
         """Whether `sender` may open another session, in a free place or in place of one of its own."""
@@ -165,7 +165,7 @@ class Sessions:
 
     def end(self, sender: Sender, request: FtpPayload) -> None:
         """Close the request's session, or all of the sender's with RESET_SESSIONS; none newer than it."""
-        for session in [one for one in self if one.sender == sender and not one.outlives(request)]:
+        for session in [one for one in self if one.sender == sender and not one.is_older(request)]:
             if request.opcode == Opcode.RESET_SESSIONS or session.number == request.session:
                 self.close(sender, session.number)
 

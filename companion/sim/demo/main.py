@@ -37,9 +37,9 @@ def main(options: argparse.Namespace) -> int:
         signal.signal(number, _end)
     try:
         if options.camera:
-            from companion.sim.demo.rehearsal import rehearse
+            from companion.sim.demo.rehearsal import run_camera_demo
 
-            return rehearse(options.camera, out, story, auto=options.auto)
+            return run_camera_demo(options.camera, out, story, auto=options.auto)
         return _play(options, out, story)
     except (ChildError, FieldError) as error:
         print(f"companion demo: {error}", file=sys.stderr)

@@ -20,7 +20,7 @@ THINK = 1.5
 STEP = 0.1
 
 
-def rehearse(camera: str, out: Path, story: Story, *, auto: bool) -> int:
+def run_camera_demo(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     """Plays the camera to its end in shadow policy. Returns 0 when frames were judged, else 1."""
     logs = out / "logs"
     logs.mkdir(exist_ok=True)

@@ -78,7 +78,7 @@ class Autopilot:
         self._next_listed = dict.fromkeys(Port, 0.0)
         self._apply()
 
-    def overhear(self, port: Port, datagram: bytes) -> None:
+    def pass_to_script(self, port: Port, datagram: bytes) -> None:
         """Passes a datagram on to the script unchecked: ArduPilot's scripts receive damaged frames too."""
         if self.script is not None:
             self.script.hear(datagram, channel=list(Port).index(port))
@@ -108,7 +108,7 @@ class Autopilot:
                 self.say(port, self.message(number))
             if self._listing[port] and now >= self._next_listed[port]:
                 self._next_listed[port] = now + PARAMETER_GAP
-                self.say_parameter(port, self._listing[port].popleft())
+                self.send_parameter(port, self._listing[port].popleft())
 
     def say(self, port: Port, message: Any) -> None:
         """Sends a message of the autopilot's own on one port."""
@@ -117,7 +117,7 @@ class Autopilot:
         mav.seq = (mav.seq + 1) % 256
         self._send(port, frame)
 
-    def say_parameter(self, port: Port, row: Parameter) -> None:
+    def send_parameter(self, port: Port, row: Parameter) -> None:
         """Sends PARAM_VALUE of one parameter on one port."""
         self.say(
             port,
@@ -226,9 +226,9 @@ class Autopilot:
         elif kind == "PARAM_REQUEST_READ":
             row = self.parameters.find(frame.param_id, frame.param_index)
             if row is not None:
-                self.say_parameter(port, row)
+                self.send_parameter(port, row)
         elif kind == "PARAM_SET":
             row = self.set_parameter(frame.param_id, frame.param_value)
             if row is not None:
                 for at in Port:
-                    self.say_parameter(at, row)
+                    self.send_parameter(at, row)

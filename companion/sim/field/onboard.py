@@ -30,7 +30,7 @@ def install(autopilot: Autopilot) -> str:
     try:
         source = resource(SCRIPT).read_text(encoding="utf-8")
         steps = int(autopilot.parameters["SCR_VM_I_COUNT"])
-        autopilot.script = Scripting(source, "anytraverse.lua", Onboard(autopilot), vm_steps=steps)
+        autopilot.script = Scripting(source, "anytraverse.lua", ScriptHost(autopilot), vm_steps=steps)
     except ImportError:
         return "lupa is missing: pip install 'anytraverse-companion[rover]'"
     except (OSError, ValueError) as reason:
@@ -39,7 +39,7 @@ def install(autopilot: Autopilot) -> str:
     return ""
 
 
-class Onboard:
+class ScriptHost:
     """Implements `scripting.Host` on a simulated autopilot; its clock is the rover's time."""
 
     def __init__(self, autopilot: Autopilot) -> None:

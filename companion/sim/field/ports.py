@@ -32,18 +32,18 @@ class UdpPort:
     def number(self) -> int:
         return int(self.socket.getsockname()[1])
 
-    def read(self, overhear: Callable[[bytes], None] | None = None) -> list[Any]:
+    def read(self, pass_to_script: Callable[[bytes], None] | None = None) -> list[Any]:
         """Reads the MAVLink frames that wait, at most 64 datagrams at a time so that it returns soon.
 
-        What is no MAVLink is left out. `overhear` gets every datagram as it came.
+        What is no MAVLink is left out. `pass_to_script` gets every datagram as it came.
         """
         frames = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             for _ in range(MAX_DATAGRAMS_A_READ):
                 datagram, sender = self.socket.recvfrom(MAX_DATAGRAM)
                 self.bytes_in += len(datagram)
-                if overhear is not None:
-                    overhear(datagram)
+                if pass_to_script is not None:
+                    pass_to_script(datagram)
                 parsed = self.parser.frames(datagram)
                 if parsed:
                     self._peer = sender

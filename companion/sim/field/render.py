@@ -12,7 +12,7 @@ from companion.sim.field.backdrop import Backdrop
 from companion.sim.field.ground import Ground
 from companion.sim.field.lens import HEIGHT, Lens, relative
 from companion.sim.field.sensor import Sensor
-from companion.sim.field.sprites import Verge
+from companion.sim.field.sprites import Tufts
 from companion.sim.field.things import KINDS, Thing, World
 from companion.sim.field.trail import Pose
 
@@ -47,7 +47,7 @@ class Camera:
         self._foot = min(height, lens.horizon + round(lens.focal * 1.3 * HEIGHT / backdrop.NEAREST_FOOT))
         labels = LABELS.index("sky"), LABELS.index("tree")
         self._backdrop = Backdrop(world.seed, *lens.directions(self._foot), labels)
-        self._verge = Verge(world)
+        self._verge = Tufts(world)
         self._sprites = sprites.paint_all(world.seed)
 
     def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

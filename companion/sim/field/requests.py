@@ -15,7 +15,7 @@ MAX_HAND_SECONDS = 60.0
 FIRST_SWITCH = 5  # the channels below are the sticks
 
 
-class RequestDispatcher:
+class ControlRequests:
     """Carries out requests on a simulation; its process provides `status`, `freeze` and `stop`."""
 
     def __init__(
@@ -73,7 +73,7 @@ class RequestDispatcher:
         self._simulation.move(thing, _number(request, "x", -1e4, 1e4), _number(request, "y", -1e4, 1e4))
 
     def _throttle(self, request: Request) -> None:
-        self._simulation.take_the_stick(
+        self._simulation.set_sticks(
             _number(request, "throttle", -1.0, 1.0, default=0.0),
             _number(request, "steering", -1.0, 1.0, default=0.0),
             _number(request, "seconds", 0.0, MAX_HAND_SECONDS, default=2.0),

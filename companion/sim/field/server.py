@@ -18,7 +18,7 @@ from companion.sim.field.control import ControlServer
 from companion.sim.field.onboard import install
 from companion.sim.field.ports import UdpPort
 from companion.sim.field.px4 import Px4
-from companion.sim.field.requests import RequestDispatcher
+from companion.sim.field.requests import ControlRequests
 from companion.sim.field.router import Port
 from companion.sim.field.simulation import Simulation
 
@@ -74,9 +74,7 @@ class FieldServer:
             self.no_script = install(self._simulation.autopilot)
         self._frames = FrameServer()
         self._selector = selectors.DefaultSelector()
-        requests = RequestDispatcher(
-            self._simulation, status=self.status, freeze=self._freeze, stop=self.stop
-        )
+        requests = ControlRequests(self._simulation, status=self.status, freeze=self._freeze, stop=self.stop)
         self._control = ControlServer(self._selector, requests.handle)
         for port, udp in self._ports.items():
             self._selector.register(udp.socket, selectors.EVENT_READ, lambda _, at=port: self._listen(at))
@@ -149,7 +147,7 @@ class FieldServer:
 
     def _listen(self, port: Port) -> None:
         autopilot = self._simulation.autopilot
-        for frame in self._ports[port].read(lambda datagram: autopilot.overhear(port, datagram)):
+        for frame in self._ports[port].read(lambda datagram: autopilot.pass_to_script(port, datagram)):
             autopilot.receive(port, frame)
 
     def _freeze(self, on: bool) -> None:

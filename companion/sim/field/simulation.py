@@ -55,7 +55,7 @@ class Simulation:
         if self.rover.time >= self._hand_until:
             self.rover.hand.throttle = self.rover.hand.steering = 0.0
 
-    def take_the_stick(self, throttle: float, steering: float, seconds: float) -> None:
+    def set_sticks(self, throttle: float, steering: float, seconds: float) -> None:
         """Sets the pilot's throttle and steering, [-1, 1], for `seconds`, then 0. They act in MANUAL only."""
         self.rover.hand.throttle, self.rover.hand.steering = throttle, steering
         self._hand_until = self.rover.time + seconds

@@ -235,7 +235,7 @@ _SPREAD = {"meadow": 4.0, "forest": 4.5, "gravel": 4.0}  # m outward from the pa
 _MOST = 60  # tufts in one frame
 
 
-class Verge:
+class Tufts:
     """Places a world's tufts of grass: look 0 or 1 in the meadow, 2 or 3 in the forest, 4 or 5 on gravel."""
 
     def __init__(self, world: World) -> None:

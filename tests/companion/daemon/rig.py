@@ -19,9 +19,9 @@ from anytraverse.preferences import Preferences
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.schema import Stopping
-from companion.daemon.composition import Opened, compose
-from companion.sim.loopback_link import Rehearsal
-from companion.sim.loopback_vision import Loopback
+from companion.daemon.composition import Resources, compose
+from companion.sim.loopback_link import LoopbackLink
+from companion.sim.loopback_vision import LoopbackVision
 from companion.storage import Journal
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
@@ -115,7 +115,7 @@ class Rig:
         config = self._config()
         self.served = ServedFiles(self.folder)
         listed = build(config.vocabulary, config.words, dict(zip(ROI.values(), self.roi, strict=True)))
-        self.stage = Rehearsal(parameters=listed, tree=self.served.tree)
+        self.stage = LoopbackLink(parameters=listed, tree=self.served.tree)
         self.stage.mode = mode
         self.stage.now = now
         self.journal = Journal(self.folder)
@@ -131,7 +131,7 @@ class Rig:
         self.vision.poll(now)
         assert self.vision.ready is not None
         news: list[str] = []
-        opened = Opened(self.stage.link, self.vision, self.journal, self.writer, self.served, saved)
+        opened = Resources(self.stage.link, self.vision, self.journal, self.writer, self.served, saved)
         self.daemon = compose(config, opened, self.vision.ready, news)
         self.left_out = [notice for notice in news if notice != notices.stopping_unchecked()]
         assert not any("not restored" in notice or "shadow" in notice for notice in news)
@@ -153,8 +153,8 @@ class Rig:
             pictures=replace(self.config.pictures, keep=self.pictures),
         )
 
-    def _launch(self) -> Loopback:
-        self.child = Loopback(self._make_engine, self.step_time)
+    def _launch(self) -> LoopbackVision:
+        self.child = LoopbackVision(self._make_engine, self.step_time)
         return self.child
 
     def _make_engine(self, memory: Memory | None) -> AnyTraverse:

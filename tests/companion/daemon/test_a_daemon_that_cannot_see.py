@@ -258,7 +258,7 @@ def test_an_error_in_the_supervision_ends_the_daemon_with_a_fault_in_its_last_he
     monkeypatch.setattr("time.sleep", rig.clock.sleep)
     with pytest.raises(ZeroDivisionError):
         rig.see(0.1)
-    rig.daemon.farewell()
+    rig.daemon.report_death()
     rig.stage.collect(rig.stage.now)
     assert rig.state[0] == "FAULT"
     assert rig.texts == ["Companion STOPS, internal error: WATCH THE TRAIL"]

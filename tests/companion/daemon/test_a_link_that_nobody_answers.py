@@ -11,7 +11,7 @@ import pytest
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraStatus
-from companion.daemon.health import ALONE_AFTER, HealthMonitor
+from companion.daemon.health import NO_AUTOPILOT_AFTER, HealthMonitor
 from companion.tasks import Liveness, tasks
 from companion.vehicle.state import Vehicle
 
@@ -38,10 +38,10 @@ def _link(vehicle: object) -> Any:
 def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.LogCaptureFixture) -> None:
     watch = _watch(_link(None))
     with caplog.at_level(logging.WARNING, "companion.daemon.health"):
-        for now in (0.0, ALONE_AFTER - 0.1):
+        for now in (0.0, NO_AUTOPILOT_AFTER - 0.1):
             watch.look(now)
         assert "no autopilot" not in caplog.text
-        for now in (ALONE_AFTER, ALONE_AFTER + 60):
+        for now in (NO_AUTOPILOT_AFTER, NO_AUTOPILOT_AFTER + 60):
             watch.look(now)
     assert caplog.text.count("no autopilot heard") == 1
     assert "[link] url" in caplog.text
@@ -50,6 +50,6 @@ def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.Log
 def test_an_autopilot_that_is_heard_is_no_matter_for_the_log(caplog: pytest.LogCaptureFixture) -> None:
     watch = _watch(_link(Vehicle(1, autopilot=3, custom_mode=0, armed=False, heard_at=0.0, type=10)))
     with caplog.at_level(logging.INFO, "companion.daemon.health"):
-        for now in (0.0, ALONE_AFTER + 1):
+        for now in (0.0, NO_AUTOPILOT_AFTER + 1):
             watch.look(now)
     assert "autopilot" not in caplog.text

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.assessment import Assessment
 from companion.storage import Journal
 from companion.storage.call_files import ANSWERS, KEPT, CallFiles
-from companion.storage.log_file import logbook
+from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.vision.pictures import LIMIT, panel
@@ -241,7 +241,7 @@ def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
     assert json.loads(opened.read(0, 99)) == {"state": "starting"}
     assert tree.entries("/maps") == ()
     assert tree.entries("/calls") == ()
-    with written(tmp_path) as writer, logbook(tmp_path, writer):
+    with written(tmp_path) as writer, log_to_file(tmp_path, writer):
         logging.getLogger("companion.test").warning("it looks")
         writer.drain()
         (entry,) = tree.entries("/logs")
@@ -252,7 +252,7 @@ def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
 
 def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("companion.storage.log_file.LONGEST", 2000)
-    with written(tmp_path) as writer, logbook(tmp_path, writer):
+    with written(tmp_path) as writer, log_to_file(tmp_path, writer):
         for number in range(200):
             logging.getLogger("companion.test").warning("line %d", number)
     sizes = [entry.size for entry in ServedFiles(tmp_path).tree.entries("/logs")]
@@ -263,7 +263,7 @@ def test_the_log_for_the_ground_is_bounded(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_log_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     (tmp_path / "logs").write_text("a file in the folder's place")
-    with written(tmp_path) as writer, logbook(tmp_path, writer):
+    with written(tmp_path) as writer, log_to_file(tmp_path, writer):
         logging.getLogger("companion.test").warning("said all the same")
 
 

@@ -23,7 +23,7 @@ from companion.sim.field.render import Camera
 from companion.sim.field.things import World
 from companion.vehicle.state import MOVES, is_moving
 from companion.vehicle.state import Vehicle as Told
-from companion.vision.freeze_detector import CHANGED_REGIONS, FrozenPicture, changed_regions, luma
+from companion.vision.freeze_detector import CHANGED_REGIONS, FreezeDetector, changed_regions, luma
 from companion.vision.messages import Looked, Situation
 from companion.vision.worker import Worker
 from tests.anytraverse.conftest import Painted
@@ -72,7 +72,7 @@ def dimmed(picture: Picture, contrast: float, haze: float) -> Picture:
 
 
 def test_only_time_in_motion_without_any_change_counts() -> None:
-    frozen = FrozenPicture()
+    frozen = FreezeDetector()
     assert frozen.seconds(a_picture(), 1.0, moving=True) == 0.0
     assert frozen.seconds(a_picture(), 1.5, moving=True) == 0.5
     assert frozen.seconds(a_picture(), 5.0, moving=False) == 0.5
@@ -82,7 +82,7 @@ def test_only_time_in_motion_without_any_change_counts() -> None:
 
 
 def test_another_size_is_another_picture() -> None:
-    frozen = FrozenPicture()
+    frozen = FreezeDetector()
     frozen.seconds(a_picture(), 1.0, moving=True)
     assert frozen.seconds(np.zeros((4, 8, 3), np.uint8), 9.0, moving=True) == 0.0
 
@@ -91,7 +91,7 @@ def test_another_size_is_another_picture() -> None:
 def test_a_still_picture_with_a_clock_compressed_each_time_anew_is_the_same(
     drive: Callable[[float], Picture], quality: int
 ) -> None:
-    frozen, still = FrozenPicture(), drive(0.0)
+    frozen, still = FreezeDetector(), drive(0.0)
     for number in range(20):
         other = quality - 10 * (number % 2)
         now = 0.1 * number
@@ -100,7 +100,7 @@ def test_a_still_picture_with_a_clock_compressed_each_time_anew_is_the_same(
 
 
 def test_noise_on_a_still_picture_is_the_same_picture(drive: Callable[[float], Picture]) -> None:
-    frozen, still = FrozenPicture(), drive(0.0)
+    frozen, still = FreezeDetector(), drive(0.0)
     for number in range(10):
         now = 0.1 * number
         assert frozen.seconds(with_noise(still, number), now, moving=True) == pytest.approx(now)
@@ -125,7 +125,7 @@ def test_every_frame_of_a_real_drive_is_another_picture() -> None:
 
 
 def test_what_moves_in_a_corner_of_a_still_picture_is_no_motion_of_the_rover() -> None:
-    frozen, still = FrozenPicture(), np.full((480, 640, 3), 90, np.uint8)
+    frozen, still = FreezeDetector(), np.full((480, 640, 3), 90, np.uint8)
     waving = still.copy()
     waving[:80, :400] = 200
     frozen.seconds(still, 1.0, moving=True)

@@ -35,7 +35,7 @@ from companion.config.schema import Mount, Stopping
 from companion.daemon.startup import load
 from companion.link.inbound import WordsRequest
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.vision import process
 from companion.vision import warm_up as warm_up_module
 from companion.vision.codec import Splitter, decode, encode
@@ -125,7 +125,7 @@ def test_what_cannot_be_loaded_is_told_with_what_to_do(
     def broken(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(process, "get_ready", broken)
+    monkeypatch.setattr(process, "load_and_warm_up", broken)
     monkeypatch.setattr(process, "CameraThread", lambda *_, **__: None)
     ours, theirs = socket.socketpair()
     with ours, theirs, loading() as (vision, child):
@@ -136,11 +136,11 @@ def test_what_cannot_be_loaded_is_told_with_what_to_do(
         assert isinstance(failed, Failed)
         child.report(failed)
         with pytest.raises(AnyTraverseError, match=told):
-            load(vision, Rehearsal().link, lambda: False)
+            load(vision, LoopbackLink().link, lambda: False)
 
 
 def test_whoever_wants_something_while_it_loads_is_told_to_ask_again() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", pace=0.0))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", pace=0.0))
     for wish in (
         mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 0, 5, 3, 0, 0, 0, 0),
         mavlink.MAVLink_command_long_message(1, 191, 245, 0, 2, 0, 0, 0, 0, 0, 0),
@@ -327,7 +327,7 @@ def test_remembered_and_offered_words_are_prepared_before_the_first_frame(
     memory = first_memory(perceiver.model_id, config.preferences)
     entry = Entry(np.array([1, 0], dtype=np.float32), words, 1, 1)
     monkeypatch.setattr(warm_up_module, "make_perceiver", lambda *_: perceiver)
-    warm_up_module.get_ready(config, replace(memory, history=History([entry])))
+    warm_up_module.load_and_warm_up(config, replace(memory, history=History([entry])))
     assert perceiver.asked[0] == ("drum", "trail")
 
 

@@ -26,7 +26,7 @@ from companion.daemon.composition import first_policy
 from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.settings import LinkError
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.storage import Journal
 from companion.storage.writer import SLOW
 from companion.tasks import VISION
@@ -330,7 +330,7 @@ def test_a_supervision_that_makes_no_sense_is_left_aside(config: Config, tmp_pat
 def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
     from pymavlink.dialects.v20 import development as mavlink
 
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.5)
     payload = AnswerMessage(5, 3, Motion.GO).pack()
     padded = list(payload.ljust(128, b"\0"))

@@ -117,5 +117,5 @@ def test_the_picture_that_vision_sent_as_it_died_is_the_calls(rig: Rig) -> None:
     rig.child.death = "SIGSEGV"
     rig._turn()
     rig._turn()
-    assert rig.vision.holds_frame(call.frame_id)
+    assert rig.vision.has_stored_frame(call.frame_id)
     assert rig.journal.load_frame(call.frame_id) is not None

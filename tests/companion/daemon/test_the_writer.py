@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from companion.storage import Batch, Journal, JournalError, Row
 from companion.storage.batch import MAX_ROWS
-from companion.storage.log_file import logbook
+from companion.storage.log_file import log_to_file
 from companion.storage.writer import BOUNDS, Writer
 
 PATIENCE = 10.0
@@ -262,7 +262,7 @@ def test_log_lines_that_found_no_room_are_counted_in_the_log(
     tmp_path: Path, writer: Writer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(BOUNDS, "log", 10)
-    with logbook(tmp_path, writer):
+    with log_to_file(tmp_path, writer):
         for number in range(25):
             logging.getLogger("companion.test").warning("line %d", number)
         writer.drain()

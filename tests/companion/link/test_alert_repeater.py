@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from companion.link.alerts import AlertRepeater
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_CALL, TUNNEL_SUMMARY, Kind, Outcome, Policy, Reasons, Stage, State
 from companion.wire.payloads import CallData, Summary
 
@@ -42,11 +42,11 @@ SUMMARY = Summary(
 UNLIMITED = LinkSettings("udpout:127.0.0.1:14550", budget=0.0)
 
 
-def calls(stage: Rehearsal) -> list[CallData]:
+def calls(stage: LoopbackLink) -> list[CallData]:
     return [CallData.unpack(payload) for payload in stage.tunnels(TUNNEL_CALL)]
 
 
-def texts(stage: Rehearsal) -> list[tuple[float, int, str]]:
+def texts(stage: LoopbackLink) -> list[tuple[float, int, str]]:
     return [
         (round(frame.at), frame.message.severity, frame.message.text)
         for frame in stage.frames
@@ -55,7 +55,7 @@ def texts(stage: Rehearsal) -> list[tuple[float, int, str]]:
 
 
 def test_call_data_leaves_five_times_a_second_apart_then_every_ten_seconds() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(40, step=0.02)
     assert [round(at) for at in stage.times("TUNNEL")] == [0, 1, 2, 3, 4, 14, 24, 34]
@@ -63,14 +63,14 @@ def test_call_data_leaves_five_times_a_second_apart_then_every_ten_seconds() -> 
 
 
 def test_the_text_repeats_and_becomes_an_alert() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(170, step=0.05)
     assert texts(stage) == [(at, 1 if at >= 45 else 3, TEXT) for at in (0, 15, 30, 45, 105, 165)]
 
 
 def test_stay_ends_the_escalation_but_not_the_repetition() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(20, step=0.05)
     stage.link.announce(CALL, TEXT, stage.now, quiet=True)
@@ -79,7 +79,7 @@ def test_stay_ends_the_escalation_but_not_the_repetition() -> None:
 
 
 def test_saying_the_same_again_changes_nothing() -> None:
-    once, often = Rehearsal(vehicle=None), Rehearsal(vehicle=None)
+    once, often = LoopbackLink(vehicle=None), LoopbackLink(vehicle=None)
     once.link.announce(CALL, TEXT, 0.0)
     for stage in (once, often):
         for second in range(300):
@@ -91,14 +91,14 @@ def test_saying_the_same_again_changes_nothing() -> None:
 
 
 def test_the_age_of_a_call_goes_on_between_announcements() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(replace(CALL, age_s=100), TEXT, stage.now)
     stage.run(15, step=0.05)
     assert [call.age_s for call in calls(stage)] == [100, 101, 102, 103, 104, 114]
 
 
 def test_the_age_goes_on_too_where_the_same_is_said_with_every_turn() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     for _ in range(300):
         stage.link.announce(replace(CALL, age_s=100), TEXT, stage.now)
         stage.run(0.05, step=0.05)
@@ -106,7 +106,7 @@ def test_the_age_goes_on_too_where_the_same_is_said_with_every_turn() -> None:
 
 
 def test_changed_content_is_told_at_once_but_not_faster_than_the_limits() -> None:
-    stage = Rehearsal(UNLIMITED, vehicle=None)
+    stage = LoopbackLink(UNLIMITED, vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(6, step=0.02)
     stage.link.announce(replace(CALL, reasons=Reasons(3)), "C7 stays open: still unknown 34%", stage.now)
@@ -124,7 +124,7 @@ def test_changed_content_is_told_at_once_but_not_faster_than_the_limits() -> Non
 
 
 def test_a_new_stage_starts_the_repetition_again() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(50, step=0.05)
     stage.link.announce(replace(CALL, stage=Stage.CLEAR), "C7 clear now, go?", stage.now)
@@ -134,7 +134,7 @@ def test_a_new_stage_starts_the_repetition_again() -> None:
 
 
 def test_a_closed_call_is_told_three_times_and_forgotten() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(2, step=0.02)
     for _ in range(50):
@@ -147,7 +147,7 @@ def test_a_closed_call_is_told_three_times_and_forgotten() -> None:
 
 
 def test_a_closed_call_is_told_even_when_the_next_one_follows_at_once() -> None:
-    stage = Rehearsal(UNLIMITED, vehicle=None)
+    stage = LoopbackLink(UNLIMITED, vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(0.5)
     stage.link.announce(CLOSED, "C7 closed: answered", stage.now)
@@ -165,7 +165,7 @@ def test_a_closed_call_is_told_even_when_the_next_one_follows_at_once() -> None:
 
 
 def test_nothing_open_means_nothing_said() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(1)
     stage.link.announce(None, "", stage.now)
@@ -176,21 +176,21 @@ def test_nothing_open_means_nothing_said() -> None:
 
 
 def test_a_text_without_a_call_repeats_by_itself() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(None, "Companion OFF: nobody watches the trail", stage.now, quiet=True, severity=4)
     stage.run(130, step=0.05)
     assert [(at, severity) for at, severity, _ in texts(stage)] == [(0, 4), (60, 4), (120, 4)]
 
 
 def test_an_alert_from_the_start_stays_one() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, "C7 HOLD FAILED: STOP BY HAND", stage.now, severity=1)
     stage.run(50, step=0.05)
     assert {severity for _, severity, _ in texts(stage)} == {1}
 
 
 def test_numbers_stop_and_summaries_slow_down_while_a_call_is_open() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     for _ in range(300):
         stage.link.summary(SUMMARY, stage.now)
@@ -208,7 +208,7 @@ def test_numbers_stop_and_summaries_slow_down_while_a_call_is_open() -> None:
 
 
 def test_a_call_overtakes_texts_and_figures() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.5)
     for number in range(8):
         stage.link.say(f"text {number}", 6, stage.now)
@@ -222,7 +222,7 @@ def test_a_call_overtakes_texts_and_figures() -> None:
 
 
 def test_a_text_is_said_once_in_five_seconds_and_eight_at_most_wait() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     for number in range(20):
         stage.link.say(f"text {number}", 6, stage.now)
         stage.link.say(f"text {number}", 6, stage.now)
@@ -238,7 +238,7 @@ def test_a_text_is_said_once_in_five_seconds_and_eight_at_most_wait() -> None:
 
 @pytest.mark.parametrize("text", ["x" * 80, "草" * 40, "a\x00b", "\ud800"])
 def test_any_text_is_cut_to_what_every_ground_station_shows(text: str) -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.say(text, 6, stage.now)
     stage.run(0.2)
     raw = stage.sent("STATUSTEXT")[0]._text_raw

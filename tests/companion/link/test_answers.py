@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import AnswerRequest, PolicyRequest
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import (
     Acknowledgement,
     AnswerMessage,
@@ -57,15 +57,15 @@ def command(
     return mavlink.MAVLink_command_long_message(*target, number, again, p1, p2, p3, p4, 0, 0, 0)
 
 
-def acknowledgements(stage: Rehearsal) -> list[Acknowledgement]:
+def acknowledgements(stage: LoopbackLink) -> list[Acknowledgement]:
     return [Acknowledgement.unpack(payload) for payload in stage.tunnels(TUNNEL_ACKNOWLEDGEMENT)]
 
 
-def results(stage: Rehearsal) -> list[tuple[int, int]]:
+def results(stage: LoopbackLink) -> list[tuple[int, int]]:
     return [(ack.command, ack.result) for ack in stage.sent("COMMAND_ACK")]
 
 
-def heard(stage: Rehearsal, *messages: Any, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
+def heard(stage: LoopbackLink, *messages: Any, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
     """What the link reports when these messages come in."""
     before = len(stage.reported(AnswerRequest))
     for message in messages:
@@ -75,19 +75,19 @@ def heard(stage: Rehearsal, *messages: Any, sender: tuple[int, int] = GROUND) ->
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
-    stage = Rehearsal()
+def stage() -> LoopbackLink:
+    stage = LoopbackLink()
     stage.run(0.1)
     return stage
 
 
-def test_an_answer_is_reported_with_its_sender(stage: Rehearsal) -> None:
+def test_an_answer_is_reported_with_its_sender(stage: LoopbackLink) -> None:
     assert heard(stage, tunnel(GO.pack()), sender=(250, 3)) == [
         AnswerRequest((250, 3), 9, 7, Motion.GO, (SetWord("drum", -1.0),))
     ]
 
 
-def test_the_acknowledgement_goes_to_the_asker_and_nobody_else(stage: Rehearsal) -> None:
+def test_the_acknowledgement_goes_to_the_asker_and_nobody_else(stage: LoopbackLink) -> None:
     (request,) = heard(stage, tunnel(GO.pack()), sender=(250, 3))
     stage.link.acknowledge(request, ACK, stage.now)
     stage.run(0.1)
@@ -98,7 +98,7 @@ def test_the_acknowledgement_goes_to_the_asker_and_nobody_else(stage: Rehearsal)
     assert (reply.target_system, reply.target_component) == (250, 3)
 
 
-def test_the_same_transaction_is_reported_once_and_acknowledged_each_time(stage: Rehearsal) -> None:
+def test_the_same_transaction_is_reported_once_and_acknowledged_each_time(stage: LoopbackLink) -> None:
     (request,) = heard(stage, tunnel(GO.pack()))
     assert heard(stage, tunnel(GO.pack())) == []
     assert acknowledgements(stage) == []
@@ -109,19 +109,19 @@ def test_the_same_transaction_is_reported_once_and_acknowledged_each_time(stage:
     assert acknowledgements(stage) == [ACK] * 4
 
 
-def test_the_same_number_of_another_sender_is_another_transaction(stage: Rehearsal) -> None:
+def test_the_same_number_of_another_sender_is_another_transaction(stage: LoopbackLink) -> None:
     assert len(heard(stage, tunnel(GO.pack()))) == 1
     assert len(heard(stage, tunnel(GO.pack()), sender=(254, 1))) == 1
 
 
-def test_a_busy_answer_may_be_sent_again(stage: Rehearsal) -> None:
+def test_a_busy_answer_may_be_sent_again(stage: LoopbackLink) -> None:
     (request,) = heard(stage, tunnel(GO.pack()))
     stage.link.acknowledge(request, replace(ACK, result=Result.BUSY), stage.now)
     assert len(heard(stage, tunnel(GO.pack()))) == 1
     assert acknowledgements(stage)[0].result == Result.BUSY
 
 
-def test_many_transactions_are_remembered_but_not_for_ever(stage: Rehearsal) -> None:
+def test_many_transactions_are_remembered_but_not_for_ever(stage: LoopbackLink) -> None:
     for number in range(1, 200):
         message = tunnel(AnswerMessage(number, 7, Motion.GO).pack())
         stage.send(message, (245, 1))
@@ -129,11 +129,11 @@ def test_many_transactions_are_remembered_but_not_for_ever(stage: Rehearsal) -> 
         for request in stage.reported(AnswerRequest)[-1:]:
             stage.link.acknowledge(request, replace(ACK, transaction=number), stage.now)
     assert len(stage.reported(AnswerRequest)) == 199
-    assert len(stage.link._answers._cases) <= 64
+    assert len(stage.link._answers._reply_cache) <= 64
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 0, 1, 1, 2)])
-def test_a_long_answer_comes_in_parts_in_any_order(stage: Rehearsal, order: tuple[int, ...]) -> None:
+def test_a_long_answer_comes_in_parts_in_any_order(stage: LoopbackLink, order: tuple[int, ...]) -> None:
     operations: list[Operation] = [
         SetWord("a" * 90, 1.0),
         TapBox(3, (0.1, 0.1, 0.2, 0.2), "drum", -1.0),
@@ -145,7 +145,7 @@ def test_a_long_answer_comes_in_parts_in_any_order(stage: Rehearsal, order: tupl
     assert request.transaction == 5
 
 
-def test_no_flood_of_another_sender_makes_an_answer_count_twice(stage: Rehearsal) -> None:
+def test_no_flood_of_another_sender_makes_an_answer_count_twice(stage: LoopbackLink) -> None:
     (request,) = heard(stage, tunnel(GO.pack()))
     stage.link.acknowledge(request, ACK, stage.now)
     for number in range(100, 200):
@@ -157,7 +157,7 @@ def test_no_flood_of_another_sender_makes_an_answer_count_twice(stage: Rehearsal
 
 @pytest.mark.parametrize("within", [None, 77.0], ids=["as a rule", "a slow perceiver"])
 def test_an_answer_that_is_not_decided_yet_is_not_handed_on_again(
-    stage: Rehearsal, within: float | None
+    stage: LoopbackLink, within: float | None
 ) -> None:
     if within is not None:
         stage.link.set_undecided_for(within)
@@ -169,7 +169,7 @@ def test_an_answer_that_is_not_decided_yet_is_not_handed_on_again(
     assert len(heard(stage, tunnel(go))) == 1, "nobody decides it any more"
 
 
-def test_no_flood_of_halves_keeps_an_answer_of_two_parts_out(stage: Rehearsal) -> None:
+def test_no_flood_of_halves_keeps_an_answer_of_two_parts_out(stage: LoopbackLink) -> None:
     first, second = (AnswerMessage(5, 7, Motion.GO, (), part, 2).pack() for part in range(2))
     stage.send(tunnel(first))
     for number in range(100, 120):
@@ -177,14 +177,14 @@ def test_no_flood_of_halves_keeps_an_answer_of_two_parts_out(stage: Rehearsal) -
     assert len(heard(stage, tunnel(second))) == 1
 
 
-def test_parts_that_come_too_late_are_not_put_together(stage: Rehearsal) -> None:
+def test_parts_that_come_too_late_are_not_put_together(stage: LoopbackLink) -> None:
     parts = [AnswerMessage(5, 7, Motion.NONE, (NewEpisode(),), part, 2).pack() for part in (0, 1)]
     assert heard(stage, tunnel(parts[0])) == []
     stage.run(31, step=0.1)
     assert heard(stage, tunnel(parts[1])) == []
 
 
-def test_parts_of_several_rounds_of_a_sender_that_backs_off_are_put_together(stage: Rehearsal) -> None:
+def test_parts_of_several_rounds_of_a_sender_that_backs_off_are_put_together(stage: LoopbackLink) -> None:
     parts = [AnswerMessage(5, 7, Motion.NONE, (NewEpisode(),), part, 3).pack() for part in range(3)]
     assert heard(stage, tunnel(parts[0])) == []
     stage.run(8.0)
@@ -193,7 +193,7 @@ def test_parts_of_several_rounds_of_a_sender_that_backs_off_are_put_together(sta
     assert len(heard(stage, tunnel(parts[2]))) == 1
 
 
-def test_parts_that_contradict_each_other_are_refused_with_the_reason(stage: Rehearsal) -> None:
+def test_parts_that_contradict_each_other_are_refused_with_the_reason(stage: LoopbackLink) -> None:
     assert (
         heard(
             stage,
@@ -207,18 +207,18 @@ def test_parts_that_contradict_each_other_are_refused_with_the_reason(stage: Reh
     ]
 
 
-def test_more_than_four_parts_are_refused(stage: Rehearsal) -> None:
+def test_more_than_four_parts_are_refused(stage: LoopbackLink) -> None:
     assert heard(stage, tunnel(AnswerMessage(5, 7, Motion.NONE, (), 0, 5).pack())) == []
     assert acknowledgements(stage)[0].result == Result.REFUSED
 
 
-def test_halves_of_many_answers_take_bounded_memory(stage: Rehearsal) -> None:
+def test_halves_of_many_answers_take_bounded_memory(stage: LoopbackLink) -> None:
     for number in range(1, 50):
         heard(stage, tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()))
     assert len(stage.link._answers._reassembly._open) <= 8
 
 
-def test_a_sender_that_may_not_is_denied_counted_and_told(stage: Rehearsal) -> None:
+def test_a_sender_that_may_not_is_denied_counted_and_told(stage: LoopbackLink) -> None:
     assert heard(stage, tunnel(GO.pack()), command(7, 1), sender=(42, 1)) == []
     assert [ack.result for ack in acknowledgements(stage)] == [Result.DENIED]
     assert results(stage) == [(31010, 2)]
@@ -244,7 +244,7 @@ def test_a_sender_that_may_not_is_denied_counted_and_told(stage: Rehearsal) -> N
         (tunnel(GO.pack(), target=(0, 0)), "target"),
     ],
 )
-def test_payloads_that_are_no_answer_are_counted(stage: Rehearsal, message: Any, reason: str) -> None:
+def test_payloads_that_are_no_answer_are_counted(stage: LoopbackLink, message: Any, reason: str) -> None:
     assert heard(stage, message) == []
     assert stage.link.counters.rejected == {reason: 1}
     assert acknowledgements(stage) == []
@@ -260,18 +260,18 @@ def test_payloads_that_are_no_answer_are_counted(stage: Rehearsal, message: Any,
         command(7, 1, target=(1, 1)),
     ],
 )
-def test_what_is_for_others_passes_by(stage: Rehearsal, message: Any) -> None:
+def test_what_is_for_others_passes_by(stage: LoopbackLink, message: Any) -> None:
     assert heard(stage, message) == []
     assert stage.link.counters.rejected == {}
     assert results(stage) == []
 
 
 @pytest.mark.parametrize(("code", "motion"), [(1, Motion.GO), (2, Motion.STAY), (3, Motion.LOOK_AGAIN)])
-def test_a_stock_ground_station_answers_by_command(stage: Rehearsal, code: int, motion: Motion) -> None:
+def test_a_stock_ground_station_answers_by_command(stage: LoopbackLink, code: int, motion: Motion) -> None:
     assert heard(stage, command(7, code)) == [AnswerRequest(GROUND, None, 7, motion, ())]
 
 
-def test_a_stock_ground_station_sets_a_weight_by_command(stage: Rehearsal) -> None:
+def test_a_stock_ground_station_sets_a_weight_by_command(stage: LoopbackLink) -> None:
     assert heard(stage, command(0, 4, 6, -0.8)) == [
         AnswerRequest(GROUND, None, 0, Motion.NONE, (SetWord("dry bush", -0.8),))
     ]
@@ -301,7 +301,7 @@ def test_a_stock_ground_station_sets_a_weight_by_command(stage: Rehearsal) -> No
     ],
 )
 def test_a_command_that_makes_no_sense_is_denied(
-    stage: Rehearsal, wrong: tuple[float, float, float, float]
+    stage: LoopbackLink, wrong: tuple[float, float, float, float]
 ) -> None:
     assert heard(stage, command(*wrong)) == []
     assert results(stage) == [(31010, 2)]
@@ -321,7 +321,7 @@ def test_a_command_that_makes_no_sense_is_denied(
     ],
 )
 def test_a_command_is_acknowledged_by_its_result_and_a_text(
-    stage: Rehearsal, result: Result, expected: int
+    stage: LoopbackLink, result: Result, expected: int
 ) -> None:
     (request,) = heard(stage, command(7, 1), sender=(250, 3))
     stage.link.acknowledge(request, replace(ACK, result=result), stage.now)
@@ -332,7 +332,7 @@ def test_a_command_is_acknowledged_by_its_result_and_a_text(
     assert stage.sent("STATUSTEXT")[0].text == "C7 closed: answered"
 
 
-def test_a_repeated_command_is_acknowledged_again_and_applied_once(stage: Rehearsal) -> None:
+def test_a_repeated_command_is_acknowledged_again_and_applied_once(stage: LoopbackLink) -> None:
     (request,) = heard(stage, command(0, 1))
     assert heard(stage, command(0, 1, again=1)) == []
     stage.link.acknowledge(request, ACK, stage.now)
@@ -340,13 +340,13 @@ def test_a_repeated_command_is_acknowledged_again_and_applied_once(stage: Rehear
     assert results(stage) == [(31010, 0), (31010, 0)]
 
 
-def test_the_same_command_given_once_more_is_a_new_wish(stage: Rehearsal) -> None:
+def test_the_same_command_given_once_more_is_a_new_wish(stage: LoopbackLink) -> None:
     (request,) = heard(stage, command(0, 1))
     stage.link.acknowledge(request, ACK, stage.now)
     assert len(heard(stage, command(0, 1))) == 1
 
 
-def test_unknown_commands_get_an_ack_that_says_so(stage: Rehearsal) -> None:
+def test_unknown_commands_get_an_ack_that_says_so(stage: LoopbackLink) -> None:
     heard(stage, command(0, 0, number=400), command(1, 0, number=245))
     assert results(stage) == [(400, 3), (245, 0)]
     whole = mavlink.MAVLink_command_int_message(1, 191, 0, 31011, 0, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -354,7 +354,7 @@ def test_unknown_commands_get_an_ack_that_says_so(stage: Rehearsal) -> None:
     assert results(stage)[-1] == (31011, 3)
 
 
-def test_a_flood_of_requests_is_dropped_and_counted_but_others_are_heard(stage: Rehearsal) -> None:
+def test_a_flood_of_requests_is_dropped_and_counted_but_others_are_heard(stage: LoopbackLink) -> None:
     for number in range(1, 301):
         stage.send(tunnel(AnswerMessage(number, 7, Motion.STAY).pack()))
     stage.run(0.2)
@@ -371,7 +371,7 @@ def test_a_flood_of_requests_is_dropped_and_counted_but_others_are_heard(stage: 
     st.tuples(st.integers(0, 255), st.integers(0, 255)),
 )
 def test_no_tunnel_ever_raises(kind: int, payload: bytes, length: int, sender: tuple[int, int]) -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.02)
     heard(stage, tunnel(payload, kind=kind, length=length), tunnel(b"\x01" + payload[:127]), sender=sender)
 
@@ -381,14 +381,16 @@ def test_no_tunnel_ever_raises(kind: int, payload: bytes, length: int, sender: t
 def test_every_command_to_us_gets_exactly_one_ack_or_is_reported(
     values: list[float], number: int, again: int
 ) -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.02)
     told = heard(stage, command(*values, number=number, again=again))
     assert len(told) + len(results(stage)) == 1
 
 
 @pytest.mark.parametrize("policy", list(Policy))
-def test_a_policy_asked_for_by_command_is_reported_and_acknowledged(stage: Rehearsal, policy: Policy) -> None:
+def test_a_policy_asked_for_by_command_is_reported_and_acknowledged(
+    stage: LoopbackLink, policy: Policy
+) -> None:
     request = PolicyRequest(GROUND, policy)
     stage.send(command(0, 5, float(policy)))
     stage.run(0.3)
@@ -399,7 +401,7 @@ def test_a_policy_asked_for_by_command_is_reported_and_acknowledged(stage: Rehea
     assert results(stage) == [(31010, 4)]
 
 
-def test_a_policy_from_a_sender_that_may_not_is_denied(stage: Rehearsal) -> None:
+def test_a_policy_from_a_sender_that_may_not_is_denied(stage: LoopbackLink) -> None:
     stage.send(command(0, 5, 3.0), (77, 190))
     stage.run(0.2)
     assert stage.reported(PolicyRequest) == []

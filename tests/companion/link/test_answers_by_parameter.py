@@ -4,16 +4,16 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import AnswerRequest
-from companion.sim.loopback_link import Rehearsal
-from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
+from companion.sim.loopback_link import LoopbackLink
+from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
+from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
 
 GROUND = (255, 190)
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
-    stage = Rehearsal()
+def stage() -> LoopbackLink:
+    stage = LoopbackLink()
     stage.run(0.1)
     return stage
 
@@ -22,18 +22,18 @@ def answer(value: float) -> Any:
     return mavlink.MAVLink_param_set_message(1, 191, b"AT_ANSWER", value, 9)
 
 
-def heard(stage: Rehearsal, value: float, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
+def heard(stage: LoopbackLink, value: float, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
     before = len(stage.reported(AnswerRequest))
     stage.send(answer(value), sender)
     stage.run(0.2)
     return stage.reported(AnswerRequest)[before:]
 
 
-def echoes(stage: Rehearsal) -> list[float]:
+def echoes(stage: LoopbackLink) -> list[float]:
     return [m.param_value for m in stage.sent("PARAM_VALUE") if m.param_id == "AT_ANSWER"]
 
 
-def reply(stage: Rehearsal, request: AnswerRequest, target: int, result: Result = Result.APPLIED) -> None:
+def reply(stage: LoopbackLink, request: AnswerRequest, target: int, result: Result = Result.APPLIED) -> None:
     ack = Acknowledgement(
         0, target, result, Stage.OPEN, Outcome.NONE, None, None, Reasons.NONE, 0, f"C{target} {result.name}"
     )
@@ -44,7 +44,7 @@ def reply(stage: Rehearsal, request: AnswerRequest, target: int, result: Result 
 @pytest.mark.parametrize("motion", [Motion.GO, Motion.STAY, Motion.LOOK_AGAIN])
 @pytest.mark.parametrize("target", [0, 7, 65535])
 def test_id_and_motion_are_one_number_and_the_echo_carries_it(
-    stage: Rehearsal, target: int, motion: Motion
+    stage: LoopbackLink, target: int, motion: Motion
 ) -> None:
     (request,) = heard(stage, 10 * target + motion)
     assert (request.target, request.motion, request.operations) == (target, motion, ())
@@ -60,7 +60,7 @@ def test_id_and_motion_are_one_number_and_the_echo_carries_it(
     "value", [10.0, 74.0, 9.0, 71.5, -71.0, 655360.0, 655361.0, float("nan"), float("inf")]
 )
 def test_what_says_nothing_is_refused_with_a_text_and_echoed_as_nothing(
-    stage: Rehearsal, value: float
+    stage: LoopbackLink, value: float
 ) -> None:
     assert heard(stage, value) == []
     assert echoes(stage) == [0.0]
@@ -68,13 +68,15 @@ def test_what_says_nothing_is_refused_with_a_text_and_echoed_as_nothing(
     assert stage.link.counters.rejected == {"range": 1}
 
 
-def test_a_file_of_parameters_that_sets_it_to_0_is_taken(stage: Rehearsal) -> None:
+def test_a_file_of_parameters_that_sets_it_to_0_is_taken(stage: LoopbackLink) -> None:
     assert heard(stage, 0.0) == []
     assert echoes(stage) == [0.0]
     assert stage.sent("STATUSTEXT") == []
 
 
-def test_the_same_again_is_echoed_and_applied_once_whether_or_not_it_names_the_id(stage: Rehearsal) -> None:
+def test_the_same_again_is_echoed_and_applied_once_whether_or_not_it_names_the_id(
+    stage: LoopbackLink,
+) -> None:
     (request,) = heard(stage, 1)
     assert heard(stage, 1) == [], "undecided"
     reply(stage, request, 7)
@@ -83,14 +85,14 @@ def test_the_same_again_is_echoed_and_applied_once_whether_or_not_it_names_the_i
     assert echoes(stage) == [1.0, 1.0, 71.0]
 
 
-def test_seconds_later_it_is_a_new_wish(stage: Rehearsal) -> None:
+def test_seconds_later_it_is_a_new_wish(stage: LoopbackLink) -> None:
     (request,) = heard(stage, 1)
     reply(stage, request, 7)
     stage.run(6.0)
     assert len(heard(stage, 1)) == 1
 
 
-def test_stay_is_handed_on_each_time(stage: Rehearsal) -> None:
+def test_stay_is_handed_on_each_time(stage: LoopbackLink) -> None:
     (request,) = heard(stage, 72)
     reply(stage, request, 7)
     (go,) = heard(stage, 71)
@@ -98,7 +100,7 @@ def test_stay_is_handed_on_each_time(stage: Rehearsal) -> None:
     assert [again.motion for again in heard(stage, 72)] == [Motion.STAY]
 
 
-def test_what_was_refused_may_be_asked_again_at_once(stage: Rehearsal) -> None:
+def test_what_was_refused_may_be_asked_again_at_once(stage: LoopbackLink) -> None:
     (request,) = heard(stage, 71)
     reply(stage, request, 7, Result.STALE)
     assert echoes(stage) == [0.0]
@@ -106,7 +108,9 @@ def test_what_was_refused_may_be_asked_again_at_once(stage: Rehearsal) -> None:
     assert len(heard(stage, 71)) == 1
 
 
-def test_an_early_answer_without_an_id_does_not_go_to_the_call_by_being_set_again(stage: Rehearsal) -> None:
+def test_an_early_answer_without_an_id_does_not_go_to_the_call_by_being_set_again(
+    stage: LoopbackLink,
+) -> None:
     (request,) = heard(stage, 1)
     reply(stage, request, 0, Result.STALE)
     for _ in range(3):
@@ -118,13 +122,42 @@ def test_an_early_answer_without_an_id_does_not_go_to_the_call_by_being_set_agai
     assert len(heard(stage, 1)) == 1
 
 
-def test_a_sender_that_may_not_gets_nothing_and_is_counted(stage: Rehearsal) -> None:
+def test_a_sender_that_may_not_gets_nothing_and_is_counted(stage: LoopbackLink) -> None:
     assert heard(stage, 71, sender=(42, 1)) == []
     assert echoes(stage) == [0.0]
     assert stage.link.counters.rejected == {"sender": 1}
 
 
-def test_two_ground_stations_are_told_apart(stage: Rehearsal) -> None:
+def test_two_ground_stations_are_told_apart(stage: LoopbackLink) -> None:
     (request,) = heard(stage, 71)
     reply(stage, request, 7)
     assert len(heard(stage, 71, sender=(254, 1))) == 1
+
+
+def test_many_commands_do_not_push_out_an_answer_that_a_ground_station_sets_again(
+    stage: LoopbackLink,
+) -> None:
+    (request,) = heard(stage, 1)
+    reply(stage, request, 0, Result.STALE)
+    for number in range(1, 71):
+        stage.send(mavlink.MAVLink_command_long_message(1, 191, 31010, 0, number, 1, 0, 0, 0, 0, 0), GROUND)
+        stage.run(0.06)
+    assert len(stage.reported(AnswerRequest)) == 71
+    assert heard(stage, 1) == []
+
+
+def test_many_set_parameters_do_not_push_out_a_transaction_that_comes_again(stage: LoopbackLink) -> None:
+    payload = AnswerMessage(9, 7, Motion.GO, (SetWord("drum", -1.0),)).pack()
+    padded = list(payload.ljust(128, b"\0"))
+    again = mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded)
+    stage.send(again, GROUND)
+    stage.run(0.2)
+    reply(stage, stage.reported(AnswerRequest)[-1], 7)
+    for number in range(1, 71):
+        stage.send(answer(10 * number + 1), GROUND)
+        stage.run(0.06)
+    before = len(stage.reported(AnswerRequest))
+    assert before == 71
+    stage.send(again, GROUND)
+    stage.run(0.2)
+    assert len(stage.reported(AnswerRequest)) == before

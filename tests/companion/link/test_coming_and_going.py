@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.settings import ConnectionSettings, LinkSettings
-from companion.sim.loopback_link import Rehearsal, Wire
+from companion.sim.loopback_link import LoopbackLink, Wire
 
 BOTH = LinkSettings(
     "udpout:127.0.0.1:14550", more={"wifi": ConnectionSettings("udpout:127.0.0.1:14551", budget=0.0)}
@@ -14,13 +14,13 @@ WAITING = LinkSettings(
 )
 
 
-def wires(stage: Rehearsal) -> dict[str, Wire]:
+def wires(stage: LoopbackLink) -> dict[str, Wire]:
     return {"link": stage, "link wifi": stage.more["wifi"]}
 
 
 @pytest.mark.parametrize("label", ["link", "link wifi"])
 def test_a_connection_absent_at_the_start_is_named_and_the_other_speaks(label: str) -> None:
-    stage = Rehearsal(BOTH)
+    stage = LoopbackLink(BOTH)
     absent = wires(stage).pop(label)
     (other,) = (wire for name, wire in wires(stage).items() if name != label)
     absent.near.broken = True
@@ -35,7 +35,7 @@ def test_a_connection_absent_at_the_start_is_named_and_the_other_speaks(label: s
 
 @pytest.mark.parametrize("label", ["link", "link wifi"])
 def test_a_connection_unplugged_while_running_says_its_heartbeat_at_once_when_it_is_back(label: str) -> None:
-    stage = Rehearsal(BOTH, vehicle=None)
+    stage = LoopbackLink(BOTH, vehicle=None)
     stage.run(1.2)
     wire = wires(stage)[label]
     wire.near.broken = True
@@ -49,7 +49,7 @@ def test_a_connection_unplugged_while_running_says_its_heartbeat_at_once_when_it
 
 
 def test_a_connection_is_tried_for_ever_at_most_8_s_apart() -> None:
-    stage = Rehearsal(BOTH)
+    stage = LoopbackLink(BOTH)
     wifi = stage.more["wifi"]
     wifi.near.broken = True
     stage.run(300, step=0.1)
@@ -60,7 +60,7 @@ def test_a_connection_is_tried_for_ever_at_most_8_s_apart() -> None:
 
 
 def test_while_the_autopilot_is_not_heard_anywhere_connections_that_wait_for_it_are_silent() -> None:
-    stage = Rehearsal(WAITING, vehicle=None)
+    stage = LoopbackLink(WAITING, vehicle=None)
     wifi = stage.more["wifi"]
     wifi.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     stage.link.say("hello", 6, stage.now)
@@ -73,7 +73,7 @@ def test_while_the_autopilot_is_not_heard_anywhere_connections_that_wait_for_it_
 
 
 def test_after_a_reboot_of_the_autopilot_all_connections_say_their_heartbeat_at_once() -> None:
-    stage = Rehearsal(BOTH)
+    stage = LoopbackLink(BOTH)
     stage.run(1.3)
     stage.vehicle = None
     stage.run(5.1)
@@ -85,7 +85,7 @@ def test_after_a_reboot_of_the_autopilot_all_connections_say_their_heartbeat_at_
 
 
 def test_a_ground_station_that_appears_late_or_twice_gets_its_list() -> None:
-    stage = Rehearsal(WAITING)
+    stage = LoopbackLink(WAITING)
     wifi = stage.more["wifi"]
     stage.run(30, step=0.05)
     for sender in ((255, 190), (254, 190), (255, 190)):
@@ -98,7 +98,7 @@ def test_a_ground_station_that_appears_late_or_twice_gets_its_list() -> None:
 
 
 def test_a_connection_that_takes_nothing_delays_nothing_on_the_other() -> None:
-    stage = Rehearsal(BOTH)
+    stage = LoopbackLink(BOTH)
     stage.run(1)
     stage.near.full = True
     wifi = stage.more["wifi"]

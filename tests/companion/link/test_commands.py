@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import ParameterRequest, ResetRequest
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY
 from companion.wire.payloads import Summary
 from tests.companion.link.test_heartbeat_and_figures import SUMMARY
@@ -19,8 +19,8 @@ HEARTBEAT, SUMMARIES, NUMBERS, VERSION = 0, 385, 251, 148
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
-    stage = Rehearsal()
+def stage() -> LoopbackLink:
+    stage = LoopbackLink()
     stage.run(0.1)
     return stage
 
@@ -29,7 +29,7 @@ def command(number: int, *values: float, target: tuple[int, int] = (1, 191)) -> 
     return mavlink.MAVLink_command_long_message(*target, number, 0, *values, *[0.0] * (7 - len(values)))
 
 
-def ask(stage: Rehearsal, number: int, *values: float, sender: tuple[int, int] = GROUND) -> int:
+def ask(stage: LoopbackLink, number: int, *values: float, sender: tuple[int, int] = GROUND) -> int:
     """The result that was acknowledged."""
     stage.send(command(number, *values), sender)
     stage.run(0.3)
@@ -39,7 +39,7 @@ def ask(stage: Rehearsal, number: int, *values: float, sender: tuple[int, int] =
 
 
 @pytest.mark.parametrize("asked", [(REQUEST, VERSION), (CAPABILITIES, 1)])
-def test_the_version_says_what_we_can_do(stage: Rehearsal, asked: tuple[int, int]) -> None:
+def test_the_version_says_what_we_can_do(stage: LoopbackLink, asked: tuple[int, int]) -> None:
     assert ask(stage, *asked, sender=(42, 1)) == ACCEPTED
     (version,) = stage.sent("AUTOPILOT_VERSION")
     for flag in (mavlink.MAV_PROTOCOL_CAPABILITY_FTP, mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2):
@@ -49,7 +49,7 @@ def test_the_version_says_what_we_can_do(stage: Rehearsal, asked: tuple[int, int
     assert 0 < stage.link.counters.sent["asked"] <= 90 + 22
 
 
-def test_the_newest_summary_is_told_once_and_counts_as_no_other(stage: Rehearsal) -> None:
+def test_the_newest_summary_is_told_once_and_counts_as_no_other(stage: LoopbackLink) -> None:
     assert ask(stage, REQUEST, SUMMARIES) == LATER, "there is none yet"
     stage.link.summary(SUMMARY, stage.now)
     stage.run(2.0)
@@ -59,7 +59,7 @@ def test_the_newest_summary_is_told_once_and_counts_as_no_other(stage: Rehearsal
     assert told[1].frame_age_ms > told[0].frame_age_ms
 
 
-def test_numbers_and_heartbeat_on_request(stage: Rehearsal) -> None:
+def test_numbers_and_heartbeat_on_request(stage: LoopbackLink) -> None:
     stage.link.numbers({"AT_TRAV": 0.5, "AT_UNC": 0.25}, stage.now)
     stage.link.set_rate("number", 0.0)
     assert ask(stage, REQUEST, NUMBERS) == ACCEPTED
@@ -84,7 +84,7 @@ def test_numbers_and_heartbeat_on_request(stage: Rehearsal) -> None:
     ],
 )
 def test_an_interval_is_the_rate_parameter(
-    stage: Rehearsal, message_id: int, interval: float, expected: tuple[str, float]
+    stage: LoopbackLink, message_id: int, interval: float, expected: tuple[str, float]
 ) -> None:
     assert ask(stage, SET_RATE, message_id, interval) == ACCEPTED
     (request,) = stage.reported(ParameterRequest)
@@ -107,7 +107,7 @@ def test_an_interval_is_the_rate_parameter(
     ],
 )
 def test_other_intervals_change_nothing(
-    stage: Rehearsal, message_id: float, interval: float, result: int
+    stage: LoopbackLink, message_id: float, interval: float, result: int
 ) -> None:
     assert ask(stage, SET_RATE, message_id, interval) == result
     assert stage.reported(ParameterRequest) == []
@@ -117,13 +117,13 @@ def test_other_intervals_change_nothing(
     ("message_id", "interval"),
     [(HEARTBEAT, 1_000_000), (SUMMARIES, 1_000_000), (NUMBERS, 2_000_000), (33, 0)],
 )
-def test_an_interval_is_told_to_anybody(stage: Rehearsal, message_id: int, interval: int) -> None:
+def test_an_interval_is_told_to_anybody(stage: LoopbackLink, message_id: int, interval: int) -> None:
     assert ask(stage, GET_RATE, message_id, sender=(42, 1)) == ACCEPTED
     (told,) = stage.sent("MESSAGE_INTERVAL")
     assert (told.message_id, told.interval_us) == (message_id, interval)
 
 
-def test_storage_is_always_saved_and_only_a_reset_goes_further(stage: Rehearsal) -> None:
+def test_storage_is_always_saved_and_only_a_reset_goes_further(stage: LoopbackLink) -> None:
     assert [ask(stage, STORAGE, first) for first in (0, 1, 3, math.nan)] == [
         ACCEPTED,
         ACCEPTED,
@@ -141,7 +141,7 @@ def test_storage_is_always_saved_and_only_a_reset_goes_further(stage: Rehearsal)
 
 @pytest.mark.parametrize("asked", [(STORAGE, 2), (SET_RATE, SUMMARIES, -1)])
 def test_a_sender_that_may_not_change_anything_is_denied_and_counted(
-    stage: Rehearsal, asked: tuple[int, ...]
+    stage: LoopbackLink, asked: tuple[int, ...]
 ) -> None:
     assert ask(stage, *asked, sender=(42, 1)) == DENIED
     assert stage.reported(ResetRequest) == stage.reported(ParameterRequest) == []
@@ -149,7 +149,7 @@ def test_a_sender_that_may_not_change_anything_is_denied_and_counted(
 
 
 def test_rates_are_kept_to_until_they_change() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     told = {0.0: 0, 1.0: 10, 5.0: 50}
     for rate, expected in told.items():
         stage.link.set_rate("summary", rate)
@@ -162,7 +162,7 @@ def test_rates_are_kept_to_until_they_change() -> None:
 
 
 def test_another_budget_counts_at_once() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.link.set_rate("summary", 5.0)
     stage.link.set_budget(50.0, stage.now)
     stage.run(10.0)
@@ -181,7 +181,7 @@ def test_another_budget_counts_at_once() -> None:
     st.floats(width=32),
 )
 def test_every_command_is_acknowledged_once(number: int, first: float, second: float) -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.02)
     stage.send(command(number, first, second))
     stage.run(0.2)

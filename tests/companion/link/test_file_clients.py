@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.link import Link
 from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Udp
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_files import Folder
 from companion.storage.served_tree import Document, Tree
 from companion.wire.ids import COMPONENT_ID
@@ -89,7 +89,7 @@ class Radio:
 
     source_system, source_component = 255, 190
 
-    def __init__(self, stage: Rehearsal, loss: float, seed: int = 1) -> None:
+    def __init__(self, stage: LoopbackLink, loss: float, seed: int = 1) -> None:
         self.mav = self
         self.stage = stage
         self._loss = loss
@@ -125,7 +125,7 @@ Connect = Callable[..., Any]
 @pytest.fixture
 def connect(logs: Path, monkeypatch: pytest.MonkeyPatch) -> Connect:
     def made(loss: float = 0.0, seed: int = 1) -> Any:
-        stage = Rehearsal(tree=tree(logs))
+        stage = LoopbackLink(tree=tree(logs))
         monkeypatch.setattr(mavftp, "time", SimpleNamespace(time=lambda: 1e9 + stage.now))
         stage.run(1.0)
         return mavftp.MAVFTP(Radio(stage, loss, seed), 1, COMPONENT_ID)

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.ftp.server import MAX_REPLIES
 from companion.link.ftp.sessions import IDLE, MAX_SESSIONS
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_files import Folder
 from companion.storage.served_tree import Document, Tree
 from companion.wire.ftp import FtpPayload, Opcode
@@ -67,7 +67,7 @@ def descriptors() -> int:
 @given(STEPS)
 def test_nothing_that_is_asked_for_does_harm(tree: Tree, steps: list[tuple[Any, bytes, float]]) -> None:
     before = descriptors()
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", asked_budget=500.0), tree=tree)
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", asked_budget=500.0), tree=tree)
     stage.run(0.05)
     files, outbox = stage.link._files, stage.link._outbox
     for sender, payload, pause in steps:

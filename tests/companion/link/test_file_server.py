@@ -15,7 +15,7 @@ from companion.link import encode
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
 from companion.link.inbound import AnswerRequest
 from companion.link.settings import ConnectionSettings, LinkSettings
-from companion.sim.loopback_link import FileClient, Rehearsal
+from companion.sim.loopback_link import FileClient, LoopbackLink
 from companion.storage.file_reader import Reader
 from companion.storage.served_files import Folder
 from companion.storage.served_tree import Document, Documents, Tree
@@ -63,7 +63,7 @@ def files() -> Files:
 
 @pytest.fixture
 def client(files: Files) -> FileClient:
-    return FileClient(Rehearsal(tree=files.tree()))
+    return FileClient(LoopbackLink(tree=files.tree()))
 
 
 def test_a_file_is_opened_with_its_size_in_the_session_that_the_client_chose(client: FileClient) -> None:
@@ -104,7 +104,7 @@ def test_a_long_file_takes_several_bursts_and_only_its_end_is_short(client: File
 
 
 def test_a_link_without_a_budget_carries_long_frames() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", asked_budget=0.0), tree=Files().tree())
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", asked_budget=0.0), tree=Files().tree())
     client = FileClient(stage)
     client.open("/files/400.bin")
     client.send(client.request(Opcode.BURST_READ_FILE, size=239))
@@ -124,7 +124,7 @@ def test_a_link_of_mavlink_1_carries_files_in_frames_that_are_long_anyway(client
 
 def test_a_file_leaves_by_the_connection_where_it_was_asked_for() -> None:
     more = {"wide": ConnectionSettings("udpout:127.0.0.1:14551", asked_budget=0.0)}
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", more=more), tree=Files().tree())
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", more=more), tree=Files().tree())
     client = FileClient(stage)
     request = client.request(Opcode.OPEN_FILE_RO, b"/files/400.bin")
     burst = client.request(Opcode.BURST_READ_FILE, size=239)
@@ -140,7 +140,7 @@ def test_a_file_leaves_by_the_connection_where_it_was_asked_for() -> None:
 
 def test_a_program_that_is_heard_on_two_connections_goes_on_reading_on_either() -> None:
     more = {"wifi": ConnectionSettings("udpout:127.0.0.1:14551")}
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", more=more), tree=Files().tree())
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", more=more), tree=Files().tree())
     client = FileClient(stage)
     client.open("/files/400.bin")
     read = client.request(Opcode.READ_FILE, size=80, offset=160)
@@ -249,7 +249,7 @@ def test_only_requests_to_this_component_are_answered(client: FileClient, target
 
 
 def test_anybody_may_read() -> None:
-    client = FileClient(Rehearsal(tree=Files().tree()), (7, 1))
+    client = FileClient(LoopbackLink(tree=Files().tree()), (7, 1))
     assert client.open("/state.json").opcode == Opcode.ACK
 
 
@@ -327,7 +327,7 @@ def by_and_by(client: FileClient) -> FtpPayload:
 def test_a_disk_that_hangs_keeps_nothing_else_from_being_said_and_is_answered_later(
     hanging: HangingFolder,
 ) -> None:
-    client = FileClient(Rehearsal(tree=Tree({"logs": hanging, "state.json": Document(lambda: b"{}")})))
+    client = FileClient(LoopbackLink(tree=Tree({"logs": hanging, "state.json": Document(lambda: b"{}")})))
     other = FileClient(client.stage, (254, 190))
     request = client.request(Opcode.OPEN_FILE_RO, b"/logs/a.log")
     began = time.perf_counter()
@@ -350,7 +350,7 @@ def test_a_disk_that_hangs_keeps_nothing_else_from_being_said_and_is_answered_la
 
 def test_a_disk_that_goes_on_hanging_is_told(hanging: HangingFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("companion.storage.file_reader.PATIENCE", 0.05)
-    client = FileClient(Rehearsal(tree=Tree({"logs": hanging})))
+    client = FileClient(LoopbackLink(tree=Tree({"logs": hanging})))
     client.send(client.request(Opcode.LIST_DIRECTORY, b"/logs"))
     assert error(by_and_by(client)) == FtpError.FAIL
 
@@ -359,7 +359,7 @@ def test_a_disk_that_goes_on_hanging_is_told(hanging: HangingFolder, monkeypatch
 def test_a_session_that_is_ended_before_its_file_was_read_is_not_opened(
     hanging: HangingFolder, ending: Opcode
 ) -> None:
-    client = FileClient(Rehearsal(tree=Tree({"logs": hanging})))
+    client = FileClient(LoopbackLink(tree=Tree({"logs": hanging})))
     client.send(client.request(Opcode.OPEN_FILE_RO, b"/logs/a.log", session=2))
     assert client.replies(0.1) == []
     client.send(client.request(ending, session=2))
@@ -371,7 +371,7 @@ def test_a_session_that_is_ended_before_its_file_was_read_is_not_opened(
 
 
 def test_no_more_than_a_few_requests_wait_for_the_disk(hanging: HangingFolder) -> None:
-    stage = Rehearsal(tree=Tree({"logs": hanging}))
+    stage = LoopbackLink(tree=Tree({"logs": hanging}))
     for number in range(3 * MAX_LATER):
         client = FileClient(stage, (230 + number % 20, 1 + number // 20))
         client.send(client.request(Opcode.LIST_DIRECTORY, b"/logs"))

@@ -6,7 +6,7 @@ from itertools import count
 import pytest
 
 from companion.link.ftp.sessions import IDLE
-from companion.sim.loopback_link import FileClient, Rehearsal
+from companion.sim.loopback_link import FileClient, LoopbackLink
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
 
@@ -21,16 +21,16 @@ def versions() -> Iterator[int]:
 
 
 @pytest.fixture
-def stage(versions: Iterator[int]) -> Rehearsal:
+def stage(versions: Iterator[int]) -> LoopbackLink:
     def state() -> bytes:
         return f"version {next(versions)}".encode()
 
     files = Documents(lambda: SIZES, FILES.__getitem__)
-    return Rehearsal(tree=Tree({"state.json": Document(state), "files": files}))
+    return LoopbackLink(tree=Tree({"state.json": Document(state), "files": files}))
 
 
 @pytest.fixture
-def client(stage: Rehearsal) -> FileClient:
+def client(stage: LoopbackLink) -> FileClient:
     return FileClient(stage)
 
 
@@ -73,7 +73,7 @@ def test_a_copy_of_an_old_opening_does_not_put_the_old_file_in_the_place_of_a_ne
     assert client.read().data == BYTES[:80]
 
 
-def test_a_client_that_was_started_again_opens_what_it_wants_at_once(stage: Rehearsal) -> None:
+def test_a_client_that_was_started_again_opens_what_it_wants_at_once(stage: LoopbackLink) -> None:
     before = FileClient(stage)
     before.sequence = 40
     before.open("/files/20000.bin")
@@ -100,7 +100,7 @@ def test_opening_again_in_the_same_session_reads_the_newest(client: FileClient) 
     assert client.read().data == b"version 2"
 
 
-def test_a_reset_ends_the_senders_own_sessions_only(stage: Rehearsal) -> None:
+def test_a_reset_ends_the_senders_own_sessions_only(stage: LoopbackLink) -> None:
     one = FileClient(stage)
     other = FileClient(stage, (254, 190))
     one.open("/files/400.bin")
@@ -124,7 +124,7 @@ def test_a_sender_has_two_sessions_and_the_longest_idle_makes_room(client: FileC
         assert client.read(session=session).data == BYTES[:80]
 
 
-def test_four_sessions_in_all_and_the_fifth_waits_until_one_is_idle(stage: Rehearsal) -> None:
+def test_four_sessions_in_all_and_the_fifth_waits_until_one_is_idle(stage: LoopbackLink) -> None:
     clients = [FileClient(stage, (250 + number, 190)) for number in range(3)]
     for client in clients[:2]:
         for session in (0, 1):
@@ -137,7 +137,7 @@ def test_four_sessions_in_all_and_the_fifth_waits_until_one_is_idle(stage: Rehea
     assert late.open("/files/400.bin").opcode == Opcode.ACK
 
 
-def test_an_operator_reads_however_many_who_may_only_read_came_before(stage: Rehearsal) -> None:
+def test_an_operator_reads_however_many_who_may_only_read_came_before(stage: LoopbackLink) -> None:
     strangers = [FileClient(stage, (system, 1)) for system in (7, 8)]
     for client in strangers:
         for session in (0, 1):
@@ -162,7 +162,7 @@ def test_a_session_in_use_outlives_the_idle_time_and_then_ends(client: FileClien
     assert error(client.read()) is FtpError.INVALID_SESSION
 
 
-def test_two_bursts_take_turns(stage: Rehearsal) -> None:
+def test_two_bursts_take_turns(stage: LoopbackLink) -> None:
     one = FileClient(stage)
     other = FileClient(stage, (254, 190))
     for client in (one, other):

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.access_control import STRANGERS_AT_ONCE, STRANGERS_PER_SECOND
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY
 from tests.companion.link.test_one_sender import SUMMARY
 
@@ -24,10 +24,10 @@ def flooded(
     senders: Iterable[tuple[int, int]],
     make: Callable[[int], Any] = lambda _: UNKNOWN,
     pace: float = 0.05,
-) -> Rehearsal:
+) -> LoopbackLink:
     """Each sender asks 20 times a second for 6 s, while the companion works."""
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", pace=pace))
-    stage.link.ask_for_pulses()
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", pace=pace))
+    stage.link.request_rc_channels()
     names = list(senders)
     for number in range(SECONDS * PER_SECOND):
         for sender in names:
@@ -53,7 +53,7 @@ def test_requests_that_fill_the_queue_push_out_only_each_other() -> None:
 
 
 def test_a_flood_of_one_operator_takes_no_acknowledgement_from_another() -> None:
-    stage, other = Rehearsal(), (254, 190)
+    stage, other = LoopbackLink(), (254, 190)
     for number in range(60 + SECONDS * PER_SECOND):
         flood = mavlink.MAVLink_param_ext_set_message(1, 191, b"X%d" % number, b"1", 11)
         stage.send(flood, OPERATOR)
@@ -68,7 +68,7 @@ def test_a_flood_of_one_operator_takes_no_acknowledgement_from_another() -> None
 
 
 def test_one_look_at_a_flood_takes_in_no_more_than_a_part_of_it() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 77, 1))
     for _ in range(100):
         stage.far.write(beat * 300)
@@ -110,7 +110,7 @@ def test_the_texts_of_refused_wishes_leave_room_for_others() -> None:
 
 
 def test_what_other_rovers_tell_everybody_takes_no_share_of_the_requests() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     told = mavlink.MAVLink_tunnel_message(0, 0, TUNNEL_SUMMARY, 47, bytes(128))
     for second in range(6):
         for rover in range(2, 20):

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link import encode
 from companion.link.settings import ConnectionSettings, LinkSettings
-from companion.sim.loopback_link import Rehearsal, Wire
+from companion.sim.loopback_link import LoopbackLink, Wire
 from companion.storage.served_tree import Document, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID, TUNNEL_SUMMARY, Policy, Stage, State
@@ -73,7 +73,7 @@ def test_every_budget_holds_and_what_matters_gets_out(
     main = LinkSettings(
         "udpout:127.0.0.1:14550", first.budget, first.burst, first.asked_budget, more={"wifi": second}
     )
-    stage = Rehearsal(main, build([f"word {number}" for number in range(20)], {}, {}), tree=TREE)
+    stage = LoopbackLink(main, build([f"word {number}" for number in range(20)], {}, {}), tree=TREE)
     wires: dict[str, Wire] = {"main": stage, "wifi": stage.more["wifi"]}
     if old is not None:
         wires[old].mavlink1 = True
@@ -119,7 +119,7 @@ def test_every_budget_holds_and_what_matters_gets_out(
 def test_a_download_goes_on_under_all_floods_and_what_was_dropped_is_counted_and_shown() -> None:
     wifi = {"wifi": ConnectionSettings("udpout:127.0.0.1:14551")}
     main = LinkSettings("udpout:127.0.0.1:14550", budget=150.0, more=wifi)
-    stage = Rehearsal(main, build([f"word {number}" for number in range(20)], {}, {}), tree=TREE)
+    stage = LoopbackLink(main, build([f"word {number}" for number in range(20)], {}, {}), tree=TREE)
     for number in range(400):
         flood(stage, set(FLOODS), number)
         stage.run(STEP, step=STEP)
@@ -132,14 +132,14 @@ def test_a_download_goes_on_under_all_floods_and_what_was_dropped_is_counted_and
     assert counters.dropped_summaries == sum(one.dropped_summaries for one in counters.connections.values())
 
 
-def calm(stage: Rehearsal) -> None:
+def calm(stage: LoopbackLink) -> None:
     stage.link.announce(replace(CALL, stage=Stage.CLOSED), "", stage.now)
     for _ in range(60):
         stage.link.summary(SUMMARY, stage.now)
         stage.run(0.2, step=STEP)
 
 
-def flood(stage: Rehearsal, kinds: set[str], number: int) -> None:
+def flood(stage: LoopbackLink, kinds: set[str], number: int) -> None:
     now = stage.now
     if "summaries" in kinds:
         stage.link.summary(SUMMARY, now)

@@ -25,7 +25,7 @@ from companion.link.inbound import AnswerRequest, ParameterRequest
 from companion.link.limits import LeaseTable
 from companion.link.link import READING_FOR, Link
 from companion.link.settings import MAIN, ConnectionSettings, LinkSettings
-from companion.sim.loopback_link import FileClient, Rehearsal, pair
+from companion.sim.loopback_link import FileClient, LoopbackLink, pair
 from companion.storage.served_tree import Document, Tree
 from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
 from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
@@ -64,7 +64,7 @@ def granted(request: AnswerRequest) -> Acknowledgement:
 
 
 def test_2000_answers_a_second_under_many_names_are_bounded_and_the_operator_gets_through() -> None:
-    stage, names = Rehearsal(), cycle(NAMES)
+    stage, names = LoopbackLink(), cycle(NAMES)
     stage.send(GROUND_HEARTBEAT, OPERATOR)
     stage.run(0.1)
     asked = 0
@@ -91,7 +91,7 @@ def test_2000_answers_a_second_under_many_names_are_bounded_and_the_operator_get
 
 
 def test_a_request_heard_on_two_connections_counts_once_in_any_flood() -> None:
-    stage = Rehearsal(BOTH)
+    stage = LoopbackLink(BOTH)
     stage.send(GROUND_HEARTBEAT, OPERATOR)
     stage.run(0.5)
     stage.send(SET, OPERATOR)
@@ -104,7 +104,7 @@ def test_a_request_heard_on_two_connections_counts_once_in_any_flood() -> None:
 
 
 def test_the_parts_of_an_answer_find_each_other_in_any_flood() -> None:
-    stage, names = Rehearsal(), cycle(NAMES)
+    stage, names = LoopbackLink(), cycle(NAMES)
     stage.send(GROUND_HEARTBEAT, OPERATOR)
     stage.run(0.1)
     stage.send(answer(1, 0, 2), OPERATOR)
@@ -119,7 +119,7 @@ def test_the_parts_of_an_answer_find_each_other_in_any_flood() -> None:
 
 
 def test_file_sessions_of_many_names_make_room_for_an_operator_who_is_known() -> None:
-    stage = Rehearsal(tree=Tree({"state.json": Document(lambda: b"x" * 400)}))
+    stage = LoopbackLink(tree=Tree({"state.json": Document(lambda: b"x" * 400)}))
     for number in range(MAX_SHARES - 1):
         stage.send(GROUND_HEARTBEAT, (254, 1 + number))
     stage.send(GROUND_HEARTBEAT, OPERATOR)
@@ -134,7 +134,7 @@ def test_file_sessions_of_many_names_make_room_for_an_operator_who_is_known() ->
 
 
 def test_a_reply_to_somebody_known_waits_for_one_frame_of_a_crowd_at_most() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     for number in range(MAX_SHARES):
         stage.send(GROUND_HEARTBEAT, (254, 1 + number))
     stage.run(3.0)
@@ -181,7 +181,7 @@ def test_a_connection_that_is_flooded_keeps_no_other_unheard_and_no_turn_long() 
 
 
 def test_one_datagram_of_noise_takes_next_to_no_time() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.run(0.1)
     began = time.process_time()
     for _ in range(20):
@@ -196,7 +196,7 @@ def test_one_datagram_of_noise_takes_next_to_no_time() -> None:
 def test_an_error_while_one_connection_sends_or_reads_stops_no_other(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    stage = Rehearsal(BOTH)
+    stage = LoopbackLink(BOTH)
     stage.run(0.5)
 
     def fail(*_: object) -> bool:

@@ -4,7 +4,7 @@ from itertools import pairwise
 import pytest
 
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State, read_heartbeat_mode
 from companion.wire.messages import MESSAGES
 from companion.wire.payloads import Summary
@@ -16,7 +16,7 @@ NUMBERS = {"AT_TRAV": 0.5, "AT_UNC": 0.1, "AT_SIM": 0.9, "AT_CALL": 0.0}
 QUIET = LinkSettings("udpin:0.0.0.0:14550")
 
 
-def drive(stage: Rehearsal, seconds: float) -> None:
+def drive(stage: LoopbackLink, seconds: float) -> None:
     """A daemon that judges ten frames a second."""
     for _ in range(round(seconds * 10)):
         stage.link.summary(SUMMARY, stage.now)
@@ -25,13 +25,13 @@ def drive(stage: Rehearsal, seconds: float) -> None:
 
 
 def test_a_heartbeat_leaves_every_second_from_the_first_moment() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.run(5.05)
     assert stage.times("HEARTBEAT") == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
 
 
 def test_a_heartbeat_flips_no_display_of_arming_or_mode() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.1)
     heartbeat = stage.sent("HEARTBEAT")[0]
     assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, 191)
@@ -51,7 +51,7 @@ def test_a_heartbeat_flips_no_display_of_arming_or_mode() -> None:
     ],
 )
 def test_the_heartbeat_tells_the_state_and_the_open_id(state: State, status: int) -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.link.set_state(state, 513, Policy.HOLD)
     stage.run(0.3)
     heartbeat = stage.sent("HEARTBEAT")[-1]
@@ -60,7 +60,7 @@ def test_the_heartbeat_tells_the_state_and_the_open_id(state: State, status: int
 
 
 def test_a_change_of_state_is_told_at_once_but_flapping_is_not() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(1.5)
     stage.link.set_state(State.FAULT, 0, Policy.REPORT)
     stage.run(0.02)
@@ -74,7 +74,7 @@ def test_a_change_of_state_is_told_at_once_but_flapping_is_not() -> None:
 
 @pytest.mark.parametrize("url", ["udpin:0.0.0.0:14550", "serial:/dev/ttyAMA0:57600"])
 def test_on_a_link_that_hears_the_autopilot_nothing_is_said_before_it(url: str) -> None:
-    stage = Rehearsal(LinkSettings(url), vehicle=None)
+    stage = LoopbackLink(LinkSettings(url), vehicle=None)
     drive(stage, 3)
     stage.link.say("hello", 6, stage.now)
     stage.run(1)
@@ -86,7 +86,7 @@ def test_on_a_link_that_hears_the_autopilot_nothing_is_said_before_it(url: str) 
 
 
 def test_the_newest_summary_leaves_once_a_second() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     drive(stage, 10)
     summaries = [Summary.unpack(payload) for payload in stage.tunnels(TUNNEL_SUMMARY)]
     assert len(summaries) == 10
@@ -95,14 +95,14 @@ def test_the_newest_summary_leaves_once_a_second() -> None:
 
 
 def test_no_new_frame_means_no_summary() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.link.summary(SUMMARY, stage.now)
     stage.run(5)
     assert len(stage.tunnels(TUNNEL_SUMMARY)) == 1
 
 
 def test_a_summary_that_waited_tells_its_true_age() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.link.summary(SUMMARY, stage.now)
     stage.run(0.5)
     stage.link.summary(SUMMARY, stage.now)
@@ -113,7 +113,7 @@ def test_a_summary_that_waited_tells_its_true_age() -> None:
 
 
 def test_a_due_summary_is_the_one_that_comes_then_not_one_that_waited() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     for _ in range(110):
         stage.link.summary(SUMMARY, stage.now)
         stage.run(0.09)
@@ -128,7 +128,7 @@ def test_a_due_summary_is_the_one_that_comes_then_not_one_that_waited() -> None:
 def test_nothing_that_can_wait_leaves_right_before_a_summary(
     rate: float, phase: float, unsteady: int
 ) -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=0.0), vehicle=None)
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0), vehicle=None)
     stage.link.set_rate("summary", rate)
     stage.run(phase)
     given = {}
@@ -149,7 +149,7 @@ def test_nothing_that_can_wait_leaves_right_before_a_summary(
 
 
 def test_a_device_that_takes_nothing_is_not_asked_without_a_pause() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(1)
     stage.near.full = True
     stage.run(1.5)
@@ -162,7 +162,7 @@ def test_a_device_that_takes_nothing_is_not_asked_without_a_pause() -> None:
 
 
 def test_each_number_leaves_every_two_seconds_and_they_take_turns() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     drive(stage, 20)
     numbers = stage.sent("NAMED_VALUE_FLOAT")
     assert [number.name for number in numbers[:4]] == list(NUMBERS)
@@ -172,7 +172,7 @@ def test_each_number_leaves_every_two_seconds_and_they_take_turns() -> None:
 
 
 def test_numbers_that_are_not_finite_or_old_are_left_out() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.link.numbers({"AT_TRAV": float("nan"), "AT_UNC": 0.5}, stage.now)
     stage.run(30)
     assert {number.name for number in stage.sent("NAMED_VALUE_FLOAT")} == {"AT_UNC"}
@@ -180,7 +180,7 @@ def test_numbers_that_are_not_finite_or_old_are_left_out() -> None:
 
 
 def test_quiet_traffic_is_what_the_table_says() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     drive(stage, 60)
     sent = stage.link.counters.sent["unsolicited"]
     assert sent == sum(frame.size for frame in stage.frames if frame.message.get_type() != "COMMAND_LONG")
@@ -188,7 +188,7 @@ def test_quiet_traffic_is_what_the_table_says() -> None:
 
 
 def test_no_frame_is_longer_than_the_table_says() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     drive(stage, 10)
     rows = {
         "HEARTBEAT": "heartbeat",
@@ -201,7 +201,7 @@ def test_no_frame_is_longer_than_the_table_says() -> None:
 
 
 def test_what_the_budget_does_not_carry_is_dropped_and_counted_and_the_heartbeat_goes_on() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
     drive(stage, 60)
     assert stage.link.counters.dropped_summaries > 10
     assert len(stage.sent("HEARTBEAT")) >= 59
@@ -212,7 +212,7 @@ def test_what_the_budget_does_not_carry_is_dropped_and_counted_and_the_heartbeat
 
 
 def test_what_the_daemon_says_of_sequence_and_dropped_is_overwritten() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.link.summary(replace(SUMMARY, sequence=99, dropped=99), stage.now)
     stage.run(0.1)
     told = Summary.unpack(stage.tunnels(TUNNEL_SUMMARY)[0])

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.encode import MavlinkVersion
 from companion.link.inbound import AnswerRequest
 from companion.link.settings import ConnectionSettings, LinkSettings
-from companion.sim.loopback_link import Frame, Rehearsal, Wire
+from companion.sim.loopback_link import Frame, LoopbackLink, Wire
 from companion.wire.ids import Policy, Reasons, State
 from companion.wire.payloads import Summary
 from tests.companion.link.test_one_sender import CALL
@@ -25,15 +25,15 @@ def versions(frames: list[Frame]) -> list[int]:
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
-    stage = Rehearsal()
+def stage() -> LoopbackLink:
+    stage = LoopbackLink()
     stage.mavlink1 = True
     stage.run(11.5)
     stage.frames.clear()
     return stage
 
 
-def drive(stage: Rehearsal, seconds: float) -> None:
+def drive(stage: LoopbackLink, seconds: float) -> None:
     for _ in range(round(seconds * 2)):
         stage.link.summary(SUMMARY, stage.now)
         stage.link.numbers({"AT_TRAV": 0.5}, stage.now)
@@ -41,7 +41,7 @@ def drive(stage: Rehearsal, seconds: float) -> None:
 
 
 def test_it_is_spoken_after_10_s_in_which_nothing_else_was_heard() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.mavlink1 = True
     stage.run(9.9)
     assert set(versions(stage.frames)) == {2}
@@ -51,7 +51,7 @@ def test_it_is_spoken_after_10_s_in_which_nothing_else_was_heard() -> None:
     assert stage.link.counters.connections["main"].mavlink == 1
 
 
-def test_one_frame_of_2_is_enough_to_change_back(stage: Rehearsal) -> None:
+def test_one_frame_of_2_is_enough_to_change_back(stage: LoopbackLink) -> None:
     stage.mavlink1 = False
     stage.run(1.5)
     stage.frames.clear()
@@ -60,14 +60,14 @@ def test_one_frame_of_2_is_enough_to_change_back(stage: Rehearsal) -> None:
     assert set(versions(stage.frames)) == {2}
 
 
-def test_a_heartbeat_of_2_in_10_s_lets_an_autopilot_change_over(stage: Rehearsal) -> None:
+def test_a_heartbeat_of_2_in_10_s_lets_an_autopilot_change_over(stage: LoopbackLink) -> None:
     stage.run(40)
     beats = [frame for frame in stage.frames if frame.message.get_type() == "HEARTBEAT"]
     assert versions(beats).count(2) == 3
     assert len(beats) == 40
 
 
-def test_our_own_frames_that_come_back_change_nothing(stage: Rehearsal) -> None:
+def test_our_own_frames_that_come_back_change_nothing(stage: LoopbackLink) -> None:
     stage.run(12)
     assert 2 in versions(stage.frames)
     for frame in stage.frames[-20:]:
@@ -78,7 +78,9 @@ def test_our_own_frames_that_come_back_change_nothing(stage: Rehearsal) -> None:
     assert stage.link.counters.connections["main"].mavlink == 1
 
 
-def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_counted(stage: Rehearsal) -> None:
+def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_counted(
+    stage: LoopbackLink,
+) -> None:
     drive(stage, 4)
     stage.link.announce(CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
@@ -93,7 +95,7 @@ def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_count
     assert len(stage.reported(AnswerRequest)) == 1
 
 
-def test_what_only_2_knows_is_cut_off(stage: Rehearsal) -> None:
+def test_what_only_2_knows_is_cut_off(stage: LoopbackLink) -> None:
     stage.link.say("x" * 50, 6, stage.now)
     stage.send(mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0))
     stage.run(0.5)
@@ -107,7 +109,7 @@ def test_what_only_2_knows_is_cut_off(stage: Rehearsal) -> None:
 
 
 def test_what_waits_when_the_version_changes_is_packed_anew() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.mavlink1 = True
     stage.run(9.5)
     stage.near.full = True
@@ -125,7 +127,7 @@ def test_what_waits_when_the_version_changes_is_packed_anew() -> None:
 
 def test_each_connection_has_its_own_version_and_a_new_device_starts_with_2() -> None:
     wifi = ConnectionSettings("udpout:127.0.0.1:14551")
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", more={"wifi": wifi}))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", more={"wifi": wifi}))
     stage.mavlink1 = True
     far: Wire = stage.more["wifi"]
     far.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
@@ -140,7 +142,7 @@ def test_each_connection_has_its_own_version_and_a_new_device_starts_with_2() ->
     assert versions(stage.frames)[0] == 2
 
 
-def test_a_mode_and_a_setpoint_reach_an_autopilot_that_speaks_1(stage: Rehearsal) -> None:
+def test_a_mode_and_a_setpoint_reach_an_autopilot_that_speaks_1(stage: LoopbackLink) -> None:
     stage.link.set_mode(4, stage.now)
     stage.link.stand_still(on=True)
     stage.run(0.5)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.connection import Connection
 from companion.link.sender import MAX_WAITING, Sender
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import FileClient, Frame, Rehearsal, pair
+from companion.sim.loopback_link import FileClient, Frame, LoopbackLink, pair
 from companion.storage.served_tree import Held, Tree
 from companion.wire.ftp import Opcode
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State
@@ -69,7 +69,7 @@ ACTIONS = st.lists(
 def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
     actions: list[tuple[str, float]], budget: float, burst: float
 ) -> None:
-    stage = Rehearsal(
+    stage = LoopbackLink(
         LinkSettings("udpout:127.0.0.1:14550", budget=budget, burst=burst, asked_budget=200.0),
         build([f"word {number}" for number in range(20)], {}, {}),
     )
@@ -98,7 +98,7 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
 @settings(max_examples=20, deadline=None)
 @given(ACTIONS)
 def test_frames_keep_their_distance_and_their_numbers_never_repeat(actions: list[tuple[str, float]]) -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=0.0, asked_budget=0.0))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0, asked_budget=0.0))
     for number, (action, pause) in enumerate(actions):
         stage.link.say(f"{action} {number}", 6, stage.now)
         stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
@@ -109,7 +109,7 @@ def test_frames_keep_their_distance_and_their_numbers_never_repeat(actions: list
 
 
 def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
     for number in range(600):
         stage.link.say(f"a text that is quite long, number {number}", 6, stage.now)
         stage.link.announce(replace(CALL, frame_id=number), f"C1 unknown thing {number}", stage.now)
@@ -119,7 +119,7 @@ def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
 
 
 def test_no_frame_is_longer_than_its_row_says() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", budget=0.0))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0))
     stage.link.announce(CALL, "x" * 60, stage.now)
     stage.link.say("y" * 60, 6, stage.now)
     stage.link.set_state(State.FAULT, 0xFFFF, Policy.HOLD)
@@ -155,7 +155,7 @@ def test_only_what_the_table_lets_the_companion_send_can_be_sent() -> None:
 
 
 def test_what_waited_too_long_is_not_sent() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.run(0.1)
     stage.near.full = True
     stage.link.say("old news", 6, stage.now)
@@ -167,7 +167,7 @@ def test_what_waited_too_long_is_not_sent() -> None:
 
 
 def test_somebody_else_under_our_ids_silences_us_and_is_named() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(2)
     stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 77, 4, 3), (1, 191))
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
@@ -182,7 +182,7 @@ def test_somebody_else_under_our_ids_silences_us_and_is_named() -> None:
 
 
 def test_our_own_frames_coming_back_are_no_clash() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(1)
     for frame in list(stage.frames):
         stage.far.write(bytes(frame.message.get_msgbuf()))
@@ -193,7 +193,7 @@ def test_our_own_frames_coming_back_are_no_clash() -> None:
 
 def test_a_fast_connection_knows_its_own_frames_that_come_back_late() -> None:
     fast = LinkSettings("udpout:127.0.0.1:14550", budget=0.0, asked_budget=0.0, pace=0.0)
-    stage = Rehearsal(fast, build([f"word {number}" for number in range(20)], {}, {}))
+    stage = LoopbackLink(fast, build([f"word {number}" for number in range(20)], {}, {}))
     for _ in range(4):
         stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
         stage.run(0.5)
@@ -205,16 +205,16 @@ def test_a_fast_connection_knows_its_own_frames_that_come_back_late() -> None:
 
 
 def test_a_hold_that_is_urgent_leaves_alone_and_at_once_and_the_rest_waits_for_its_turn() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.5)
     stage.link.say("a text", 1, stage.now)
     stage.link.set_mode(10, stage.now)
     before = len(stage.frames)
-    stage.link.urge_hold(stage.now)
+    stage.link.send_hold_now(stage.now)
     stage.collect(stage.now)
     assert stage.frames[before:] == [], "driving on is not urgent"
     stage.link.set_mode(4, stage.now)
-    stage.link.urge_hold(stage.now)
+    stage.link.send_hold_now(stage.now)
     stage.collect(stage.now)
     (hold,) = stage.frames[before:]
     assert (hold.message.command, hold.message.param2) == (176, 4)
@@ -229,14 +229,14 @@ def test_an_error_over_one_message_costs_that_message_only_and_is_said() -> None
         def read(self, offset: int, count: int) -> bytes:
             raise RuntimeError(offset, count)
 
-    class Shelf:
+    class ServedFolder:
         def sizes(self) -> dict[str, int]:
             return {}
 
         def open(self, name: str) -> Held:
             return Torn(name.encode())
 
-    stage = Rehearsal(tree=Tree({"logs": Shelf()}))
+    stage = LoopbackLink(tree=Tree({"logs": ServedFolder()}))
     client = FileClient(stage)
     client.open("/logs/torn")
     for opcode in (Opcode.READ_FILE, Opcode.BURST_READ_FILE):
@@ -249,7 +249,7 @@ def test_an_error_over_one_message_costs_that_message_only_and_is_said() -> None
 
 
 def test_after_a_reconnect_a_heartbeat_leaves_at_once() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.run(1.2)
     stage.near.broken = True
     stage.run(0.1)
@@ -262,7 +262,7 @@ def test_after_a_reconnect_a_heartbeat_leaves_at_once() -> None:
 
 
 def test_a_device_that_never_comes_disturbs_nothing() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.near.broken = True
     stage.link.announce(CALL, "C1 unknown", 0.0)
     for _ in range(200):

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import AnswerRequest, ParameterRequest
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter, ParameterError, build
 
@@ -18,7 +18,7 @@ GROUND = (255, 190)
 FULL = build([f"word {number}" for number in range(24)], {}, {})
 
 
-def values(stage: Rehearsal) -> list[tuple[str, float]]:
+def values(stage: LoopbackLink) -> list[tuple[str, float]]:
     return [(m.param_id, round(m.param_value, 4)) for m in stage.sent("PARAM_VALUE")]
 
 
@@ -30,7 +30,7 @@ def read(name: str = "", index: int = -1, *, target: tuple[int, int] = (1, 191))
     return mavlink.MAVLink_param_request_read_message(*target, name.encode(), index)
 
 
-def ask(stage: Rehearsal, *messages: Any, sender: tuple[int, int] = GROUND) -> list[ParameterRequest]:
+def ask(stage: LoopbackLink, *messages: Any, sender: tuple[int, int] = GROUND) -> list[ParameterRequest]:
     before = len(stage.reported(ParameterRequest))
     for message in messages:
         stage.send(message, sender)
@@ -39,15 +39,15 @@ def ask(stage: Rehearsal, *messages: Any, sender: tuple[int, int] = GROUND) -> l
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
-    stage = Rehearsal()
+def stage() -> LoopbackLink:
+    stage = LoopbackLink()
     stage.run(0.1)
     return stage
 
 
 @pytest.mark.parametrize("target", [(1, 191), (1, 0), (0, 0)])
 def test_the_list_is_told_whole_and_in_order(target: tuple[int, int]) -> None:
-    stage = Rehearsal(parameters=FULL)
+    stage = LoopbackLink(parameters=FULL)
     stage.run(0.1)
     stage.send(mavlink.MAVLink_param_request_list_message(*target), (42, 1))
     stage.run(5)
@@ -59,7 +59,7 @@ def test_the_list_is_told_whole_and_in_order(target: tuple[int, int]) -> None:
 
 
 def test_the_list_is_paced_and_keeps_to_its_own_budget() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", asked_budget=300.0, burst=300.0), FULL)
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", asked_budget=300.0, burst=300.0), FULL)
     stage.run(0.1)
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
     stage.run(10)
@@ -70,7 +70,7 @@ def test_the_list_is_paced_and_keeps_to_its_own_budget() -> None:
 
 
 def test_two_askers_at_a_time_cost_one_list_and_a_bit() -> None:
-    stage = Rehearsal(parameters=FULL)
+    stage = LoopbackLink(parameters=FULL)
     stage.run(0.1)
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
     stage.run(0.3)
@@ -82,13 +82,13 @@ def test_two_askers_at_a_time_cost_one_list_and_a_bit() -> None:
     assert len(after) <= 45
 
 
-def test_one_value_is_read_by_name_and_by_index_by_anybody(stage: Rehearsal) -> None:
+def test_one_value_is_read_by_name_and_by_index_by_anybody(stage: LoopbackLink) -> None:
     ask(stage, read("AT_W_GRASS"), sender=(42, 1))
     ask(stage, read(index=4, target=(1, 0)), sender=(42, 1))
     assert values(stage) == [("AT_W_GRASS", 1.0), ("AT_POLICY", 0.0)]
 
 
-def test_an_unknown_name_or_index_is_counted_and_its_asker_told(stage: Rehearsal) -> None:
+def test_an_unknown_name_or_index_is_counted_and_its_asker_told(stage: LoopbackLink) -> None:
     ask(stage, read("WP_RADIUS"), read(index=99), setting("AT_W_GRAVEL_ROADS", 1), sender=(42, 1))
     assert values(stage) == []
     assert stage.link.counters.rejected == {"unknown parameter": 3}
@@ -102,7 +102,7 @@ def test_an_unknown_name_or_index_is_counted_and_its_asker_told(stage: Rehearsal
     assert stage.link.counters.sent["asked"] <= 3 * MESSAGES["no parameter"].bytes
 
 
-def test_an_unknown_one_asked_of_everybody_or_by_mavlink_1_is_only_counted(stage: Rehearsal) -> None:
+def test_an_unknown_one_asked_of_everybody_or_by_mavlink_1_is_only_counted(stage: LoopbackLink) -> None:
     ask(stage, read("WP_RADIUS", target=(1, 0)), read(index=99, target=(0, 0)))
     stage.mavlink1 = True
     stage.run(12.0, step=0.05)
@@ -112,14 +112,14 @@ def test_an_unknown_one_asked_of_everybody_or_by_mavlink_1_is_only_counted(stage
 
 
 def test_whoever_asks_for_the_same_unknown_one_again_and_again_is_told_within_the_budget() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", asked_budget=50.0, burst=300.0))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", asked_budget=50.0, burst=300.0))
     for _ in range(100):
         stage.send(read("WP_RADIUS"))
         stage.run(0.1)
     assert 5 <= len(stage.sent("PARAM_ERROR")) <= 2 + (300 + 50 * 10) / 33
 
 
-def test_a_set_is_reported_and_echoed_when_the_daemon_has_applied_it(stage: Rehearsal) -> None:
+def test_a_set_is_reported_and_echoed_when_the_daemon_has_applied_it(stage: LoopbackLink) -> None:
     assert ask(stage, setting("AT_W_DRY_BUSH", -0.8)) == [ParameterRequest(GROUND, "AT_W_DRY_BUSH", -0.8)]
     assert values(stage) == []
     stage.link.set_parameter("AT_W_DRY_BUSH", -0.8, stage.now)
@@ -128,14 +128,14 @@ def test_a_set_is_reported_and_echoed_when_the_daemon_has_applied_it(stage: Rehe
     assert stage.link.counters.sent["asked"] == 37
 
 
-def test_a_value_that_was_not_taken_is_echoed_as_it_stands(stage: Rehearsal) -> None:
+def test_a_value_that_was_not_taken_is_echoed_as_it_stands(stage: LoopbackLink) -> None:
     ask(stage, setting("AT_POLICY", 2))
     stage.link.set_parameter("AT_POLICY", 0.0, stage.now)
     stage.run(0.1)
     assert values(stage) == [("AT_POLICY", 0.0)]
 
 
-def test_a_value_that_changed_by_itself_is_told_to_all_once(stage: Rehearsal) -> None:
+def test_a_value_that_changed_by_itself_is_told_to_all_once(stage: LoopbackLink) -> None:
     stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
     stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
     stage.run(0.2)
@@ -146,7 +146,7 @@ def test_a_value_that_changed_by_itself_is_told_to_all_once(stage: Rehearsal) ->
 
 
 @pytest.mark.parametrize("kind", [1, 6, 9, 10])
-def test_a_set_is_taken_whatever_type_it_names(stage: Rehearsal, kind: int) -> None:
+def test_a_set_is_taken_whatever_type_it_names(stage: LoopbackLink, kind: int) -> None:
     assert ask(stage, setting("AT_POLICY", 1, kind=kind))[0].value == 1.0
 
 
@@ -164,7 +164,7 @@ def test_a_set_is_taken_whatever_type_it_names(stage: Rehearsal, kind: int) -> N
     ],
 )
 def test_a_value_out_of_range_gets_the_old_value_and_a_text(
-    stage: Rehearsal, name: str, value: float
+    stage: LoopbackLink, name: str, value: float
 ) -> None:
     assert ask(stage, setting(name, value)) == []
     assert [name for name, _ in values(stage)] == [name]
@@ -173,14 +173,14 @@ def test_a_value_out_of_range_gets_the_old_value_and_a_text(
     assert stage.link.counters.rejected == {"range": 1}
 
 
-def test_a_sender_that_may_not_gets_the_old_value_and_is_counted(stage: Rehearsal) -> None:
+def test_a_sender_that_may_not_gets_the_old_value_and_is_counted(stage: LoopbackLink) -> None:
     assert ask(stage, setting("AT_W_GRASS", -1.0), sender=(42, 1)) == []
     assert values(stage) == [("AT_W_GRASS", 1.0)]
     assert stage.link.counters.rejected == {"sender": 1}
 
 
 def test_a_read_only_value_is_kept() -> None:
-    stage = Rehearsal(parameters=[Parameter("AT_VERSION", 1.0, 0.0, 9.0, read_only=True)])
+    stage = LoopbackLink(parameters=[Parameter("AT_VERSION", 1.0, 0.0, 9.0, read_only=True)])
     stage.run(0.1)
     assert ask(stage, setting("AT_VERSION", 2.0)) == []
     assert values(stage) == [("AT_VERSION", 1.0)]
@@ -188,18 +188,18 @@ def test_a_read_only_value_is_kept() -> None:
 
 
 @pytest.mark.parametrize("target", [(1, 0), (0, 0), (0, 191)])
-def test_a_set_for_everyone_is_for_nobody(stage: Rehearsal, target: tuple[int, int]) -> None:
+def test_a_set_for_everyone_is_for_nobody(stage: LoopbackLink, target: tuple[int, int]) -> None:
     assert ask(stage, setting("AT_W_GRASS", 0.5, target=target)) == []
     assert values(stage) == []
     assert stage.link.counters.rejected == {"target": 1}
 
 
-def test_a_set_meant_for_the_autopilot_passes_by(stage: Rehearsal) -> None:
+def test_a_set_meant_for_the_autopilot_passes_by(stage: LoopbackLink) -> None:
     assert ask(stage, setting("AT_W_GRASS", 0.5, target=(1, 1))) == []
     assert stage.link.counters.rejected == {}
 
 
-def test_the_daemon_cannot_tell_what_is_not_listed(stage: Rehearsal) -> None:
+def test_the_daemon_cannot_tell_what_is_not_listed(stage: LoopbackLink) -> None:
     with pytest.raises(ParameterError, match="AT_W_MUD"):
         stage.link.set_parameter("AT_W_MUD", 1.0, stage.now)
     with pytest.raises(ParameterError, match="out of range"):
@@ -208,11 +208,11 @@ def test_the_daemon_cannot_tell_what_is_not_listed(stage: Rehearsal) -> None:
 
 def test_too_many_parameters_are_refused_at_the_start() -> None:
     with pytest.raises(ParameterError, match="49 parameters, at most 48"):
-        Rehearsal(parameters=[Parameter(f"AT_{number}", 0.0, 0.0, 1.0) for number in range(49)])
+        LoopbackLink(parameters=[Parameter(f"AT_{number}", 0.0, 0.0, 1.0) for number in range(49)])
 
 
 def test_an_empty_list_answers_nothing() -> None:
-    stage = Rehearsal(parameters=[])
+    stage = LoopbackLink(parameters=[])
     stage.run(0.1)
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
     stage.run(1)
@@ -222,7 +222,7 @@ def test_an_empty_list_answers_nothing() -> None:
 @settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=16), st.floats(width=32), st.integers(0, 255), st.integers(-32768, 32767))
 def test_no_parameter_message_ever_raises(name: bytes, value: float, kind: int, index: int) -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.02)
     stage.send(mavlink.MAVLink_param_set_message(1, 191, name, value, kind))
     stage.send(mavlink.MAVLink_param_request_read_message(1, 191, name, index))
@@ -237,7 +237,7 @@ BIT_PATTERNS = st.integers(0, 2**32 - 1).map(lambda bits: struct.unpack("<f", st
 def test_every_parameter_takes_what_it_may_be_and_echoes_the_old_value_otherwise(
     entry: Parameter, value: float
 ) -> None:
-    stage = Rehearsal(parameters=FULL)
+    stage = LoopbackLink(parameters=FULL)
     stage.run(0.02)
     taken = [*ask(stage, setting(entry.name, value)), *stage.reported(AnswerRequest)]
     if not taken:

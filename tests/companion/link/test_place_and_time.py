@@ -7,7 +7,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.vehicle.state import Vehicle
 
 AUTOPILOT = (1, 1)
@@ -19,7 +19,7 @@ def attitude(roll: float, pitch: float, yaw: float) -> mavlink.MAVLink_attitude_
     return mavlink.MAVLink_attitude_message(0, roll, pitch, yaw, 0.0, 0.0, 0.0)
 
 
-def told(stage: Rehearsal, message: object, sender: tuple[int, int] = AUTOPILOT) -> Vehicle:
+def told(stage: LoopbackLink, message: object, sender: tuple[int, int] = AUTOPILOT) -> Vehicle:
     stage.run(0.1)
     stage.send(message, sender)
     stage.run(0.1)
@@ -28,18 +28,18 @@ def told(stage: Rehearsal, message: object, sender: tuple[int, int] = AUTOPILOT)
 
 
 def test_the_attitude_is_in_degrees_with_the_yaw_from_north() -> None:
-    vehicle = told(Rehearsal(), attitude(0.1, -0.2, -math.pi / 2))
+    vehicle = told(LoopbackLink(), attitude(0.1, -0.2, -math.pi / 2))
     assert vehicle.attitude == pytest.approx((5.73, -11.46, 270.0))
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, 7.0])
 def test_an_attitude_that_cannot_be_is_not_taken(wrong: float) -> None:
     for angles in ((wrong, 0.0, 0.0), (0.0, wrong, 0.0), (0.0, 0.0, wrong)):
-        assert told(Rehearsal(), attitude(*angles)).attitude is None
+        assert told(LoopbackLink(), attitude(*angles)).attitude is None
 
 
 def test_an_old_attitude_is_forgotten() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     told(stage, attitude(0.0, 0.0, 1.0))
     stage.run(6.0)
     assert stage.link.vehicle is not None
@@ -47,7 +47,7 @@ def test_an_old_attitude_is_forgotten() -> None:
 
 
 def test_the_autopilots_time_goes_on_by_itself() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     vehicle = told(stage, mavlink.MAVLink_system_time_message(int(IN_2026 * 1e6), 0))
     assert vehicle.clock is not None
     assert vehicle.clock + stage.now == pytest.approx(IN_2026 + 0.1, abs=0.15)
@@ -56,18 +56,18 @@ def test_the_autopilots_time_goes_on_by_itself() -> None:
 @pytest.mark.parametrize("seconds", [0.0, 946_684_800.0, 1_577_000_000.0, 5e9])
 def test_a_time_before_the_software_or_after_the_century_is_none(seconds: float) -> None:
     message = mavlink.MAVLink_system_time_message(int(seconds * 1e6), 0)
-    assert told(Rehearsal(), message).clock is None
+    assert told(LoopbackLink(), message).clock is None
 
 
 def test_another_vehicles_attitude_and_time_are_not_ours() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     told(stage, attitude(0.0, 0.0, 1.0), (2, 1))
     vehicle = told(stage, mavlink.MAVLink_system_time_message(int(IN_2026 * 1e6), 0), (2, 1))
     assert (vehicle.attitude, vehicle.clock) == (None, None)
 
 
 def test_both_are_asked_for_on_the_way_to_the_autopilot_until_they_come_and_when_they_stay_away() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
 
     def asked() -> list[float]:
         return [

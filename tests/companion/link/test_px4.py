@@ -7,21 +7,21 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import VehicleHeard
+from companion.link.inbound import VehicleUpdate
 from companion.link.settings import LONGEST_PACE, LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.vehicle import px4
 from companion.wire.messages import MESSAGES
 
 
-def heartbeat(stage: Rehearsal, mode: int = px4.MISSION) -> None:
+def heartbeat(stage: LoopbackLink, mode: int = px4.MISSION) -> None:
     stage.send(mavlink.MAVLink_heartbeat_message(10, 12, 0x81, mode, 4, 3), (1, 1))
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
+def stage() -> LoopbackLink:
     """A PX4 rover in MISSION was heard."""
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", pace=0.05), vehicle=None)
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", pace=0.05), vehicle=None)
     heartbeat(stage)
     stage.run(0.5)
     return stage
@@ -30,14 +30,16 @@ def stage() -> Rehearsal:
 @pytest.mark.parametrize(
     ("mode", "main", "sub"), [(px4.MISSION, 4, 4), (px4.LOITER, 4, 3), (px4.OFFBOARD, 6, 0)]
 )
-def test_a_mode_is_asked_for_by_main_and_sub_mode(stage: Rehearsal, mode: int, main: int, sub: int) -> None:
+def test_a_mode_is_asked_for_by_main_and_sub_mode(
+    stage: LoopbackLink, mode: int, main: int, sub: int
+) -> None:
     stage.link.set_mode(mode, stage.now)
     stage.run(0.1)
     command = next(message for message in stage.sent("COMMAND_LONG") if message.command == 176)
     assert (command.param1, command.param2, command.param3) == (1, main, sub)
 
 
-def test_zero_velocity_goes_out_at_the_rate_and_ends(stage: Rehearsal) -> None:
+def test_zero_velocity_goes_out_at_the_rate_and_ends(stage: LoopbackLink) -> None:
     stage.link.stand_still(on=True)
     for number in range(100):
         stage.link.say(f"text {number}", 4, stage.now)
@@ -51,7 +53,7 @@ def test_zero_velocity_goes_out_at_the_rate_and_ends(stage: Rehearsal) -> None:
     assert len(stage.times("SET_POSITION_TARGET_LOCAL_NED")) == before
 
 
-def test_a_setpoint_is_zero_velocity_and_nothing_else_for_the_autopilot_alone(stage: Rehearsal) -> None:
+def test_a_setpoint_is_zero_velocity_and_nothing_else_for_the_autopilot_alone(stage: LoopbackLink) -> None:
     stage.link.stand_still(on=True)
     stage.run(0.1)
     frame = next(f for f in stage.frames if f.message.get_type() == "SET_POSITION_TARGET_LOCAL_NED")
@@ -62,7 +64,7 @@ def test_a_setpoint_is_zero_velocity_and_nothing_else_for_the_autopilot_alone(st
     assert frame.size == MESSAGES["setpoint"].bytes
 
 
-def test_setpoints_are_the_autopilots_and_cost_no_budget(stage: Rehearsal) -> None:
+def test_setpoints_are_the_autopilots_and_cost_no_budget(stage: LoopbackLink) -> None:
     before = dict(stage.link.counters.sent)
     stage.link.stand_still(on=True)
     stage.run(10.0)
@@ -73,7 +75,7 @@ def test_setpoints_are_the_autopilots_and_cost_no_budget(stage: Rehearsal) -> No
 
 
 def test_an_answer_gets_out_beside_them_at_the_slowest_pace() -> None:
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", pace=LONGEST_PACE), vehicle=None)
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", pace=LONGEST_PACE), vehicle=None)
     heartbeat(stage)
     stage.link.stand_still(on=True)
     stage.run(2.0)
@@ -84,7 +86,7 @@ def test_an_answer_gets_out_beside_them_at_the_slowest_pace() -> None:
     assert stage.link.counters.lost == 0
 
 
-def test_they_go_on_while_another_component_talks_under_our_ids(stage: Rehearsal) -> None:
+def test_they_go_on_while_another_component_talks_under_our_ids(stage: LoopbackLink) -> None:
     stage.link.stand_still(on=True)
     stage.run(1.0)
     stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 7, 4, 3), (1, 191))
@@ -96,13 +98,13 @@ def test_they_go_on_while_another_component_talks_under_our_ids(stage: Rehearsal
 
 
 def test_without_a_vehicle_nothing_is_streamed() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.stand_still(on=True)
     stage.run(2.0)
     assert stage.sent("SET_POSITION_TARGET_LOCAL_NED") == []
 
 
-def test_the_mode_is_asked_for_by_interval_until_it_comes(stage: Rehearsal) -> None:
+def test_the_mode_is_asked_for_by_interval_until_it_comes(stage: LoopbackLink) -> None:
     def asked() -> int:
         return sum(m.command == 511 and m.param1 == 436 for m in stage.sent("COMMAND_LONG"))
 
@@ -116,16 +118,16 @@ def test_the_mode_is_asked_for_by_interval_until_it_comes(stage: Rehearsal) -> N
 
 
 def test_an_ardupilot_is_not_asked_for_it() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(12.0)
     assert not [m for m in stage.sent("COMMAND_LONG") if m.command == 511 and m.param1 == 436]
 
 
-def test_current_mode_tells_the_mode_but_not_that_it_lives(stage: Rehearsal) -> None:
+def test_current_mode_tells_the_mode_but_not_that_it_lives(stage: LoopbackLink) -> None:
     stage.run(0.5)
     stage.send(mavlink.MAVLink_current_mode_message(0, px4.LOITER, px4.LOITER), (1, 1))
     stage.send(mavlink.MAVLink_current_mode_message(0, 7, 7), (2, 1))
     stage.run(0.1)
-    vehicle = stage.reported(VehicleHeard)[-1].vehicle
+    vehicle = stage.reported(VehicleUpdate)[-1].vehicle
     assert (vehicle.custom_mode, vehicle.armed) == (px4.LOITER, True)
     assert vehicle.heard_at < 0.1

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.cli import main
 from companion.link.inbound import AnswerRequest, PolicyRequest
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.system.resources import resource
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion, Policy
 
@@ -20,9 +20,9 @@ QGROUNDCONTROL = (255, 190)
 PARAMETERS = [f"param{number}" for number in range(1, 8)]
 
 
-def press(label: str) -> Rehearsal:
+def press(label: str) -> LoopbackLink:
     """A link that was sent what QGroundControl sends for that button: a parameter not named is 0."""
-    stage, action = Rehearsal(), ACTIONS[label]
+    stage, action = LoopbackLink(), ACTIONS[label]
     stage.run(0.1)
     values = [float(action.get(name, 0.0)) for name in PARAMETERS]
     stage.send(

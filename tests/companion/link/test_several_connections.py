@@ -3,10 +3,10 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import AnswerRequest, ParameterRequest, PolicyRequest, Pulses, VehicleHeard
+from companion.link.inbound import AnswerRequest, ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
 from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
-from companion.sim.loopback_link import Rehearsal, Wire
+from companion.sim.loopback_link import LoopbackLink, Wire
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State
 from companion.wire.parameters import build
 from companion.wire.payloads import Summary
@@ -23,14 +23,14 @@ OURS = (1, 191)
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
-    stage = Rehearsal(BOTH)
+def stage() -> LoopbackLink:
+    stage = LoopbackLink(BOTH)
     stage.run(0.5)
     return stage
 
 
 @pytest.fixture
-def wifi(stage: Rehearsal) -> Wire:
+def wifi(stage: LoopbackLink) -> Wire:
     return stage.more["wifi"]
 
 
@@ -38,7 +38,7 @@ def commands(wire: Wire, number: int) -> int:
     return sum(message.command == number for message in wire.sent("COMMAND_LONG"))
 
 
-def test_everybody_is_told_by_all_connections(stage: Rehearsal, wifi: Wire) -> None:
+def test_everybody_is_told_by_all_connections(stage: LoopbackLink, wifi: Wire) -> None:
     stage.link.say("hello", 6, stage.now)
     stage.run(2)
     for wire in (stage, wifi):
@@ -47,7 +47,7 @@ def test_everybody_is_told_by_all_connections(stage: Rehearsal, wifi: Wire) -> N
 
 
 def test_an_answer_leaves_by_the_connection_where_the_asker_was_heard_last(
-    stage: Rehearsal, wifi: Wire
+    stage: LoopbackLink, wifi: Wire
 ) -> None:
     unknown = mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0)
     wifi.send(unknown)
@@ -64,7 +64,7 @@ def commands_acked(wire: Wire) -> int:
     return len(wire.sent("COMMAND_ACK"))
 
 
-def test_a_list_is_told_only_where_it_was_asked_for(stage: Rehearsal, wifi: Wire) -> None:
+def test_a_list_is_told_only_where_it_was_asked_for(stage: LoopbackLink, wifi: Wire) -> None:
     wifi.send(LIST)
     stage.run(4)
     told = [message.param_index for message in wifi.sent("PARAM_VALUE")]
@@ -73,7 +73,9 @@ def test_a_list_is_told_only_where_it_was_asked_for(stage: Rehearsal, wifi: Wire
     assert stage.sent("PARAM_VALUE") == []
 
 
-def test_lists_asked_for_on_two_connections_do_not_disturb_each_other(stage: Rehearsal, wifi: Wire) -> None:
+def test_lists_asked_for_on_two_connections_do_not_disturb_each_other(
+    stage: LoopbackLink, wifi: Wire
+) -> None:
     wifi.send(LIST, (255, 190))
     stage.run(0.1)
     stage.send(LIST, (254, 190))
@@ -83,7 +85,7 @@ def test_lists_asked_for_on_two_connections_do_not_disturb_each_other(stage: Reh
 
 
 def test_lists_of_texts_asked_for_on_two_connections_are_whole_on_both() -> None:
-    stage = Rehearsal(BOTH, build([f"word {number}" for number in range(12)], {}, {}))
+    stage = LoopbackLink(BOTH, build([f"word {number}" for number in range(12)], {}, {}))
     stage.run(0.5)
     request = mavlink.MAVLink_param_ext_request_list_message(1, 191)
     stage.send(request, (254, 190))
@@ -94,7 +96,7 @@ def test_lists_of_texts_asked_for_on_two_connections_are_whole_on_both() -> None
         assert [message.param_index for message in wire.sent("PARAM_EXT_VALUE")] == list(range(13))
 
 
-def test_a_value_that_somebody_changed_is_told_to_the_others_too(stage: Rehearsal, wifi: Wire) -> None:
+def test_a_value_that_somebody_changed_is_told_to_the_others_too(stage: LoopbackLink, wifi: Wire) -> None:
     wifi.send(SET)
     stage.run(0.1)
     stage.link.set_parameter("AT_W_GRASS", 0.5, stage.now)
@@ -105,7 +107,7 @@ def test_a_value_that_somebody_changed_is_told_to_the_others_too(stage: Rehearsa
 
 @pytest.mark.parametrize(("message", "kind"), [(GO, AnswerRequest), (SET, ParameterRequest)])
 def test_a_request_heard_on_two_connections_counts_once(
-    stage: Rehearsal, wifi: Wire, message: object, kind: type
+    stage: LoopbackLink, wifi: Wire, message: object, kind: type
 ) -> None:
     wifi.send(message)
     stage.send(message)
@@ -118,7 +120,7 @@ def test_a_request_heard_on_two_connections_counts_once(
 
 
 def test_the_same_command_again_later_or_on_the_same_connection_is_a_new_wish(
-    stage: Rehearsal, wifi: Wire
+    stage: LoopbackLink, wifi: Wire
 ) -> None:
     wifi.send(SET)
     stage.run(0.3)
@@ -129,7 +131,7 @@ def test_the_same_command_again_later_or_on_the_same_connection_is_a_new_wish(
     assert len(stage.reported(ParameterRequest)) == 3
 
 
-def test_the_autopilot_is_commanded_only_where_it_is_heard(stage: Rehearsal, wifi: Wire) -> None:
+def test_the_autopilot_is_commanded_only_where_it_is_heard(stage: LoopbackLink, wifi: Wire) -> None:
     stage.link.set_mode(4, stage.now)
     stage.link.stand_still(on=True)
     stage.run(0.5)
@@ -140,23 +142,23 @@ def test_the_autopilot_is_commanded_only_where_it_is_heard(stage: Rehearsal, wif
 
 
 def test_an_autopilot_heard_on_two_connections_is_listened_to_on_the_first(
-    stage: Rehearsal, wifi: Wire
+    stage: LoopbackLink, wifi: Wire
 ) -> None:
     pulses = mavlink.MAVLink_rc_channels_message(0, 16, *[1500] * 18, 255)
-    before = len(stage.reported(VehicleHeard))
+    before = len(stage.reported(VehicleUpdate))
     wifi.mode = 4
     wifi.heartbeat(1)
     wifi.send(pulses, (1, 1))
     stage.run(0.1)
-    assert len(stage.reported(VehicleHeard)) == before
-    assert stage.reported(Pulses) == []
+    assert len(stage.reported(VehicleUpdate)) == before
+    assert stage.reported(RcChannels) == []
     stage.send(pulses, (1, 1))
     stage.run(0.1)
-    assert len(stage.reported(Pulses)) == 1
+    assert len(stage.reported(RcChannels)) == 1
 
 
 def test_an_autopilot_that_falls_silent_on_one_connection_is_reached_by_the_other_and_back(
-    stage: Rehearsal, wifi: Wire
+    stage: LoopbackLink, wifi: Wire
 ) -> None:
     stage.vehicle = None
     for _ in range(5):
@@ -175,7 +177,7 @@ def test_an_autopilot_that_falls_silent_on_one_connection_is_reached_by_the_othe
 
 
 def test_an_autopilot_adopted_late_on_the_second_connection_is_reached_there() -> None:
-    stage = Rehearsal(BOTH, vehicle=None)
+    stage = LoopbackLink(BOTH, vehicle=None)
     stage.run(2)
     stage.more["wifi"].heartbeat(1)
     stage.run(0.1)
@@ -184,7 +186,7 @@ def test_an_autopilot_adopted_late_on_the_second_connection_is_reached_there() -
     assert (commands(stage, 176), commands(stage.more["wifi"], 176)) == (0, 1)
 
 
-def test_a_second_vehicle_on_another_connection_is_ignored(stage: Rehearsal, wifi: Wire) -> None:
+def test_a_second_vehicle_on_another_connection_is_ignored(stage: LoopbackLink, wifi: Wire) -> None:
     for _ in range(5):
         wifi.heartbeat(2)
         stage.run(1)
@@ -195,7 +197,7 @@ def test_a_second_vehicle_on_another_connection_is_ignored(stage: Rehearsal, wif
     assert (commands(stage, 176), commands(wifi, 176)) == (1, 0)
 
 
-def test_nothing_is_passed_on_from_one_connection_to_another(stage: Rehearsal, wifi: Wire) -> None:
+def test_nothing_is_passed_on_from_one_connection_to_another(stage: LoopbackLink, wifi: Wire) -> None:
     wifi.send(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     stage.send(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0), (1, 1))
     stage.run(1)
@@ -205,7 +207,7 @@ def test_nothing_is_passed_on_from_one_connection_to_another(stage: Rehearsal, w
 
 
 def test_our_ids_on_one_connection_silence_that_one_and_are_named_on_the_other(
-    stage: Rehearsal, wifi: Wire
+    stage: LoopbackLink, wifi: Wire
 ) -> None:
     wifi.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 77, 4, 3), OURS)
     stage.run(0.1)
@@ -224,7 +226,7 @@ def test_our_ids_on_one_connection_silence_that_one_and_are_named_on_the_other(
 
 
 def test_our_own_frames_that_come_back_by_another_connection_are_no_clash(
-    stage: Rehearsal, wifi: Wire
+    stage: LoopbackLink, wifi: Wire
 ) -> None:
     for frame in list(stage.frames):
         wifi.far.write(bytes(frame.message.get_msgbuf()))
@@ -235,7 +237,7 @@ def test_our_own_frames_that_come_back_by_another_connection_are_no_clash(
 
 def test_each_connection_counts_its_own_bytes_summaries_and_drops() -> None:
     slow = ConnectionSettings("udpout:127.0.0.1:14551", budget=60.0, burst=300.0)
-    stage = Rehearsal(LinkSettings("udpout:127.0.0.1:14550", more={"slow": slow}))
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", more={"slow": slow}))
     for _ in range(300):
         stage.link.summary(SUMMARY, stage.now)
         stage.run(0.1, step=0.05)
@@ -257,7 +259,7 @@ def test_each_connection_counts_its_own_bytes_summaries_and_drops() -> None:
 
 
 def test_a_sender_for_whom_no_route_is_left_is_answered_everywhere_and_others_keep_theirs(
-    stage: Rehearsal, wifi: Wire
+    stage: LoopbackLink, wifi: Wire
 ) -> None:
     heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     for number in range(2 * MAX_ROUTES):
@@ -270,7 +272,7 @@ def test_a_sender_for_whom_no_route_is_left_is_answered_everywhere_and_others_ke
         assert (commands_acked(stage) - before, commands_acked(wifi) - on_wifi) == (everywhere, 1)
 
 
-def test_a_flood_of_strangers_does_not_hide_the_autopilot(stage: Rehearsal, wifi: Wire) -> None:
+def test_a_flood_of_strangers_does_not_hide_the_autopilot(stage: LoopbackLink, wifi: Wire) -> None:
     heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     for number in range(2 * MAX_ROUTES):
         wifi.send(heartbeat, (10 + number, 190))

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import AnswerRequest, Pulses
+from companion.link.inbound import AnswerRequest, RcChannels
 from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
 from companion.link.signing import open_signing
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Motion, Outcome, Reasons, Result
 from companion.wire.ids import Stage as CallStage
@@ -42,7 +42,7 @@ class Peer:
         return packed
 
 
-class Stage(Rehearsal):
+class Stage(LoopbackLink):
     """A link with a key on a udpin wire; `wall`: s since 1970 when it begins."""
 
     def __init__(
@@ -215,7 +215,7 @@ def test_an_exempted_autopilot_may_tell_unsigned_but_ask_nothing(tmp_path: Path)
         seconds=2.0,
     )
     assert stage.link.vehicle is not None
-    assert any(isinstance(one, Pulses) for one in stage.heard)
+    assert any(isinstance(one, RcChannels) for one in stage.heard)
     assert stage.answers == []
     assert stage.rejected == {"unsigned": 2}
     assert stage.link.trouble is None, "it is known not to sign"

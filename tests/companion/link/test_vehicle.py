@@ -1,13 +1,13 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import ModeAck, VehicleHeard
+from companion.link.inbound import ModeAck, VehicleUpdate
 from companion.link.settings import LinkSettings
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.vehicle.state import Vehicle
 
 
-def vehicle(stage: Rehearsal) -> Vehicle:
+def vehicle(stage: LoopbackLink) -> Vehicle:
     assert stage.link.vehicle is not None
     return stage.link.vehicle
 
@@ -19,7 +19,7 @@ def place(
 
 
 def test_the_vehicle_is_known_from_its_heartbeat() -> None:
-    stage = Rehearsal(vehicle=1)
+    stage = LoopbackLink(vehicle=1)
     stage.run(0.1)
     assert vehicle is not None
     assert (
@@ -28,11 +28,11 @@ def test_the_vehicle_is_known_from_its_heartbeat() -> None:
         vehicle(stage).custom_mode,
         vehicle(stage).armed,
     ) == (1, 3, 10, True)
-    assert stage.reported(VehicleHeard)[-1].vehicle == vehicle(stage)
+    assert stage.reported(VehicleUpdate)[-1].vehicle == vehicle(stage)
 
 
 def test_another_id_is_adopted_when_the_configured_one_stays_silent() -> None:
-    stage = Rehearsal(vehicle=7)
+    stage = LoopbackLink(vehicle=7)
     stage.run(2.0)
     assert stage.link.vehicle is None
     stage.run(2.0)
@@ -42,7 +42,7 @@ def test_another_id_is_adopted_when_the_configured_one_stays_silent() -> None:
 
 
 def test_one_that_passed_by_before_ours_does_not_keep_it_from_being_adopted() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.run(0.1)
     stage.heartbeat(9)
     stage.run(1.0)
@@ -52,7 +52,7 @@ def test_one_that_passed_by_before_ours_does_not_keep_it_from_being_adopted() ->
 
 
 def test_the_first_heartbeat_under_a_new_id_leaves_at_once() -> None:
-    stage = Rehearsal(vehicle=7)
+    stage = LoopbackLink(vehicle=7)
     stage.run(3.5)
     first = next(f for f in stage.frames if f.message.get_srcSystem() == 7)
     assert first.message.get_type() == "HEARTBEAT"
@@ -60,7 +60,7 @@ def test_the_first_heartbeat_under_a_new_id_leaves_at_once() -> None:
 
 
 def test_the_configured_vehicle_wins_over_one_that_was_heard_first() -> None:
-    stage = Rehearsal(LinkSettings("udpin:0.0.0.0:14550", system_id=3), vehicle=9)
+    stage = LoopbackLink(LinkSettings("udpin:0.0.0.0:14550", system_id=3), vehicle=9)
     stage.run(1.0)
     stage.heartbeat(3)
     stage.run(5.0)
@@ -68,7 +68,7 @@ def test_the_configured_vehicle_wins_over_one_that_was_heard_first() -> None:
 
 
 def test_another_vehicle_on_the_wire_changes_nothing() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.5)
     stage.mode = 4
     stage.heartbeat(2)
@@ -80,7 +80,7 @@ def test_another_vehicle_on_the_wire_changes_nothing() -> None:
 
 
 def test_other_components_and_ground_stations_are_no_vehicle() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     camera = mavlink.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3)
     stage.send(camera, (1, 100))
     stage.send(camera, (1, 1))
@@ -90,7 +90,7 @@ def test_other_components_and_ground_stations_are_no_vehicle() -> None:
 
 
 def test_position_heading_and_speed_are_told() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.1)
     stage.send(place(), (1, 1))
     stage.run(0.1)
@@ -99,7 +99,7 @@ def test_position_heading_and_speed_are_told() -> None:
 
 
 def test_a_position_without_a_fix_a_heading_or_sense_is_not_believed() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.1)
     stage.send(place(0, 0), (1, 1))
     stage.send(place(lat=2_000_000_000), (1, 1))
@@ -111,7 +111,7 @@ def test_a_position_without_a_fix_a_heading_or_sense_is_not_believed() -> None:
 
 
 def test_an_old_position_is_forgotten() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.1)
     stage.send(place(), (1, 1))
     stage.run(4.0)
@@ -122,7 +122,7 @@ def test_an_old_position_is_forgotten() -> None:
 
 
 def test_the_position_is_asked_for_until_it_comes() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(25.0)
     asked = [message for message in stage.sent("COMMAND_LONG") if message.param1 == 33]
     assert len(asked) == 3
@@ -134,7 +134,7 @@ def test_the_position_is_asked_for_until_it_comes() -> None:
 
 
 def test_a_mode_command_overtakes_everything_and_its_ack_is_reported() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(15.2)
     for number in range(8):
         stage.link.say(f"text {number}", 6, stage.now)
@@ -151,7 +151,7 @@ def test_a_mode_command_overtakes_everything_and_its_ack_is_reported() -> None:
 
 
 def test_acks_for_others_or_from_others_are_not_ours() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.1)
     stage.send(mavlink.MAVLink_command_ack_message(176, 0, 0, 0, 255, 190), (1, 1))
     stage.send(mavlink.MAVLink_command_ack_message(511, 0, 0, 0, 1, 191), (1, 1))
@@ -161,7 +161,7 @@ def test_acks_for_others_or_from_others_are_not_ours() -> None:
 
 
 def test_a_mode_command_that_could_not_be_sent_is_forgotten_not_sent_late() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.5)
     stage.near.full = True
     stage.link.set_mode(10, stage.now)
@@ -173,7 +173,7 @@ def test_a_mode_command_that_could_not_be_sent_is_forgotten_not_sent_late() -> N
 
 
 def test_a_mode_command_without_a_vehicle_goes_nowhere() -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.link.set_mode(4, stage.now)
     stage.run(1.0)
     assert stage.sent("COMMAND_LONG") == []
@@ -181,7 +181,7 @@ def test_a_mode_command_without_a_vehicle_goes_nowhere() -> None:
 
 @pytest.mark.parametrize(("kind", "autopilot"), [(10, 4), (2, 3), (2, 12)])
 def test_another_kind_of_autopilot_or_vehicle_gets_no_mode_command(kind: int, autopilot: int) -> None:
-    stage = Rehearsal(vehicle=None)
+    stage = LoopbackLink(vehicle=None)
     stage.send(mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, 0x04040000, 4, 3), (1, 1))
     stage.run(0.1)
     stage.link.set_mode(4, stage.now)
@@ -191,7 +191,7 @@ def test_another_kind_of_autopilot_or_vehicle_gets_no_mode_command(kind: int, au
 
 
 def test_after_the_autopilot_was_away_a_heartbeat_leaves_at_once() -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(1.3)
     stage.vehicle = None
     stage.run(5.1)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import WordsRequest
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import ForgetWord, SetWord
 
 GROUND = (255, 190)
@@ -14,8 +14,8 @@ ACCEPTED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3
 
 
 @pytest.fixture
-def stage() -> Rehearsal:
-    stage = Rehearsal()
+def stage() -> LoopbackLink:
+    stage = LoopbackLink()
     stage.link.set_words({"grass": 1.0, "old wall": -0.8})
     stage.run(0.1)
     return stage
@@ -25,23 +25,23 @@ def setting(name: str, value: bytes, *, target: tuple[int, int] = (1, 191), kind
     return mavlink.MAVLink_param_ext_set_message(*target, name.encode(), value, kind)
 
 
-def heard(stage: Rehearsal, message: Any, sender: tuple[int, int] = GROUND) -> list[WordsRequest]:
+def heard(stage: LoopbackLink, message: Any, sender: tuple[int, int] = GROUND) -> list[WordsRequest]:
     before = len(stage.reported(WordsRequest))
     stage.send(message, sender)
     stage.run(0.3)
     return stage.reported(WordsRequest)[before:]
 
 
-def acks(stage: Rehearsal) -> list[tuple[str, str, int]]:
+def acks(stage: LoopbackLink) -> list[tuple[str, str, int]]:
     return [(m.param_id, m.param_value, m.param_result) for m in stage.sent("PARAM_EXT_ACK")]
 
 
-def values(stage: Rehearsal) -> list[tuple[str, str]]:
+def values(stage: LoopbackLink) -> list[tuple[str, str]]:
     return [(m.param_id, m.param_value) for m in stage.sent("PARAM_EXT_VALUE")]
 
 
 @pytest.mark.parametrize("target", [(1, 191), (1, 0), (0, 0)])
-def test_the_list_holds_the_text_and_every_weight(stage: Rehearsal, target: tuple[int, int]) -> None:
+def test_the_list_holds_the_text_and_every_weight(stage: LoopbackLink, target: tuple[int, int]) -> None:
     stage.send(mavlink.MAVLink_param_ext_request_list_message(*target), (42, 1))
     stage.run(2.0)
     assert values(stage) == [
@@ -54,7 +54,7 @@ def test_the_list_holds_the_text_and_every_weight(stage: Rehearsal, target: tupl
     assert [m.param_index for m in told] == [0, 1, 2]
 
 
-def test_one_is_read_by_name_and_by_index(stage: Rehearsal) -> None:
+def test_one_is_read_by_name_and_by_index(stage: LoopbackLink) -> None:
     stage.send(mavlink.MAVLink_param_ext_request_read_message(1, 191, b"AT_WORDS", -1))
     stage.send(mavlink.MAVLink_param_ext_request_read_message(1, 0, b"", 1))
     stage.send(mavlink.MAVLink_param_ext_request_read_message(1, 191, b"AT_NONE", -1))
@@ -64,7 +64,7 @@ def test_one_is_read_by_name_and_by_index(stage: Rehearsal) -> None:
     assert stage.link.counters.rejected == {"unknown parameter": 2}
 
 
-def test_a_text_sets_words_also_new_ones_and_takes_others_out_of_use(stage: Rehearsal) -> None:
+def test_a_text_sets_words_also_new_ones_and_takes_others_out_of_use(stage: LoopbackLink) -> None:
     text = "Grass: 0.5; trockenes Böschungsgras:-1 ;old wall: -2;"
     (request,) = heard(stage, setting("AT_WORDS", text.encode()))
     assert request.operations == (
@@ -80,7 +80,7 @@ def test_a_text_sets_words_also_new_ones_and_takes_others_out_of_use(stage: Rehe
     assert stage.sent("PARAM_EXT_ACK")[0]._param_value_raw.rstrip(b"\0").decode() == text, "as it was set"
 
 
-def test_one_weight_is_set_as_text(stage: Rehearsal) -> None:
+def test_one_weight_is_set_as_text(stage: LoopbackLink) -> None:
     (request,) = heard(stage, setting("AT_W_DRY_BUSH", b"-0.5"))
     assert request.operations == (SetWord("dry bush", -0.5),)
     stage.link.acknowledge_words(request, stage.now, accepted=False)
@@ -88,7 +88,7 @@ def test_one_weight_is_set_as_text(stage: Rehearsal) -> None:
     assert acks(stage) == [("AT_W_DRY_BUSH", "-2", FAILED)], "with the value in force"
 
 
-def test_the_same_again_is_in_progress_until_it_is_decided(stage: Rehearsal) -> None:
+def test_the_same_again_is_in_progress_until_it_is_decided(stage: LoopbackLink) -> None:
     (request,) = heard(stage, setting("AT_WORDS", b"mud: -1"))
     assert heard(stage, setting("AT_WORDS", b"mud: -1")) == []
     assert [result for _, _, result in acks(stage)] == [IN_PROGRESS]
@@ -97,7 +97,7 @@ def test_the_same_again_is_in_progress_until_it_is_decided(stage: Rehearsal) -> 
     assert [result for _, _, result in acks(stage)] == [IN_PROGRESS, ACCEPTED]
 
 
-def test_each_of_two_texts_is_acknowledged_with_what_became_of_it(stage: Rehearsal) -> None:
+def test_each_of_two_texts_is_acknowledged_with_what_became_of_it(stage: LoopbackLink) -> None:
     (first,) = heard(stage, setting("AT_WORDS", b"mud: 0.5"))
     (second,) = heard(stage, setting("AT_WORDS", b"mud: 0.9"))
     stage.link.acknowledge_words(first, stage.now, accepted=True)
@@ -127,27 +127,27 @@ def test_each_of_two_texts_is_acknowledged_with_what_became_of_it(stage: Rehears
     ],
 )
 def test_a_text_that_is_none_is_unsupported_and_answered_with_the_old_one(
-    stage: Rehearsal, value: bytes
+    stage: LoopbackLink, value: bytes
 ) -> None:
     assert heard(stage, setting("AT_WORDS", value)) == []
     assert acks(stage) == [("AT_WORDS", "grass: 1; old wall: -0.8", UNSUPPORTED)]
     assert stage.sent("STATUSTEXT")[-1].text.startswith("Refused: ")
 
 
-def test_another_type_is_unsupported_and_an_unknown_name_fails(stage: Rehearsal) -> None:
+def test_another_type_is_unsupported_and_an_unknown_name_fails(stage: LoopbackLink) -> None:
     assert heard(stage, setting("AT_W_GRASS", b"\0\0\0\x3f", kind=9)) == []
     assert heard(stage, setting("AT_NONE", b"1")) == []
     assert acks(stage) == [("AT_W_GRASS", "1", UNSUPPORTED), ("AT_NONE", "", FAILED)]
 
 
-def test_a_sender_that_may_not_fails_and_one_for_everybody_is_for_nobody(stage: Rehearsal) -> None:
+def test_a_sender_that_may_not_fails_and_one_for_everybody_is_for_nobody(stage: LoopbackLink) -> None:
     assert heard(stage, setting("AT_WORDS", b"grass: -1"), sender=(42, 1)) == []
     assert [result for _, _, result in acks(stage)] == [FAILED]
     assert heard(stage, setting("AT_WORDS", b"grass: -1", target=(1, 0))) == []
     assert stage.link.counters.rejected == {"sender": 1, "target": 1}
 
 
-def test_a_text_of_many_words_is_told_as_far_as_it_fits(stage: Rehearsal) -> None:
+def test_a_text_of_many_words_is_told_as_far_as_it_fits(stage: LoopbackLink) -> None:
     stage.link.set_words({f"a rather long word {number}": -0.25 for number in range(16)})
     stage.send(mavlink.MAVLink_param_ext_request_read_message(1, 191, b"AT_WORDS", -1))
     stage.run(0.3)
@@ -159,7 +159,7 @@ def test_a_text_of_many_words_is_told_as_far_as_it_fits(stage: Rehearsal) -> Non
 @settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=128), st.sampled_from([b"AT_WORDS", b"AT_W_GRASS"]), st.integers(0, 255))
 def test_whatever_is_set_is_read_whole_or_refused(value: bytes, name: bytes, kind: int) -> None:
-    stage = Rehearsal()
+    stage = LoopbackLink()
     stage.run(0.02)
     stage.send(mavlink.MAVLink_param_ext_set_message(1, 191, name, value, kind))
     stage.run(0.1)

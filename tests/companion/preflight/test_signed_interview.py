@@ -56,9 +56,13 @@ class Autopilot:
         self._far.write(message.pack(self._mav))
 
 
-def talked(signing: Signing, key: bytes | None, *, sceptical: bool = True) -> tuple[Interview, Autopilot]:
+def talked(
+    signing: Signing, key: bytes | None, *, refuse_unsigned: bool = True
+) -> tuple[Interview, Autopilot]:
     near, far = pair()
-    interview = Interview(Connection(lambda: near, 0.0), lambda _: ["A", "B"], 1, 0.0, signing, sceptical)
+    interview = Interview(
+        Connection(lambda: near, 0.0), lambda _: ["A", "B"], 1, 0.0, signing, refuse_unsigned
+    )
     autopilot = Autopilot(far, key)
     for step in range(200):
         autopilot.turn()
@@ -81,7 +85,7 @@ def test_an_autopilot_without_the_key_is_told_as_such(signing: Signing, key: byt
 
 
 def test_an_exempted_autopilot_is_heard_without_it(signing: Signing) -> None:
-    interview, _ = talked(signing, None, sceptical=False)
+    interview, _ = talked(signing, None, refuse_unsigned=False)
     assert interview.values == {"A": 1.0, "B": 1.0}
 
 

@@ -12,12 +12,12 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.settings.mapping import first_values, first_words, kept_values
+from companion.settings.mapping import first_values, first_words, storable_defaults
 from companion.settings.runtime import SMALLEST_ROI, RuntimeSettings, judging_values, tuned
 from companion.wire.parameters import ROI, build
 
 JUDGING = Settings(region=Box(0.333, 0.6, 0.667, 0.95), thresholds=Thresholds(roi=0.3, tile=None))
-CONFIGURED = kept_values(Config(), JUDGING)
+CONFIGURED = storable_defaults(Config(), JUDGING)
 LISTED = {parameter.name: parameter for parameter in build((), {}, {})}
 JSON = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),

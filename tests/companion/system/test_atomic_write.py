@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from companion.system.atomic_write import write_durably, write_whole
+from companion.system.atomic_write import write_atomically, write_durably
 
 ROOM = 64 * 1024
 Write = Callable[[Path, bytes], None]
-WAYS = pytest.mark.parametrize("write", [write_durably, write_whole])
+WAYS = pytest.mark.parametrize("write", [write_durably, write_atomically])
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
 from companion.config import Config
-from companion.sim.loopback_vision import Loopback
+from companion.sim.loopback_vision import LoopbackVision
 from companion.tasks import VISION
 from companion.vision.client import Vision
 from tests.anytraverse.conftest import Painted
@@ -27,9 +27,9 @@ def engine(memory: Memory | None, perceiver: Painted | None = None) -> AnyTraver
 @contextlib.contextmanager
 def loading(
     make: Callable[[Memory | None], AnyTraverse] = engine,
-) -> Iterator[tuple[Vision, Loopback]]:
+) -> Iterator[tuple[Vision, LoopbackVision]]:
     """A vision process that is asked to start with the first poll, and its child."""
-    child = Loopback(make)
+    child = LoopbackVision(make)
     vision = Vision(lambda: child, Config(), None, VISION)
     try:
         yield vision, child

@@ -17,7 +17,7 @@ from anytraverse.memory import resumed_memory
 from anytraverse.perception import Example
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.sim.loopback_vision import Loopback
+from companion.sim.loopback_vision import LoopbackVision
 from companion.tasks import VISION
 from companion.vision.client import (
     KEPT,
@@ -52,7 +52,7 @@ from tests.companion.vision.played import WORDS, engine
 STEP = 0.02
 
 
-class Channel(Loopback):
+class Channel(LoopbackVision):
     """One that can be full, and say anything at all."""
 
     full = False
@@ -289,7 +289,7 @@ def test_a_memory_that_is_too_long_for_one_message_reaches_a_new_process_whole(
     monkeypatch.setattr("companion.vision.codec.LARGEST", 16 << 10)
     scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, order) for order in range(1, 301)]
     kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
-    child = Loopback(engine)
+    child = LoopbackVision(engine)
     vision = Vision(lambda: child, Config(), kept, VISION)
     for _ in range(10):
         vision.poll(clock.now)
@@ -304,7 +304,7 @@ def test_a_memory_that_is_too_long_for_one_message_reaches_a_new_process_whole(
 def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(clock: Clock) -> None:
     scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, order) for order in range(1, 301)]
     kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
-    children = [Loopback(engine) for _ in range(2)]
+    children = [LoopbackVision(engine) for _ in range(2)]
     waiting = iter(children)
     vision = Vision(lambda: next(waiting), Config(), kept, VISION)
     for _ in range(3):
@@ -327,7 +327,7 @@ def test_a_played_process_remembers_only_what_it_was_asked_last(stage: Stage) ->
 
 
 def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock: Clock) -> None:
-    child = Loopback(engine, 2.0)
+    child = LoopbackVision(engine, 2.0)
     vision = Vision(lambda: child, Config(), None, VISION)
     for _ in range(2):
         vision.poll(clock.now)
@@ -369,8 +369,8 @@ def test_a_new_process_is_tuned_gets_the_frames_back_and_goes_on_counting_frames
         stage.turn()
         stage.vision.draw(number, "C", State.CALLING, keep=True)
         stage.turn()
-    assert not stage.vision.holds_frame(1)
-    assert stage.vision.holds_frame(2)
+    assert not stage.vision.has_stored_frame(1)
+    assert stage.vision.has_stored_frame(2)
     stage.child.death = "SIGSEGV"
     for _ in range(4):
         stage.turn()
@@ -406,7 +406,7 @@ def test_a_frame_that_a_new_process_dies_over_twice_is_given_back_no_more(stage:
     for expected in (True, True, False):
         stage.silence(5.0)
         stage.child.work()
-        assert stage.vision.holds_frame(1) is expected
+        assert stage.vision.has_stored_frame(1) is expected
         stage.child._reports = stage.child._reports[:1]  # ready, and no more
         stage.vision.poll(stage.clock.now)
         assert stage.vision.trouble == ""

@@ -24,7 +24,7 @@ from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.system.atomic_write import write_whole
+from companion.system.atomic_write import write_atomically
 from companion.vision.checks import BadReportError, Expected, checked
 from companion.vision.codec import (
     LARGEST,
@@ -233,7 +233,7 @@ def test_no_function_is_called_and_no_file_is_written(tmp_path: Path) -> None:
     path = tmp_path / "made"
     for called in (
         Calls(os.system, f"touch {path}"),
-        Calls(write_whole, path, b"x"),
+        Calls(write_atomically, path, b"x"),
         Calls(eval, f"open({str(path)!r}, 'w')"),
         Calls(exec, f"open({str(path)!r}, 'w')"),
         Calls(open, str(path), "w"),
@@ -253,7 +253,7 @@ def test_no_function_is_called_and_no_file_is_written(tmp_path: Path) -> None:
     [
         ("os", "system"),
         ("builtins", "eval"),
-        ("companion.system.atomic_write", "write_whole"),
+        ("companion.system.atomic_write", "write_atomically"),
         ("companion.vision.codec", "importlib"),
         ("companion.vision.codec", "decode_trusted"),
         ("companion.vision.codec", "pickle.loads"),

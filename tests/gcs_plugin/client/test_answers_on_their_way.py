@@ -53,7 +53,7 @@ def test_it_is_sent_again_with_back_off_and_given_up_after_a_minute(sky: Sky) ->
     sky.run(70.0)
     assert [round(at - start) for at in sky.sent] == [0, 1, *range(3, 60, 4)]
     assert pending.status is Status.EXPIRED
-    assert sky.of(ev.AnswerMoved)[-1].status is Status.EXPIRED
+    assert sky.of(ev.AnswerStatusChanged)[-1].status is Status.EXPIRED
 
 
 def test_a_lost_acknowledgement_is_fetched_by_sending_again_and_applied_once(sky: Sky) -> None:
@@ -140,7 +140,7 @@ def test_nothing_is_sent_to_a_rover_that_is_silent_for_three_seconds(sky: Sky) -
     pending = sky.answer(BUSH)
     sky.run(10.0)
     assert (pending.status, sky.sent) == (Status.WAITING, [])
-    assert sky.of(ev.AnswerMoved)[-1].status is Status.WAITING
+    assert sky.of(ev.AnswerStatusChanged)[-1].status is Status.WAITING
     sky.rover_speaks = True
     sky.run(2.0)
     assert pending.status is Status.ACKNOWLEDGED
@@ -152,7 +152,7 @@ def test_nothing_is_sent_to_a_rover_that_was_never_heard(sky: Sky) -> None:
     sky.client.request_parameters(1)
     sky.run(61.0)
     assert sky.sent == []
-    assert sky.of(ev.AnswerMoved)[-1].status is Status.EXPIRED
+    assert sky.of(ev.AnswerStatusChanged)[-1].status is Status.EXPIRED
 
 
 def test_a_long_answer_goes_in_parts_at_a_pace_that_radios_bear(sky: Sky) -> None:

@@ -53,7 +53,7 @@ def test_warnings_of_the_autopilot_are_told_and_its_echoes_of_the_companion_are_
     sky.now += 10.0
     sky.hear(says(3, "C7 FAULT camera silent"))
     sky.run(0.1)
-    assert [(event.severity, event.text) for event in sky.of(ev.VehicleTextHeard)] == [
+    assert [(event.severity, event.text) for event in sky.of(ev.VehicleTextReceived)] == [
         (2, "HOLD: companion silent. AUTO again = go blind"),
         (4, "warned"),
         (3, "C7 FAULT camera silent"),

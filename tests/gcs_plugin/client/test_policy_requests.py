@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.wire.ids import Policy
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.delivery import PolicyRequested
+from gcs_plugin.client.delivery import PolicyStatus
 
 
 class Sky:
@@ -23,7 +23,7 @@ class Sky:
         self.client.ids = 255, 190
         self.now = 0.0
         self.down = self.up = True
-        self.told: list[PolicyRequested] = []
+        self.told: list[PolicyStatus] = []
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * 10)):
@@ -34,7 +34,9 @@ class Sky:
                 frames += replies if self.up else []
             for message in self.ground.parse(b"".join(frames)):
                 self.client.receive(message, self.now)
-            self.told += [one.status for one in self.client.events() if isinstance(one, ev.PolicyMoved)]
+            self.told += [
+                one.status for one in self.client.events() if isinstance(one, ev.PolicyStatusChanged)
+            ]
 
     def wish(self, policy: Policy) -> None:
         self.client.set_policy(1, policy, self.now)
@@ -51,7 +53,7 @@ def test_it_is_asked_for_once_and_is_in_force(sky: Sky) -> None:
     sky.wish(Policy.SHADOW)
     sky.run(20.0)
     assert sky.rover.policies_asked == [Policy.SHADOW]
-    assert sky.told == [PolicyRequested.SENT, PolicyRequested.GRANTED]
+    assert sky.told == [PolicyStatus.SENT, PolicyStatus.GRANTED]
     assert sky.client.rovers[1].policy is Policy.SHADOW
     assert not sky.client.busy
 
@@ -61,7 +63,7 @@ def test_one_that_is_refused_is_not_asked_for_again(sky: Sky) -> None:
     sky.wish(Policy.HOLD)
     sky.run(20.0)
     assert sky.rover.policies_asked == [Policy.HOLD]
-    assert sky.told == [PolicyRequested.SENT, PolicyRequested.REFUSED]
+    assert sky.told == [PolicyStatus.SENT, PolicyStatus.REFUSED]
 
 
 def test_what_is_lost_is_sent_again(sky: Sky) -> None:
@@ -72,14 +74,14 @@ def test_what_is_lost_is_sent_again(sky: Sky) -> None:
     sky.down = True
     sky.run(5.0)
     assert sky.rover.policies_asked == [Policy.OFF]
-    assert sky.told == [PolicyRequested.SENT, PolicyRequested.GRANTED]
+    assert sky.told == [PolicyStatus.SENT, PolicyStatus.GRANTED]
 
 
 def test_after_a_minute_without_a_word_it_is_given_up_and_said(sky: Sky) -> None:
     sky.down = False
     sky.wish(Policy.OFF)
     sky.run(61.0)
-    assert sky.told == [PolicyRequested.SENT, PolicyRequested.EXPIRED]
+    assert sky.told == [PolicyStatus.SENT, PolicyStatus.EXPIRED]
     assert not sky.client.busy
 
 
@@ -92,7 +94,7 @@ def test_a_rover_that_is_not_heard_is_asked_when_it_is(sky: Sky) -> None:
     sky.up = True
     sky.run(2.0)
     assert sky.rover.policies_asked == [Policy.REPORT]
-    assert sky.told == [PolicyRequested.WAITING, PolicyRequested.SENT, PolicyRequested.GRANTED]
+    assert sky.told == [PolicyStatus.WAITING, PolicyStatus.SENT, PolicyStatus.GRANTED]
 
 
 def test_a_newer_wish_takes_the_place_of_an_older(sky: Sky) -> None:
@@ -114,5 +116,5 @@ def test_what_another_ground_station_is_told_settles_nothing(sky: Sky, other: tu
     for message in sky.ground.parse(sky.rover.companion.frame(ack)):
         sky.client.receive(message, sky.now)
     sky.run(0.2)
-    assert sky.told == [PolicyRequested.SENT]
+    assert sky.told == [PolicyStatus.SENT]
     assert sky.client.busy

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.sim.loopback_link import Rehearsal
+from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.payloads import CallData
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.fetch import LIFETIME_S, Fetch, Fetched
+from gcs_plugin.client.fetch import LIFETIME_S, Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal.commands import CommandError, Picture, parse
 from gcs_plugin.terminal.output import TextOutput
@@ -32,7 +32,7 @@ class Air:
 
     def __init__(self, content: bytes = CONTENT, loss: float = 0.0, seed: int = 1) -> None:
         calls = Documents(lambda: {"7.jpg": len(content)}, lambda _: content)
-        self.link = Rehearsal(tree=Tree({"file": Document(lambda: content), "calls": calls}))
+        self.link = LoopbackLink(tree=Tree({"file": Document(lambda: content), "calls": calls}))
         self.client = OperatorClient()
         self.loss = loss
         self.silent = False
@@ -67,7 +67,7 @@ class Air:
 def test_a_file_of_any_size_comes_whole_and_its_session_is_given_back(size: int) -> None:
     air = Air(CONTENT[:size])
     fetch = air.fetch()
-    assert (fetch.status, fetch.content, fetch.size) == (Fetched.DONE, CONTENT[:size], size)
+    assert (fetch.status, fetch.content, fetch.size) == (FetchStatus.DONE, CONTENT[:size], size)
     air.run(1.0)
     assert air.link.link._files.open_files == 0
     assert not air.client.busy
@@ -76,7 +76,7 @@ def test_a_file_of_any_size_comes_whole_and_its_session_is_given_back(size: int)
 def test_a_picture_takes_two_seconds_on_a_radio() -> None:
     air = Air(CONTENT[:1500])
     began = air.link.now
-    assert air.fetch().status is Fetched.DONE
+    assert air.fetch().status is FetchStatus.DONE
     assert air.link.now - began < 2.5
 
 
@@ -84,7 +84,7 @@ def test_a_picture_takes_two_seconds_on_a_radio() -> None:
 def test_what_is_lost_is_asked_for_again(loss: float) -> None:
     for seed in range(4):
         fetch = Air(CONTENT[:1500], loss, seed).fetch(within=120.0)
-        assert (fetch.status, fetch.content) == (Fetched.DONE, CONTENT[:1500])
+        assert (fetch.status, fetch.content) == (FetchStatus.DONE, CONTENT[:1500])
 
 
 def test_after_a_silence_it_goes_on_where_it_stopped() -> None:
@@ -98,21 +98,21 @@ def test_after_a_silence_it_goes_on_where_it_stopped() -> None:
     air.silent = False
     sent = len(air.link.sent("FILE_TRANSFER_PROTOCOL"))
     air.run(20.0, fetch)
-    assert (fetch.status, fetch.content) == (Fetched.DONE, CONTENT)
+    assert (fetch.status, fetch.content) == (FetchStatus.DONE, CONTENT)
     again = [FtpPayload.unpack(bytes(one.payload)) for one in air.link.sent("FILE_TRANSFER_PROTOCOL")[sent:]]
     assert min(one.offset for one in again if one.request == Opcode.BURST_READ_FILE) >= received
 
 
 def test_a_file_that_is_not_there_is_said_at_once() -> None:
     fetch = Air().fetch("/calls/9.jpg", within=1.0)
-    assert (fetch.status, fetch.problem) == (Fetched.FAILED, "the companion has no such file")
+    assert (fetch.status, fetch.problem) == (FetchStatus.FAILED, "the companion has no such file")
 
 
 def test_nobody_waits_for_ever() -> None:
     air = Air()
     air.silent = True
     fetch = air.fetch(within=LIFETIME_S + 1.0)
-    assert fetch.status is Fetched.FAILED
+    assert fetch.status is FetchStatus.FAILED
     assert "no byte for 60 s" in fetch.problem
     assert not air.client.busy
 
@@ -138,7 +138,7 @@ def test_a_file_too_long_to_hold_is_refused() -> None:
     fetch = Fetch(1, "/file", 0.0, session=5)
     fetch.due(0.0)
     fetch.hear(FtpPayload(2, 5, Opcode.ACK, 4, Opcode.OPEN_FILE_RO, data=b"\xff" * 4), 0.1)
-    assert fetch.status is Fetched.FAILED
+    assert fetch.status is FetchStatus.FAILED
 
 
 def test_picture_is_a_command_with_an_id_and_a_size() -> None:

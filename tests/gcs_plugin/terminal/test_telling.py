@@ -16,7 +16,7 @@ from companion.wire import ids
 from companion.wire.answers import Acknowledgement
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import PolicyRequested, Status
+from gcs_plugin.client.delivery import PolicyStatus, Status
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.client.vehicle import mode_name
 from gcs_plugin.terminal import wording
@@ -41,13 +41,13 @@ def all_events(thing_call: CallData, quiet_summary: Summary) -> list[ev.Event]:
         ev.CallOpened(1, thing_call),
         ev.CallChanged(1, replace(thing_call, stage=ids.Stage.CLEAR)),
         ev.CallClosed(1, closed, 12.0),
-        ev.SummaryHeard(1, quiet_summary),
-        ev.TextHeard(1, 3, "C7 unknown thing\x1b[2J ahead"),
-        ev.VehicleTextHeard(1, 2, "HOLD: companion silent"),
-        ev.ParameterHeard(1, "AT_W_BUSH", -1.0),
-        *(ev.AnswerMoved(1, 7, 5, status) for status in Status),
+        ev.SummaryReceived(1, quiet_summary),
+        ev.TextReceived(1, 3, "C7 unknown thing\x1b[2J ahead"),
+        ev.VehicleTextReceived(1, 2, "HOLD: companion silent"),
+        ev.ParameterReceived(1, "AT_W_BUSH", -1.0),
+        *(ev.AnswerStatusChanged(1, 7, 5, status) for status in Status),
         ev.Acknowledged(1, ACK),
-        *(ev.PolicyMoved(1, ids.Policy.HOLD, status) for status in PolicyRequested),
+        *(ev.PolicyStatusChanged(1, ids.Policy.HOLD, status) for status in PolicyStatus),
         ev.NotUnderstood(1, "payload version 2"),
     ]
 
@@ -91,7 +91,7 @@ def test_colours_are_there_when_asked_for(thing_call: CallData) -> None:
 def test_an_alert_looks_like_one_and_news_do_not(severity: int, colour: str) -> None:
     page = io.StringIO()
     output = TextOutput(page, colours=True)
-    output.event(ev.TextHeard(1, severity, "H9 HOLD FAILED: STOP BY HAND"), 1.0, several=False)
+    output.event(ev.TextReceived(1, severity, "H9 HOLD FAILED: STOP BY HAND"), 1.0, several=False)
     said = 'says "H9 HOLD FAILED: STOP BY HAND"'
     assert page.getvalue().rstrip("\n").endswith(f"\033[{colour}m{said}\033[0m" if colour else f"  {said}")
 
@@ -100,7 +100,7 @@ def test_a_text_that_repeats_is_read_once_a_minute() -> None:
     page = io.StringIO()
     output = TextOutput(page, colours=False)
     for now in range(0, 120, 15):
-        output.event(ev.TextHeard(1, 3, "C7 still here"), float(now), several=False)
+        output.event(ev.TextReceived(1, 3, "C7 still here"), float(now), several=False)
     assert page.getvalue().count("C7 still here") == 2
 
 
@@ -108,15 +108,15 @@ def test_a_text_whose_figure_alone_changes_is_a_repeat() -> None:
     page = io.StringIO()
     output = TextOutput(page, colours=False)
     for figure in (80, 81, 80, 79):
-        output.event(ev.TextHeard(1, 4, f"C1 blocked {figure}% drivable: waiting"), 1.0, several=False)
+        output.event(ev.TextReceived(1, 4, f"C1 blocked {figure}% drivable: waiting"), 1.0, several=False)
     assert page.getvalue().count("waiting") == 1
 
 
 def test_a_text_that_the_autopilot_brought_first_is_read_once() -> None:
     page = io.StringIO()
     output = TextOutput(page, colours=False)
-    output.event(ev.VehicleTextHeard(1, 3, "C7 FAULT camera silent"), 1.0, several=False)
-    output.event(ev.TextHeard(1, 3, "C7 FAULT camera silent"), 1.3, several=False)
+    output.event(ev.VehicleTextReceived(1, 3, "C7 FAULT camera silent"), 1.0, several=False)
+    output.event(ev.TextReceived(1, 3, "C7 FAULT camera silent"), 1.3, several=False)
     assert page.getvalue().count("C7 FAULT") == 1
 
 

@@ -19,7 +19,7 @@ from companion.sim.demo import main as module
 from companion.sim.demo.child import Child, ChildError
 from companion.sim.demo.config import write_config
 from companion.sim.demo.main import set_stage
-from companion.sim.demo.rehearsal import rehearse
+from companion.sim.demo.rehearsal import run_camera_demo
 from companion.sim.demo.sheet import write_sheet
 from companion.sim.demo.story import Story
 
@@ -142,7 +142,7 @@ def test_a_rehearsal_judges_a_folder_of_pictures_and_draws_a_sheet(tmp_path: Pat
         cv2.imwrite(str(pictures / f"{number:03d}.png"), image)
     out, stream = tmp_path / "out", io.StringIO()
     out.mkdir()
-    assert rehearse(f"folder:{pictures}", out, Story(stream), auto=True) == 0
+    assert run_camera_demo(f"folder:{pictures}", out, Story(stream), auto=True) == 0
     figures = json.loads(stream.getvalue().splitlines()[-1])
     assert figures["frames"] >= 15
     assert figures["calls"] >= 1
@@ -151,7 +151,7 @@ def test_a_rehearsal_judges_a_folder_of_pictures_and_draws_a_sheet(tmp_path: Pat
 
 def test_a_rehearsal_without_pictures_says_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(ChildError, match=r"no frame came: .*holds no picture"):
-        rehearse(f"folder:{tmp_path}", tmp_path, Story(io.StringIO()), auto=True)
+        run_camera_demo(f"folder:{tmp_path}", tmp_path, Story(io.StringIO()), auto=True)
 
 
 def test_without_pictures_there_is_no_sheet(tmp_path: Path) -> None:

@@ -280,8 +280,8 @@ def test_it_runs_for_its_time_even_when_nobody_reads_what_it_says() -> None:
         stderr=subprocess.PIPE,
     )
     os.close(writer)
-    _, complaints = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, complaints) == (0, b"")
+    _, conflicts = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, conflicts) == (0, b"")
 
 
 @pytest.mark.parametrize("option", [("--fps", "0"), ("--speed", "-1"), ("--width", "1"), ("--seed", "x")])

@@ -12,7 +12,7 @@ from companion.sim.field.autopilot import HAND
 from companion.sim.field.control import FieldError
 from companion.sim.field.modes import Mode
 from companion.sim.field.onboard import install
-from companion.sim.field.requests import RequestDispatcher
+from companion.sim.field.requests import ControlRequests
 from companion.sim.field.router import Parser, Port
 from companion.sim.field.simulation import Simulation
 from companion.sim.field.things import World
@@ -45,7 +45,7 @@ class Scene:
 
     def hear(self, port: Port, datagram: bytes) -> None:
         """As the running field does it: scripts first, then routing of what is right."""
-        self.autopilot.overhear(port, datagram)
+        self.autopilot.pass_to_script(port, datagram)
         for frame in Parser().frames(datagram):
             self.autopilot.receive(port, frame)
 
@@ -196,7 +196,7 @@ def test_arming_needs_a_companion_where_the_owner_says_so(scene: Scene) -> None:
     arm = int(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     assert scene.command(arm, 1) == mavlink.MAV_RESULT_FAILED
     assert "Arm: no companion: fix it or ATS_NEED 0" in scene.texts()
-    requests = RequestDispatcher(scene.simulation, status=dict, freeze=lambda _: None, stop=lambda: None)
+    requests = ControlRequests(scene.simulation, status=dict, freeze=lambda _: None, stop=lambda: None)
     with pytest.raises(FieldError, match="forbids arming"):
         requests.handle({"do": "start"})
     scene.state = State.OK

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.sim.field.control import FieldError
 from companion.sim.field.modes import Mode
-from companion.sim.field.requests import RequestDispatcher
+from companion.sim.field.requests import ControlRequests
 from companion.sim.field.router import Port
 from companion.sim.field.simulation import LONGEST_GAP, Simulation
 from companion.sim.field.things import World
@@ -24,7 +24,7 @@ class Scene:
         self.simulation = Simulation(self.world, self._nobody)
         self.frozen: bool | None = None
         self.stopped = False
-        self.requests = RequestDispatcher(
+        self.requests = ControlRequests(
             self.simulation, status=self.simulation.status, freeze=self._freeze, stop=self._stop
         )
 

@@ -13,7 +13,14 @@ from typing import Any
 
 from anytraverse.memory import Memory
 from companion.config import Config
-from companion.daemon.composition import Resources, compose, first_parameters, first_policy, open_id, whole
+from companion.daemon.composition import (
+    Resources,
+    compose,
+    first_parameters,
+    first_policy,
+    open_id,
+    stored_u32,
+)
 from companion.daemon.daemon import Daemon, stop_on_signals
 from companion.daemon.startup import load
 from companion.link.link import Link
@@ -29,7 +36,7 @@ from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild
 from companion.vision.client import Vision
 from companion.wire import notices, texts
-from companion.wire.ids import State
+from companion.wire.ids import WARNING, State
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +67,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     gc.freeze()
     link = _open_link(config, served, memory, saved)
     closing.callback(link.close)
-    first_frame = whole(saved.get("frame_id")) + 1
+    first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = Vision(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
     ready = load(vision, link, stop)
@@ -72,7 +79,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
         start_notices.append(notices.int8_idle())
     for notice in start_notices:
         log.warning("%s", notice)
-        link.say(texts.fit(notice), 4, time.monotonic())
+        link.say(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
     _run(daemon, stop)

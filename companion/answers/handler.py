@@ -232,7 +232,7 @@ class AnswerHandler:
         handled.decisions = decisions
         return handled
 
-    def kept(self, reply: Reply, *, remembered: bool, now: float) -> Handled:
+    def written(self, reply: Reply, *, remembered: bool, now: float) -> Handled:
         """Complete a reply once its changes are on disk, or could not be written. Its go counts from now on.
 
         remembered: whether they are on disk.
@@ -240,7 +240,7 @@ class AnswerHandler:
         acknowledgement = reply.acknowledgement if remembered else unremembered(reply.acknowledgement)
         decisions: list[Decision] = []
         if reply.go is not None:
-            decisions = self._calls.go_stored(reply.go, now)
+            decisions = self._calls.confirm_go(reply.go, now)
             if self._calls.go_at is None:
                 target = acknowledgement.target
                 over = texts.fit(f"{target} is closed: the go came too late")

@@ -20,7 +20,7 @@ from companion.wire.ids import Motion
 
 
 @dataclass
-class Vehicle:
+class VehicleMode:
     """The state machine's view of the vehicle.
 
     mode: custom_mode, None before the first heartbeat. travelled: metres driven, None where not known.
@@ -43,9 +43,10 @@ class Vehicle:
 class HoldController:
     """Controls the one hold.
 
-    go_at: when the go was given that the hold waits to fulfil, None without one. go_counts: this go, or an
-    earlier one that no other answer revoked, is stored in the journal. taken_back_at: when the newest answer
-    that was not a go was given.
+    go_at: when the go was given that the hold waits to fulfil, None without one.
+    go_counts: this go, or an earlier one that no other answer revoked, is in the journal, or the disk did not
+    take it in time.
+    taken_back_at: when the newest answer that was not a go was given.
     handover: the release of a hold that stood on our setpoints. Nothing else is commanded meanwhile.
     script_hold_report: the last report of a hold by the autopilot's script, until the vehicle shows that it
     is over.
@@ -54,7 +55,7 @@ class HoldController:
     def __init__(self, numbers: Numbers) -> None:
         self.numbers = numbers
         self.hold: Hold | None = None
-        self.vehicle = Vehicle()
+        self.vehicle = VehicleMode()
         self.go_at: float | None = None
         self.go_counts = False
         self.taken_back_at = -math.inf
@@ -64,7 +65,7 @@ class HoldController:
         self._unknown_until = self._back_at = -math.inf
         self._heartbeat_at: float | None = None
 
-    def hear(self, vehicle: Vehicle, now: float) -> HoldEvent | None:
+    def hear(self, vehicle: VehicleMode, now: float) -> HoldEvent | None:
         """Take in a report of the autopilot, and return what it means for the hold.
 
         One with the `heard_at` of the report before has a new position, and no new mode.
@@ -86,14 +87,16 @@ class HoldController:
             None if self.hold.rebooted else self.hold.vehicle(vehicle.mode, now, self.numbers)
         )
 
-    def _unseen(self, before: Vehicle) -> bool:
+    def _unseen(self, before: VehicleMode) -> bool:
         """Whether the report came after a silence, in which the autopilot may have rebooted."""
         heard_at = self.vehicle.heard_at
         if heard_at is None or before.heard_at is None:
             return True
         return heard_at - before.heard_at > self.numbers.heartbeat_lost
 
-    def _reboot(self, hold: Hold, before: Vehicle, now: float, *, silent_before: bool) -> HoldEvent | None:
+    def _reboot(
+        self, hold: Hold, before: VehicleMode, now: float, *, silent_before: bool
+    ) -> HoldEvent | None:
         """Detect a reboot of the autopilot, and decide what the modes after it mean.
 
         Until it is armed, no mode that it shows was set by a human. If it is then armed in a mode in which it
@@ -222,7 +225,7 @@ class HoldController:
             self.go_counts, self._first_go_at = False, at
         self.go_at = at
 
-    def go_stored(self, at: float, reason_filter: ReasonFilter) -> None:
+    def confirm_go(self, at: float, reason_filter: ReasonFilter) -> None:
         """Let the go received at `at` count, unless it was revoked. OK frames from now on fulfil it."""
         if self.hold is None or self.go_at is None or self.go_counts or at < self._first_go_at:
             return

@@ -23,7 +23,7 @@ from companion.calls.decisions import (
     HoldRenamed,
 )
 from companion.calls.hold import Hold, HoldEvent
-from companion.calls.hold_rules import HoldController, Vehicle
+from companion.calls.hold_rules import HoldController, VehicleMode
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.calls.shadow import Shadow
@@ -44,13 +44,13 @@ class OperatorCalls:
         self._reasons: frozenset[Reason] = frozenset()
         self.shadow = Shadow()
 
-    def assessed(self, seen: Assessment, now: float, *, settled: bool = True) -> list[Decision]:
+    def assessed(self, seen: Assessment, now: float, *, memory_stored: bool = True) -> list[Decision]:
         """Take in a judged frame.
 
-        settled: the memory that it was judged with is stored in the journal. If not, the frame may start a
-        hold, but does not count towards its end.
+        memory_stored: the memory that it was judged with is in the journal, or the disk did not take it in
+        time. If not, the frame may start a hold, but does not count towards its end.
         """
-        self.reason_filter.take(seen, now, self.autopilot.travelled, settled=settled)
+        self.reason_filter.take(seen, now, self.vehicle_mode.travelled, memory_stored=memory_stored)
         if self.call is not None:
             self.call.add(seen)
             if self.call.scope is not None:
@@ -73,7 +73,7 @@ class OperatorCalls:
         vehicle is never held.
         """
         told_at = now if heard_at is None else heard_at
-        event = self.holding.hear(Vehicle(mode, armed, travelled, told_at, autopilot), now)
+        event = self.holding.hear(VehicleMode(mode, armed, travelled, told_at, autopilot), now)
         decisions: list[Decision] = []
         if event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
             decisions.append(HoldMoved(self.hold, event))
@@ -141,7 +141,7 @@ class OperatorCalls:
         """Take in an applied answer to `target`, an id that `resolve` returned. Returns its result, too.
 
         changed: it taught words. outcome: the call's frame and the newest frame, judged again; None where
-        neither was. go_at: when the answer was received. A go in it then has no effect before `go_stored`.
+        neither was. go_at: when the answer was received. A go in it then has no effect before `confirm_go`.
         None: it counts at once.
         """
         if target == 0 or target != self.current_id:
@@ -155,7 +155,7 @@ class OperatorCalls:
                 changed,
                 outcome,
                 now,
-                self.autopilot.travelled,
+                self.vehicle_mode.travelled,
                 clear=clear,
             )
         if motion is Motion.LOOK_AGAIN:
@@ -165,15 +165,15 @@ class OperatorCalls:
         at = now if go_at is None else go_at
         self.holding.answer(motion if result is Result.APPLIED else Motion.NONE, at)
         if go_at is None:
-            self.holding.go_stored(at, self.reason_filter)
+            self.holding.confirm_go(at, self.reason_filter)
         return result, self._settle(now)
 
-    def go_stored(self, at: float, now: float) -> list[Decision]:
-        """Let the go that was received at `at` count from now on, since it is stored in the journal.
+    def confirm_go(self, at: float, now: float) -> list[Decision]:
+        """Let the go that was received at `at` count from now on, as the journal has it, or was too slow.
 
         A go that was revoked meanwhile does not count.
         """
-        self.holding.go_stored(at, self.reason_filter)
+        self.holding.confirm_go(at, self.reason_filter)
         return self._settle(now)
 
     @property
@@ -182,7 +182,7 @@ class OperatorCalls:
         return self.holding.hold
 
     @property
-    def autopilot(self) -> Vehicle:
+    def vehicle_mode(self) -> VehicleMode:
         """The newest report of the autopilot."""
         return self.holding.vehicle
 
@@ -300,7 +300,7 @@ class OperatorCalls:
         return self.shadow.look(
             reasons,
             now,
-            watching=self.autopilot.mode is None or drives,
+            watching=self.vehicle_mode.mode is None or drives,
             taken=self.holding.heard(now) and not drives,
             clear=self.reason_filter.ok_run >= self.numbers.ok_frames,
         )
@@ -311,7 +311,7 @@ class OperatorCalls:
         assert hold is not None
         decisions: list[Decision] = [HoldMoved(hold, event)]
         if event is HoldEvent.TAKEN_OVER:
-            accept_taken_over(call, self.reason_filter, now, self.autopilot.travelled)
+            accept_taken_over(call, self.reason_filter, now, self.vehicle_mode.travelled)
             if call is not None:
                 decisions.append(self._close(Outcome.TAKEN_OVER))
         elif call is not None:
@@ -319,7 +319,7 @@ class OperatorCalls:
         return decisions
 
     def _open(self, reasons: frozenset[Reason], seen: Assessment, now: float) -> list[Decision]:
-        scope = Acceptance.of(seen, reasons, self.numbers, now, self.autopilot.travelled)
+        scope = Acceptance.of(seen, reasons, self.numbers, now, self.vehicle_mode.travelled)
         self.call = Call(self._next_id(), seen.frame.id, set(reasons), now, seen, scope)
         self.call.add(seen)
         decisions: list[Decision] = [CallOpened(self.call)]

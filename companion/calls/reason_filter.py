@@ -72,10 +72,13 @@ class ReasonFilter:
         self._not_accepted: frozenset[Reason] = frozenset()
         """The newest frame's reasons that are not accepted."""
 
-    def take(self, seen: Assessment, now: float, travelled: float | None, *, settled: bool = True) -> None:
+    def take(
+        self, seen: Assessment, now: float, travelled: float | None, *, memory_stored: bool = True
+    ) -> None:
         """Take in a new judged frame.
 
-        travelled: metres driven, None where not known. settled: whether an OK frame may add to `ok_run`.
+        travelled: metres driven, None where not known.
+        memory_stored: whether an OK frame may add to `ok_run`.
         """
         self.pass_time(now)
         self._seen_at = max(self._seen_at, _captured(seen, now))
@@ -90,7 +93,7 @@ class ReasonFilter:
             bad, clear = self._vote(reason, seen, now)
             debounce.add(bad=bad, clear=clear)
         if self._ok:
-            self.ok_run += settled
+            self.ok_run += memory_stored
 
     def judge_again(self, seen: Assessment, now: float) -> None:
         """Take in the newest frame, judged again. It replaces its earlier judgement."""

@@ -12,7 +12,7 @@ from typing import Any
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call
 from companion.calls.hold import Hold, HoldStage
-from companion.calls.hold_rules import Vehicle
+from companion.calls.hold_rules import VehicleMode
 from companion.calls.machine import OperatorCalls
 from companion.calls.reason_filter import CALLS_FOR_WORDS
 from companion.vehicle.position import place_figures, read_place
@@ -27,7 +27,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
     call, hold = calls.call, calls.hold
     return {
         "last_id": calls.last_id,
-        "mode": calls.autopilot.mode,
+        "mode": calls.vehicle_mode.mode,
         "call": call
         and {
             "id": call.id,
@@ -67,7 +67,7 @@ def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
     calls.last_id = last_id
     calls.call = call if calls.policy is not Policy.OFF else None
     calls.holding.hold = hold if calls.policy is Policy.HOLD else None
-    calls.holding.vehicle = Vehicle(mode)
+    calls.holding.vehicle = VehicleMode(mode)
 
 
 def _call(saved: Any, now: float) -> Call:

@@ -97,14 +97,16 @@ def compose(
         folder / "status.json",
         position.clock.stamp,
         replies,
-        whole(saved.get("frame_id")),
+        stored_u32(saved.get("frame_id")),
     )
     answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, replies)
-    keep = persistence.when_stored
-    policy = PolicyService(link, calls, policies, keep, refuses=hold_gate.refuses, wants_hold=wants_hold)
-    listed = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
+    after_write = persistence.after_write
+    policy = PolicyService(
+        link, calls, policies, after_write, refuses=hold_gate.refuses, wants_hold=wants_hold
+    )
+    parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     settings = SettingsService(
-        listed, link, vision, calls, answer_handler, policy, overrides, statistics, keep
+        parameters, link, vision, calls, answer_handler, policy, overrides, statistics, after_write
     )
     settings.start(now)
     view = round(config.camera.view)
@@ -169,10 +171,10 @@ def open_id(saved: Mapping[str, Any]) -> int:
     The first heartbeats carry it, so that a ground station does not take the call for closed.
     """
     open_one = saved.get("call") or saved.get("hold")
-    return whole(open_one.get("id")) if isinstance(open_one, dict) else 0
+    return stored_u32(open_one.get("id")) if isinstance(open_one, dict) else 0
 
 
-def whole(value: Any) -> int:
+def stored_u32(value: Any) -> int:
     """Return a stored unsigned number of 32 bits, 0 for any other value."""
     return value if isinstance(value, int) and 0 <= value <= _U32 else 0
 
@@ -181,7 +183,7 @@ def restore_calls(
     calls: OperatorCalls, saved: Mapping[str, Any], now: float, startup_notices: list[str]
 ) -> None:
     """Restore call, hold and the counter of ids. Adds to `startup_notices` what could not be read."""
-    calls.last_id = whole(saved.get("last_id")) & 0xFFFF
+    calls.last_id = stored_u32(saved.get("last_id")) & 0xFFFF
     try:
         restore(calls, saved, now)
     except (KeyError, TypeError, ValueError) as error:

@@ -34,14 +34,13 @@ from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
 from companion.vision.client import Applied, Judged, Result, Vision
 from companion.vision.messages import Drawn, Model
 from companion.wire import notices, texts
-from companion.wire.ids import Policy, State
+from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Policy, State
 
 log = logging.getLogger(__name__)
 
 TICK = 0.02
 _SHORTEST_TURN = 0.005
 """Seconds between two turns, at least: a flood of datagrams must not cause a turn for each of them."""
-ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
 _FAREWELL_TICKS, _FAREWELL_STEP = 15, 0.02
 _LEAVE_WITHIN = 4.0
 
@@ -118,14 +117,14 @@ class Daemon:
         self._vision.situation(
             self.position.place(),
             now,
-            moving=is_moving(self._link.vehicle, drives_itself=self.calls.autopilot.drives_itself),
+            moving=is_moving(self._link.vehicle, drives_itself=self.calls.vehicle_mode.drives_itself),
         )
         for result in self._vision.poll(now):
             with self._error_guard.survived(type(result).__name__, now):
                 self._handle_result(result, now)
-        for say, kept in self.persistence.due(now):
+        for say, remembered in self.persistence.due(now):
             with self._error_guard.survived("acknowledgement", now):
-                say(kept, now)
+                say(remembered, now)
         self._health.look(now)
         self.settings.policy.tick(now)
         self._shadow.tick(now)
@@ -146,7 +145,7 @@ class Daemon:
 
     def report_death(self) -> None:
         """Report at once that the daemon dies, to the autopilot's script and to the operator."""
-        autopilot = self.calls.autopilot.autopilot
+        autopilot = self.calls.vehicle_mode.autopilot
         if autopilot is not None and self.calls.holding.streams:
             self._link.set_mode(autopilot.rest_mode, time.monotonic())
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
@@ -219,8 +218,10 @@ class Daemon:
         self.persistence.save_memory(judged.memory)
         self.persistence.forget_lost_frames(self.calls)
         # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.
-        settled = self.persistence.settled(now, judged.memory)
-        self._executor.carry_out(self.calls.assessed(seen, now, settled=settled), now, at_once=True)
+        memory_stored = self.persistence.memory_stored(now, judged.memory)
+        self._executor.carry_out(
+            self.calls.assessed(seen, now, memory_stored=memory_stored), now, at_once=True
+        )
         if seen.adopted is not None:
             text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
@@ -253,7 +254,7 @@ class Daemon:
         if handled.refused:
             self._link.say(notices.refused(handled.refused), ERROR, now)
         self._finish_answer(handled, now)
-        self.persistence.when_stored(lambda _, now: self.settings.answered(applied, now))
+        self.persistence.after_write(lambda _, now: self.settings.answered(applied, now))
         call = self.calls.call
         if call is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
@@ -268,14 +269,14 @@ class Daemon:
         for reply in handled.replies:
             if reply.changed:
                 self.persistence.answered(reply)
-                self.persistence.when_stored(partial(self._answer_stored, reply))
+                self.persistence.after_write(partial(self._after_answer_write, reply))
             else:
                 ack = reply.acknowledgement
                 self._link.acknowledge(reply.request, ack, now)
                 log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
 
-    def _answer_stored(self, reply: Reply, remembered: bool, now: float) -> None:
-        self._finish_answer(self.answer_handler.kept(reply, remembered=remembered, now=now), now)
+    def _after_answer_write(self, reply: Reply, remembered: bool, now: float) -> None:
+        self._finish_answer(self.answer_handler.written(reply, remembered=remembered, now=now), now)
 
     def _report(self, now: float) -> None:
         beside = {
@@ -304,7 +305,7 @@ class Daemon:
             self._link.announce(None, reminder, now)
         else:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
-        if self.persistence.settled(now):
+        if self.persistence.memory_stored(now):
             self.settings.send_changes(self.answer_handler.words, now)
 
 

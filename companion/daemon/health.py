@@ -15,7 +15,7 @@ from companion.telemetry.summary import fault_name
 from companion.vehicle import known_autopilot
 from companion.vision.client import Vision
 from companion.wire import notices, texts
-from companion.wire.ids import Policy
+from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING, Policy
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +63,6 @@ class StallDetector:
             self._calls.holding.forget(now, stalled)
 
 
-ALERT, ERROR, WARNING, NOTICE = 1, 3, 4, 5
 NO_AUTOPILOT_AFTER = 10.0
 """Seconds without an autopilot after which the log says what to check."""
 AUTOPILOT_SILENT = "autopilot silent, STOP BY HAND"

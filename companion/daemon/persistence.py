@@ -45,7 +45,7 @@ Say = Callable[[bool, float], None]
 class Persistence:
     """Collects the changes of a turn of the main loop for the writer, and knows which are on disk.
 
-    Never waits: a message that must not be sent before a change is on disk is registered with `when_stored`.
+    Never waits: a message that must not be sent before a change is on disk is registered with `after_write`.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Persistence:
             self._memory = memory
             self._changes = self._changes.then(Batch(memory=memory))
 
-    def settled(self, now: float, memory: Memory | None = None) -> bool:
+    def memory_stored(self, now: float, memory: Memory | None = None) -> bool:
         """Whether frames judged by the newest memory may let the vehicle drive on.
 
         They may once that memory is on disk. They may, too, when it could not be written within `SLOW`
@@ -153,8 +153,8 @@ class Persistence:
             self._waiting.append((self._ticket, now, self._unsent))
             self._unsent = []
 
-    def when_stored(self, say: Say) -> None:
-        """Have `due` return `say` once this turn's changes are on disk, or were not written in `SLOW` s."""
+    def after_write(self, say: Say) -> None:
+        """Make `due` return `say` once this turn's changes are on disk, or were not written in `SLOW` s."""
         self._unsent.append(say)
 
     def due(self, now: float) -> list[tuple[Say, bool]]:
@@ -349,7 +349,7 @@ class Persistence:
             return
         call.seen = seen
         call.scope = Acceptance.of(
-            seen, frozenset(call.reasons), calls.numbers, now, calls.autopilot.travelled
+            seen, frozenset(call.reasons), calls.numbers, now, calls.vehicle_mode.travelled
         )
         self._publish(call, seen, State.CALLING, f"C{call.id} after a restart")
 

@@ -22,11 +22,10 @@ from companion.vision.client import Vision
 from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Outcome, Reasons, Result, Stage
+from companion.wire.ids import WARNING, Outcome, Reasons, Result, Stage
 
 _TICK = 0.02
 _AGAIN = "starting, send it again"
-_WARNING = 4
 
 
 def load(vision: Vision, link: Link, stop: Callable[[], bool]) -> Ready | None:
@@ -71,7 +70,7 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
             link.echo_parameter(event.name, now)
         case _:
             return
-    link.say(notices.refused(_AGAIN), _WARNING, now)
+    link.say(notices.refused(_AGAIN), WARNING, now)
 
 
 def _busy(request: AnswerRequest) -> Acknowledgement:

@@ -10,7 +10,7 @@ from companion.link.inbound import Sender
 from companion.link.limits import TokenBucket
 from companion.link.outbox import Outbox
 from companion.wire import notices
-from companion.wire.ids import Stage
+from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Stage
 from companion.wire.messages import (
     CLOSED_REPEATS,
     DATA_PERIOD,
@@ -29,7 +29,6 @@ MAX_TEXTS = 8
 REFUSALS_AT_ONCE = 4
 REFUSAL_GAP = 2.0
 """s between refusals after the first four."""
-ALERT, WARNING, INFO = 1, 4, 6
 
 
 class TextSender:
@@ -82,8 +81,6 @@ class TextSender:
         self._sent_at = {old: at for old, at in self._sent_at.items() if now - at < SAME_TEXT_GAP}
 
 
-ERROR = 3
-NOTICE = 5
 TEXT_GAP = 2.0
 """s between texts of a call whose content changes."""
 _NEVER = float("-inf")

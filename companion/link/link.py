@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.link import encode
 from companion.link.access_control import AccessControl
-from companion.link.alerts import ERROR, AlertRepeater, TextSender
+from companion.link.alerts import AlertRepeater, TextSender
 from companion.link.answers import AnswerService
 from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
@@ -31,7 +31,7 @@ from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import TUNNEL_CALL, Policy, State
+from companion.wire.ids import ERROR, TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 

@@ -8,7 +8,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.access_control import AccessControl
-from companion.link.alerts import WARNING, TextSender
+from companion.link.alerts import TextSender
 from companion.link.answers import AnswerService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
@@ -20,7 +20,7 @@ from companion.link.text_parameters import TextParameters
 from companion.link.vehicle import RemoteControl, VehicleTracker
 from companion.vehicle.ardupilot import script_hold
 from companion.wire import notices
-from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER
+from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER, WARNING
 from companion.wire.messages import TELEMETRY
 from companion.wire.parameters import ANSWER
 

@@ -16,13 +16,12 @@ from companion.policy.hold_gate import HoldRefusal, Refuses
 from companion.policy.policy import PolicyState
 from companion.vehicle import Autopilot
 from companion.wire import notices
-from companion.wire.ids import Policy
+from companion.wire.ids import ERROR, WARNING, Policy
 from companion.wire.parameters import POLICY
 
 log = logging.getLogger(__name__)
-_WARNING, _ERROR = 4, 3
 
-WhenStored = Callable[[Callable[[bool, float], None]], None]
+AfterWrite = Callable[[Callable[[bool, float], None]], None]
 """Registers a callback for when this turn's changes are in the journal: see `Persistence.when_stored`."""
 
 
@@ -37,7 +36,7 @@ class PolicyService:
         link: Link,
         calls: OperatorCalls,
         policies: PolicyState,
-        when_stored: WhenStored,
+        after_write: AfterWrite,
         *,
         refuses: Refuses,
         wants_hold: bool,
@@ -51,7 +50,7 @@ class PolicyService:
         self._refusal = refuses(*self._judged_for)
         self._wants_hold = wants_hold
         self._lost = False
-        self._when_kept = when_stored
+        self._after_write = after_write
         if policies.switch is not None:
             link.request_rc_channels()
 
@@ -96,7 +95,7 @@ class PolicyService:
             refusal = notices.switch_wins(self._policies.off_by)
         if refusal:
             log.warning("policy %s requested by %s is refused: %s", policy.name.lower(), who, refusal)
-            self._link.say(refusal, _WARNING, now)
+            self._link.say(refusal, WARNING, now)
         else:
             self._wants_hold = False
         return not refusal, self._put_in_force(who, now, announce=not refusal)
@@ -105,7 +104,7 @@ class PolicyService:
         """Handle a request by command; it is acknowledged once the policy is in the journal."""
         accepted, decisions = self.set(request.policy, request.sender, now)
         result = _ACCEPTED if accepted else _FAILED
-        self._when_kept(lambda _, now: self._link.acknowledge_command(request, result, now))
+        self._after_write(lambda _, now: self._link.acknowledge_command(request, result, now))
         return decisions
 
     def check_hold_again(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
@@ -119,7 +118,7 @@ class PolicyService:
         before, self._judged_for, self._refusal = self._refusal, known, self._refuses(*known)
         if self._refusal is None:
             if before is not None:
-                self._link.say(notices.hold_fits(), _WARNING, now)
+                self._link.say(notices.hold_fits(), WARNING, now)
             return []
         given_up = self._policies.give_up_hold()
         if given_up or self._wants_hold:
@@ -127,7 +126,7 @@ class PolicyService:
         if not given_up:
             return []
         self._wants_hold = True
-        self._link.say(self._refusal.short, _ERROR, now)
+        self._link.say(self._refusal.short, ERROR, now)
         return self._put_in_force("", now, announce=False)
 
     def refuses_settings(self, judging: Settings) -> HoldRefusal | None:
@@ -145,7 +144,7 @@ class PolicyService:
         log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
         # The switch is on now, but a request still keeps the companion off: the driver must know.
         if not switch.off and self._policies.asked is Policy.OFF:
-            self._link.say(notices.still_off(switch.name, self._policies.off_by), _WARNING, now)
+            self._link.say(notices.still_off(switch.name, self._policies.off_by), WARNING, now)
             return []
         return self._put_in_force(switch.name, now, announce=True)
 
@@ -157,7 +156,7 @@ class PolicyService:
         self._lost = not self._lost
         text = (notices.switch_lost if self._lost else notices.switch_heard)(switch.name, off=switch.off)
         log.warning("%s", text)
-        self._link.say(text, _ERROR if self._lost else _WARNING, now)
+        self._link.say(text, ERROR if self._lost else WARNING, now)
 
     def _put_in_force(self, who: str, now: float, *, announce: bool) -> list[Decision]:
         policy = self._policies.in_force
@@ -167,6 +166,6 @@ class PolicyService:
         decisions = self._calls.set_policy(policy, now)
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
-            self._link.say(notices.policy(policy, who), _WARNING, now)
-        self._when_kept(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
+            self._link.say(notices.policy(policy, who), WARNING, now)
+        self._after_write(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
         return decisions

@@ -17,7 +17,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.shadow import Shadow
 from companion.link.link import Link
 from companion.wire import notices
-from companion.wire.ids import Policy, State
+from companion.wire.ids import NOTICE, WARNING, Policy, State
 from companion.wire.parameters import MANY, SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 
 log = logging.getLogger(__name__)
@@ -241,7 +241,6 @@ def _figure(value: Any) -> float:
     return float(value)
 
 
-WARNING, NOTICE = 4, 5
 TEXT_GAP = 10.0
 """Least seconds between two texts about would-be holds. Their running numbers show how many were skipped."""
 LOG_EVERY, TEXT_EVERY = 600.0, 1800.0

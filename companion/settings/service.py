@@ -15,13 +15,13 @@ from companion.answers.handler import AnswerHandler, Handled
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
-from companion.policy.service import PolicyService, WhenStored
+from companion.policy.service import AfterWrite, PolicyService
 from companion.policy.shadow import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
 from companion.vision.client import Applied, Vision
 from companion.wire import notices
 from companion.wire.answers import ForgetWord, Operation, SetWord
-from companion.wire.ids import Policy
+from companion.wire.ids import WARNING, Policy
 from companion.wire.parameters import (
     BUDGET,
     NOT_IN_USE,
@@ -36,7 +36,6 @@ log = logging.getLogger(__name__)
 _RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
 _BUSY = "vision is busy, set it again"
 _LINK_PARAMETERS = (*_RATES, BUDGET)
-_WARNING = 4
 _ACCEPTED, _TRY_LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED, _FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 
@@ -54,11 +53,11 @@ class SettingsService:
         policy: PolicyService,
         overrides: RuntimeSettings,
         statistics: ShadowStatistics,
-        when_stored: WhenStored,
+        after_write: AfterWrite,
     ) -> None:
         """parameters: as configured. overrides: what the ground has set. statistics: shadow policy's counts.
 
-        when_stored: registers what must not be sent before this turn's changes are in the journal.
+        after_write: registers what must not be sent before this turn's changes are in the journal.
         """
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
@@ -71,7 +70,7 @@ class SettingsService:
         self.overrides = overrides
         self.policy = policy
         self.statistics = statistics
-        self._when_kept = when_stored
+        self._after_write = after_write
 
     @property
     def vocabulary(self) -> list[str]:
@@ -133,7 +132,7 @@ class SettingsService:
         else:
             return
         if applied.outcome is not None and applied.outcome.dropped:
-            self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), _WARNING, now)
+            self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
 
     def send_changes(self, words: Preferences, now: float) -> None:
         """Send the ground the shadow counts and the weights that changed without a request for them."""
@@ -164,12 +163,12 @@ class SettingsService:
             refusal = "" if name in _LINK_PARAMETERS else self._tune({name: value}, name)
         if refusal:
             log.warning("%s = %g requested by %d/%d is refused: %s", name, value, *request.sender, refusal)
-            self._link.say(refusal, _WARNING, now)
+            self._link.say(refusal, WARNING, now)
             self._echo(name, self._sent[name], now)
             return
         log.info("%s = %g, set by %d/%d", name, value, *request.sender)
         self._apply_to_link(name, value, now)
-        self._echo_once_stored(name, value)
+        self._echo_after_write(name, value)
         self.overrides.set(name, value)
 
     def _tune(self, values: Mapping[str, float], what: str) -> str:
@@ -200,13 +199,13 @@ class SettingsService:
         of_frames = {name: value for name, value in configured.items() if name not in _LINK_PARAMETERS}
         refusal = self._tune(of_frames, "Reset")
         if refusal:
-            self._link.say(refusal, _WARNING, now)
+            self._link.say(refusal, WARNING, now)
             self._link.acknowledge_command(request, _DENIED, now)
             return
         log.warning("settings and words are reset as configured, requested by %d/%d", *request.sender)
         for name, value in configured.items():
             self._apply_to_link(name, value, now)
-            self._echo_once_stored(name, value)
+            self._echo_after_write(name, value)
         self.overrides.drop(*configured)
         others = [ForgetWord(word) for word in self._answer_handler.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
@@ -218,8 +217,8 @@ class SettingsService:
             log.warning("shadow counts are reset, requested by %d/%d", *request.sender)
             self.statistics.begin_anew(self._calls.shadow, time.time())
         else:
-            self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), _WARNING, now)
-        self._echo_once_stored(SHADOW_HOLDS, float(self._calls.shadow.count))
+            self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
+        self._echo_after_write(SHADOW_HOLDS, float(self._calls.shadow.count))
 
     def _exceeds_link(self, budget: float) -> bool:
         # 0 means unlimited.
@@ -232,11 +231,11 @@ class SettingsService:
             self._link.set_budget(value, now)
 
     def _refuse(self, why: str, now: float) -> None:
-        self._link.say(notices.refused(why), _WARNING, now)
+        self._link.say(notices.refused(why), WARNING, now)
 
-    def _echo_once_stored(self, name: str, value: float) -> None:
+    def _echo_after_write(self, name: str, value: float) -> None:
         self._sent[name] = value
-        self._when_kept(lambda _, now: self._link.set_parameter(name, value, now))
+        self._after_write(lambda _, now: self._link.set_parameter(name, value, now))
 
     def _echo(self, name: str, value: float, now: float) -> None:
         self._sent[name] = value

@@ -12,10 +12,9 @@ from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.telemetry.summary import call_data, current_data, current_text
 from companion.wire import texts
-from companion.wire.ids import Kind, Outcome, Stage, words_hash
+from companion.wire.ids import ALERT, ERROR, Kind, Outcome, Stage, words_hash
 from companion.wire.payloads import CallData
 
-ALERT, ERROR = 1, 3
 _REFRESH = 15.0
 """Seconds after which an unchanged alert is composed again: its age and figures have changed."""
 

@@ -26,6 +26,9 @@ VERSION = 1
 MAX_TEXT = 50
 """Bytes of a STATUSTEXT that every ground station shows in full."""
 
+ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
+"""MAV_SEVERITY of texts."""
+
 
 class State(IntEnum):
     """What the companion is doing, in the summary and in the low byte of its heartbeat's custom_mode."""

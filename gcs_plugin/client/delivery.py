@@ -16,8 +16,9 @@ from companion.wire.packing import PayloadError
 LIFETIME_S = 60.0
 FIRST_BACK_OFF_S = 1.0
 LONGEST_BACK_OFF_S = 4.0
-GRACE_S = 2.0
-"""How long an acknowledgement is awaited after the call's closing was received."""
+GRACE_S = 5.0
+"""How long an acknowledgement is awaited after the call's closing was received. The rover closes the call at
+once, but may hold the acknowledgement back for 2 s while its disk is slow; the radio's delay comes on top."""
 BLOCKS_S = 8.0
 """An answer delays later ones to the same rover for at most this time, since their order matters."""
 MAX_PARTS = 4

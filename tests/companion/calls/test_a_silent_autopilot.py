@@ -66,7 +66,7 @@ def test_nor_before_an_autopilot_was_heard() -> None:
 
 
 def test_its_positions_are_no_heartbeat(hold: Scene) -> None:
-    heard = hold.calls.autopilot.heard_at
+    heard = hold.calls.vehicle_mode.heard_at
     hold.autopilot.silent = True
     for _ in range(5):
         hold.run(1.0)

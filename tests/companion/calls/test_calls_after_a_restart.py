@@ -41,7 +41,7 @@ def states(draw: st.DrawFn) -> OperatorCalls:
     if draw(st.booleans()):
         mode, stage = draw(st.sampled_from([AUTO, GUIDED, 0x04040000])), draw(st.sampled_from(HoldStage))
         calls.holding.hold = Hold(number, HOLD, mode, 1.0, stage, only_fault=draw(st.booleans()))
-    calls.autopilot.mode = draw(st.none() | st.sampled_from([AUTO, HOLD, MANUAL]))
+    calls.vehicle_mode.mode = draw(st.none() | st.sampled_from([AUTO, HOLD, MANUAL]))
     return calls
 
 
@@ -183,7 +183,7 @@ def test_nothing_is_commanded_over_the_mode_seen_last_before_the_autopilot_is_he
     hold.restarted()
     before = hold.modes()
     hold.run(5.0, LOG)
-    assert hold.calls.autopilot.mode == AUTO
+    assert hold.calls.vehicle_mode.mode == AUTO
     assert hold.modes() == before
 
 

@@ -265,7 +265,7 @@ def test_a_position_alone_confirms_no_hold(held: Scene) -> None:
     held.autopilot.deaf = True
     held.go()
     held.show(DRUM, DRUM, DRUM, DRUM, DRUM, LOG)
-    heard = held.calls.autopilot.heard_at
+    heard = held.calls.vehicle_mode.heard_at
     held.keep(held.calls.vehicle(HOLD, True, held.now + 0.01, heard_at=heard, autopilot=ardupilot.ROVER))  # noqa: FBT003
     assert stage(held) is HoldStage.REQUESTED
 

@@ -94,7 +94,7 @@ class Talk:
         self.scene.keep(heard.decisions)
         for reply in heard.replies:
             if reply.changed:
-                self._take(self.answer_handler.kept(reply, remembered=remembered, now=self.scene.now))
+                self._take(self.answer_handler.written(reply, remembered=remembered, now=self.scene.now))
             else:
                 self.said.append(reply.acknowledgement)
 

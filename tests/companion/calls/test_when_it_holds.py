@@ -87,12 +87,12 @@ def test_a_mode_that_was_heard_too_long_ago_is_not_commanded_over(hold: Scene) -
 
 
 def test_a_position_alone_is_no_news_of_the_mode(hold: Scene) -> None:
-    heard = hold.calls.autopilot.heard_at
+    heard = hold.calls.vehicle_mode.heard_at
     hold.autopilot.silent = True
     for _ in range(8):
         hold.run(1.0, CLEAR)
         hold.calls.vehicle(AUTO, True, hold.now, travelled=3.0, heard_at=heard, autopilot=ardupilot.ROVER)  # noqa: FBT003
-    assert hold.calls.autopilot.travelled == 3.0
+    assert hold.calls.vehicle_mode.travelled == 3.0
     hold.run(2.0, DRUM)
     assert hold.modes() == []
 

@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError
     from companion.config import ConfigError, load_config
-    from companion.link.settings import LinkError
+    from companion.config.link_settings import LinkError
     from companion.storage import JournalError
     from companion.wire.parameters import ParameterError
 

@@ -23,9 +23,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import MAIN, Address, LinkSettings
 from companion.link.inbound import AnswerRequest, VehicleUpdate
 from companion.link.link import Link
-from companion.link.settings import MAIN, Address, LinkSettings
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import Udp
 from companion.wire import signing

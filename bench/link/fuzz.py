@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
+from companion.config.link_settings import MAIN, LinkSettings
 from companion.link.inbound import (
     AnswerRequest,
     InboundEvent,
@@ -26,7 +27,6 @@ from companion.link.inbound import (
 )
 from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.link.settings import MAIN, LinkSettings
 from companion.sim.loopback_link import pair
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.vehicle.ardupilot import ScriptHold

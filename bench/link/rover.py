@@ -24,9 +24,9 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config, schema
+from companion.config.link_settings import MAIN, LinkSettings
 from companion.daemon.composition import Resources, compose
 from companion.link.link import Link
-from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Transport
 from companion.sim.loopback_vision import LoopbackVision
 from companion.storage import Journal

@@ -12,8 +12,8 @@ from typing import Any
 
 from bench.link.mutants import genuine
 from bench.link.vision_latency import FRAME_RATE, HOST, seeing
+from companion.config.link_settings import MAIN, Address, LinkSettings
 from companion.link.link import Link
-from companion.link.settings import MAIN, Address, LinkSettings
 from companion.link.transport import opener
 from companion.sim.loopback_link import pair
 from companion.wire.ids import Policy, Reasons, State

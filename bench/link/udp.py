@@ -13,7 +13,7 @@ from bench.link.lossy import Autopilot, is_for_autopilot
 from bench.link.operator import Operator
 from bench.link.radio_model import LinkConditions, RadioModel
 from bench.link.rover import Rover
-from companion.link.settings import Address
+from companion.config.link_settings import Address
 from companion.link.transport import opener
 from gcs_plugin.terminal.connection import open_connection
 

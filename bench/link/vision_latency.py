@@ -16,8 +16,8 @@ from bench.link.drive import at
 from bench.link.lossy import Autopilot
 from bench.link.rover import Companion
 from companion.config import Config
+from companion.config.link_settings import Address
 from companion.config.schema import Camera, Perceiver
-from companion.link.settings import Address
 from companion.link.transport import Transport, Udp
 from companion.tasks import VISION
 from companion.vision.child import VisionChild

@@ -22,8 +22,8 @@ from companion.config.checks import (
     text,
     whole,
 )
+from companion.config.link_settings import LONGEST_PACE, ConnectionSettings, LinkSettings, read_url
 from companion.config.toml_file import nearest
-from companion.link.settings import LONGEST_PACE, ConnectionSettings, LinkSettings, read_url
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from companion.config.link_settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.connection import Connection
 from companion.link.parser import Parser
 from companion.link.periodic import PeriodicTelemetry
 from companion.link.sender import LIFETIME, Sender
-from companion.link.settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.signing import Signing
 from companion.link.transport import Transport, opener
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID

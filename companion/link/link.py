@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from companion.config.link_settings import LinkSettings
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import AlertRepeater, TextSender
@@ -20,7 +21,6 @@ from companion.link.outbox import Outbox
 from companion.link.parameter_server import FOLDER as PARAMETERS
 from companion.link.parameter_server import ParameterFile, ParameterServer
 from companion.link.router import MessageRouter, RequestDispatcher
-from companion.link.settings import LinkSettings
 from companion.link.signing import Signing
 from companion.link.text_parameters import TextParameters
 from companion.link.transport import Transport

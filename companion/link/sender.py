@@ -9,11 +9,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import ConnectionSettings
 from companion.link.access_control import CROWDS
 from companion.link.connection import Connection
 from companion.link.encode import MavlinkVersion, fits_1, pack_1
 from companion.link.limits import TokenBucket
-from companion.link.settings import ConnectionSettings
 from companion.link.signing import Signing
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.messages import MESSAGES, Bucket, Message

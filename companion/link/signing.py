@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from companion.link.settings import LinkError
+from companion.config.link_settings import LinkError
 from companion.system.wall_clock import SOFTWARE_MADE
 from companion.wire import signing as wire
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID

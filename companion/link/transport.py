@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Protocol
 
+from companion.config.link_settings import Address, LinkError
 from companion.link.limits import LeaseTable
-from companion.link.settings import Address, LinkError
 from companion.wire.devices import open_port, watch_peer
 
 MAX_PEERS = 4

@@ -12,8 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from companion.config import Config
+from companion.config.link_settings import LinkError, read_url
 from companion.link.connection import Connection
-from companion.link.settings import LinkError, read_url
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import check_installed, open_transport
 from companion.preflight.interview import HEARD_WITHIN, NAMES, PX4, Facts, Interview, judge, names, speed

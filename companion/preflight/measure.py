@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import ConfigError, load_config
-from companion.link.settings import LinkError
+from companion.config.link_settings import LinkError
 from companion.policy.stopping import Measured, fit
 from companion.preflight.autopilot import silence, talking
 from companion.preflight.here import state_folder, status

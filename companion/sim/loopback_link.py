@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import MAIN, LinkSettings
 from companion.link import encode
 from companion.link.inbound import InboundEvent, Sender
 from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.link.settings import MAIN, LinkSettings
 from companion.link.signing import Signing
 from companion.link.transport import Transport
 from companion.storage.served_tree import Tree

@@ -31,10 +31,10 @@ from anytraverse.preferences import Preferences
 from companion import run
 from companion.cli import main as cli
 from companion.config import Config, load_config
+from companion.config.link_settings import LinkSettings
 from companion.config.schema import Mount, Stopping
 from companion.daemon.startup import load
 from companion.link.inbound import WordsRequest
-from companion.link.settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.vision import process
 from companion.vision import warm_up as warm_up_module

@@ -22,10 +22,10 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion import run
 from companion.config import Config, load_config
+from companion.config.link_settings import LinkError
 from companion.daemon.composition import first_policy
 from companion.daemon.startup import load
 from companion.link.link import Link
-from companion.link.settings import LinkError
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage import Journal
 from companion.storage.writer import SLOW

@@ -6,9 +6,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import MAIN, LinkSettings
 from companion.link.inbound import InboundEvent
 from companion.link.link import Link
-from companion.link.settings import MAIN, LinkSettings
 from companion.wire.parameters import build
 
 DEADLINE = 5.0

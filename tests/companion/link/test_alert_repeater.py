@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.config.link_settings import LinkSettings
 from companion.link.alerts import AlertRepeater
-from companion.link.settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_CALL, TUNNEL_SUMMARY, Kind, Outcome, Policy, Reasons, Stage, State
 from companion.wire.payloads import CallData, Summary

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.settings import ConnectionSettings, LinkSettings
+from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.sim.loopback_link import LoopbackLink, Wire
 
 BOTH = LinkSettings(

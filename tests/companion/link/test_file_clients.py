@@ -15,8 +15,8 @@ import pytest
 from pymavlink import mavftp, mavutil
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import MAIN, LinkSettings
 from companion.link.link import Link
-from companion.link.settings import MAIN, LinkSettings
 from companion.link.transport import Udp
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_files import Folder

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import LinkSettings
 from companion.link.ftp.server import MAX_REPLIES
 from companion.link.ftp.sessions import IDLE, MAX_SESSIONS
-from companion.link.settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_files import Folder
 from companion.storage.served_tree import Document, Tree

@@ -11,10 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.mavftp import MAVFTP
 
+from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link import encode
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
 from companion.link.inbound import AnswerRequest
-from companion.link.settings import ConnectionSettings, LinkSettings
 from companion.sim.loopback_link import FileClient, LoopbackLink
 from companion.storage.file_reader import Reader
 from companion.storage.served_files import Folder

@@ -7,8 +7,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import LinkSettings
 from companion.link.access_control import STRANGERS_AT_ONCE, STRANGERS_PER_SECOND
-from companion.link.settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY
 from tests.companion.link.test_one_sender import SUMMARY

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link import encode
-from companion.link.settings import ConnectionSettings, LinkSettings
 from companion.sim.loopback_link import LoopbackLink, Wire
 from companion.storage.served_tree import Document, Tree
 from companion.wire.ftp import FtpPayload, Opcode

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.access_control import (
     CROWDS,
     KEPT,
@@ -24,7 +25,6 @@ from companion.link.access_control import (
 from companion.link.inbound import AnswerRequest, ParameterRequest
 from companion.link.limits import LeaseTable
 from companion.link.link import READING_FOR, Link
-from companion.link.settings import MAIN, ConnectionSettings, LinkSettings
 from companion.sim.loopback_link import FileClient, LoopbackLink, pair
 from companion.storage.served_tree import Document, Tree
 from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord

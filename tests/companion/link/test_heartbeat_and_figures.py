@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import pytest
 
-from companion.link.settings import LinkSettings
+from companion.config.link_settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State, read_heartbeat_mode
 from companion.wire.messages import MESSAGES

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from companion.link.settings import Address, ConnectionSettings, LinkError, LinkSettings
+from companion.config.link_settings import Address, ConnectionSettings, LinkError, LinkSettings
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link.encode import MavlinkVersion
 from companion.link.inbound import AnswerRequest
-from companion.link.settings import ConnectionSettings, LinkSettings
 from companion.sim.loopback_link import Frame, LoopbackLink, Wire
 from companion.wire.ids import Policy, Reasons, State
 from companion.wire.payloads import Summary

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link.inbound import AnswerRequest, InboundEvent
 from companion.link.parser import Parser
-from companion.link.settings import ConnectionSettings, LinkSettings
 from companion.link.transport import KEPT, Tcp, Udp, open_transport
 from companion.wire import devices
 from companion.wire.ids import Motion

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import LinkSettings
 from companion.link.inbound import AnswerRequest, ParameterRequest
-from companion.link.settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter, ParameterError, build

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import MAIN, Address, LinkSettings
 from companion.link.link import Link
-from companion.link.settings import MAIN, Address, LinkSettings
 from companion.link.signing import open_signing
 from companion.link.transport import KEPT, MAX_PEERS, Peers, Udp
 from companion.wire.ids import COMPONENT_ID

@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import LONGEST_PACE, LinkSettings
 from companion.link.inbound import VehicleUpdate
-from companion.link.settings import LONGEST_PACE, LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.vehicle import px4
 from companion.wire.messages import MESSAGES

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import Address, ConnectionSettings, LinkError, LinkSettings
 from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.link.settings import Address, ConnectionSettings, LinkError, LinkSettings
 from companion.link.transport import Udp, open_transport
 from companion.wire.parameters import build
 from tests.companion.link.devices import AUTOPILOT, DEADLINE, GROUND, HEARTBEAT, Peer, link_to, until

@@ -3,9 +3,9 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
 from companion.link.inbound import AnswerRequest, ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
-from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
 from companion.sim.loopback_link import LoopbackLink, Wire
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State
 from companion.wire.parameters import build

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
 from companion.link.inbound import AnswerRequest, RcChannels
-from companion.link.settings import ConnectionSettings, LinkError, LinkSettings
 from companion.link.signing import open_signing
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement

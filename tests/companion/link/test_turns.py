@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import LinkSettings
 from companion.link.connection import Connection
 from companion.link.sender import MAX_WAITING, Sender
-from companion.link.settings import LinkSettings
 from companion.sim.loopback_link import pair
 
 

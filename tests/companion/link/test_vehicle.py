@@ -1,8 +1,8 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.config.link_settings import LinkSettings
 from companion.link.inbound import ModeAck, VehicleUpdate
-from companion.link.settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
 from companion.vehicle.state import Vehicle
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.link.settings import LinkSettings
+from companion.config.link_settings import LinkSettings
 from companion.link.transport import open_transport
 from companion.wire.devices import open_port
 from gcs_plugin.terminal.connection import open_connection

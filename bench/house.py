@@ -23,21 +23,13 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import development as mavlink
 
-from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
-from anytraverse.judging import Settings
-from anytraverse.memory import Memory, first_memory
-from anytraverse.preferences import Preferences
-from anytraverse.regions import Box
-from bench.link.synthetic_frames import GRASS, NumberPerceiver, picture, thing
+from bench.link.rover import Companion, make_engine, make_ready
+from bench.link.synthetic_frames import picture, thing
 from companion.cameras.newest import CameraState, CameraStatus
-from companion.config import Config, schema
-from companion.daemon.composition import Resources, compose
-from companion.sim.loopback_link import LoopbackLink
+from companion.config import Config
+from companion.sim.loopback_link import Wire
 from companion.sim.loopback_vision import LoopbackVision
-from companion.storage import Journal
-from companion.storage.served_files import ServedFiles
-from companion.storage.writer import Writer
 from companion.tasks import VISION
 from companion.vision.client import Vision
 from companion.wire.answers import AnswerMessage, SetWord
@@ -190,29 +182,15 @@ class _Walk:
         self._last = name
 
 
-class _Stage:
+class _Stage(Companion):
     """A daemon that drives over grass in AUTO, with policy hold."""
 
     def __init__(self, folder: Path) -> None:
-        config = Config(
-            words={GRASS: 1.0},
-            vocabulary=(GRASS,),
-            stopping=schema.Stopping(unchecked=True),
-            call=schema.Call(policy="hold"),
-            journal=schema.Journal(folder=str(folder)),
-            pictures=schema.Pictures(keep=0),
-        )
-        self._journal, served = Journal(folder), ServedFiles(folder)
-        self._writer = Writer(self._journal)
-        self.radio = LoopbackLink(tree=served.tree)
-        self._vision = Vision(self._launch, config, None, VISION, first_frame=1)
-        for _ in range(2):
-            self._vision.poll(time.monotonic())
-            self.child.work()
-        self._vision.poll(time.monotonic())
-        assert self._vision.ready is not None
-        opened = Resources(self.radio.link, self._vision, self._journal, self._writer, served, {})
-        self.daemon = compose(config, opened, self._vision.ready, [])
+        self.radio = Wire()
+        self.child = LoopbackVision(make_engine)
+        vision = Vision(lambda: self.child, Config(), None, VISION)
+        make_ready(vision, self.child)
+        super().__init__(folder, lambda: self.radio.near, vision, policy="hold")
         self._frame_id = 0
         self._grain = np.random.default_rng(0)
         self._beat_at = 0.0
@@ -223,8 +201,7 @@ class _Stage:
         if now >= self._beat_at:
             self._beat_at = now + 1.0
             self.radio.heartbeat(1)
-        self.daemon.turn()
-        self._writer.drain()
+        super().turn()
         self.radio.collect(now)
 
     def see(self, shows: int = 0) -> None:
@@ -246,21 +223,6 @@ class _Stage:
         commands = self.radio.sent("COMMAND_LONG")
         return sum(one.command == _DO_SET_MODE and one.param2 == _HOLD for one in commands)
 
-    def close(self) -> None:
-        """Give everything back."""
-        self._vision.close()
-        self._writer.close()
-
-    def _launch(self) -> LoopbackVision:
-        self.child = LoopbackVision(_make_engine)
-        return self.child
-
-
-def _make_engine(memory: Memory | None) -> AnyTraverse:
-    perceiver = NumberPerceiver()
-    known = memory or first_memory(perceiver.model_id, Preferences.parse(f"{GRASS}: 1"))
-    return AnyTraverse(perceiver, Settings(region=Box(0.333, 0.6, 0.667, 0.95)), known)
-
 
 def _walks() -> dict[str, tuple[int, int, int]]:
     """Files, those that an idle turn does not call, and moves from one file to another."""
@@ -279,7 +241,7 @@ def _walks() -> dict[str, tuple[int, int, int]]:
         with fault:
             _until(stage, lambda: stage.holds() > 0, seeing=None)
         stage.radio.mode = _HOLD
-        _until(stage, lambda: stage.daemon.calls.call is not None, seeing=1)
+        _until(stage, lambda: stage.calls.call is not None, seeing=1)
         answer = _Walk()
         payload = AnswerMessage(1, 0, Motion.GO, (SetWord(thing(1), 1.0),)).pack()
         padded = list(payload.ljust(128, b"\0"))

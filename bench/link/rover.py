@@ -88,10 +88,16 @@ class CountedVision(Vision):
 
 
 class Companion:
-    """The daemon as `companion run` composes it, in policy report. Call `turn` some 50 times a second."""
+    """The daemon as `companion run` composes it. Call `turn` some 50 times a second."""
 
     def __init__(
-        self, folder: Path, opener: Callable[[], Transport], vision: Vision, settings: Settings | None = None
+        self,
+        folder: Path,
+        opener: Callable[[], Transport],
+        vision: Vision,
+        settings: Settings | None = None,
+        *,
+        policy: str = "report",
     ) -> None:
         """vision: must be ready. settings: to judge by; by default those of the configuration."""
         now, ready = time.monotonic(), vision.ready
@@ -101,6 +107,8 @@ class Companion:
             words=dict(words),
             vocabulary=tuple(words),
             camera=schema.Camera(rate=1.0 / FRAME_PERIOD),
+            stopping=schema.Stopping(unchecked=policy == "hold"),
+            call=schema.Call(policy=policy),
             journal=schema.Journal(folder=str(folder)),
             pictures=schema.Pictures(keep=0),
         )
@@ -131,12 +139,10 @@ class Rover(Companion):
     """A companion with a simulated vision process; `shows` is the number of the thing ahead."""
 
     def __init__(self, folder: Path, opener: Callable[[], Transport]) -> None:
-        self._child = LoopbackVision(_make_engine)
+        self._child = LoopbackVision(make_engine)
         self.vision = CountedVision(lambda: self._child, Config(), None, VISION)
         self.vision.asked = []
-        while self.vision.ready is None:
-            self.vision.poll(time.monotonic())
-            self._child.work()
+        make_ready(self.vision, self._child)
         super().__init__(folder, opener, self.vision)
         self.shows = 0
         self._frame_id = 0
@@ -162,7 +168,14 @@ class Rover(Companion):
         return self.calls.current_id == 0 and reason_filter.acceptance is None and reason_filter.ok_run > 0
 
 
-def _make_engine(memory: Memory | None) -> AnyTraverse:
+def make_ready(vision: Vision, child: LoopbackVision) -> None:
+    """Let a simulated vision process load."""
+    while vision.ready is None:
+        vision.poll(time.monotonic())
+        child.work()
+
+
+def make_engine(memory: Memory | None) -> AnyTraverse:
     perceiver = NumberPerceiver()
     known = memory or first_memory(perceiver.model_id, Preferences.parse(f"{GRASS}: 1"))
     return AnyTraverse(perceiver, Settings(region=_ROI), known)

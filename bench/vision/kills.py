@@ -38,14 +38,19 @@ from companion.config import load_config
 from companion.storage import Journal
 from companion.tasks import VISION
 from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
-from companion.wire.ids import COMPONENT_ID, TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Result
+from companion.wire.ids import (
+    CHANGING_RESULTS,
+    COMPONENT_ID,
+    TUNNEL_ACKNOWLEDGEMENT,
+    TUNNEL_ANSWER,
+    Motion,
+)
 
 LONGEST_DELAY = 0.06
 """s from sending to the kill, at random: about the time that an answer takes."""
 _LOOK = 0.002
 AGAIN_AFTER = 0.4
 PATIENCE = 30.0
-_DONE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
 
 
 class Operator:
@@ -206,7 +211,7 @@ def _answered(
         for ack in operator.acknowledgements():
             if ack.transaction == transaction:
                 results[ack.result.name.lower()] += 1
-                if ack.result in _DONE:
+                if ack.result in CHANGING_RESULTS:
                     return killed
     raise TimeoutError(f"answer {transaction} was never acknowledged: {dict(results)}")
 

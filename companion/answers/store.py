@@ -8,10 +8,9 @@ from typing import Any
 
 from companion.link.inbound import AnswerRequest
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Result
+from companion.wire.ids import CHANGING_RESULTS, Result
 
 _CAPACITY = 16
-_CHANGED_SOMETHING = {Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED}
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class AnswerStore:
         A reply to what changed nothing is not stored, nor one to a command: without a transaction number each
         command is a new request.
         """
-        if request.transaction is not None and acknowledgement.result in _CHANGED_SOMETHING:
+        if request.transaction is not None and acknowledgement.result in CHANGING_RESULTS:
             self._replies.append(
                 StoredReply(
                     request.sender,

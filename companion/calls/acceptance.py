@@ -51,20 +51,22 @@ class Acceptance:
     ) -> Acceptance:
         """Accept `reasons` as far as the frame `seen` shows them."""
         accepted = cls(reasons, None, 0.0, 0.0, 0.0, scene_of(seen), now, travelled)
+        inside = _sized(None, seen)
         if seen.roi is not None and seen.maps is not None:
             accepted.uncertainty, accepted.strangeness = seen.roi.uncertainty, seen.roi.strangeness
             for box in _accepted_boxes(seen, reasons):
                 accepted._extend(box.grown(1.5).mask(*seen.maps.signed.shape))
             if accepted.thing is not None:
                 accepted._extend(accepted._track(accepted.thing, seen, seen.maps, numbers, at_once=True))
-                inside = accepted._thing_in(seen, numbers)
+                inside = _sized(accepted._moved(seen, numbers), seen)
                 covered = accepted._covers_corridor(seen, inside, numbers)
                 if Reason.BLOCKED in reasons:
                     covered = covered and accepted._is_open(seen, seen.maps, inside, numbers)
                 if not covered:
                     # The thing alone leaves no corridor, so the go would have no effect: accept all unknown.
                     accepted._extend(_unexplained_in_roi(seen.maps, numbers))
-        accepted.beside = _beside(seen, accepted._thing_in(seen, numbers), numbers, by_name=False)
+                    inside = _sized(accepted._moved(seen, numbers), seen)
+        accepted.beside = _beside(seen, inside, numbers, by_name=False)
         return accepted
 
     def joined(self, other: Acceptance) -> Acceptance:
@@ -84,11 +86,11 @@ class Acceptance:
         limit = numbers.judging.thresholds.tile
         if limit is None:
             limit = self.beside + numbers.accepted_rise
-        inside = self._thing_in(seen, numbers)
-        if seen.roi is not None and _beside(seen, inside, numbers, by_name=False) <= limit:
+        moved = self._moved(seen, numbers)
+        if seen.roi is not None and _beside(seen, _sized(moved, seen), numbers, by_name=False) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
             self.strangeness = max(self.strangeness, seen.roi.strangeness)
-            self.follow(seen, numbers)
+            self.thing = moved
 
     def covers(self, seen: Assessment, numbers: Numbers) -> frozenset[Reason]:
         """Return the frame's reasons that are within what was accepted.
@@ -96,7 +98,7 @@ class Acceptance:
         Whether a word explains a thing may change from frame to frame. An accepted thing is covered in both
         cases: as unknown, and as blocked by its name.
         """
-        covered, inside = seen.reasons & self.reasons, self._thing_in(seen, numbers)
+        covered, inside = seen.reasons & self.reasons, _sized(self._moved(seen, numbers), seen)
         if Reason.UNKNOWN_OBJECT in covered:
             by_name = Reason.UNKNOWN_OBJECT in _named_reasons(seen)
             alone = self._covers_object(seen, inside, numbers, by_name=by_name)
@@ -136,14 +138,6 @@ class Acceptance:
 
     def _extend(self, mask: Mask) -> None:
         self.thing = joined(self.thing, coarse(mask))
-
-    def _thing_in(self, seen: Assessment, numbers: Numbers) -> Mask:
-        """Return the thing's mask in the size of the frame's maps, (h, w)."""
-        if seen.maps is None:
-            return np.zeros((1, 1), dtype=np.bool_)
-        moved = self._moved(seen, numbers)
-        shape = seen.maps.signed.shape
-        return np.zeros(shape, dtype=np.bool_) if moved is None else resized(moved, *shape)
 
     def _moved(self, seen: Assessment, numbers: Numbers) -> Mask | None:
         """Return the thing's mask in this frame, or the last mask where nothing of it is found."""
@@ -240,6 +234,14 @@ class Acceptance:
         if scene is None or self.scene is None:
             return False
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
+
+
+def _sized(thing: Mask | None, seen: Assessment) -> Mask:
+    """Return the thing's mask in the size of the frame's maps, (h, w)."""
+    if seen.maps is None:
+        return np.zeros((1, 1), dtype=np.bool_)
+    shape = seen.maps.signed.shape
+    return np.zeros(shape, dtype=np.bool_) if thing is None else resized(thing, *shape)
 
 
 def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:

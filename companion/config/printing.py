@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
-from companion.config.checks import Section, number, section_schema, text
+from companion.config.checks import Check, Section, number, section_schema, text
 from companion.config.schema import SECTIONS, Config
 from companion.config.words import WORDS_OFFERED
 
@@ -25,15 +25,10 @@ def json_schema() -> dict[str, Any]:
     Editors that support schemas for TOML complete and check by it. Only `load_config` checks rules between
     settings or between words.
     """
-    word_tables = {
-        "words": {"description": "word -> weight", "schema": number(-1, 1).schema},
-        "aliases": {"description": "word -> its parameter's name less AT_W_", "schema": text.schema},
-    }
     properties: dict[str, Any] = {name: section_schema(section) for name, section in SECTIONS.items()}
     properties["vocabulary"] = {"description": "words offered to ground stations", **WORDS_OFFERED.schema}
-    for name, word_table in word_tables.items():
-        table = {"type": "object", "additionalProperties": word_table["schema"]}
-        properties[name] = {"description": word_table["description"], **table}
+    properties["words"] = _word_table("word -> weight", number(-1, 1))
+    properties["aliases"] = _word_table("word -> its parameter's name less AT_W_", text)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "AnyTraverse companion",
@@ -41,6 +36,10 @@ def json_schema() -> dict[str, Any]:
         "properties": properties,
         "additionalProperties": False,
     }
+
+
+def _word_table(meaning: str, value: Check) -> dict[str, Any]:
+    return {"description": meaning, "type": "object", "additionalProperties": value.schema}
 
 
 def _lines(config: Config) -> Iterator[str]:

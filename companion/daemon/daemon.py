@@ -18,8 +18,17 @@ from companion.daemon.persistence import Persistence
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
 from companion.daemon.test_call import TestCall
-from companion.link import inbound as radio
-from companion.link.inbound import AnswerRequest, ModeAck, PolicyRequest, RcChannels, VehicleUpdate
+from companion.link.inbound import (
+    AnswerRequest,
+    InboundEvent,
+    ModeAck,
+    ParameterRequest,
+    PolicyRequest,
+    RcChannels,
+    ResetRequest,
+    VehicleUpdate,
+    WordsRequest,
+)
 from companion.link.link import Link
 from companion.policy.shadow import ShadowReporter
 from companion.settings.service import SettingsService
@@ -173,7 +182,7 @@ class Daemon:
         wait(self._link, self._vision, min(TICK, self._link.wait(time.monotonic())))
         self._turned_at = time.monotonic()
 
-    def _handle(self, event: radio.InboundEvent, now: float) -> None:
+    def _handle(self, event: InboundEvent, now: float) -> None:
         match event:
             case VehicleUpdate(vehicle):
                 self._handle_vehicle(vehicle, now)
@@ -181,7 +190,7 @@ class Daemon:
                 pass
             case AnswerRequest():
                 self._finish_answer(self.answer_handler.hear(event, now), now)
-            case radio.ParameterRequest() | radio.WordsRequest() | radio.ResetRequest():
+            case ParameterRequest() | WordsRequest() | ResetRequest():
                 self._finish_answer(self.settings.set(event, now), now)
             case PolicyRequest():
                 self._executor.carry_out(self.settings.policy.command(event, now), now)

@@ -19,6 +19,7 @@ from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord
 from companion.wire.ids import (
     ANSWER_COMMAND,
+    CHANGING_RESULTS,
     SET_POLICY,
     SET_WEIGHT,
     TUNNEL_ACKNOWLEDGEMENT,
@@ -95,9 +96,6 @@ _COMMAND_RESULTS = {
     Result.DENIED: mavlink.MAV_RESULT_DENIED,
     Result.BUSY: mavlink.MAV_RESULT_TEMPORARILY_REJECTED,
 }
-
-
-_ACCEPTED = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED)
 
 
 @dataclass
@@ -229,7 +227,7 @@ class AnswerService:
 
     def _acknowledge_parameter(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
         """Send the result as echo and as text. An answer that was not accepted may be sent again at once."""
-        taken = ack.result in _ACCEPTED
+        taken = ack.result in CHANGING_RESULTS
         self._text_sender.answer(ack.text, now, taken=taken)
         self._parameters.echo(ANSWER, (request.value or 0.0) if taken else 0.0, request.sender, now)
         # Also under the id that it was applied to: id 0 and then the call's own id are one answer.

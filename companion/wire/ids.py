@@ -117,6 +117,10 @@ class Result(IntEnum):
     """Nothing was changed yet: the sender should send it again."""
 
 
+CHANGING_RESULTS = frozenset({Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED})
+"""Results of an answer that was accepted: it changed something."""
+
+
 class Policy(IntEnum):
     """What the companion may do to the vehicle."""
 

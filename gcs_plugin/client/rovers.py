@@ -10,7 +10,16 @@ from dataclasses import dataclass, field, replace
 from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
 
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Outcome, Policy, Result, Stage, State, read_heartbeat_mode
+from companion.wire.ids import (
+    CHANGING_RESULTS,
+    Kind,
+    Outcome,
+    Policy,
+    Result,
+    Stage,
+    State,
+    read_heartbeat_mode,
+)
 from companion.wire.parameters import WORD_PREFIX
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
@@ -28,7 +37,7 @@ MAX_LATENCIES = 4096
 MAX_SUMMARIES_A_SECOND = 20
 _NAME = re.compile(r"[A-Z0-9_]{1,16}\Z", re.ASCII)
 """Valid parameter names; others are dropped, since control characters would reach the terminal."""
-_HOLDS_STAGE = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED, Result.NOT_COVERED, Result.STALE)
+_HOLDS_STAGE = CHANGING_RESULTS | {Result.STALE}
 
 
 @dataclass

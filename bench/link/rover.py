@@ -98,8 +98,12 @@ class Companion:
         settings: Settings | None = None,
         *,
         policy: str = "report",
+        pictures: int = 0,
     ) -> None:
-        """vision: must be ready. settings: to judge by; by default those of the configuration."""
+        """vision: must be ready. settings: to judge by; by default those of the configuration.
+
+        pictures: how many are stored.
+        """
         now, ready = time.monotonic(), vision.ready
         assert ready is not None
         words = vision.memory.preferences
@@ -110,7 +114,7 @@ class Companion:
             stopping=schema.Stopping(unchecked=policy == "hold"),
             call=schema.Call(policy=policy),
             journal=schema.Journal(folder=str(folder)),
-            pictures=schema.Pictures(keep=0),
+            pictures=schema.Pictures(keep=pictures),
         )
         self.journal = Journal(folder)
         self.writer = Writer(self.journal)
@@ -138,12 +142,12 @@ class Companion:
 class Rover(Companion):
     """A companion with a simulated vision process; `shows` is the number of the thing ahead."""
 
-    def __init__(self, folder: Path, opener: Callable[[], Transport]) -> None:
+    def __init__(self, folder: Path, opener: Callable[[], Transport], *, pictures: int = 0) -> None:
         self._child = LoopbackVision(make_engine)
         self.vision = CountedVision(lambda: self._child, Config(), None, VISION)
         self.vision.asked = []
         make_ready(self.vision, self._child)
-        super().__init__(folder, opener, self.vision)
+        super().__init__(folder, opener, self.vision, pictures=pictures)
         self.shows = 0
         self._frame_id = 0
         self._frame_at = time.monotonic()

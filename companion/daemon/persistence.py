@@ -294,7 +294,9 @@ class Persistence:
 
     def write_status(self, figures: Mapping[str, Any]) -> None:
         """Queue the status file: figures, number of judged frames, process id and the state of the disk."""
-        self._writer.write("status", partial(write_atomically, self._status, self._status_bytes(figures)))
+        # It is written again every second: a torn one lasts no longer.
+        content = self._status_bytes(figures)
+        self._writer.write("status", partial(write_atomically, self._status, content, sync=False))
 
     def leave(self, figures: Mapping[str, Any]) -> None:
         """Write everything that waits, within `SLOW` seconds, and last the status file.

@@ -15,13 +15,14 @@ def write_durably(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Replace the content of `path` without waiting for the disk, and create its folder.
+def write_atomically(path: Path, content: bytes, *, sync: bool = True) -> None:
+    """Replace the content of `path`, and create its folder.
 
-    After a power cut the file may hold the old content or the new one. Raises OSError.
+    After a power cut the file holds the old content or the new one. sync: False does not wait for the disk;
+    then a power cut may leave an empty or a torn file. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    _replace(path, content, sync=False)
+    _replace(path, content, sync=sync)
 
 
 def sync_folder(folder: Path) -> None:

@@ -1,0 +1,1 @@
+"""Produces faults for real, and measures what the companion makes of them."""

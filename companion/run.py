@@ -17,7 +17,6 @@ from companion.daemon.composition import (
     Resources,
     compose,
     first_parameters,
-    first_policy,
     open_id,
     stored_u32,
 )
@@ -26,7 +25,7 @@ from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.policy.hold_gate import require_checkable
-from companion.settings.mapping import first_words
+from companion.settings.mapping import first_words, restored_policy
 from companion.storage import Journal
 from companion.storage.file_reader import Reader
 from companion.storage.log_file import log_to_file
@@ -89,12 +88,14 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
 def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved: Mapping[str, Any]) -> Link:
     """Open the link with the parameters, words and policy that were in force before the restart.
 
-    So the ground sees them from the first heartbeat on, while the perceiver still loads.
+    So the ground sees them from the first heartbeat on, while the perceiver still loads. The autopilot's
+    script acts by that policy; only a hold that is refused later will not be in force.
     """
-    first = first_parameters(config, memory, saved)
+    policy = restored_policy(config, saved.get("policy"), time.monotonic()).in_force
+    first = first_parameters(config, memory, policy, saved)
     link = Link(config.link.settings(), first, time.monotonic(), tree=served.tree, signing=_signing(config))
     link.set_words(first_words(config, memory))
-    link.set_state(State.STARTING, open_id(saved), first_policy(config, saved))
+    link.set_state(State.STARTING, open_id(saved), policy)
     return link
 
 

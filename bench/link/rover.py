@@ -21,7 +21,6 @@ from anytraverse.regions import Box
 from bench.link.synthetic_frames import GRASS, NumberPerceiver, picture
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
-from companion.calls.numbers import Numbers
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config, schema
 from companion.config.link_settings import MAIN, LinkSettings
@@ -54,8 +53,8 @@ class Applied(NamedTuple):
 class CountedCalls(OperatorCalls):
     """The daemon's own state machine; `applied` stores every answer that reached it."""
 
-    def __init__(self, numbers: Numbers, now: float) -> None:
-        super().__init__(numbers, now)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         self.applied: list[Applied] = []
 
     def answered(

@@ -28,7 +28,7 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/calls/machine.py": _CALLS,
     "companion/calls/reason_filter.py": _CALLS,
     "companion/calls/snapshot.py": (*_CALLS, *_DAEMON),
-    "companion/policy/policy.py": (*_CALLS, *_DAEMON),
+    "companion/calls/policy.py": (*_CALLS, *_DAEMON),
     "companion/policy/service.py": _DAEMON,
     "companion/policy/hold_gate.py": _DAEMON,
     "companion/policy/stopping.py": ("tests/companion/preflight", *_DAEMON),

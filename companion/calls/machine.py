@@ -1,7 +1,7 @@
 """Decides about calls and holds, as one state machine. It does no I/O and reads no clock.
 
 Inputs are `assessed` (a judged frame), `vehicle` (mode and arming), `answered` (an applied answer),
-`set_policy`, and `tick` for the passing of time. Each carries `now` (monotonic seconds), and returns the
+`policy_changed`, and `tick` for the passing of time. Each carries `now` (monotonic seconds), and returns the
 decisions that it led to.
 """
 
@@ -25,6 +25,7 @@ from companion.calls.decisions import (
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.hold_rules import HoldController, VehicleMode
 from companion.calls.numbers import Numbers
+from companion.calls.policy import PolicyState
 from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.calls.shadow import Shadow
 from companion.vehicle import Autopilot
@@ -34,9 +35,10 @@ from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, Sta
 class OperatorCalls:
     """Keeps at most one open call and one hold. Ids come from one counter; a call and its hold share one."""
 
-    def __init__(self, numbers: Numbers, now: float, last_id: int = 0) -> None:
+    def __init__(self, numbers: Numbers, policy_state: PolicyState, now: float, last_id: int = 0) -> None:
+        """policy_state: is asked for the policy in force. last_id: the newest id that was used."""
         self.numbers = numbers
-        self.policy = numbers.policy
+        self._policy_state = policy_state
         self.last_id = last_id
         self.reason_filter = ReasonFilter(numbers, now)
         self.holding = HoldController(numbers)
@@ -85,17 +87,18 @@ class OperatorCalls:
         """Let time pass."""
         return self._settle(now)
 
-    def set_policy(self, policy: Policy, now: float) -> list[Decision]:
-        """Change the policy. Without `hold` nothing is commanded any more, not even a resume.
+    def policy_changed(self, before: Policy, now: float) -> list[Decision]:
+        """Follow a change of the policy in force, which was `before`.
 
-        Only the release of our setpoints still is. After `off` it starts with nothing open or accepted.
+        Without `hold` nothing is commanded any more, not even a resume. Only the release of our setpoints
+        still is. After `off` it starts with nothing open or accepted.
         """
-        if policy is self.policy:
+        policy = self.policy
+        if policy is before:
             return []
         decisions: list[Decision] = [*self.shadow.leave(now)]
-        if self.policy is Policy.OFF:
+        if before is Policy.OFF:
             self.reason_filter.acceptance = None
-        self.policy = policy
         if policy is not Policy.HOLD:
             self.holding.leave(now)
             dropped = self.holding.end()
@@ -175,6 +178,11 @@ class OperatorCalls:
         """
         self.holding.confirm_go(at, self.reason_filter)
         return self._settle(now)
+
+    @property
+    def policy(self) -> Policy:
+        """The policy in force."""
+        return self._policy_state.in_force
 
     @property
     def hold(self) -> Hold | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from anytraverse.judging import Settings
-from companion.wire.ids import Policy
 
 
 @dataclass(frozen=True)
@@ -15,7 +14,6 @@ class Numbers:
     Counts are frames, times are seconds, distances are metres. `accepted_rise` is an uncertainty in [0, 1].
     """
 
-    policy: Policy = Policy.REPORT
     judging: Settings = field(default_factory=Settings)
 
     votes: int = 2

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from anytraverse.judging import Settings
@@ -14,7 +13,6 @@ from anytraverse.pace import Pace
 from companion.answers.handler import AnswerHandler
 from companion.answers.store import AnswerStore
 from companion.calls.machine import OperatorCalls
-from companion.calls.numbers import Numbers
 from companion.calls.snapshot import restore
 from companion.config import Config
 from companion.daemon.daemon import Daemon
@@ -28,7 +26,7 @@ from companion.settings.mapping import (
     call_numbers,
     first_values,
     first_words,
-    restored_policies,
+    restored_policy,
     storable_defaults,
 )
 from companion.settings.runtime import RuntimeSettings
@@ -66,7 +64,7 @@ def compose(
     ready: Ready,
     startup_notices: list[str],
     *,
-    state_machine: Callable[[Numbers, float], OperatorCalls] = OperatorCalls,
+    state_machine: type[OperatorCalls] = OperatorCalls,
 ) -> Daemon:
     """Create the daemon, once vision is ready. Adds notices for the operator to `startup_notices`."""
     link, vision, journal, writer, served, saved = opened
@@ -76,13 +74,12 @@ def compose(
     if journal.recovered_from is not None:
         startup_notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
     overrides, judging = restore_settings(config, ready, saved.get("settings"), startup_notices)
-    numbers = call_numbers(config, judging)
-    wants_hold = numbers.policy is Policy.HOLD
     hold_gate = HoldGate(config, Pace(ready.step, 1.0 / config.camera.rate, judging.freshness))
-    if wants_hold and not _may_hold(hold_gate, judging, startup_notices):
-        numbers = replace(numbers, policy=Policy.REPORT)
-    policies = restored_policies(config, numbers.policy, saved.get("policy"), now)
-    calls = state_machine(replace(numbers, policy=policies.in_force), now)
+    policy_state = restored_policy(config, saved.get("policy"), now)
+    if policy_state.wants_hold and not _may_hold(hold_gate, judging, startup_notices):
+        policy_state.give_up_hold()
+    last_id = stored_u32(saved.get("last_id")) & 0xFFFF
+    calls = state_machine(call_numbers(config, judging), policy_state, now, last_id)
     if saved:
         restore_calls(calls, saved, now, startup_notices)
     statistics = restore_statistics(model.id, calls, saved.get("shadow"), now, startup_notices)
@@ -101,9 +98,7 @@ def compose(
     )
     answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, replies)
     after_write = persistence.after_write
-    policy = PolicyService(
-        link, calls, policies, after_write, refuses=hold_gate.refuses, wants_hold=wants_hold
-    )
+    policy = PolicyService(link, calls, policy_state, after_write, refuses=hold_gate.refuses)
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     settings = SettingsService(
         parameters, link, vision, calls, answer_handler, policy, overrides, statistics, after_write
@@ -146,22 +141,13 @@ def _may_hold(hold_gate: HoldGate, judging: Settings, startup_notices: list[str]
     return refusal is None
 
 
-def first_policy(config: Config, saved: Mapping[str, Any]) -> Policy:
-    """Return the policy that will be in force unless hold is refused.
-
-    The first heartbeats carry it, since the autopilot's script acts by it before the perceiver is loaded.
-    """
-    configured = Policy[config.call.policy.upper()]
-    return restored_policies(config, configured, saved.get("policy"), time.monotonic()).in_force
-
-
 def first_parameters(
-    config: Config, memory: Memory | None, saved: Mapping[str, Any]
+    config: Config, memory: Memory | None, policy: Policy, saved: Mapping[str, Any]
 ) -> tuple[Parameter, ...]:
     """Make the parameters with their values before the restart, until the perceiver is loaded."""
     words = first_words(config, memory)
     offered = {word: words[word] for word in config.vocabulary if word in words}
-    values = {**first_values(config, saved.get("settings")), POLICY: float(first_policy(config, saved))}
+    values = {**first_values(config, saved.get("settings")), POLICY: float(policy)}
     return build(config.vocabulary, offered, values, aliases=config.aliases)
 
 
@@ -182,8 +168,7 @@ def stored_u32(value: Any) -> int:
 def restore_calls(
     calls: OperatorCalls, saved: Mapping[str, Any], now: float, startup_notices: list[str]
 ) -> None:
-    """Restore call, hold and the counter of ids. Adds to `startup_notices` what could not be read."""
-    calls.last_id = stored_u32(saved.get("last_id")) & 0xFFFF
+    """Restore call and hold. Adds to `startup_notices` what could not be read."""
     try:
         restore(calls, saved, now)
     except (KeyError, TypeError, ValueError) as error:

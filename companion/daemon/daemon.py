@@ -199,7 +199,7 @@ class Daemon:
             case ModeAck(accepted=False):
                 log.info("the autopilot says no to a mode: MAV_RESULT %d", event.result)
             case RcChannels():
-                self._executor.carry_out(self.settings.policy.hear(event, now), now)
+                self._executor.carry_out(self.settings.policy.rc_channels_received(event, now), now)
 
     def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
@@ -289,7 +289,7 @@ class Daemon:
 
     def _report(self, now: float) -> None:
         beside = {
-            "policy": self.settings.policy.saved(),
+            "policy": self.settings.policy.state.saved(),
             "settings": self.settings.overrides.saved(),
             "shadow": self.settings.statistics.saved(self.calls.shadow, now),
         }
@@ -309,7 +309,7 @@ class Daemon:
         elif self._test_call.id:
             self._test_call.announce(now)
         elif self.calls.policy is Policy.OFF:
-            self._link.announce(None, notices.off(self.settings.policy.off_by), now)
+            self._link.announce(None, notices.off(self.settings.policy.state.off_by), now)
         elif reminder := self._health.reminder():
             self._link.announce(None, reminder, now)
         else:

@@ -10,10 +10,10 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.judging import Settings
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
+from companion.calls.policy import PolicyState
 from companion.link.inbound import PolicyRequest, RcChannels, Sender
 from companion.link.link import Link
 from companion.policy.hold_gate import HoldRefusal, Refuses
-from companion.policy.policy import PolicyState
 from companion.vehicle import Autopilot
 from companion.wire import notices
 from companion.wire.ids import ERROR, WARNING, Policy
@@ -35,70 +35,58 @@ class PolicyService:
         self,
         link: Link,
         calls: OperatorCalls,
-        policies: PolicyState,
+        state: PolicyState,
         after_write: AfterWrite,
         *,
         refuses: Refuses,
-        wants_hold: bool,
     ) -> None:
-        """wants_hold: hold is configured. A refusal is repeated until an operator sets a policy."""
         self._link = link
         self._calls = calls
-        self._policies = policies
+        self.state = state
         self._refuses = refuses
         self._judged_for = calls.numbers.judging, 0.0
         self._refusal = refuses(*self._judged_for)
-        self._wants_hold = wants_hold
-        self._lost = False
         self._after_write = after_write
-        if policies.switch is not None:
+        if state.switch is not None:
             link.request_rc_channels()
-
-    @property
-    def off_by(self) -> str:
-        """Who keeps the companion off, "" when it is on."""
-        return self._policies.off_by
 
     @property
     def reminder(self) -> str:
         """The text to repeat while no call or hold is open, "" for none."""
-        switch = self._policies.switch
-        if switch is not None and self._lost:
+        switch = self.state.switch
+        if switch is not None and switch.lost:
             return notices.switch_lost(switch.name, off=switch.off)
-        return self._refusal.reminder if self._refusal is not None and self._wants_hold else ""
+        return self._refusal.reminder if self._refusal is not None and self.state.wants_hold else ""
 
     @property
     def hold_refused(self) -> str:
         """Why the policy hold is refused, as a STATUSTEXT; "" where it is allowed."""
         return self._refusal.short if self._refusal is not None else ""
 
-    def saved(self) -> dict[str, object]:
-        """Return the off state for the journal, as JSON values."""
-        return self._policies.saved()
-
     def figures(self) -> dict[str, object]:
         """Return the policy's part of the status file."""
-        switch = self._policies.switch
-        info: dict[str, object] = {"in_force": self._calls.policy.name.lower(), "off_by": self.off_by or None}
+        switch = self.state.switch
+        info: dict[str, object] = {
+            "in_force": self.state.in_force.name.lower(),
+            "off_by": self.state.off_by or None,
+        }
         if switch is None:
             return info
-        return {**info, "switch": switch.name, "switch_us": switch.width, "switch_heard": not self._lost}
+        return {**info, "switch": switch.name, "switch_us": switch.width, "switch_heard": not switch.lost}
 
     def set(self, policy: Policy, sender: Sender, now: float) -> tuple[bool, list[Decision]]:
         """Handle a ground station's request for a policy. Returns whether it is granted.
 
         If not, a text says why.
         """
-        who = f"{sender[0]}/{sender[1]}"
+        who, before = f"{sender[0]}/{sender[1]}", self.state.in_force
         refusal = self.hold_refused if policy is Policy.HOLD else ""
-        if not refusal and not self._policies.ask(policy, who):
-            refusal = notices.switch_wins(self._policies.off_by)
+        if not refusal and not self.state.request(policy, who):
+            refusal = notices.switch_wins(self.state.off_by)
         if refusal:
             log.warning("policy %s requested by %s is refused: %s", policy.name.lower(), who, refusal)
             self._link.say(refusal, WARNING, now)
-        else:
-            self._wants_hold = False
-        return not refusal, self._put_in_force(who, now, announce=not refusal)
+        return not refusal, self._put_in_force(before, who, now, announce=not refusal)
 
     def command(self, request: PolicyRequest, now: float) -> list[Decision]:
         """Handle a request by command; it is acknowledged once the policy is in the journal."""
@@ -115,55 +103,53 @@ class PolicyService:
         known = self._calls.numbers.judging, autopilot.overrun if autopilot is not None else 0.0
         if known == self._judged_for:
             return []
-        before, self._judged_for, self._refusal = self._refusal, known, self._refuses(*known)
+        refused, self._judged_for, self._refusal = self._refusal, known, self._refuses(*known)
         if self._refusal is None:
-            if before is not None:
+            if refused is not None:
                 self._link.say(notices.hold_fits(), WARNING, now)
             return []
-        given_up = self._policies.give_up_hold()
-        if given_up or self._wants_hold:
+        before, given_up = self.state.in_force, self.state.give_up_hold()
+        if self.state.wants_hold:
             log.error("%s", self._refusal.why)
         if not given_up:
             return []
-        self._wants_hold = True
+        decisions = self._put_in_force(before, "", now, announce=False)
         self._link.say(self._refusal.short, ERROR, now)
-        return self._put_in_force("", now, announce=False)
+        return decisions
 
     def refuses_settings(self, judging: Settings) -> HoldRefusal | None:
         """Return why these settings are refused, None where they are allowed.
 
         They are refused where hold is requested, and could not be allowed with them.
         """
-        return self._refuses(judging, self._judged_for[1]) if self._policies.asked is Policy.HOLD else None
+        return self._refuses(judging, self._judged_for[1]) if self.state.requested is Policy.HOLD else None
 
-    def hear(self, pulses: RcChannels, now: float) -> list[Decision]:
+    def rc_channels_received(self, pulses: RcChannels, now: float) -> list[Decision]:
         """Take in the RC channels."""
-        switch = self._policies.switch
-        if switch is None or not switch.hear(pulses.of(switch.channel), now):
+        switch, before = self.state.switch, self.state.in_force
+        if switch is None or not switch.pulse_received(pulses.of(switch.channel), now):
             return []
         log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
         # The switch is on now, but a request still keeps the companion off: the driver must know.
-        if not switch.off and self._policies.asked is Policy.OFF:
-            self._link.say(notices.still_off(switch.name, self._policies.off_by), WARNING, now)
+        if not switch.off and self.state.requested is Policy.OFF:
+            self._link.say(notices.still_off(switch.name, self.state.off_by), WARNING, now)
             return []
-        return self._put_in_force(switch.name, now, announce=True)
+        return self._put_in_force(before, switch.name, now, announce=True)
 
     def tick(self, now: float) -> None:
         """Report when the off switch is lost or back. The operator must not rely on it while it is lost."""
-        switch = self._policies.switch
-        if switch is None or switch.heard(now) is not self._lost:
+        switch = self.state.switch
+        if switch is None or not switch.check(now):
             return
-        self._lost = not self._lost
-        text = (notices.switch_lost if self._lost else notices.switch_heard)(switch.name, off=switch.off)
+        text = (notices.switch_lost if switch.lost else notices.switch_heard)(switch.name, off=switch.off)
         log.warning("%s", text)
-        self._link.say(text, ERROR if self._lost else WARNING, now)
+        self._link.say(text, ERROR if switch.lost else WARNING, now)
 
-    def _put_in_force(self, who: str, now: float, *, announce: bool) -> list[Decision]:
-        policy = self._policies.in_force
+    def _put_in_force(self, before: Policy, who: str, now: float, *, announce: bool) -> list[Decision]:
+        policy, decisions = self.state.in_force, self._calls.policy_changed(before, now)
         if policy is not Policy.HOLD:
             # A mode that still waits to be sent must not leave under the new policy.
             self._link.forget_mode()
-        decisions = self._calls.set_policy(policy, now)
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
             self._link.say(notices.policy(policy, who), WARNING, now)

@@ -8,8 +8,8 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory, resumed_memory
 from anytraverse.preferences import Preferences
 from companion.calls.numbers import Numbers
+from companion.calls.policy import OffSwitch, PolicyState, Side
 from companion.config import Config
-from companion.policy.policy import OffSwitch, PolicyState, Side
 from companion.settings.runtime import judging_values, saved_settings
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
@@ -30,7 +30,6 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
     """Make the state machine's numbers from the configuration. judging: the thresholds and ROI in force."""
     call = config.call
     return Numbers(
-        policy=Policy[call.policy.upper()],
         judging=judging,
         votes=call.votes,
         window=call.window,
@@ -75,13 +74,13 @@ def _rates() -> dict[str, float]:
     return {name: defaults[name] for name in (SUMMARY_RATE, NUMBER_RATE)}
 
 
-def restored_policies(config: Config, policy: Policy, saved: Any, now: float) -> PolicyState:
-    """Make the policy state with the configured off switch. saved: as `PolicyState.saved` returned it.
+def restored_policy(config: Config, saved: Any, now: float) -> PolicyState:
+    """Make the configured policy with its off switch. saved: as `PolicyState.saved` returned it.
 
-    Off stays off over a restart. now: monotonic seconds.
+    Off stays off over a restart. Whether hold must be refused is not checked here. now: monotonic seconds.
     """
     call = config.call
     switch = OffSwitch(call.off_channel, Side(call.off_side), now) if call.off_channel else None
-    policies = PolicyState(policy, switch)
-    policies.restore(saved)
-    return policies
+    policy_state = PolicyState(Policy[call.policy.upper()], switch)
+    policy_state.restore(saved)
+    return policy_state

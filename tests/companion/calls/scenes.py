@@ -20,6 +20,7 @@ from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, Ho
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
+from companion.calls.policy import PolicyState
 from companion.calls.snapshot import restore, snapshot
 from companion.vehicle import Autopilot as KnownAutopilot
 from companion.vehicle import ardupilot
@@ -195,8 +196,9 @@ class Scene:
     ) -> None:
         judging = Settings(thresholds=Thresholds(tile=tile), freshness=freshness)
         self.now = now
-        self.numbers = Numbers(policy=policy, judging=judging, fault_ends_hold=fault_ends_hold)
-        self.calls = OperatorCalls(self.numbers, now)
+        self.numbers = Numbers(judging=judging, fault_ends_hold=fault_ends_hold)
+        self.policy_state = PolicyState(policy)
+        self.calls = OperatorCalls(self.numbers, self.policy_state, now)
         self.autopilot = Autopilot(mode, armed, kind=kind)
         self.words = {"trail": 1.0, "log": -1.0}
         self.reference = 0.0
@@ -295,12 +297,18 @@ class Scene:
 
     def policy(self, policy: Policy) -> list[Decision]:
         """Set the policy."""
-        return self.keep(self.calls.set_policy(policy, self.now))
+        return self.keep(self.requested(policy))
+
+    def requested(self, policy: Policy) -> list[Decision]:
+        """Request a policy, and return the decisions that it led to."""
+        before = self.policy_state.in_force
+        self.policy_state.request(policy, "255/190")
+        return self.calls.policy_changed(before, self.now)
 
     def restarted(self) -> Scene:
         """Restart the daemon: a new state machine, restored from the snapshot of the old one."""
         kept = snapshot(self.calls)
-        self.calls = OperatorCalls(replace(self.numbers, policy=self.calls.policy), self.now)
+        self.calls = OperatorCalls(self.numbers, self.policy_state, self.now)
         restore(self.calls, kept, self.now)
         self.autopilot.told = None
         return self

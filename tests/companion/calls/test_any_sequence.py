@@ -157,8 +157,7 @@ class Calls(RuleBasedStateMachine):
     @rule(policy=st.sampled_from([*Policy, *[Policy.HOLD] * 8]))
     def switch(self, policy: Policy) -> None:
         """Another policy."""
-        decisions = self.scene.calls.set_policy(policy, self.scene.now)
-        self._check(decisions)
+        self._check(self.scene.requested(policy))
 
     @precondition(lambda self: self.scene.frame % 5 == 0)
     @rule()

@@ -7,6 +7,8 @@ import pytest
 from anytraverse.assessment import Reason
 from companion.calls.decisions import WouldHold
 from companion.calls.hold import HoldEvent, HoldStage
+from companion.config import Config
+from companion.settings.mapping import restored_policy
 from companion.wire.ids import Outcome, Policy, Stage, State
 from tests.companion.calls.scenes import AUTO, BROKEN, CLEAR, DRUM, HOLD, LOG, MANUAL, Scene, View
 
@@ -25,7 +27,7 @@ def test_only_the_hold_policy_commands_a_mode(policy: Policy, view: View) -> Non
 
 
 def test_report_is_the_default() -> None:
-    assert Scene().numbers.policy is Policy.REPORT
+    assert restored_policy(Config(), None, 0.0).in_force is Policy.REPORT
 
 
 def test_switched_off_nothing_is_called_and_the_heartbeat_says_so() -> None:

@@ -16,7 +16,7 @@ from anytraverse.perception import DefaultThresholds, Perceiver
 from anytraverse.perception.runtime import Runtime
 from companion.config import Config, ConfigError, Problem, format_config, load_config
 from companion.config.schema import SECTIONS
-from companion.settings.mapping import call_numbers
+from companion.settings.mapping import call_numbers, restored_policy
 from companion.vision.warm_up import judging_settings
 from companion.wire.ids import Policy
 
@@ -348,7 +348,7 @@ def test_the_state_machine_gets_its_numbers(tmp_path: Path) -> None:
     text = '[call]\npolicy = "hold"\nvotes = 3\nwindow = 4\nok_frames = 6\ngo_lasts = 30\nfreshness = 1.5\n'
     config = load_config(_write(tmp_path, text))
     numbers = call_numbers(config, judging_settings(config, _OWN))
-    assert numbers.policy is Policy.HOLD
+    assert restored_policy(config, None, 0.0).in_force is Policy.HOLD
     assert (numbers.votes, numbers.window, numbers.ok_frames, numbers.go_lasts) == (3, 4, 6, 30.0)
     assert (numbers.judging.votes, numbers.judging.window, numbers.freshness) == (3, 4, 1.5)
 

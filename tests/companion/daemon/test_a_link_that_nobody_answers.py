@@ -10,10 +10,12 @@ import pytest
 
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
+from companion.calls.policy import PolicyState
 from companion.cameras.newest import CameraStatus
 from companion.daemon.health import NO_AUTOPILOT_AFTER, HealthMonitor
 from companion.tasks import Liveness, tasks
 from companion.vehicle.state import Vehicle
+from companion.wire.ids import Policy
 
 _VISION = SimpleNamespace(
     trouble="", alive_at=0.0, delivered_at=None, camera=CameraStatus(), unreliable=False
@@ -26,7 +28,7 @@ def _watch(link: Any) -> HealthMonitor:
         Liveness(tasks(numbers), 0.0),
         link,
         cast(Any, _VISION),
-        OperatorCalls(numbers, 0.0),
+        OperatorCalls(numbers, PolicyState(Policy.REPORT), 0.0),
         cast(Any, SimpleNamespace(failing=False)),
     )
 

@@ -23,9 +23,9 @@ from anytraverse.preferences import Preferences
 from companion import run
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkError
-from companion.daemon.composition import first_policy
 from companion.daemon.startup import load
 from companion.link.link import Link
+from companion.settings.mapping import restored_policy
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage import Journal
 from companion.storage.writer import SLOW
@@ -360,4 +360,5 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
 def test_while_it_starts_it_tells_the_policy_that_will_be_in_force(
     config: Config, saved: dict[str, object], policy: Policy
 ) -> None:
-    assert first_policy(replace(config, call=replace(config.call, policy="hold")), saved) is policy
+    configured = replace(config, call=replace(config.call, policy="hold"))
+    assert restored_policy(configured, saved.get("policy"), 0.0).in_force is policy

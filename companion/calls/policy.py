@@ -31,6 +31,7 @@ class OffSwitch:
     """Debounces an RC channel that switches the companion off.
 
     channel: 1 to 18. off: the debounced position. width: the newest pulse in us, None when unknown.
+    lost: no valid pulses came for a while, as of the last `check`.
     """
 
     def __init__(self, channel: int, side: Side, now: float) -> None:
@@ -38,6 +39,7 @@ class OffSwitch:
         self.side = side
         self.off = False
         self.width: int | None = None
+        self.lost = False
         self._pulse_at = -math.inf
         self._created_at = now
         self._opposite = 0
@@ -47,7 +49,7 @@ class OffSwitch:
         """The channel's name, e.g. "RC7"."""
         return f"RC{self.channel}"
 
-    def hear(self, width: int | None, now: float) -> bool:
+    def pulse_received(self, width: int | None, now: float) -> bool:
         """Take in a pulse in us, None where it is unknown. Returns whether the switch has moved.
 
         An unknown pulse leaves the position as it was.
@@ -68,9 +70,10 @@ class OffSwitch:
         self.off, self._opposite = position, 0
         return True
 
-    def heard(self, now: float) -> bool:
-        """Whether valid pulses come. True for the first seconds, in which none can have come yet."""
-        return now - max(self._pulse_at, self._created_at) <= SILENT
+    def check(self, now: float) -> bool:
+        """Update `lost`. Returns whether it changed. In the first seconds no pulse can have come yet."""
+        before, self.lost = self.lost, now - max(self._pulse_at, self._created_at) > SILENT
+        return self.lost is not before
 
     def _position(self, width: int) -> bool | None:
         """Return True for off, False for on, None between the two."""
@@ -80,16 +83,21 @@ class OffSwitch:
 
 
 class PolicyState:
-    """Holds the requested policy and the off switch. Off wins, whichever of the two says it.
+    """The only place that knows the policy: the requested one, the off switch, and the one in force.
 
-    asked: the policy requested by the configuration, a parameter or a command. by: the sender that requested
-    it, "" for the configuration.
+    Off wins, whichever of the two says it. Who changes anything here passes the policy that was in force
+    before to `OperatorCalls.policy_changed` at once.
+
+    requested: the policy requested by the configuration, a parameter or a command. requested_by: the sender
+    that requested it, "" for the configuration. wants_hold: hold is configured, or was given up since the
+    vehicle may not be held; an operator's request ends that.
     """
 
     def __init__(self, configured: Policy, switch: OffSwitch | None = None) -> None:
-        self.asked = configured
-        self.by = ""
+        self.requested = configured
+        self.requested_by = ""
         self.switch = switch
+        self.wants_hold = configured is Policy.HOLD
 
     @property
     def switched_off(self) -> bool:
@@ -99,33 +107,33 @@ class PolicyState:
     @property
     def in_force(self) -> Policy:
         """The policy in force."""
-        return Policy.OFF if self.switched_off else self.asked
+        return Policy.OFF if self.switched_off else self.requested
 
     @property
     def off_by(self) -> str:
         """Who keeps the companion off: "RC7", or a sender's ids as "255/190"; "" when it is on."""
         if self.switch is not None and self.switch.off:
             return self.switch.name
-        return self.by if self.asked is Policy.OFF else ""
+        return self.requested_by if self.requested is Policy.OFF else ""
 
-    def ask(self, policy: Policy, by: str) -> bool:
+    def request(self, policy: Policy, by: str) -> bool:
         """Request a policy for the sender `by`. False: it is refused, since the off switch says off."""
         if self.switched_off and policy is not Policy.OFF:
             return False
-        self.asked, self.by = policy, by
+        self.requested, self.requested_by, self.wants_hold = policy, by, False
         return True
 
     def give_up_hold(self) -> bool:
         """Change a requested hold to report, since the vehicle may not be held. False: it was not hold."""
-        wanted = self.asked is Policy.HOLD
-        if wanted:
-            self.asked = Policy.REPORT
-        return wanted
+        given_up = self.requested is Policy.HOLD
+        if given_up:
+            self.requested, self.wants_hold = Policy.REPORT, True
+        return given_up
 
     def saved(self) -> dict[str, Any]:
         """Return who switched it off, as JSON values for the journal: a restart must not switch on."""
         return {
-            "off_by": self.by if self.asked is Policy.OFF else None,
+            "off_by": self.requested_by if self.requested is Policy.OFF else None,
             "channel": self.switch.channel if self.switch is not None and self.switch.off else None,
         }
 
@@ -138,6 +146,6 @@ class PolicyState:
             return
         off_by = saved.get("off_by")
         if isinstance(off_by, str) and off_by:
-            self.asked, self.by = Policy.OFF, off_by
+            self.requested, self.requested_by = Policy.OFF, off_by
         if self.switch is not None:
             self.switch.off = saved.get("channel") == self.switch.channel

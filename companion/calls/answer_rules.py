@@ -7,7 +7,7 @@ from dataclasses import replace
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Reason
 from companion.calls.acceptance import Acceptance, blocked_by_name, scene_of
-from companion.calls.decisions import Call
+from companion.calls.decisions import Call, CallState
 from companion.calls.reason_filter import ReasonFilter
 from companion.wire.ids import Motion, Result
 
@@ -38,15 +38,15 @@ def answer_call(
         if outcome is not None and outcome.call is not None:
             call.seen = outcome.call
         if not call.answered:
-            call.answered = call.accepted = True
+            call.state = CallState.ACCEPTED
             if not changed:
                 reason_filter.accept(
                     call.reasons, _scope(call, reason_filter, now, travelled), now, travelled
                 )
             reason_filter.restart_after_answer(now)
         return Result.APPLIED
-    if call.accepted:
-        call.answered = call.accepted = False
+    if call.state is CallState.ACCEPTED:
+        call.state = CallState.OPEN
         reason_filter.acceptance = None
     if outcome is None or outcome.call is None:
         return Result.NOT_COVERED if changed else Result.APPLIED
@@ -54,8 +54,11 @@ def answer_call(
     covered = not _uncovered_reasons(call)
     if covered and not call.answered:
         reason_filter.restart_after_answer(now)
-    call.answered, call.tried = covered, changed and not covered
-    return Result.NOT_COVERED if call.tried else Result.APPLIED
+    if covered:
+        call.state = CallState.ANSWERED
+    else:
+        call.state = CallState.NOT_COVERED if changed else CallState.OPEN
+    return Result.NOT_COVERED if call.state is CallState.NOT_COVERED else Result.APPLIED
 
 
 def _uncovered_reasons(call: Call) -> frozenset[Reason]:

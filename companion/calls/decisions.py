@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
 from companion.calls.acceptance import Acceptance
 from companion.calls.hold import Hold, HoldEvent
 from companion.wire.ids import Outcome
+
+
+class CallState(Enum):
+    """What an open call has been answered."""
+
+    OPEN = "open"
+    """Nothing that decides, or a go that was revoked."""
+    NOT_COVERED = "not covered"
+    """Words that do not cover the call's reasons."""
+    ANSWERED = "answered"
+    """Words that cover the call's reasons."""
+    ACCEPTED = "accepted"
+    """A go without words, or with words once the reasons were gone."""
 
 
 @dataclass
@@ -19,9 +33,7 @@ class Call:
     that frame is judged again.
     reasons: all reasons of the call, including later ones.
     scope: what a go without words would accept. It tracks the thing while the call is open.
-    tried: the last answer did not cover the reasons. answered: the last answer covers them. accepted: it was
-    a go without words. learnt: an answer entered the call's scene in the history.
-    quiet: "stay" ended the escalation of the text.
+    learnt: an answer entered the call's scene in the history. quiet: "stay" ended the escalation of the text.
     gone_since: since when there are no reasons, monotonic seconds; None while there are.
     worst: highest mean uncertainty of the ROI while the call is open. worst_frame_id: the frame that had it.
     place: where the vehicle was, and when, as the call opened.
@@ -33,9 +45,7 @@ class Call:
     opened_at: float
     seen: Assessment | None
     scope: Acceptance | None = None
-    tried: bool = False
-    answered: bool = False
-    accepted: bool = False
+    state: CallState = CallState.OPEN
     learnt: bool = False
     quiet: bool = False
     gone_since: float | None = None
@@ -50,9 +60,17 @@ class Call:
             self.worst, self.worst_frame_id = seen.roi.uncertainty, seen.frame.id
 
     @property
-    def answered_outcome(self) -> Outcome:
-        """The outcome with which an answered call is closed."""
-        return Outcome.ACCEPTED if self.accepted else Outcome.ANSWERED
+    def answered(self) -> bool:
+        """Whether the call needs no further answer."""
+        return self.state in _OUTCOMES
+
+    @property
+    def outcome_now(self) -> Outcome:
+        """The outcome if the call were closed now, since its reasons are gone or its hold has ended."""
+        return _OUTCOMES.get(self.state, Outcome.PASSED)
+
+
+_OUTCOMES = {CallState.ANSWERED: Outcome.ANSWERED, CallState.ACCEPTED: Outcome.ACCEPTED}
 
 
 @dataclass(frozen=True)

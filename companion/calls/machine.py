@@ -284,7 +284,7 @@ class OperatorCalls:
         asking = reasons & CALLS_FOR_WORDS
         # With a hold, an answered call stays open until the go is fulfilled; new reasons need a new call.
         if self.call is not None and self.call.answered and (asking or self.hold is None):
-            decisions.append(self._close(self.call.answered_outcome))
+            decisions.append(self._close(self.call.outcome_now))
         if self.call is None and asking and self.reason_filter.newest is not None:
             decisions += self._open(asking, self.reason_filter.newest, now)
         call = self.call
@@ -323,7 +323,7 @@ class OperatorCalls:
             if call is not None:
                 decisions.append(self._close(Outcome.TAKEN_OVER))
         elif call is not None:
-            decisions.append(self._close(call.answered_outcome if call.answered else Outcome.PASSED))
+            decisions.append(self._close(call.outcome_now))
         return decisions
 
     def _open(self, reasons: frozenset[Reason], seen: Assessment, now: float) -> list[Decision]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from anytraverse.assessment import Reason
-from companion.calls.decisions import Call
+from companion.calls.decisions import Call, CallState
 from companion.calls.hold import Hold, HoldStage
 from companion.calls.hold_rules import VehicleMode
 from companion.calls.machine import OperatorCalls
@@ -33,9 +33,9 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "id": call.id,
             "frame_id": call.frame_id,
             "reasons": sorted(reason.value for reason in call.reasons),
-            "tried": call.tried,
             # An acceptance is not saved, so a call that was answered by one is open again.
-            "answered": call.answered and not call.accepted,
+            "tried": call.state is CallState.NOT_COVERED,
+            "answered": call.state is CallState.ANSWERED,
             "learnt": call.learnt,
             "quiet": call.quiet,
             "place": place_figures(call.place),
@@ -76,14 +76,14 @@ def _call(saved: Any, now: float) -> Call:
     reasons = {Reason(value) for value in saved["reasons"]}
     if not reasons or not reasons <= CALLS_FOR_WORDS:
         raise ValueError(f"{saved['reasons']} are no reasons for a call")
+    tried, answered = _flag(saved["tried"]), _flag(saved["answered"])
     return Call(
         id=_whole(saved["id"], _U16, 1),
         frame_id=_whole(saved["frame_id"], _U32),
         reasons=reasons,
         opened_at=now,
         seen=None,
-        tried=_flag(saved["tried"]),
-        answered=_flag(saved["answered"]),
+        state=CallState.ANSWERED if answered else CallState.NOT_COVERED if tried else CallState.OPEN,
         learnt=_flag(saved["learnt"]),
         quiet=_flag(saved["quiet"]),
         place=read_place(saved.get("place")),

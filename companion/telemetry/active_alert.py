@@ -61,7 +61,7 @@ class ActiveAlert:
             calls.stage(),
             calls.reasons(now),
             calls.hold is not None and calls.hold.stage,
-            calls.call is not None and (calls.call.tried, calls.call.answered, calls.call.seen is None),
+            calls.call is not None and (calls.call.state, calls.call.seen is None),
             calls.go_at is not None,
             calls.hold is not None and calls.hold.seen is None,
             words_hash(words),

@@ -8,6 +8,7 @@ from anytraverse.assessment import CORRIDOR, NAMED_TILE, WORST_TILE, Assessment,
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
+from companion.calls.decisions import CallState
 from companion.calls.machine import OperatorCalls
 from companion.wire import texts
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State, words_hash
@@ -169,7 +170,7 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
         return texts.clear(kind, number)
     call = calls.call
     if call is not None and not call.answered and stage is not Stage.ANSWERED:
-        return _unanswered_text(number, call.reasons, call.seen, tried=call.tried)
+        return _unanswered_text(number, call.reasons, call.seen, tried=call.state is CallState.NOT_COVERED)
     if Reason.BLOCKED in reasons:
         blocked = newest is not None and Reason.BLOCKED in newest.reasons
         shown = calls.hold.seen if calls.hold is not None and not blocked else None

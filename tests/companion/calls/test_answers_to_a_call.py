@@ -5,6 +5,7 @@ from __future__ import annotations
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Reason
 from anytraverse.regions import Box
+from companion.calls.decisions import CallState
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, State
 from tests.companion.calls.scenes import (
     ACROSS,
@@ -77,7 +78,7 @@ def test_words_that_do_not_cover_the_thing_leave_the_call_open(report: Scene) ->
     report.run(1.0, DRUM)
     assert report.answer(words=BESIDE_THE_POINT) is Result.NOT_COVERED
     assert report.closed() == []
-    assert report.call.tried
+    assert report.call.state is CallState.NOT_COVERED
     assert report.calls.stage() is Stage.OPEN
     assert report.answer(words=DRIVABLE) is Result.APPLIED
     assert report.closed() == [(1, Outcome.ANSWERED)]
@@ -96,6 +97,19 @@ def test_a_later_word_without_go_does_not_use_the_go_of_words_that_did_not_cover
     assert held.answer(words=DRIVABLE) is Result.APPLIED
     held.run(10.0, DRUM)
     assert held.autopilot.mode == HOLD
+
+
+def test_a_revoked_go_leaves_the_call_open_and_forgets_words_that_did_not_cover_it(
+    held: Scene,
+) -> None:
+    held.answer(words=BESIDE_THE_POINT)
+    held.go()
+    assert held.call.state is CallState.ACCEPTED
+    held.answer(Motion.STAY)
+    assert held.call.state is CallState.OPEN
+    assert held.calls.reason_filter.acceptance is None
+    held.run(5.0, DRUM)
+    assert (held.modes(), held.closed()) == ([HOLD], [])
 
 
 def test_words_with_go_resume_after_five_ok_frames(held: Scene) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.assessment import Reason
-from companion.calls.decisions import Call
+from companion.calls.decisions import Call, CallState
 from companion.calls.hold import Hold, HoldEvent, HoldStage
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore, snapshot
@@ -36,8 +36,8 @@ def states(draw: st.DrawFn) -> OperatorCalls:
     if draw(st.booleans()):
         reasons = draw(st.sets(st.sampled_from([Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT]), min_size=1))
         calls.call = Call(number, draw(st.integers(0, 2**32 - 1)), reasons, 1.0, None)
-        for flag in ("tried", "answered", "learnt", "quiet"):
-            setattr(calls.call, flag, draw(st.booleans()))
+        calls.call.state = draw(st.sampled_from(CallState))
+        calls.call.learnt, calls.call.quiet = draw(st.booleans()), draw(st.booleans())
     if draw(st.booleans()):
         mode, stage = draw(st.sampled_from([AUTO, GUIDED, 0x04040000])), draw(st.sampled_from(HoldStage))
         calls.holding.hold = Hold(number, HOLD, mode, 1.0, stage, only_fault=draw(st.booleans()))

@@ -57,7 +57,7 @@ class CountedCalls(OperatorCalls):
         super().__init__(*arguments)
         self.applied: list[Applied] = []
 
-    def answered(
+    def apply_answer(
         self,
         target: int,
         motion: Motion,
@@ -68,7 +68,7 @@ class CountedCalls(OperatorCalls):
         go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
         """Handles an answer as usual, and stores it in `applied`."""
-        result, decisions = super().answered(target, motion, changed, outcome, now, go_at=go_at)
+        result, decisions = super().apply_answer(target, motion, changed, outcome, now, go_at=go_at)
         self.applied.append(Applied(now, target, motion, result))
         return result, decisions
 

@@ -141,7 +141,7 @@ class AnswerHandler:
             self._last_cancelled = self._last_sent
             # The words may wait for the vision process; the stay must not.
             if request.operations and target:
-                _, decisions = self._calls.answered(target, Motion.STAY, False, None, now)  # noqa: FBT003
+                _, decisions = self._calls.apply_answer(target, Motion.STAY, False, None, now)  # noqa: FBT003
         handled = self._apply(request, target, now)
         handled.decisions[:0] = decisions
         return handled
@@ -208,7 +208,7 @@ class AnswerHandler:
         late = go and now - pending.at > self._calls.numbers.go_lasts
         if pending.target:
             motion = Motion.NONE if late or cancelled else pending.request.motion
-            result, decisions = self._calls.answered(
+            result, decisions = self._calls.apply_answer(
                 pending.target, motion, pending.changed, outcome, now, go_at=pending.at
             )
         call_frame = outcome.call if outcome is not None else None
@@ -274,7 +274,7 @@ class AnswerHandler:
 
     def _apply_motion(self, request: AnswerRequest, target: int, now: float) -> Handled:
         """Apply an answer without words at once, since no frame needs to be judged again."""
-        result, decisions = self._calls.answered(
+        result, decisions = self._calls.apply_answer(
             target,
             request.motion,
             False,  # noqa: FBT003

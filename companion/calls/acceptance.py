@@ -92,13 +92,14 @@ class Acceptance:
             self.strangeness = max(self.strangeness, seen.roi.strangeness)
             self.thing = moved
 
-    def covers(self, seen: Assessment, numbers: Numbers) -> frozenset[Reason]:
-        """Return the frame's reasons that are within what was accepted.
+    def covers(self, seen: Assessment, numbers: Numbers) -> tuple[frozenset[Reason], Mask | None]:
+        """Return the frame's reasons that are within what was accepted, and the thing's mask in the frame.
 
         Whether a word explains a thing may change from frame to frame. An accepted thing is covered in both
         cases: as unknown, and as blocked by its name.
         """
-        covered, inside = seen.reasons & self.reasons, _sized(self._moved(seen, numbers), seen)
+        covered, moved = seen.reasons & self.reasons, self._moved(seen, numbers)
+        inside = _sized(moved, seen)
         if Reason.UNKNOWN_OBJECT in covered:
             by_name = Reason.UNKNOWN_OBJECT in _named_reasons(seen)
             alone = self._covers_object(seen, inside, numbers, by_name=by_name)
@@ -110,11 +111,11 @@ class Acceptance:
             covered -= {Reason.UNKNOWN_SCENE}
         if self._blocked_by_accepted(seen) and self._covers_object(seen, inside, numbers, by_name=True):
             covered |= {Reason.BLOCKED} if self._covers_corridor(seen, inside, numbers) else set()
-        return covered
+        return covered, moved
 
-    def follow(self, seen: Assessment, numbers: Numbers) -> None:
-        """Move the mask to where the thing is now. It moves down the image and grows, and never moves up."""
-        self.thing = self._moved(seen, numbers)
+    def follow(self, thing: Mask | None) -> None:
+        """Move the mask to where `covers` found the thing. It moves down the image and grows, never up."""
+        self.thing = thing
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or the time or the distance is used up.

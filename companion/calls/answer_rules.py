@@ -47,7 +47,7 @@ def answer_call(
         return Result.APPLIED
     if call.state is CallState.ACCEPTED:
         call.state = CallState.OPEN
-        reason_filter.acceptance = None
+        reason_filter.revoke_acceptance()
     if outcome is None or outcome.call is None:
         return Result.NOT_COVERED if changed else Result.APPLIED
     call.seen = outcome.call

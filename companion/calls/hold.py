@@ -10,8 +10,8 @@ from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
 
 
-class HoldStage(str, Enum):
-    """The stage of a hold."""
+class HoldState(str, Enum):
+    """The state of a hold."""
 
     REQUESTED = "requested"
     STANDING = "standing"
@@ -37,7 +37,7 @@ class Hold:
 
     id: that of its call, where it has one. mode: the custom_mode that holds. mode_before: the mode to return
     to. started_at: monotonic seconds.
-    tries: commands sent in this stage. tried_at: when the last one was sent.
+    tries: commands sent in this state. tried_at: when the last one was sent.
     failed: the autopilot did not follow after all tries; a human must act.
     only_fault: only faults caused it, so that it may end without a go where the configuration allows that. A
     hold whose resume failed needs a go.
@@ -50,7 +50,7 @@ class Hold:
     mode: int
     mode_before: int
     started_at: float
-    stage: HoldStage = HoldStage.REQUESTED
+    state: HoldState = HoldState.REQUESTED
     tries: int = 0
     tried_at: float = 0.0
     failed: bool = False
@@ -62,29 +62,29 @@ class Hold:
     @property
     def standing(self) -> bool:
         """Whether the autopilot has confirmed the hold."""
-        return self.stage is not HoldStage.REQUESTED
+        return self.state is not HoldState.REQUESTED
 
     @property
     def wanted_mode(self) -> int | None:
-        """The mode to command in this stage, None while the hold stands."""
+        """The mode to command in this state, None while the hold stands."""
         return {
-            HoldStage.REQUESTED: self.mode,
-            HoldStage.STANDING: None,
-            HoldStage.RESUMING: self.mode_before,
-        }[self.stage]
+            HoldState.REQUESTED: self.mode,
+            HoldState.STANDING: None,
+            HoldState.RESUMING: self.mode_before,
+        }[self.state]
 
-    def turn(self, stage: HoldStage) -> None:
-        """Change to another stage, and start counting tries again."""
-        self.stage, self.tries, self.failed = stage, 0, False
+    def enter(self, state: HoldState) -> None:
+        """Change to another state, and start counting tries again."""
+        self.state, self.tries, self.failed = state, 0, False
 
     def cancel_resume(self, now: float) -> None:
         """Hold again while a resume is under way: the autopilot may already have changed back."""
-        self.turn(HoldStage.REQUESTED)
+        self.enter(HoldState.REQUESTED)
         self.resume_cancelled_at = now
 
     def begin_anew(self) -> None:
         """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
-        self.turn(HoldStage.REQUESTED)
+        self.enter(HoldState.REQUESTED)
         self.rebooted, self.only_fault = True, False
 
     def needs_lead(self, autopilot: Autopilot | None, now: float) -> bool:
@@ -107,35 +107,35 @@ class Hold:
         event = None
         if self.tries == numbers.mode_tries and not self.failed:
             event = HoldEvent.FAILED
-            if self.stage is HoldStage.RESUMING:
+            if self.state is HoldState.RESUMING:
                 # The vehicle still stands: give up the resume, and wait for a new go.
-                self.turn(HoldStage.STANDING)
+                self.enter(HoldState.STANDING)
                 return None, event
             self.failed = True
         self.tries += 1
         self.tried_at = now
         return wanted, event
 
-    def vehicle(self, mode: int, now: float, numbers: Numbers) -> HoldEvent | None:
+    def mode_reported(self, mode: int, now: float, numbers: Numbers) -> HoldEvent | None:
         """Take in the mode that the vehicle reports, and return what that means for the hold.
 
         A mode that we did not command was set by a human, who always wins.
         """
         if mode == self.mode:
-            if self.stage is HoldStage.REQUESTED:
-                self.turn(HoldStage.STANDING)
+            if self.state is HoldState.REQUESTED:
+                self.enter(HoldState.STANDING)
                 return HoldEvent.CONFIRMED
             return None
         if mode != self.mode_before:
             return HoldEvent.TAKEN_OVER
-        if self.stage is HoldStage.RESUMING:
+        if self.state is HoldState.RESUMING:
             return HoldEvent.RESUMED
-        if self.stage is HoldStage.REQUESTED:
+        if self.state is HoldState.REQUESTED:
             return None
         # The autopilot may carry out our cancelled resume late: that is not a human who takes over.
         if self.resume_cancelled_at is None or now - self.resume_cancelled_at > numbers.mode_settles:
             return HoldEvent.TAKEN_OVER
-        self.turn(HoldStage.REQUESTED)
+        self.enter(HoldState.REQUESTED)
         return None
 
 

@@ -1,34 +1,25 @@
 """Decides about calls and holds, as one state machine. It does no I/O and reads no clock.
 
-Inputs are `assessed` (a judged frame), `vehicle` (mode and arming), `answered` (an applied answer),
+Inputs are `assessed` (a judged frame), `vehicle_reported` (mode and arming), `apply_answer`, `confirm_go`,
 `policy_changed`, and `tick` for the passing of time. Each carries `now` (monotonic seconds), and returns the
 decisions that it led to.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
 from companion.calls.acceptance import Acceptance
 from companion.calls.answer_rules import accept_taken_over, answer_call
-from companion.calls.decisions import (
-    Call,
-    CallClosed,
-    CallOpened,
-    Decision,
-    HoldMoved,
-    HoldRenamed,
-)
+from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved
 from companion.calls.hold import Hold, HoldEvent
-from companion.calls.hold_rules import HoldController, VehicleMode
+from companion.calls.hold_rules import HoldController
+from companion.calls.mode_monitor import ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.policy import PolicyState
 from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.calls.shadow import Shadow
-from companion.vehicle import Autopilot
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 
 
@@ -41,10 +32,17 @@ class OperatorCalls:
         self._policy_state = policy_state
         self.last_id = last_id
         self.reason_filter = ReasonFilter(numbers, now)
-        self.holding = HoldController(numbers)
+        self.monitor = ModeMonitor(numbers)
+        self.holding = HoldController(numbers, self.monitor, self.reason_filter)
         self.call: Call | None = None
         self._reasons: frozenset[Reason] = frozenset()
         self.shadow = Shadow()
+
+    def restore(self, last_id: int, call: Call | None, hold: Hold | None, mode: int | None) -> None:
+        """Take the state from before a restart. mode: the autopilot's custom_mode then, None if not known."""
+        self.last_id, self.call = last_id, call
+        self.holding.restore(hold)
+        self.monitor.restore(mode)
 
     def assessed(self, seen: Assessment, now: float, *, memory_stored: bool = True) -> list[Decision]:
         """Take in a judged frame.
@@ -52,30 +50,16 @@ class OperatorCalls:
         memory_stored: the memory that it was judged with is in the journal, or the disk did not take it in
         time. If not, the frame may start a hold, but does not count towards its end.
         """
-        self.reason_filter.take(seen, now, self.vehicle_mode.travelled, memory_stored=memory_stored)
+        self.reason_filter.add_frame(seen, now, self.monitor.newest.travelled, memory_stored=memory_stored)
         if self.call is not None:
             self.call.add(seen)
             if self.call.scope is not None:
                 self.call.scope.watch(seen, self.numbers)
         return self._settle(now)
 
-    def vehicle(
-        self,
-        mode: int,
-        armed: bool,
-        now: float,
-        travelled: float | None = None,
-        heard_at: float | None = None,
-        autopilot: Autopilot | None = None,
-    ) -> list[Decision]:
-        """Take in a report of the autopilot. A mode that we did not command was set by a human, who wins.
-
-        heard_at: when the mode was reported, by default `now`; the same time again means no new report.
-        travelled: metres driven, None where not known. autopilot: the table for its kind; without one the
-        vehicle is never held.
-        """
-        told_at = now if heard_at is None else heard_at
-        event = self.holding.hear(VehicleMode(mode, armed, travelled, told_at, autopilot), now)
+    def vehicle_reported(self, report: ModeReport, now: float) -> list[Decision]:
+        """Take in a report of the autopilot. A mode that we did not command was set by a human, who wins."""
+        event = self.holding.vehicle_reported(report, now)
         decisions: list[Decision] = []
         if event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
             decisions.append(HoldMoved(self.hold, event))
@@ -96,11 +80,11 @@ class OperatorCalls:
         policy = self.policy
         if policy is before:
             return []
-        decisions: list[Decision] = [*self.shadow.leave(now)]
+        decisions: list[Decision] = [*self.shadow.stop(now)]
         if before is Policy.OFF:
-            self.reason_filter.acceptance = None
+            self.reason_filter.revoke_acceptance()
         if policy is not Policy.HOLD:
-            self.holding.leave(now)
+            self.holding.release(now)
             dropped = self.holding.end()
             if dropped is not None:
                 decisions.append(HoldMoved(dropped, HoldEvent.DROPPED))
@@ -108,17 +92,9 @@ class OperatorCalls:
             decisions.append(self._close(Outcome.SWITCHED_OFF))
         return decisions + self._settle(now)
 
-    def require_go(self, *, anew: bool) -> None:
-        """Require a go to end the current hold. anew: an earlier go is revoked."""
-        if self.hold is not None:
-            self.hold.only_fault = False
-            if anew:
-                self.holding.go_at = None
-
     def retune(self, judging: Settings) -> None:
         """Use other thresholds and another region of interest from now on."""
-        self.numbers = replace(self.numbers, judging=judging)
-        self.reason_filter.numbers = self.holding.numbers = self.numbers
+        self.numbers.judging = judging
 
     def resolve(self, target: int, now: float) -> int | None:
         """Return the id that an answer to `target` means (0: the current one), None where it is stale.
@@ -131,7 +107,7 @@ class OperatorCalls:
         read = now - self._announced_at() >= self.numbers.announce_guard
         return current if target == current or read else None
 
-    def answered(
+    def apply_answer(
         self,
         target: int,
         motion: Motion,
@@ -141,7 +117,7 @@ class OperatorCalls:
         *,
         go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
-        """Take in an applied answer to `target`, an id that `resolve` returned. Returns its result, too.
+        """Apply an answer to `target`, an id that `resolve` returned. Returns its result, too.
 
         changed: it taught words. outcome: the call's frame and the newest frame, judged again; None where
         neither was. go_at: when the answer was received. A go in it then has no effect before `confirm_go`.
@@ -158,17 +134,17 @@ class OperatorCalls:
                 changed,
                 outcome,
                 now,
-                self.vehicle_mode.travelled,
+                self.monitor.newest.travelled,
                 clear=clear,
             )
         if motion is Motion.LOOK_AGAIN:
-            self.reason_filter.look_again()
+            self.reason_filter.reset_reasons()
         if outcome is not None and outcome.newest is not None:
-            self.reason_filter.judge_again(outcome.newest, now)
+            self.reason_filter.replace_newest(outcome.newest, now)
         at = now if go_at is None else go_at
         self.holding.answer(motion if result is Result.APPLIED else Motion.NONE, at)
         if go_at is None:
-            self.holding.confirm_go(at, self.reason_filter)
+            self.holding.confirm_go(at)
         return result, self._settle(now)
 
     def confirm_go(self, at: float, now: float) -> list[Decision]:
@@ -176,7 +152,7 @@ class OperatorCalls:
 
         A go that was revoked meanwhile does not count.
         """
-        self.holding.confirm_go(at, self.reason_filter)
+        self.holding.confirm_go(at)
         return self._settle(now)
 
     @property
@@ -188,11 +164,6 @@ class OperatorCalls:
     def hold(self) -> Hold | None:
         """The hold that is commanded or stands, None without one."""
         return self.holding.hold
-
-    @property
-    def vehicle_mode(self) -> VehicleMode:
-        """The newest report of the autopilot."""
-        return self.holding.vehicle
 
     @property
     def go_at(self) -> float | None:
@@ -243,7 +214,7 @@ class OperatorCalls:
 
     def autopilot_silent(self, now: float) -> bool:
         """Whether the policy is hold and the autopilot's heartbeats, which came before, have stopped."""
-        return self.policy is Policy.HOLD and self.holding.silent(now)
+        return self.policy is Policy.HOLD and self.monitor.heartbeat_lost(now)
 
     def state(self, now: float) -> State:
         """Return the state for the heartbeat: what a human should know first."""
@@ -266,18 +237,18 @@ class OperatorCalls:
         return self.hold.started_at if self.hold is not None else 0.0
 
     def _settle(self, now: float) -> list[Decision]:
-        self.reason_filter.pass_time(now)
+        self.reason_filter.tick(now)
         self._reasons = reasons = self.reason_filter.reasons(now)
-        handed_over = self.holding.hand_over(now)
+        released = self.holding.settle_release(now)
         if self.policy is Policy.OFF:
-            return handed_over
-        decisions = handed_over + self._settle_call(reasons, now)
+            return released
+        decisions = released + self._settle_call(reasons, now)
         if self.policy is Policy.SHADOW:
             decisions += self._update_shadow(reasons, now)
-        if self.policy is Policy.HOLD and reasons and self.hold is None and self.holding.drives_itself(now):
+        if self.policy is Policy.HOLD and reasons and self.hold is None and self.monitor.drives_itself(now):
             number = self.call.id if self.call is not None else self._next_id()
             decisions.append(self.holding.start(number, reasons, now))
-        return decisions + self.holding.settle(reasons, self.reason_filter, self.call is not None, now)
+        return decisions + self.holding.settle(reasons, self.call is not None, now)
 
     def _settle_call(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
         decisions: list[Decision] = []
@@ -304,12 +275,12 @@ class OperatorCalls:
 
         Without any autopilot it watches as if one drove, so that recorded pictures can be judged.
         """
-        drives = self.holding.drives_itself(now)
-        return self.shadow.look(
+        drives = self.monitor.drives_itself(now)
+        return self.shadow.update(
             reasons,
             now,
-            watching=self.vehicle_mode.mode is None or drives,
-            taken=self.holding.heard(now) and not drives,
+            watching=self.monitor.newest.mode is None or drives,
+            taken=self.monitor.known(now) and not drives,
             clear=self.reason_filter.ok_run >= self.numbers.ok_frames,
         )
 
@@ -319,7 +290,7 @@ class OperatorCalls:
         assert hold is not None
         decisions: list[Decision] = [HoldMoved(hold, event)]
         if event is HoldEvent.TAKEN_OVER:
-            accept_taken_over(call, self.reason_filter, now, self.vehicle_mode.travelled)
+            accept_taken_over(call, self.reason_filter, now, self.monitor.newest.travelled)
             if call is not None:
                 decisions.append(self._close(Outcome.TAKEN_OVER))
         elif call is not None:
@@ -327,15 +298,10 @@ class OperatorCalls:
         return decisions
 
     def _open(self, reasons: frozenset[Reason], seen: Assessment, now: float) -> list[Decision]:
-        scope = Acceptance.of(seen, reasons, self.numbers, now, self.vehicle_mode.travelled)
+        scope = Acceptance.of(seen, reasons, self.numbers, now, self.monitor.newest.travelled)
         self.call = Call(self._next_id(), seen.frame.id, set(reasons), now, seen, scope)
         self.call.add(seen)
-        decisions: list[Decision] = [CallOpened(self.call)]
-        if self.hold is not None:
-            # A go for the hold alone did not know of this call: it must be given again.
-            decisions.append(HoldRenamed(self.hold.id, self.hold))
-            self.hold.id, self.holding.go_at = self.call.id, None
-        return decisions
+        return [CallOpened(self.call), *self.holding.rename(self.call.id)]
 
     def _close(self, outcome: Outcome) -> CallClosed:
         assert self.call is not None

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from anytraverse.judging import Settings
 
 
-@dataclass(frozen=True)
+@dataclass
 class Numbers:
-    """The state machine's numbers.
+    """The state machine's numbers, shared by its parts. Only `judging` changes, see `OperatorCalls.retune`.
 
     Counts are frames, times are seconds, distances are metres. `accepted_rise` is an uncertainty in [0, 1].
     """

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from anytraverse.assessment import Assessment, Reason
 from companion.calls.acceptance import Acceptance
+from companion.calls.masks import Mask
 from companion.calls.numbers import Numbers
 
 
@@ -54,7 +55,7 @@ class ReasonFilter:
     and ends no reason.
 
     acceptance: what the operator accepted, None without one. ok_run: OK frames in a row.
-    bad_at: when it was last not OK, because of a frame or because none came.
+    not_ok_at: when it was last not OK, because of a frame or because none came.
     """
 
     def __init__(self, numbers: Numbers, now: float) -> None:
@@ -64,7 +65,7 @@ class ReasonFilter:
         self.ok_run = 0
         self.was_ok = False
         """Whether any frame was OK yet. Before that the state is not OK, although no reason counts yet."""
-        self.bad_at = now
+        self.not_ok_at = now
         self._ok_at = self._seen_at = now
         """Capture times of the newest OK frame, and of the newest frame."""
         self._ok = False
@@ -72,21 +73,21 @@ class ReasonFilter:
         self._not_accepted: frozenset[Reason] = frozenset()
         """The newest frame's reasons that are not accepted."""
 
-    def take(
+    def add_frame(
         self, seen: Assessment, now: float, travelled: float | None, *, memory_stored: bool = True
     ) -> None:
-        """Take in a new judged frame.
+        """Take in a newly judged frame.
 
         travelled: metres driven, None where not known.
         memory_stored: whether an OK frame may add to `ok_run`.
         """
-        self.pass_time(now)
+        self.tick(now)
         self._seen_at = max(self._seen_at, _captured(seen, now))
-        self._take_newest(seen, now)
+        thing = self._judge_newest(seen, now)
         acceptance = self.acceptance
         if acceptance is not None:
             if (seen.reasons - self._not_accepted) & _REASONS_OF_THINGS:
-                acceptance.follow(seen, self.numbers)
+                acceptance.follow(thing)
             if acceptance.ended(seen, self.numbers, now, travelled):
                 self.acceptance = None
         for reason, debounce in self._debounced.items():
@@ -95,17 +96,17 @@ class ReasonFilter:
         if self._ok:
             self.ok_run += memory_stored
 
-    def judge_again(self, seen: Assessment, now: float) -> None:
+    def replace_newest(self, seen: Assessment, now: float) -> None:
         """Take in the newest frame, judged again. It replaces its earlier judgement."""
-        self._take_newest(seen, now)
+        self._judge_newest(seen, now)
         for reason, debounce in self._debounced.items():
             bad, clear = self._vote(reason, seen, now)
             debounce.amend(bad=bad, clear=clear)
 
-    def pass_time(self, now: float) -> None:
+    def tick(self, now: float) -> None:
         """End the run of OK frames where no fresh frame has come."""
         if not self.fresh(now):
-            self.bad_at, self.ok_run = now, 0
+            self.not_ok_at, self.ok_run = now, 0
 
     def reasons(self, now: float) -> frozenset[Reason]:
         """Return the reasons that count now."""
@@ -121,8 +122,8 @@ class ReasonFilter:
         """Whether a frame that was captured within T has been judged."""
         return now - self._seen_at <= self.numbers.freshness
 
-    def look_again(self) -> None:
-        """Reset all reasons but the fault, which only clear frames end."""
+    def reset_reasons(self) -> None:
+        """Restart the debouncing of all reasons but the fault, which only clear frames end."""
         for reason in Reason:
             if reason is not Reason.FAULT:
                 self._debounced[reason].reset()
@@ -149,15 +150,27 @@ class ReasonFilter:
         for reason in reasons:
             self._debounced[reason].reset()
 
-    def _take_newest(self, seen: Assessment, now: float) -> None:
-        covered = self.acceptance.covers(seen, self.numbers) if self.acceptance is not None else frozenset()
+    def revoke_acceptance(self) -> None:
+        """Forget what the operator accepted."""
+        self.acceptance = None
+
+    def restart_ok_run(self) -> None:
+        """Count OK frames from now on."""
+        self.ok_run = 0
+
+    def _judge_newest(self, seen: Assessment, now: float) -> Mask | None:
+        """Decide whether the frame is OK. Returns the mask of the accepted thing in it, see `Acceptance`."""
+        covered, thing = frozenset[Reason](), None
+        if self.acceptance is not None:
+            covered, thing = self.acceptance.covers(seen, self.numbers)
         self.newest, self._not_accepted = seen, seen.reasons - covered
         self._ok = bool(seen.findings) and not self._not_accepted and not self._is_old(seen, now)
         self.was_ok = self.was_ok or self._ok
         if self._ok:
             self._ok_at = max(self._ok_at, _captured(seen, now))
         else:
-            self.bad_at, self.ok_run = now, 0
+            self.not_ok_at, self.ok_run = now, 0
+        return thing
 
     def _is_old(self, seen: Assessment, now: float) -> bool:
         return now - seen.frame.captured_at > self.numbers.freshness

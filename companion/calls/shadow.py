@@ -29,7 +29,7 @@ class Shadow:
     began_at: float = 0.0
     _updated_at: float = math.inf
 
-    def look(
+    def update(
         self, reasons: frozenset[Reason], now: float, *, watching: bool, taken: bool, clear: bool
     ) -> list[Decision]:
         """Update the current would-be hold, and return the decisions.
@@ -52,7 +52,7 @@ class Shadow:
         """Reset the counts. A would-be hold that lasts now is counted again, as the first."""
         self.count, self.watched, self.open = 0, 0.0, frozenset()
 
-    def leave(self, now: float) -> list[WouldResume]:
+    def stop(self, now: float) -> list[WouldResume]:
         """Stop watching, since another policy is in force. The current would-be hold ends."""
         self._updated_at = math.inf
         return self._end(now, by_hand=True) if self.open else []

@@ -11,8 +11,7 @@ from typing import Any
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call, CallState
-from companion.calls.hold import Hold, HoldStage
-from companion.calls.hold_rules import VehicleMode
+from companion.calls.hold import Hold, HoldState
 from companion.calls.machine import OperatorCalls
 from companion.calls.reason_filter import CALLS_FOR_WORDS
 from companion.vehicle.position import place_figures, read_place
@@ -27,7 +26,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
     call, hold = calls.call, calls.hold
     return {
         "last_id": calls.last_id,
-        "mode": calls.vehicle_mode.mode,
+        "mode": calls.monitor.newest.mode,
         "call": call
         and {
             "id": call.id,
@@ -45,7 +44,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "id": hold.id,
             "mode": hold.mode,
             "mode_before": hold.mode_before,
-            "stage": hold.stage.value,
+            "stage": hold.state.value,
             "only_fault": hold.only_fault,
         },
     }
@@ -64,10 +63,13 @@ def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
     hold = None if saved["hold"] is None else _hold(saved["hold"], now)
     if call is not None and hold is not None and call.id != hold.id:
         raise ValueError(f"call {call.id} and hold {hold.id} cannot both be open")
-    calls.last_id = last_id
-    calls.call = call if calls.policy is not Policy.OFF else None
-    calls.holding.hold = hold if calls.policy is Policy.HOLD else None
-    calls.holding.vehicle = VehicleMode(mode)
+    policy = calls.policy
+    calls.restore(
+        last_id,
+        call if policy is not Policy.OFF else None,
+        hold if policy is Policy.HOLD else None,
+        mode,
+    )
 
 
 def _call(saved: Any, now: float) -> Call:
@@ -91,14 +93,14 @@ def _call(saved: Any, now: float) -> Call:
 
 
 def _hold(saved: Any, now: float) -> Hold:
-    stage = HoldStage(saved["stage"])
+    state = HoldState(saved["stage"])
     return Hold(
         id=_whole(saved["id"], _U16, 1),
         mode=_whole(saved["mode"], _U32),
         mode_before=_whole(saved["mode_before"], _U32),
         started_at=now,
         # The go is gone: what was on its way back holds again until there is a new one.
-        stage=HoldStage.STANDING if stage is HoldStage.RESUMING else stage,
+        state=HoldState.STANDING if state is HoldState.RESUMING else state,
         only_fault=_flag(saved["only_fault"]),
     )
 

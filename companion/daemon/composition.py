@@ -186,6 +186,6 @@ def restore_statistics(
         log.warning("%s", notice)
         startup_notices.append(notice)
     if calls.policy is not Policy.SHADOW:
-        for over in calls.shadow.leave(now):
+        for over in calls.shadow.stop(now):
             statistics.ended(over)
     return statistics

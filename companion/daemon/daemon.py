@@ -12,6 +12,7 @@ from typing import Any
 from anytraverse.preferences import Preferences
 from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.machine import OperatorCalls
+from companion.calls.mode_monitor import ModeReport
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
 from companion.daemon.persistence import Persistence
@@ -126,7 +127,7 @@ class Daemon:
         self._vision.situation(
             self.position.place(),
             now,
-            moving=is_moving(self._link.vehicle, drives_itself=self.calls.vehicle_mode.drives_itself),
+            moving=is_moving(self._link.vehicle, drives_itself=self.calls.monitor.newest.drives_itself),
         )
         for result in self._vision.poll(now):
             with self._error_guard.survived(type(result).__name__, now):
@@ -148,13 +149,13 @@ class Daemon:
         """End in good order: hand a hold that needs our setpoint stream over to the autopilot's own mode."""
         self._shadow.last()
         until = time.monotonic() + _LEAVE_WITHIN
-        self.calls.holding.leave(time.monotonic())
-        while self.calls.holding.handover is not None and time.monotonic() < until:
+        self.calls.holding.release(time.monotonic())
+        while self.calls.holding.offboard_release is not None and time.monotonic() < until:
             self.turn()
 
     def report_death(self) -> None:
         """Report at once that the daemon dies, to the autopilot's script and to the operator."""
-        autopilot = self.calls.vehicle_mode.autopilot
+        autopilot = self.calls.monitor.newest.autopilot
         if autopilot is not None and self.calls.holding.streams:
             self._link.set_mode(autopilot.rest_mode, time.monotonic())
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
@@ -195,7 +196,7 @@ class Daemon:
             case PolicyRequest():
                 self._executor.carry_out(self.settings.policy.command(event, now), now)
             case ScriptHold():
-                self.calls.holding.script_hold_report = event
+                self.calls.monitor.script_hold_reported(event)
             case ModeAck(accepted=False):
                 log.info("the autopilot says no to a mode: MAV_RESULT %d", event.result)
             case RcChannels():
@@ -205,9 +206,8 @@ class Daemon:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self.calls.numbers.px4_hold)
         decisions = self.settings.policy.check_hold_again(autopilot, now)
-        decisions += self.calls.vehicle(
-            vehicle.custom_mode, vehicle.armed, now, travelled, vehicle.heard_at, autopilot
-        )
+        report = ModeReport(vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot)
+        decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)
 
     def _handle_result(self, result: Result, now: float) -> None:

@@ -131,7 +131,7 @@ class DecisionExecutor:
             self._persistence.hold_shown(shown.hold.id, shown.seen, self._calls.state(now))
 
     def _hold_moved(self, moved: HoldMoved, now: float) -> None:
-        hold, autopilot = moved.hold, self._calls.vehicle_mode.autopilot
+        hold, autopilot = moved.hold, self._calls.monitor.newest.autopilot
         kind = Kind.CALL if hold.id == self._active_alert.last_call else Kind.HOLD
         log.info("hold %d: %s", hold.id, moved.event.value)
         ended = _ENDS.get(moved.event)
@@ -155,7 +155,7 @@ class DecisionExecutor:
                     title = f"{texts.name(kind, hold.id)} drives on"
                     self._persistence.picture(newest, self._calls.state(now), title)
             case HoldEvent.TAKEN_OVER:
-                mode = self._mode_name(self._calls.vehicle_mode.mode or 0)
+                mode = self._mode_name(self._calls.monitor.newest.mode or 0)
                 self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
             case HoldEvent.REBOOTED:
                 self._link.say(texts.rebooted(kind, hold.id), WARNING, now)
@@ -163,7 +163,7 @@ class DecisionExecutor:
                 self._link.say(texts.dropped(kind, hold.id), WARNING, now)
 
     def _mode_name(self, mode: int) -> str:
-        autopilot = self._calls.vehicle_mode.autopilot
+        autopilot = self._calls.monitor.newest.autopilot
         return f"mode {mode}" if autopilot is None else autopilot.mode_name(mode)
 
     def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:

@@ -60,7 +60,7 @@ class StallDetector:
             # What waits to be read, and a mode that waits to be sent, are from before the stall.
             self._link.skip(now)
             self._link.forget_mode()
-            self._calls.holding.forget(now, stalled)
+            self._calls.monitor.forget(now, stalled)
 
 
 NO_AUTOPILOT_AFTER = 10.0
@@ -143,7 +143,7 @@ class HealthMonitor:
         A process that dies again and again may judge some frames well in between. They must not end a hold.
         """
         if self._vision.unreliable:
-            self._calls.require_go(anew=not self._unreliable)
+            self._calls.holding.require_go(anew=not self._unreliable)
         if self._vision.unreliable is not self._unreliable:
             self._unreliable = self._vision.unreliable
             if self._unreliable:
@@ -157,7 +157,7 @@ class HealthMonitor:
         self._autopilot_silent = not self._autopilot_silent
         if self._autopilot_silent:
             log.error("fault: autopilot silent: check its power and its wire to the companion")
-        elif not self._calls.holding.silent(now):
+        elif not self._calls.monitor.heartbeat_lost(now):
             log.info("the autopilot is heard again")
             self._link.say(notices.autopilot_back(), NOTICE, now)
 

@@ -351,7 +351,7 @@ class Persistence:
             return
         call.seen = seen
         call.scope = Acceptance.of(
-            seen, frozenset(call.reasons), calls.numbers, now, calls.vehicle_mode.travelled
+            seen, frozenset(call.reasons), calls.numbers, now, calls.monitor.newest.travelled
         )
         self._publish(call, seen, State.CALLING, f"C{call.id} after a restart")
 

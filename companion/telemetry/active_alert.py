@@ -60,7 +60,7 @@ class ActiveAlert:
             calls.current_id,
             calls.stage(),
             calls.reasons(now),
-            calls.hold is not None and calls.hold.stage,
+            calls.hold is not None and calls.hold.state,
             calls.call is not None and (calls.call.state, calls.call.seen is None),
             calls.go_at is not None,
             calls.hold is not None and calls.hold.seen is None,

@@ -19,6 +19,7 @@ from anytraverse.regions import Box
 from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved, HoldStarted, SetMode
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.machine import OperatorCalls
+from companion.calls.mode_monitor import ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.policy import PolicyState
 from companion.calls.snapshot import restore, snapshot
@@ -44,6 +45,11 @@ ACROSS = Box(0.30, 0.70, 0.70, 0.85)
 GNOME = "gnome"
 """The word that was taught by a tap, in scenes that use it."""
 DecisionKind = TypeVar("DecisionKind", bound=Decision)
+
+
+def reported(mode: int, at: float | None, kind: KnownAutopilot = ardupilot.ROVER) -> ModeReport:
+    """Return an armed autopilot's report of its mode."""
+    return ModeReport(mode, armed=True, reported_at=at, autopilot=kind)
 
 
 @dataclass(frozen=True)
@@ -250,9 +256,8 @@ class Scene:
     def hear(self) -> None:
         """Receive the autopilot's heartbeat."""
         pilot = self.autopilot
-        self.keep(
-            self.calls.vehicle(pilot.mode, pilot.armed, self.now, pilot.travelled, autopilot=pilot.kind)
-        )
+        report = ModeReport(pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind)
+        self.keep(self.calls.vehicle_reported(report, self.now))
 
     def human(self, mode: int, *, armed: bool = True) -> None:
         """Set the mode as a human would. The heartbeat reports it at once."""
@@ -285,7 +290,7 @@ class Scene:
             outcome = AnswerOutcome(self.judged(call.frame_id), self.judged(self.frame), remembered=teaches)
         elif words:
             outcome = AnswerOutcome(None, self.judged(self.frame))
-        result, decisions = self.calls.answered(
+        result, decisions = self.calls.apply_answer(
             self.calls.current_id if target is None else target, motion, bool(words), outcome, self.now
         )
         self.keep(decisions)

@@ -6,8 +6,7 @@ import pytest
 
 from anytraverse.assessment import Reason
 from anytraverse.regions import Box
-from companion.calls.hold import HoldEvent, HoldStage
-from companion.vehicle import ardupilot
+from companion.calls.hold import HoldEvent, HoldState
 from companion.wire.ids import Outcome, Policy
 from tests.companion.calls.scenes import (
     AHEAD,
@@ -26,30 +25,31 @@ from tests.companion.calls.scenes import (
     Scene,
     Thing,
     View,
+    reported,
 )
 
-STAGES = list(HoldStage)
+STAGES = list(HoldState)
 
 
-def brought_to(stage: HoldStage, scene: Scene) -> Scene:
+def brought_to(stage: HoldState, scene: Scene) -> Scene:
     """A drum ahead, and the hold in the given stage."""
-    if stage is HoldStage.REQUESTED:
+    if stage is HoldState.REQUESTED:
         scene.autopilot.deaf = True
         scene.run(0.5, DRUM)
     else:
         scene.run(1.0, DRUM)
-    if stage is HoldStage.RESUMING:
+    if stage is HoldState.RESUMING:
         scene.autopilot.deaf = True
         scene.go()
         scene.run(0.6, DRUM)
-    assert scene.hold.stage is stage
+    assert scene.hold.state is stage
     return scene
 
 
 @pytest.mark.parametrize("stage", STAGES)
 @pytest.mark.parametrize("mode", [MANUAL, RTL, LOITER, GUIDED])
 def test_another_mode_ends_the_hold_and_closes_the_call_as_taken_over(
-    hold: Scene, stage: HoldStage, mode: int
+    hold: Scene, stage: HoldState, mode: int
 ) -> None:
     brought_to(stage, hold)
     commanded = len(hold.modes())
@@ -208,12 +208,12 @@ def test_our_own_mode_before_shown_while_we_ask_for_the_hold_is_nobodys_doing(ho
     hold.autopilot.delay = 0.9
     hold.run(0.8, DRUM)
     hold.hear()
-    assert hold.hold.stage is HoldStage.REQUESTED
+    assert hold.hold.state is HoldState.REQUESTED
 
 
 def test_two_modes_in_one_breath_are_both_seen(held: Scene) -> None:
     for mode in (HOLD, MANUAL):
-        held.calls.vehicle(mode, True, held.now, autopilot=ardupilot.ROVER)  # noqa: FBT003
+        held.calls.vehicle_reported(reported(mode, held.now), held.now)
     assert held.calls.hold is None
 
 

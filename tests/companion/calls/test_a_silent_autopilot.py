@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from anytraverse.assessment import Reason
-from companion.vehicle import ardupilot
 from companion.wire.ids import Policy, State
-from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, HOLD, Scene
+from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, HOLD, Scene, reported
 
 
 def test_three_seconds_without_its_heartbeat_are_a_fault_under_hold(hold: Scene) -> None:
@@ -66,17 +67,17 @@ def test_nor_before_an_autopilot_was_heard() -> None:
 
 
 def test_its_positions_are_no_heartbeat(hold: Scene) -> None:
-    heard = hold.calls.vehicle_mode.heard_at
+    heard = hold.calls.monitor.newest.reported_at
     hold.autopilot.silent = True
     for _ in range(5):
         hold.run(1.0)
-        hold.calls.vehicle(AUTO, True, hold.now, 3.0, heard, ardupilot.ROVER)  # noqa: FBT003
+        hold.calls.vehicle_reported(replace(reported(AUTO, heard), travelled=3.0), hold.now)
     assert hold.calls.state(hold.now) is State.FAULT
 
 
 def test_the_time_in_which_we_slept_is_not_its_silence(hold: Scene) -> None:
     hold.now += 20.0
-    hold.calls.holding.forget(hold.now, 20.0)
+    hold.calls.monitor.forget(hold.now, 20.0)
     hold.show(CLEAR, CLEAR, CLEAR)
     assert hold.calls.state(hold.now) is State.OK
     hold.autopilot.silent = True
@@ -88,7 +89,7 @@ def test_nor_does_sleep_end_the_fault(hold: Scene) -> None:
     hold.autopilot.silent = True
     hold.run(4.0)
     hold.now += 20.0
-    hold.calls.holding.forget(hold.now, 20.0)
+    hold.calls.monitor.forget(hold.now, 20.0)
     hold.show(CLEAR, CLEAR, CLEAR)
     assert hold.calls.state(hold.now) is State.FAULT
 

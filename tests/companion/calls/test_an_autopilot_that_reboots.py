@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.calls.hold import HoldEvent, HoldStage
+from companion.calls.hold import HoldEvent, HoldState
 from companion.vehicle import ardupilot, px4
 from companion.wire.ids import Outcome, Policy
 from tests.companion.calls.scenes import (
@@ -129,7 +129,7 @@ def test_a_go_that_was_given_before_is_void(held: Scene) -> None:
     held.autopilot.deaf = True
     held.go()
     held.run(1.0, CLEAR)
-    assert held.hold.stage is HoldStage.RESUMING
+    assert held.hold.state is HoldState.RESUMING
     reboot(held, HOLD)
     held.autopilot.deaf = False
     asked = len(held.modes())

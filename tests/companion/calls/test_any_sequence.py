@@ -20,6 +20,7 @@ from companion.calls.decisions import (
     HoldStarted,
     SetMode,
 )
+from companion.calls.mode_monitor import ModeReport
 from companion.calls.snapshot import restore, snapshot
 from companion.telemetry.summary import current_text
 from companion.vehicle import ardupilot, px4
@@ -252,14 +253,15 @@ class Calls(RuleBasedStateMachine):
 
     def _hear(self, mode: int, armed: bool) -> None:
         self.mode, self.armed, self.heard_at = mode, armed, self.scene.now
-        decisions = self.scene.calls.vehicle(mode, armed, self.scene.now, autopilot=self.kind)
+        report = ModeReport(mode, armed, None, self.scene.now, self.kind)
+        decisions = self.scene.calls.vehicle_reported(report, self.scene.now)
         if any(isinstance(one, HoldMoved) and one.event.value == "taken over" for one in decisions):
             self.excused_at = self.scene.now
         self._check(decisions)
 
     def _resuming(self) -> bool:
         hold = self.scene.calls.hold
-        return hold is not None and hold.stage.value == "resuming"
+        return hold is not None and hold.state.value == "resuming"
 
     def _check(self, decisions: Iterable[Decision]) -> None:
         for decision in decisions:
@@ -341,8 +343,8 @@ class Px4OffboardCalls(Px4Calls):
     def setpoints_go_as_long_as_the_hold_stands(self) -> None:
         holding = self.scene.calls.holding
         ours = holding.hold is not None and holding.hold.mode == px4.OFFBOARD
-        known = holding.vehicle.autopilot is not None
-        assert holding.streams is (ours and known) or holding.handover is not None
+        known = self.scene.calls.monitor.newest.autopilot is not None
+        assert holding.streams is (ours and known) or holding.offboard_release is not None
 
     @invariant()
     def setpoints_do_not_outlast_the_mode(self) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call, CallState
-from companion.calls.hold import Hold, HoldEvent, HoldStage
+from companion.calls.hold import Hold, HoldEvent, HoldState
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore, snapshot
 from companion.wire.ids import Outcome, Policy, Stage, State
@@ -31,17 +31,17 @@ def made(saved: Any, policy: Policy = Policy.HOLD) -> OperatorCalls:
 def states(draw: st.DrawFn) -> OperatorCalls:
     """Any call and hold that can be open together."""
     calls = Scene(Policy.HOLD).calls
-    calls.last_id = draw(IDS)
+    call = hold = None
     number = draw(IDS)
     if draw(st.booleans()):
         reasons = draw(st.sets(st.sampled_from([Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT]), min_size=1))
-        calls.call = Call(number, draw(st.integers(0, 2**32 - 1)), reasons, 1.0, None)
-        calls.call.state = draw(st.sampled_from(CallState))
-        calls.call.learnt, calls.call.quiet = draw(st.booleans()), draw(st.booleans())
+        call = Call(number, draw(st.integers(0, 2**32 - 1)), reasons, 1.0, None)
+        call.state = draw(st.sampled_from(CallState))
+        call.learnt, call.quiet = draw(st.booleans()), draw(st.booleans())
     if draw(st.booleans()):
-        mode, stage = draw(st.sampled_from([AUTO, GUIDED, 0x04040000])), draw(st.sampled_from(HoldStage))
-        calls.holding.hold = Hold(number, HOLD, mode, 1.0, stage, only_fault=draw(st.booleans()))
-    calls.vehicle_mode.mode = draw(st.none() | st.sampled_from([AUTO, HOLD, MANUAL]))
+        mode, state = draw(st.sampled_from([AUTO, GUIDED, 0x04040000])), draw(st.sampled_from(HoldState))
+        hold = Hold(number, HOLD, mode, 1.0, state, only_fault=draw(st.booleans()))
+    calls.restore(draw(IDS), call, hold, draw(st.none() | st.sampled_from([AUTO, HOLD, MANUAL])))
     return calls
 
 
@@ -183,7 +183,7 @@ def test_nothing_is_commanded_over_the_mode_seen_last_before_the_autopilot_is_he
     hold.restarted()
     before = hold.modes()
     hold.run(5.0, LOG)
-    assert hold.calls.vehicle_mode.mode == AUTO
+    assert hold.calls.monitor.newest.mode == AUTO
     assert hold.modes() == before
 
 

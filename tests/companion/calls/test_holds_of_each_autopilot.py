@@ -7,11 +7,11 @@ import json
 import pytest
 
 from companion.calls.decisions import SetMode
-from companion.calls.hold import HoldEvent, HoldStage
+from companion.calls.hold import HoldEvent, HoldState
 from companion.calls.snapshot import restore, snapshot
 from companion.vehicle import Autopilot, ardupilot, known_autopilot, px4
 from companion.wire.ids import Outcome, Policy, State
-from tests.companion.calls.scenes import CLEAR, DRUM, PX4_RTL, Scene
+from tests.companion.calls.scenes import CLEAR, DRUM, PX4_RTL, Scene, reported
 
 ARDUPILOT, LOITERING, OFFBOARD_HOLD = ardupilot.ROVER, px4.LOITERING, px4.OFFBOARD_HOLD
 MISSION, LOITER, OFFBOARD, MANUAL = px4.MISSION, px4.LOITER, px4.OFFBOARD, px4.custom_mode(1)
@@ -35,14 +35,14 @@ def held(kind: Autopilot) -> Scene:
     return scene
 
 
-def brought_to(stage: HoldStage, kind: Autopilot) -> Scene:
+def brought_to(stage: HoldState, kind: Autopilot) -> Scene:
     """A hold in the given stage, which the autopilot does not follow."""
-    scene = driving(kind) if stage is HoldStage.REQUESTED else held(kind)
-    scene.autopilot.deaf = stage is not HoldStage.STANDING
-    if stage is HoldStage.RESUMING:
+    scene = driving(kind) if stage is HoldState.REQUESTED else held(kind)
+    scene.autopilot.deaf = stage is not HoldState.STANDING
+    if stage is HoldState.RESUMING:
         scene.go()
     scene.run(0.8, DRUM)
-    assert scene.hold.stage is stage
+    assert scene.hold.state is stage
     return scene
 
 
@@ -71,7 +71,7 @@ def test_it_is_held_in_no_other_mode(kind: Autopilot) -> None:
 
 def test_an_offboard_mode_that_is_somebody_elses_is_not_held() -> None:
     scene = driving(OFFBOARD_HOLD, MANUAL)
-    scene.calls.vehicle(OFFBOARD, True, scene.now, autopilot=OFFBOARD_HOLD)  # noqa: FBT003
+    scene.calls.vehicle_reported(reported(OFFBOARD, scene.now, OFFBOARD_HOLD), scene.now)
     scene.autopilot.silent = True
     scene.run(3.0, DRUM)
     assert scene.modes() == []
@@ -115,8 +115,8 @@ def test_another_vehicle_on_the_wire_is_held_by_its_own_table() -> None:
 
 
 @each
-@pytest.mark.parametrize("stage", HoldStage)
-def test_another_mode_set_by_a_human_ends_it_in_every_stage(kind: Autopilot, stage: HoldStage) -> None:
+@pytest.mark.parametrize("stage", HoldState)
+def test_another_mode_set_by_a_human_ends_it_in_every_stage(kind: Autopilot, stage: HoldState) -> None:
     scene = brought_to(stage, kind)
     commanded = scene.modes()
     scene.human(MANUAL if kind is not ARDUPILOT else 0)
@@ -159,7 +159,7 @@ def test_offboard_is_asked_for_after_a_stream_of_setpoints() -> None:
 
 
 def test_setpoints_go_on_until_the_way_back_shows() -> None:
-    scene = brought_to(HoldStage.RESUMING, OFFBOARD_HOLD)
+    scene = brought_to(HoldState.RESUMING, OFFBOARD_HOLD)
     assert scene.calls.holding.streams
     scene.run(0.5, DRUM)
     assert scene.autopilot.mode == OFFBOARD
@@ -214,7 +214,7 @@ def test_off_and_on_again_while_offboard_is_on_its_way_is_a_hold_like_any_other(
     scene.run(5.0, DRUM)
     assert scene.autopilot.mode == OFFBOARD
     assert LOITER not in scene.modes()
-    assert scene.hold.stage is HoldStage.STANDING
+    assert scene.hold.state is HoldState.STANDING
     scene.go()
     scene.run(2.0, DRUM)
     assert scene.autopilot.mode == MISSION
@@ -249,13 +249,13 @@ def test_a_human_ends_the_leaving_too() -> None:
 
 def test_a_daemon_that_ends_leaves_it_in_loiter_and_its_successor_resumes() -> None:
     scene = held(OFFBOARD_HOLD)
-    scene.calls.holding.leave(scene.now)
+    scene.calls.holding.release(scene.now)
     scene.run(1.0)
     assert scene.autopilot.mode == LOITER
-    assert scene.calls.holding.handover is None
+    assert scene.calls.holding.offboard_release is None
     scene.restarted()
     scene.run(3.0)
-    assert scene.hold.stage is HoldStage.STANDING
+    assert scene.hold.state is HoldState.STANDING
     assert not scene.calls.holding.streams
     scene.go()
     scene.run(1.5, CLEAR)

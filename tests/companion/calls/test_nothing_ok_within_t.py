@@ -6,7 +6,7 @@ import pytest
 
 from anytraverse.assessment import Assessment, Reason
 from companion.calls.decisions import HoldStarted
-from companion.calls.hold import HoldEvent, HoldStage
+from companion.calls.hold import HoldEvent, HoldState
 from companion.wire.ids import Policy, State
 from tests.companion.calls.scenes import (
     AHEAD,
@@ -108,7 +108,7 @@ def test_frames_that_waited_in_a_queue_while_we_were_stalled_are_no_fresh_views(
         held.frames[held.frame] = CLEAR
         waiting.append(held.judged(held.frame))
     held.now = round(held.now + 3.0, 6)
-    held.calls.holding.forget(held.now, 5.0)
+    held.calls.monitor.forget(held.now, 5.0)
     held.now = round(held.now + 0.1, 6)
     held.hear()
     held.go()
@@ -197,7 +197,7 @@ def test_the_hold_of_a_fault_may_end_by_itself_after_five_ok_frames() -> None:
     scene.run(1.0)
     scene.run(1.0, BROKEN)
     scene.show(CLEAR, CLEAR, CLEAR, CLEAR)
-    assert scene.hold.stage is HoldStage.STANDING
+    assert scene.hold.state is HoldState.STANDING
     scene.run(1.0, CLEAR)
     assert scene.autopilot.mode == AUTO
     assert scene.events() == [HoldEvent.CONFIRMED, HoldEvent.RESUMED]

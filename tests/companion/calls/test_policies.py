@@ -6,7 +6,7 @@ import pytest
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import WouldHold
-from companion.calls.hold import HoldEvent, HoldStage
+from companion.calls.hold import HoldEvent, HoldState
 from companion.config import Config
 from companion.settings.mapping import restored_policy
 from companion.wire.ids import Outcome, Policy, Stage, State
@@ -70,22 +70,22 @@ def test_shadow_without_an_autopilot_tells_what_it_would_do() -> None:
     assert len(scene.all(WouldHold)) == 1
 
 
-def brought_to(stage: HoldStage, scene: Scene) -> Scene:
+def brought_to(stage: HoldState, scene: Scene) -> Scene:
     """A hold of a drum in the given stage."""
-    scene.autopilot.deaf = stage is HoldStage.REQUESTED
+    scene.autopilot.deaf = stage is HoldState.REQUESTED
     scene.run(1.0, DRUM)
-    if stage is HoldStage.RESUMING:
+    if stage is HoldState.RESUMING:
         scene.autopilot.deaf = True
         scene.go()
         scene.run(0.6)
-    assert scene.hold.stage is stage
+    assert scene.hold.state is stage
     return scene
 
 
 @pytest.mark.parametrize("policy", IDLE)
-@pytest.mark.parametrize("stage", list(HoldStage))
+@pytest.mark.parametrize("stage", list(HoldState))
 def test_without_the_hold_policy_nothing_is_commanded_any_more_nor_the_way_back(
-    hold: Scene, policy: Policy, stage: HoldStage
+    hold: Scene, policy: Policy, stage: HoldState
 ) -> None:
     brought_to(stage, hold)
     before = hold.modes()

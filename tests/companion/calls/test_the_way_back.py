@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from anytraverse.regions import Box
 from companion.calls.decisions import GoLapsed, HoldMoved, SetMode
-from companion.calls.hold import HoldEvent, HoldStage
-from companion.vehicle import ardupilot
+from companion.calls.hold import HoldEvent, HoldState
 from companion.wire.ids import Motion, Outcome, Policy, Result, Stage
 from tests.companion.calls.scenes import (
     AUTO,
@@ -17,6 +16,7 @@ from tests.companion.calls.scenes import (
     Scene,
     Thing,
     View,
+    reported,
 )
 
 
@@ -26,9 +26,9 @@ def when(scene: Scene, mode: int) -> list[float]:
     return [round(at - times[0], 2) for at in times]
 
 
-def stage(scene: Scene) -> HoldStage:
+def stage(scene: Scene) -> HoldState:
     """Where the hold stands."""
-    return scene.hold.stage
+    return scene.hold.state
 
 
 def test_nothing_resumes_without_a_go(held: Scene) -> None:
@@ -103,7 +103,7 @@ def test_the_way_back_is_tried_three_times_then_failed_and_needs_another_go(held
     [failed] = [moved for moved in held.all(HoldMoved) if moved.event is HoldEvent.FAILED]
     assert failed.resuming
     assert held.calls.go_at is None
-    assert stage(held) is HoldStage.STANDING
+    assert stage(held) is HoldState.STANDING
     assert held.autopilot.mode == HOLD
 
 
@@ -210,13 +210,13 @@ def test_a_bad_frame_calls_the_way_back_back(held: Scene) -> None:
     held.autopilot.delay = 0.5
     held.go()
     held.show(DRUM, DRUM, DRUM, DRUM, DRUM)
-    assert stage(held) is HoldStage.RESUMING
+    assert stage(held) is HoldState.RESUMING
     held.show(LOG)
     assert held.modes() == [HOLD, AUTO, HOLD]
     held.run(3.0, LOG)
     assert held.autopilot.mode == HOLD
     assert HoldEvent.TAKEN_OVER not in held.events()
-    assert stage(held) is HoldStage.STANDING
+    assert stage(held) is HoldState.STANDING
 
 
 def test_frames_that_stop_on_the_way_back_call_it_back(held: Scene) -> None:
@@ -244,7 +244,7 @@ def test_a_way_back_that_shows_late_is_ours_and_is_held_again(held: Scene) -> No
     held.show(DRUM, DRUM, DRUM, DRUM, DRUM)
     held.show(LOG)
     held.hear()  # an old heartbeat: still in hold
-    assert stage(held) is HoldStage.STANDING
+    assert stage(held) is HoldState.STANDING
     held.autopilot.mode = AUTO  # only now the first command shows
     held.hear()
     assert held.calls.hold is not None
@@ -256,7 +256,7 @@ def test_the_mode_before_shown_long_after_a_call_back_is_a_humans(held: Scene) -
     held.go()
     held.show(DRUM, DRUM, DRUM, DRUM, DRUM, LOG)
     held.run(5.0, LOG)
-    assert stage(held) is HoldStage.STANDING
+    assert stage(held) is HoldState.STANDING
     held.human(AUTO)
     assert held.events()[-1] is HoldEvent.TAKEN_OVER
 
@@ -265,9 +265,9 @@ def test_a_position_alone_confirms_no_hold(held: Scene) -> None:
     held.autopilot.deaf = True
     held.go()
     held.show(DRUM, DRUM, DRUM, DRUM, DRUM, LOG)
-    heard = held.calls.vehicle_mode.heard_at
-    held.keep(held.calls.vehicle(HOLD, True, held.now + 0.01, heard_at=heard, autopilot=ardupilot.ROVER))  # noqa: FBT003
-    assert stage(held) is HoldStage.REQUESTED
+    heard = held.calls.monitor.newest.reported_at
+    held.keep(held.calls.vehicle_reported(reported(HOLD, heard), held.now + 0.01))
+    assert stage(held) is HoldState.REQUESTED
 
 
 def test_a_resume_that_was_called_back_needs_no_second_go(held: Scene) -> None:

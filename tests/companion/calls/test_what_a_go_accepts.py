@@ -350,7 +350,7 @@ def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_m
     monkeypatch.setattr("companion.calls.acceptance.connected", recorded)
     accepted = Acceptance.of(seen, seen.reasons, report.numbers, 0.0, None)
     box = box_of(accepted)
-    assert accepted.covers(seen, report.numbers) == {Reason.UNKNOWN_OBJECT}
+    assert accepted.covers(seen, report.numbers)[0] == {Reason.UNKNOWN_OBJECT}
     assert searched
     assert all(max(*shape, steps) <= 96 for shape, steps in searched)
     assert box.contains(AHEAD.left, AHEAD.top)

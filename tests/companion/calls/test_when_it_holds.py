@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import HoldStarted, SetMode
-from companion.calls.hold import HoldEvent, HoldStage
-from companion.vehicle import ardupilot
+from companion.calls.hold import HoldEvent, HoldState
 from companion.wire.ids import Kind, Policy, State
 from tests.companion.calls.scenes import (
     AUTO,
@@ -22,6 +23,7 @@ from tests.companion.calls.scenes import (
     RTL,
     Scene,
     View,
+    reported,
 )
 
 
@@ -31,9 +33,9 @@ def when(scene: Scene, mode: int) -> list[float]:
     return [round(at - times[0], 2) for at in times]
 
 
-def stage(scene: Scene) -> HoldStage:
+def stage(scene: Scene) -> HoldState:
     """Where the hold stands."""
-    return scene.hold.stage
+    return scene.hold.state
 
 
 @pytest.mark.parametrize("mode", [AUTO, GUIDED])
@@ -87,12 +89,12 @@ def test_a_mode_that_was_heard_too_long_ago_is_not_commanded_over(hold: Scene) -
 
 
 def test_a_position_alone_is_no_news_of_the_mode(hold: Scene) -> None:
-    heard = hold.calls.vehicle_mode.heard_at
+    heard = hold.calls.monitor.newest.reported_at
     hold.autopilot.silent = True
     for _ in range(8):
         hold.run(1.0, CLEAR)
-        hold.calls.vehicle(AUTO, True, hold.now, travelled=3.0, heard_at=heard, autopilot=ardupilot.ROVER)  # noqa: FBT003
-    assert hold.calls.vehicle_mode.travelled == 3.0
+        hold.calls.vehicle_reported(replace(reported(AUTO, heard), travelled=3.0), hold.now)
+    assert hold.calls.monitor.newest.travelled == 3.0
     hold.run(2.0, DRUM)
     assert hold.modes() == []
 
@@ -110,10 +112,10 @@ def test_a_blocked_way_is_held_under_an_id_of_the_one_counter(hold: Scene) -> No
 def test_the_hold_is_confirmed_by_the_mode_read_back(hold: Scene) -> None:
     hold.autopilot.delay = 0.6
     hold.run(0.5, DRUM)
-    assert stage(hold) is HoldStage.REQUESTED
+    assert stage(hold) is HoldState.REQUESTED
     assert hold.events() == []
     hold.run(0.6, DRUM)
-    assert stage(hold) is HoldStage.STANDING
+    assert stage(hold) is HoldState.STANDING
     assert hold.events() == [HoldEvent.CONFIRMED]
 
 
@@ -133,7 +135,7 @@ def test_a_hold_that_fails_on_a_silent_autopilot_is_told_and_nothing_more_is_com
     hold.run(0.5, DRUM)
     assert hold.calls.hold is not None
     hold.autopilot.silent = hold.autopilot.deaf = True
-    hold.calls.hold.turn(HoldStage.REQUESTED)
+    hold.calls.hold.enter(HoldState.REQUESTED)
     hold.run(4.0)
     assert hold.events()[-1] is HoldEvent.FAILED
     before = len(hold.modes())

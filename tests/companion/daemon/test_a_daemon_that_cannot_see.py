@@ -236,7 +236,7 @@ def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
 
 
 def test_an_error_in_taking_frames_ends_in_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rig.calls.reason_filter, "take", lambda *_: 1 / 0)
+    monkeypatch.setattr(rig.calls.reason_filter, "add_frame", lambda *_: 1 / 0)
     rig.see(T + 0.5)
     assert rig.state == ("FAULT", 1)
     assert rig.stage.mode == HOLD

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,7 @@ class Px4Rig(Rig):
         super().start(mode=mode, forget_frame=forget_frame)
         self.stage.vehicle = None
         self._obeyed = 0
-        self.calls.numbers = replace(self.calls.numbers, px4_hold=self.px4_hold)
+        self.calls.numbers.px4_hold = self.px4_hold
 
     def _from_px4(self, port: Port, frame: bytes) -> bool:
         if port is Port.COMPANION:

@@ -18,7 +18,7 @@ from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
-from companion.calls.hold_rules import VehicleMode
+from companion.calls.mode_monitor import ModeReport
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World
 from companion.vehicle.state import MOVES, is_moving
@@ -151,13 +151,12 @@ def test_what_moves_is_what_has_speed_or_else_drives_itself(
 ) -> None:
     rig = make_rig()
     told = Told(1, 10, mode, armed=True, heard_at=0.0, speed=speed)
-    seen = VehicleMode(mode, True, None, 0.0, rig.calls.vehicle_mode.autopilot)  # noqa: FBT003
+    seen = ModeReport(mode, True, None, 0.0, rig.calls.monitor.newest.autopilot)  # noqa: FBT003
     assert is_moving(told, drives_itself=seen.drives_itself) is moving
 
 
-def test_without_a_vehicle_nothing_moves(make_rig: MakeRig) -> None:
-    nobody = make_rig().calls.vehicle_mode.__class__()
-    assert not is_moving(None, drives_itself=nobody.drives_itself)
+def test_without_a_vehicle_nothing_moves() -> None:
+    assert not is_moving(None, drives_itself=ModeReport().drives_itself)
 
 
 class Clock:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.calls.hold import HoldStage
+from companion.calls.hold import HoldState
 from companion.link.channel import READS_PER_POLL
 from companion.wire.ids import Motion, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
@@ -105,7 +105,7 @@ def test_an_order_to_drive_on_that_waited_while_the_daemon_hung_is_not_given(
     save, before = held.persistence.save_calls, orders(held)
 
     def hang(*what: Any) -> None:
-        if held.calls.hold is not None and held.calls.hold.stage is HoldStage.RESUMING:
+        if held.calls.hold is not None and held.calls.hold.state is HoldState.RESUMING:
             monkeypatch.setattr(held.persistence, "save_calls", save)
             sleep(held, 5.0, HOLD, MANUAL)
         save(*what)

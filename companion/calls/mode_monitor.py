@@ -1,0 +1,119 @@
+"""Watches what the autopilot reports: its mode, its heartbeats, and holds by its script."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from companion.calls.numbers import Numbers
+from companion.vehicle import Autopilot
+from companion.vehicle.ardupilot import ScriptHold
+
+
+@dataclass(frozen=True)
+class ModeReport:
+    """What the autopilot reported.
+
+    mode: custom_mode, None before the first heartbeat. travelled: metres driven, None where not known.
+    reported_at: when the mode was last reported; None: what was reported counts no more.
+    autopilot: its table, None for a kind that is never commanded.
+    """
+
+    mode: int | None = None
+    armed: bool = False
+    travelled: float | None = None
+    reported_at: float | None = None
+    autopilot: Autopilot | None = None
+
+    @property
+    def drives_itself(self) -> bool:
+        """Whether the autopilot drives, so that a hold overrides no human."""
+        return self.autopilot is not None and self.armed and self.mode in self.autopilot.holdable
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the vehicle is armed, and in the mode that stands still without setpoints."""
+        return self.armed and self.autopilot is not None and self.mode == self.autopilot.rest_mode
+
+
+class ModeMonitor:
+    """Keeps the newest report, and decides how long it counts. newest: that report."""
+
+    def __init__(self, numbers: Numbers) -> None:
+        self._numbers = numbers
+        self.newest = ModeReport()
+        self._script_hold: ScriptHold | None = None
+        self._unknown_until = self._back_at = -math.inf
+        self._heartbeat_at: float | None = None
+
+    def restore(self, mode: int | None) -> None:
+        """Take the mode from before a restart. It counts only once the autopilot reports its mode again."""
+        self.newest = ModeReport(mode)
+
+    def reported(self, report: ModeReport) -> ModeReport | None:
+        """Take in a report. Returns the report before it, None where this one has no new mode.
+
+        One with the `reported_at` of the report before has a new position, and no new mode.
+        """
+        self._take_heartbeat(report.reported_at)
+        # Sent before the companion hung, and read only after it: the mode may have changed since.
+        if report.reported_at is not None and report.reported_at <= self._unknown_until:
+            report = replace(report, reported_at=None)
+        before, self.newest = self.newest, report
+        if (report.reported_at, report.mode, report.armed) == (before.reported_at, before.mode, before.armed):
+            return None
+        if not report.at_rest:
+            self._script_hold = None
+        return before
+
+    def script_hold_reported(self, script_hold: ScriptHold) -> None:
+        """Take in that the autopilot's script holds. It counts until the vehicle shows that it is over."""
+        self._script_hold = script_hold
+
+    @property
+    def script_hold(self) -> ScriptHold | None:
+        """The reported hold by the autopilot's script, None where the vehicle does not stand in it."""
+        return self._script_hold if self.newest.at_rest else None
+
+    def silent_since(self, before: ModeReport) -> bool:
+        """Whether there was a silence after the report `before`, in which the autopilot may have rebooted."""
+        reported_at = self.newest.reported_at
+        if reported_at is None or before.reported_at is None:
+            return True
+        return reported_at - before.reported_at > self._numbers.heartbeat_lost
+
+    def forget(self, now: float, slept: float = 0.0) -> None:
+        """Treat the mode as unknown until the next report. slept: seconds in which the companion hung.
+
+        The autopilot was not silent in that time, so it does not count as lost heartbeats.
+        """
+        self._unknown_until = now
+        if self._heartbeat_at is not None:
+            self._heartbeat_at += slept
+        self.newest = replace(self.newest, reported_at=None)
+
+    def known(self, now: float) -> bool:
+        """Whether the mode is known: it was reported within `vehicle_silence`."""
+        reported_at = self.newest.reported_at
+        return reported_at is not None and now - reported_at <= self._numbers.vehicle_silence
+
+    def drives_itself(self, now: float) -> bool:
+        """Whether the mode is known, and is one in which the autopilot drives by itself."""
+        return self.known(now) and self.newest.drives_itself
+
+    def heartbeat_lost(self, now: float) -> bool:
+        """Whether the autopilot's heartbeats have stopped, or came back less than `heartbeat_back` ago.
+
+        False before the first heartbeat.
+        """
+        if self._heartbeat_at is None:
+            return False
+        lost = now - self._heartbeat_at > self._numbers.heartbeat_lost
+        return lost or now - self._back_at < self._numbers.heartbeat_back
+
+    def _take_heartbeat(self, at: float | None) -> None:
+        if at is None or (self._heartbeat_at is not None and at <= self._heartbeat_at):
+            return
+        if self._heartbeat_at is not None and at - self._heartbeat_at > self._numbers.heartbeat_lost:
+            self._back_at = at  # heartbeats are back: `heartbeat_lost` waits until they last
+        self._heartbeat_at = at

@@ -2,10 +2,14 @@
 
 Inputs are `assessed` (a judged frame), `vehicle_reported` (mode and arming), `apply_answer`, `confirm_go`,
 `policy_changed`, and `tick` for the passing of time. Each carries `now` (monotonic seconds), and returns the
-decisions that it led to.
+decisions that it led to. An exception in one of them may leave it half changed: it raises FatalError, and
+must not be used any more.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
@@ -20,7 +24,16 @@ from companion.calls.numbers import Numbers
 from companion.calls.policy import PolicyState
 from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.calls.shadow import Shadow
+from companion.system.error_guard import FatalError
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
+
+
+@contextmanager
+def _transition() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        raise FatalError(f"the state machine of calls and holds failed: {error!r}") from error
 
 
 class OperatorCalls:
@@ -44,6 +57,7 @@ class OperatorCalls:
         self.holding.restore(hold)
         self.monitor.restore(mode)
 
+    @_transition()
     def assessed(self, seen: Assessment, now: float, *, memory_stored: bool = True) -> list[Decision]:
         """Take in a judged frame.
 
@@ -57,6 +71,7 @@ class OperatorCalls:
                 self.call.scope.watch(seen, self.numbers)
         return self._settle(now)
 
+    @_transition()
     def vehicle_reported(self, report: ModeReport, now: float) -> list[Decision]:
         """Take in a report of the autopilot. A mode that we did not command was set by a human, who wins."""
         event = self.holding.vehicle_reported(report, now)
@@ -67,10 +82,12 @@ class OperatorCalls:
             decisions += self._end_hold(event, now)
         return decisions + self._settle(now)
 
+    @_transition()
     def tick(self, now: float) -> list[Decision]:
         """Let time pass."""
         return self._settle(now)
 
+    @_transition()
     def policy_changed(self, before: Policy, now: float) -> list[Decision]:
         """Follow a change of the policy in force, which was `before`.
 
@@ -107,6 +124,7 @@ class OperatorCalls:
         read = now - self._announced_at() >= self.numbers.announce_guard
         return current if target == current or read else None
 
+    @_transition()
     def apply_answer(
         self,
         target: int,
@@ -147,6 +165,7 @@ class OperatorCalls:
             self.holding.confirm_go(at)
         return result, self._settle(now)
 
+    @_transition()
     def confirm_go(self, at: float, now: float) -> list[Decision]:
         """Let the go that was received at `at` count from now on, as the journal has it, or was too slow.
 

@@ -59,8 +59,9 @@ class Daemon:
     """Connects the parts of the supervisor, which do not know each other.
 
     `turn` is one round of the main loop and waits for at most `TICK` seconds. An exception while an event or
-    a result is handled, or a decision carried out, is logged and reported. One in the state machine's `tick`
-    ends the daemon: without decisions it must not look alive.
+    a result is handled, or a decision carried out, is logged and reported. One in the state machine ends the
+    daemon, whichever input led to it: half of a change may have happened, so what it decides is not known to
+    be right. A restart begins with a state that is: the journal's. `report_death` holds the vehicle first.
     """
 
     def __init__(
@@ -154,10 +155,16 @@ class Daemon:
             self.turn()
 
     def report_death(self) -> None:
-        """Report at once that the daemon dies, to the autopilot's script and to the operator."""
-        autopilot = self.calls.monitor.newest.autopilot
-        if autopilot is not None and self.calls.holding.streams:
-            self._link.set_mode(autopilot.rest_mode, time.monotonic())
+        """Report at once that the daemon dies, to the autopilot's script and to the operator.
+
+        Under the hold policy a vehicle that drives by itself is held: nobody watches the trail from now on.
+        """
+        now, report, vehicle = time.monotonic(), self.calls.monitor.newest, self._link.vehicle
+        # The error may have kept a report from the state machine: a human may have taken over.
+        current = vehicle is not None and (vehicle.custom_mode, vehicle.armed) == (report.mode, report.armed)
+        drives = self.calls.policy is Policy.HOLD and current and self.calls.monitor.drives_itself(now)
+        if report.autopilot is not None and (drives or self.calls.holding.streams):
+            self._link.set_mode(report.autopilot.rest_mode, now)
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
         self._link.say(notices.dying(), ALERT, time.monotonic())
         # The link sends within its budgets, so that one tick does not send everything.

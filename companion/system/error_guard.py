@@ -11,6 +11,10 @@ log = logging.getLogger(__name__)
 _REPORT_INTERVAL = 10.0
 
 
+class FatalError(Exception):
+    """An error that is never survived: what decides is not known to be right any more."""
+
+
 class ErrorGuard:
     """Counts errors, and logs and reports each kind at most once in 10 s.
 
@@ -27,9 +31,13 @@ class ErrorGuard:
 
     @contextmanager
     def survived(self, what: str, now: float) -> Iterator[None]:
-        """Catch any exception of the block. `what` names the work in the log, and limits its rate."""
+        """Catch any exception of the block but FatalError. `what` names the work in the log, and limits its
+        rate.
+        """
         try:
             yield
+        except FatalError:
+            raise
         except Exception:
             self.count += 1
             if now - self._reported_at.get(what, float("-inf")) >= _REPORT_INTERVAL:

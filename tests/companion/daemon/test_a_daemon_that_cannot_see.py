@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import development as mavlink
 
 from companion.cameras.newest import CameraState
+from companion.system.error_guard import FatalError
 from companion.wire import notices
 from companion.wire.answers import TapBox
 from companion.wire.ids import Motion, Policy, Result
-from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 T = 1.0
 AROUND = (0.4, 0.65, 0.6, 0.9)
@@ -235,13 +237,6 @@ def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
     assert rig.state == ("CALLING", 1), "it still watches"
 
 
-def test_an_error_in_taking_frames_ends_in_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rig.calls.reason_filter, "add_frame", lambda *_: 1 / 0)
-    rig.see(T + 0.5)
-    assert rig.state == ("FAULT", 1)
-    assert rig.stage.mode == HOLD
-
-
 def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -251,14 +246,70 @@ def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
     assert rig.state == ("CALLING", 1)
 
 
-def test_an_error_in_the_supervision_ends_the_daemon_with_a_fault_in_its_last_heartbeat(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(rig.calls, "tick", lambda _: 1 / 0)
-    monkeypatch.setattr("time.sleep", rig.clock.sleep)
-    with pytest.raises(ZeroDivisionError):
-        rig.see(0.1)
+def commands_of_death(rig: Rig) -> list[int]:
+    """Let the daemon report its death, and return the modes that it then commands."""
+    before = len(rig.stage.frames)
     rig.daemon.report_death()
     rig.stage.collect(rig.stage.now)
+    sent = [frame.message for frame in rig.stage.frames[before:]]
+    commands = [message for message in sent if message.get_type() == "COMMAND_LONG"]
+    return [int(one.param2) for one in commands if one.command == mavlink.MAV_CMD_DO_SET_MODE]
+
+
+@pytest.mark.parametrize(
+    ("part", "method"),
+    [
+        ("reason_filter", "add_frame"),
+        ("holding", "vehicle_reported"),
+        ("holding", "settle"),
+        ("holding", "release"),
+    ],
+    ids=["a frame", "a report of the autopilot", "the passing of time", "a change of policy"],
+)
+def test_an_error_in_the_state_machine_ends_the_daemon_whatever_led_to_it_and_holds_the_rover(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, part: str, method: str
+) -> None:
+    rig.see(1.0)
+    monkeypatch.setattr(getattr(rig.calls, part), method, lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("time.sleep", rig.clock.sleep)
+    if method == "release":
+        rig.set("AT_POLICY", float(Policy.OFF))
+    with pytest.raises(FatalError):
+        rig.see(2.0)
+    assert commands_of_death(rig) == ([] if method == "release" else [HOLD])
     assert rig.state[0] == "FAULT"
-    assert rig.texts == ["Companion STOPS, internal error: WATCH THE TRAIL"]
+    assert rig.texts[-1] == "Companion STOPS, internal error: WATCH THE TRAIL"
+
+
+def test_a_human_whose_mode_led_to_the_error_is_not_held(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.see(1.0)
+    monkeypatch.setattr(rig.calls.holding, "vehicle_reported", lambda *_: 1 / 0)
+    monkeypatch.setattr("time.sleep", rig.clock.sleep)
+    rig.stage.mode = MANUAL
+    with pytest.raises(FatalError):
+        rig.see(2.0)
+    assert commands_of_death(rig) == []
+
+
+@pytest.mark.parametrize(("part", "method"), [("holding", "answer"), ("holding", "confirm_go")])
+def test_an_error_while_a_go_is_applied_ends_the_daemon_and_the_rover_stands(
+    held: Rig, monkeypatch: pytest.MonkeyPatch, part: str, method: str
+) -> None:
+    monkeypatch.setattr(getattr(held.calls, part), method, lambda *_: 1 / 0)
+    monkeypatch.setattr("time.sleep", held.clock.sleep)
+    held.answer(0, Motion.GO)
+    with pytest.raises(FatalError):
+        held.see(2.0, "drum")
+    assert commands_of_death(held) == []
+    assert held.stage.mode == HOLD
+
+
+@pytest.mark.parametrize(("policy", "mode"), [(Policy.SHADOW, AUTO), (Policy.HOLD, MANUAL)])
+def test_a_dying_daemon_commands_nothing_without_the_hold_policy_or_over_a_human(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, policy: Policy, mode: int
+) -> None:
+    rig = make_rig(policy)
+    rig.stage.mode = mode
+    rig.see(1.5)
+    monkeypatch.setattr("time.sleep", rig.clock.sleep)
+    assert commands_of_death(rig) == []

@@ -20,7 +20,7 @@ from companion.daemon.persistence import Persistence
 from companion.link.link import Link
 from companion.policy.hold_gate import HoldGate
 from companion.policy.service import PolicyService
-from companion.policy.shadow import ShadowStatistics
+from companion.policy.shadow_statistics import ShadowStatistics
 from companion.policy.stopping import Stopping
 from companion.settings.mapping import (
     call_numbers,

@@ -31,7 +31,7 @@ from companion.link.inbound import (
     WordsRequest,
 )
 from companion.link.link import Link
-from companion.policy.shadow import ShadowReporter
+from companion.policy.shadow_reporter import ShadowReporter
 from companion.settings.service import SettingsService
 from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness, tasks

@@ -26,7 +26,7 @@ from companion.calls.machine import OperatorCalls
 from companion.daemon.health import STALLED_AFTER
 from companion.daemon.persistence import Persistence
 from companion.link.link import Link
-from companion.policy.shadow import ShadowReporter
+from companion.policy.shadow_reporter import ShadowReporter
 from companion.system.error_guard import ErrorGuard
 from companion.telemetry.active_alert import ActiveAlert
 from companion.wire import texts

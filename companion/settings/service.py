@@ -16,7 +16,7 @@ from companion.calls.machine import OperatorCalls
 from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
 from companion.link.link import Link
 from companion.policy.service import AfterWrite, PolicyService
-from companion.policy.shadow import ShadowStatistics
+from companion.policy.shadow_statistics import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
 from companion.vision.client import Applied, Vision
 from companion.wire import notices

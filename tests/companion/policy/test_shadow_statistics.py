@@ -12,7 +12,7 @@ from anytraverse.assessment import Reason
 from anytraverse.preferences import Preferences
 from companion.calls.decisions import WouldHold, WouldResume
 from companion.calls.shadow import Shadow
-from companion.policy.shadow import ShadowStatistics, rate
+from companion.policy.shadow_statistics import ShadowStatistics, rate
 from companion.wire.parameters import build
 
 OBJECT, BLOCKED = frozenset({Reason.UNKNOWN_OBJECT}), frozenset({Reason.BLOCKED, Reason.UNKNOWN_OBJECT})

@@ -1,27 +1,19 @@
-"""Keeps the statistics of the shadow policy's would-be holds, and reports them."""
+"""Keeps the statistics of the shadow policy's would-be holds. Pure: times are inputs."""
 
 from __future__ import annotations
 
-import logging
 import math
-import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from typing import Any
 
-from anytraverse.assessment import Assessment, Reason
+from anytraverse.assessment import Reason
 from companion.calls.decisions import WouldHold, WouldResume
-from companion.calls.machine import OperatorCalls
 from companion.calls.shadow import Shadow
-from companion.link.link import Link
 from companion.wire import notices
-from companion.wire.ids import NOTICE, WARNING, Policy, State
 from companion.wire.parameters import MANY, SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
-
-log = logging.getLogger(__name__)
-
 
 ENOUGH_HOURS = 0.1
 """Hours that must have been watched before a rate is given."""
@@ -239,66 +231,3 @@ def _figure(value: Any) -> float:
     if not 0 <= value < _LARGEST:
         raise ValueError(f"{value} cannot be")
     return float(value)
-
-
-TEXT_GAP = 10.0
-"""Least seconds between two texts about would-be holds. Their running numbers show how many were skipped."""
-LOG_EVERY, TEXT_EVERY = 600.0, 1800.0
-"""Seconds watched between two totals in the log, and to the operator."""
-
-
-class ShadowReporter:
-    """Feeds the statistics, and reports would-be holds and totals at limited rates."""
-
-    def __init__(
-        self,
-        statistics: ShadowStatistics,
-        calls: OperatorCalls,
-        link: Link,
-        picture: Callable[[Assessment, State, str], None],
-    ) -> None:
-        """picture: stores a picture of a judged frame, with a title."""
-        self._statistics = statistics
-        self._calls = calls
-        self._link = link
-        self._picture = picture
-        self._text_at = -math.inf
-        self._watched_at_log = self._watched_at_text = calls.shadow.watched
-
-    def began(self, hold: WouldHold, now: float) -> None:
-        """Record and report the begin of a would-be hold, with a picture unless a call has its own."""
-        self._statistics.began(hold, time.time())
-        text = notices.would_hold(hold.number, sorted(reason.value for reason in hold.reasons))
-        log.warning("shadow: %s", text)
-        if now - self._text_at >= TEXT_GAP:
-            self._text_at = now
-            self._link.say(text, WARNING, now)
-        newest = self._calls.reason_filter.newest
-        if newest is not None and self._calls.call is None:
-            self._picture(newest, self._calls.state(now), text)
-
-    def ended(self, hold: WouldResume) -> None:
-        """Record and log the end of a would-be hold."""
-        self._statistics.ended(hold)
-        how = "by hand" if hold.by_hand else "frames are OK"
-        log.warning("shadow: S%d over after %.1f s: %s", hold.number, hold.lasted, how)
-
-    def tick(self, now: float) -> None:
-        """Report the totals when they are due."""
-        if self._calls.policy is not Policy.SHADOW:
-            return
-        shadow = self._calls.shadow
-        # The counts were reset.
-        if shadow.watched < self._watched_at_text:
-            self._watched_at_log = self._watched_at_text = shadow.watched
-        if shadow.watched - self._watched_at_log >= LOG_EVERY:
-            self._watched_at_log = shadow.watched
-            log.info("shadow: %s", self._statistics.line(shadow))
-        if shadow.watched - self._watched_at_text >= TEXT_EVERY:
-            self._watched_at_text = shadow.watched
-            self._link.say(self._statistics.text(shadow), NOTICE, now)
-
-    def last(self) -> None:
-        """Log the totals at the daemon's end."""
-        if self._calls.shadow.watched:
-            log.info("shadow: %s", self._statistics.line(self._calls.shadow))

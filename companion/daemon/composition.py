@@ -134,7 +134,7 @@ def _may_hold(hold_gate: HoldGate, judging: Settings, startup_notices: list[str]
     if refusal is not None:
         log.error("%s", refusal.why)
     elif isinstance(stopping, Stopping):
-        log.info("stopping: %s", stopping.told())
+        log.info("stopping: %s", stopping.describe())
     else:
         log.warning("stopping distance was not checked: %s", stopping)
         startup_notices.append(notices.stopping_unchecked())

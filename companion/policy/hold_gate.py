@@ -9,7 +9,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.config import Config
-from companion.policy.stopping import Stopping, judge
+from companion.policy.stopping import Stopping, judge_stopping
 from companion.vision.warm_up import too_slow
 from companion.wire import notices
 
@@ -34,13 +34,13 @@ class UncheckedError(AnyTraverseError):
 
 def require_checkable(config: Config) -> None:
     """Raise UncheckedError where the policy is hold and the stopping distance cannot be calculated."""
-    stopping = judge(config)
+    stopping = judge_stopping(config)
     if config.call.policy == "hold" and isinstance(stopping, str) and not config.stopping.unchecked:
         raise UncheckedError(unchecked(stopping))
 
 
 def unchecked(missing: str) -> str:
-    """Return why the policy hold is refused, and what to do. missing: the text that `judge` returned."""
+    """Return why the policy hold is refused, and what to do. missing: what `judge_stopping` returned."""
     return (
         f"policy hold is refused, since it is not known whether the vehicle stops in time: {missing}. "
         "Or allow hold without that check: set [stopping] unchecked = true"
@@ -73,7 +73,7 @@ class HoldGate:
             tile_share=judging.tile_share,
         )
         config = replace(self._config, roi=roi)
-        return judge(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
+        return judge_stopping(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
 
     def refuses(self, judging: Settings, overrun: float = 0.0) -> HoldRefusal | None:
         """Return why the vehicle may not be held, None where it may.
@@ -89,7 +89,7 @@ class HoldGate:
 def hold_refusal(pace: Pace, stopping: Stopping | str | None) -> HoldRefusal | None:
     """Return why the vehicle may not be held, None where it may.
 
-    stopping: the result of `judge`; None: the stopping distance does not matter.
+    stopping: the result of `judge_stopping`; None: the stopping distance does not matter.
     """
     if not pace.keeps:
         short, reminder = notices.hold_refused(pace.step), notices.only_reports(pace.step)
@@ -99,7 +99,7 @@ def hold_refusal(pace: Pace, stopping: Stopping | str | None) -> HoldRefusal | N
         return HoldRefusal(unchecked(stopping), short, reminder, "stopping not checked")
     if stopping is not None and not stopping.enough:
         speed, fits = stopping.speed, stopping.fits
-        why = f"policy hold is refused: {stopping.told()}"
+        why = f"policy hold is refused: {stopping.describe()}"
         short, reminder = notices.hold_outruns(speed, fits), notices.only_reports_outrunning(speed, fits)
         return HoldRefusal(why, short, reminder, notices.outruns(speed, fits))
     return None

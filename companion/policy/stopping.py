@@ -208,7 +208,7 @@ class Stopping:
         """Whether the vehicle stops before the thing."""
         return self.needs <= self.sees
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """Return the judgement as text and, where the vehicle does not stop in time, the remedies."""
         circling = f", then {self.overrun:g} m on in LOITER" if self.overrun else ""
         braked = self.brakes.way(self.driven)
@@ -234,7 +234,7 @@ class Stopping:
         return remedies if slower >= _SLOWEST else [f"no speed is slow enough: {remedies[0]}", *remedies[1:]]
 
 
-def judge(
+def judge_stopping(
     config: Config,
     step: float = 0.0,
     tile: float | None = None,

@@ -8,7 +8,7 @@ from typing import Any
 
 from companion.config import Config, ConfigError, load_config
 from companion.policy.hold_gate import unchecked
-from companion.policy.stopping import judge
+from companion.policy.stopping import judge_stopping
 from companion.preflight.autopilot import CHECK, Asked, ask_first
 from companion.preflight.here import (
     Perceives,
@@ -72,7 +72,7 @@ def _link_of_running(said: dict[str, Any]) -> Finding:
 def check_stopping(config: Config, perceives: Perceives, asked: Asked) -> Finding:
     """Check that the vehicle can stop before an obstacle that the camera shows."""
     name, fastest = asked.speed if asked.speed is not None else ("", None)
-    judged = judge(config, perceives.step, perceives.tile, fastest, asked.overrun)
+    judged = judge_stopping(config, perceives.step, perceives.tile, fastest, asked.overrun)
     if isinstance(judged, str):
         if config.call.policy == "hold" and not config.stopping.unchecked:
             return failed("stopping", unchecked(judged))
@@ -82,7 +82,7 @@ def check_stopping(config: Config, perceives: Perceives, asked: Asked) -> Findin
     if fastest is not None and (configured is None or fastest > configured):
         by = f"{name} says {fastest:g} m/s; "
     if judged.enough:
-        return passed("stopping", by + judged.told())
+        return passed("stopping", by + judged.describe())
     if config.call.policy == "hold":
-        return failed("stopping", f"policy hold is refused: {by}{judged.told()}")
-    return warned("stopping", by + judged.told())
+        return failed("stopping", f"policy hold is refused: {by}{judged.describe()}")
+    return warned("stopping", by + judged.describe())

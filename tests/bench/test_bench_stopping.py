@@ -19,7 +19,7 @@ from bench.stopping.limits import SPARE, Limit, braking, script_timeout
 from bench.stopping.runs import FAST, GROUPS, LATE, Job, Run, untested
 from bench.stopping.stage import Stop, stopped
 from companion.config import load_config
-from companion.policy.stopping import Stopping, judge
+from companion.policy.stopping import Stopping, judge_stopping
 from companion.sim.demo.config import write_config
 from companion.wire.ids import Policy, State
 
@@ -99,9 +99,9 @@ def test_what_the_bench_drives_at_is_what_check_passes(tmp_path: Path) -> None:
         )
         path.write_text(path.read_text().replace("top = 0.46", top))
         for tile in (0.65, None) if top == "top = 0.44" else (0.65,):
-            judged = judge(load_config(str(path)), step=0.05, tile=tile)
+            judged = judge_stopping(load_config(str(path)), step=0.05, tile=tile)
             assert isinstance(judged, Stopping)
-            assert judged.enough, judged.told()
+            assert judged.enough, judged.describe()
 
 
 LIMIT = Limit(1.0, 0.5, 0.6)

@@ -12,7 +12,16 @@ from hypothesis import strategies as st
 from companion.config import Config
 from companion.config.schema import Camera, Mount, Roi
 from companion.config.schema import Stopping as Setting
-from companion.policy.stopping import ARDUPILOT, FARTHEST, OVERSHOOT, Brakes, Outlook, Stopping, fit, judge
+from companion.policy.stopping import (
+    ARDUPILOT,
+    FARTHEST,
+    OVERSHOOT,
+    Brakes,
+    Outlook,
+    Stopping,
+    fit,
+    judge_stopping,
+)
 
 OUTLOOKS = st.builds(
     Outlook,
@@ -34,7 +43,7 @@ def judged(
     config: Config, step: float = 0.0, tile: float | None = None, speed: float | None = None
 ) -> Stopping:
     """A judgement that there is."""
-    found = judge(config, step, tile, speed)
+    found = judge_stopping(config, step, tile, speed)
     assert isinstance(found, Stopping), found
     return found
 
@@ -167,7 +176,7 @@ def test_the_greater_of_the_configured_speed_and_the_autopilot_s_counts() -> Non
 
 
 def test_what_outruns_its_eyes_is_told_the_speed_and_the_row_that_would_do() -> None:
-    told = judged(CONFIG, speed=2.5).told()
+    told = judged(CONFIG, speed=2.5).describe()
     for part in (
         "at 2.5 m/s",
         "to stop",
@@ -176,25 +185,25 @@ def test_what_outruns_its_eyes_is_told_the_speed_and_the_row_that_would_do() -> 
         "[call] freshness",
     ):
         assert part in told, told
-    assert "fits up to 1.69" in judged(CONFIG).told()
+    assert "fits up to 1.69" in judged(CONFIG).describe()
 
 
 def test_what_is_driven_on_in_the_mode_that_holds_comes_on_top_and_has_a_remedy_of_its_own() -> None:
-    straight, circling = judged(CONFIG), judge(CONFIG, overrun=2.5)
+    straight, circling = judged(CONFIG), judge_stopping(CONFIG, overrun=2.5)
     assert isinstance(circling, Stopping)
     assert circling.needs == pytest.approx(straight.needs + 2.5)
     assert replace(circling, speed=circling.fits * 0.999).enough
     assert not replace(circling, speed=circling.fits * 1.05).enough
-    assert "then 2.5 m on in LOITER" in circling.told()
-    assert 'px4_hold = "offboard"' in replace(circling, speed=3.0).told()
-    assert "LOITER" not in straight.told() + replace(straight, speed=5.0).told()
+    assert "then 2.5 m on in LOITER" in circling.describe()
+    assert 'px4_hold = "offboard"' in replace(circling, speed=3.0).describe()
+    assert "LOITER" not in straight.describe() + replace(straight, speed=5.0).describe()
     assert at(1.0, sees=2.0).fits > 0.0 == replace(at(1.0, sees=2.0), overrun=2.5).fits
 
 
 def test_what_stands_before_nothing_can_be_seen_is_not_told_a_speed_of_nought() -> None:
     blind = replace(CONFIG, mount=Mount(1.0, 80.0, front=3.0))
     assert judged(blind).sees == 0.0
-    assert "no speed is slow enough: mount the camera" in judged(blind).told()
+    assert "no speed is slow enough: mount the camera" in judged(blind).describe()
 
 
 @pytest.mark.parametrize(
@@ -207,6 +216,6 @@ def test_what_stands_before_nothing_can_be_seen_is_not_told_a_speed_of_nought() 
     ],
 )
 def test_what_cannot_be_judged_says_what_is_missing(config: Config, missing: str) -> None:
-    told = judge(config)
+    told = judge_stopping(config)
     assert isinstance(told, str)
     assert missing in told

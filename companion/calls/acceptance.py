@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, Assessment, Maps, Reason
 from anytraverse.history import Embedding, cosine
 from anytraverse.judging import is_open
 from anytraverse.regions import Box
-from anytraverse.roi import KNOWN, worst_tile
-from companion.calls.masks import Mask, below, coarse, connected, joined, resized, wider
+from anytraverse.roi import worst_tile
+from companion.calls.masks import Mask, coarse, joined
 from companion.calls.numbers import Numbers
-
-_UNCERTAIN_PIXEL = 0.5
-"""Uncertainty above which a pixel belongs to the thing, where tiles have no threshold."""
+from companion.calls.tracking import NAMED_FIGURES, named_reasons, sized, track
 
 
 @dataclass
@@ -51,21 +47,21 @@ class Acceptance:
     ) -> Acceptance:
         """Accept `reasons` as far as the frame `seen` shows them."""
         accepted = cls(reasons, None, 0.0, 0.0, 0.0, scene_of(seen), now, travelled)
-        inside = _sized(None, seen)
+        inside = sized(None, seen)
         if seen.roi is not None and seen.maps is not None:
             accepted.uncertainty, accepted.strangeness = seen.roi.uncertainty, seen.roi.strangeness
             for box in _accepted_boxes(seen, reasons):
                 accepted._extend(box.grown(1.5).mask(*seen.maps.signed.shape))
             if accepted.thing is not None:
-                accepted._extend(accepted._track(accepted.thing, seen, seen.maps, numbers, at_once=True))
-                inside = _sized(accepted._moved(seen, numbers), seen)
+                accepted.thing = joined(accepted.thing, accepted._moved(seen, numbers, at_once=True))
+                inside = sized(accepted._moved(seen, numbers), seen)
                 covered = accepted._covers_corridor(seen, inside, numbers)
                 if Reason.BLOCKED in reasons:
                     covered = covered and accepted._is_open(seen, seen.maps, inside, numbers)
                 if not covered:
                     # The thing alone leaves no corridor, so the go would have no effect: accept all unknown.
                     accepted._extend(_unexplained_in_roi(seen.maps, numbers))
-                    inside = _sized(accepted._moved(seen, numbers), seen)
+                    inside = sized(accepted._moved(seen, numbers), seen)
         accepted.beside = _beside(seen, inside, numbers, by_name=False)
         return accepted
 
@@ -87,7 +83,7 @@ class Acceptance:
         if limit is None:
             limit = self.beside + numbers.accepted_rise
         moved = self._moved(seen, numbers)
-        if seen.roi is not None and _beside(seen, _sized(moved, seen), numbers, by_name=False) <= limit:
+        if seen.roi is not None and _beside(seen, sized(moved, seen), numbers, by_name=False) <= limit:
             self.uncertainty = max(self.uncertainty, seen.roi.uncertainty)
             self.strangeness = max(self.strangeness, seen.roi.strangeness)
             self.thing = moved
@@ -99,9 +95,9 @@ class Acceptance:
         cases: as unknown, and as blocked by its name.
         """
         covered, moved = seen.reasons & self.reasons, self._moved(seen, numbers)
-        inside = _sized(moved, seen)
+        inside = sized(moved, seen)
         if Reason.UNKNOWN_OBJECT in covered:
-            by_name = Reason.UNKNOWN_OBJECT in _named_reasons(seen)
+            by_name = Reason.UNKNOWN_OBJECT in named_reasons(seen)
             alone = self._covers_object(seen, inside, numbers, by_name=by_name)
             if not (alone and self._covers_corridor(seen, inside, numbers)):
                 covered -= {Reason.UNKNOWN_OBJECT}
@@ -140,45 +136,12 @@ class Acceptance:
     def _extend(self, mask: Mask) -> None:
         self.thing = joined(self.thing, coarse(mask))
 
-    def _moved(self, seen: Assessment, numbers: Numbers) -> Mask | None:
+    def _moved(self, seen: Assessment, numbers: Numbers, *, at_once: bool = False) -> Mask | None:
         """Return the thing's mask in this frame, or the last mask where nothing of it is found."""
         if self.thing is None or seen.maps is None:
             return self.thing
-        return self._track(self.thing, seen, seen.maps, numbers, at_once=False)
-
-    def _track(self, thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, at_once: bool) -> Mask:
-        """Return the uncertain pixels in `thing` and those connected to them, grown by one cell.
-
-        at_once: take all connected uncertain pixels, as when the thing is accepted. Otherwise the mask grows
-        by less than a tile's side, since a thing comes no nearer than that from frame to frame. An uncertain
-        area that reaches further is another thing that touches it: of that, only what is straight below the
-        mask is taken.
-
-        Pixels that a negative word explains belong to the thing, too. Left out, they would count as a second
-        thing beside it. But the word may explain the ground around as well, so at most a tile's side of such
-        pixels is taken at the start, and later only those straight below.
-        """
-        limit = numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
-        if any(one.figure == CORRIDOR for one in seen.bad):
-            # Above this uncertainty a pixel is missing in the corridor, whatever the tiles' threshold.
-            limit = min(limit, 1.0 - KNOWN)
-        uncertain, strange = maps.uncertainty > limit, maps.strangeness > limit
-        if Reason.BLOCKED in self.reasons:
-            uncertain = uncertain | (~maps.drivable & numbers.judging.region.mask(*uncertain.shape))
-        uncertain, strange = coarse(uncertain), coarse(strange)
-        thing = resized(thing, *uncertain.shape)
-        side = _tile_side(uncertain.shape[1], numbers)
-        if at_once:
-            found = connected(thing & uncertain, uncertain, max(uncertain.shape))
-            return wider(connected(found, strange, side))
-        not_above, straight = below(thing, side), below(thing, 0)
-        uncertain = uncertain & not_above
-        found = connected(thing & uncertain, uncertain, side - 1)
-        beyond = connected(found, uncertain, 1) & ~found
-        found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
-        if _named_reasons(seen):
-            found = found | connected(thing & strange, strange & straight, side - 1)
-        return wider(found) & not_above if found.any() else thing
+        blocks = Reason.BLOCKED in self.reasons
+        return track(self.thing, seen, seen.maps, numbers, blocks=blocks, at_once=at_once)
 
     def _covers_object(self, seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> bool:
         """Whether no other unknown thing is beside the accepted one.
@@ -212,7 +175,7 @@ class Acceptance:
         """Whether nothing but the accepted thing blocks the way, by any figure."""
         if seen.roi is None or seen.maps is None or self.thing is None:
             return False
-        if _named_reasons(seen) and not self._covers_object(seen, inside, numbers, by_name=True):
+        if named_reasons(seen) and not self._covers_object(seen, inside, numbers, by_name=True):
             return False
         maps = seen.maps
         if not self._is_open(seen, maps, inside, numbers):
@@ -237,14 +200,6 @@ class Acceptance:
         return cosine(self.scene, scene) >= numbers.judging.thresholds.scene
 
 
-def _sized(thing: Mask | None, seen: Assessment) -> Mask:
-    """Return the thing's mask in the size of the frame's maps, (h, w)."""
-    if seen.maps is None:
-        return np.zeros((1, 1), dtype=np.bool_)
-    shape = seen.maps.signed.shape
-    return np.zeros(shape, dtype=np.bool_) if thing is None else resized(thing, *shape)
-
-
 def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) -> float:
     """Return the uncertainty of the worst tile of the ROI outside the thing; 0 where no tile fits there.
 
@@ -264,19 +219,11 @@ def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) 
     return tile.uncertainty if tile is not None else 0.0
 
 
-_NAMED_FIGURES = frozenset({NAMED_TILE, NAMED_MEAN})
-
-
-def _named_reasons(seen: Assessment) -> frozenset[Reason]:
-    """Return the frame's bad reasons that come from things which only a negative word explains."""
-    return frozenset(one.reason for one in seen.bad if one.figure in _NAMED_FIGURES)
-
-
 def blocked_by_name(seen: Assessment) -> bool:
     """Whether the frame is blocked only by things that a negative word explains."""
     figures = {one.figure for one in seen.bad if one.reason is Reason.BLOCKED}
     passable = seen.roi is not None and seen.roi.corridor.passable
-    return bool(figures) and figures <= _NAMED_FIGURES | ({CORRIDOR} if passable else set())
+    return bool(figures) and figures <= NAMED_FIGURES | ({CORRIDOR} if passable else set())
 
 
 def _accepted_boxes(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:
@@ -303,9 +250,3 @@ def _unexplained_in_roi(maps: Maps, numbers: Numbers) -> Mask:
 def scene_of(seen: Assessment) -> Embedding | None:
     """Return the embedding of the frame's scene, None where the frame could not be judged."""
     return seen.observation.embedding if seen.observation is not None else None
-
-
-def _tile_side(width: int, numbers: Numbers) -> int:
-    """Return a tile's side in pixels, for a map that is `width` pixels wide."""
-    bounds = numbers.judging.region.bounds
-    return max(1, round(numbers.judging.tile_share * (bounds.right - bounds.left) * width))

@@ -347,7 +347,7 @@ def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_m
         searched.append((seed.shape, steps))
         return plain(seed, within, steps)
 
-    monkeypatch.setattr("companion.calls.acceptance.connected", recorded)
+    monkeypatch.setattr("companion.calls.tracking.connected", recorded)
     accepted = Acceptance.of(seen, seen.reasons, report.numbers, 0.0, None)
     box = box_of(accepted)
     assert accepted.covers(seen, report.numbers)[0] == {Reason.UNKNOWN_OBJECT}

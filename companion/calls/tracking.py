@@ -1,0 +1,72 @@
+"""Tracks an accepted thing from frame to frame, as a coarse mask. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, Assessment, Maps, Reason
+from anytraverse.roi import KNOWN
+from companion.calls.masks import Mask, below, coarse, connected, resized, wider
+from companion.calls.numbers import Numbers
+
+_UNCERTAIN_PIXEL = 0.5
+"""Uncertainty above which a pixel belongs to the thing, where tiles have no threshold."""
+NAMED_FIGURES = frozenset({NAMED_TILE, NAMED_MEAN})
+"""The figures of things that only a negative word explains."""
+
+
+def named_reasons(seen: Assessment) -> frozenset[Reason]:
+    """Return the frame's bad reasons that come from things which only a negative word explains."""
+    return frozenset(one.reason for one in seen.bad if one.figure in NAMED_FIGURES)
+
+
+def track(
+    thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, blocks: bool, at_once: bool = False
+) -> Mask:
+    """Return the uncertain pixels in `thing` and those connected to them, grown by one cell.
+
+    blocks: the thing blocks the way, so that ground in the ROI that is not drivable belongs to it, too.
+    at_once: take all connected uncertain pixels, as when the thing is accepted. Otherwise the mask grows
+    by less than a tile's side, since a thing comes no nearer than that from frame to frame. An uncertain
+    area that reaches further is another thing that touches it: of that, only what is straight below the
+    mask is taken.
+
+    Pixels that a negative word explains belong to the thing, too. Left out, they would count as a second
+    thing beside it. But the word may explain the ground around as well, so at most a tile's side of such
+    pixels is taken at the start, and later only those straight below.
+    """
+    limit = numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
+    if any(one.figure == CORRIDOR for one in seen.bad):
+        # Above this uncertainty a pixel is missing in the corridor, whatever the tiles' threshold.
+        limit = min(limit, 1.0 - KNOWN)
+    uncertain, strange = maps.uncertainty > limit, maps.strangeness > limit
+    if blocks:
+        uncertain = uncertain | (~maps.drivable & numbers.judging.region.mask(*uncertain.shape))
+    uncertain, strange = coarse(uncertain), coarse(strange)
+    thing = resized(thing, *uncertain.shape)
+    side = tile_side(uncertain.shape[1], numbers)
+    if at_once:
+        found = connected(thing & uncertain, uncertain, max(uncertain.shape))
+        return wider(connected(found, strange, side))
+    not_above, straight = below(thing, side), below(thing, 0)
+    uncertain = uncertain & not_above
+    found = connected(thing & uncertain, uncertain, side - 1)
+    beyond = connected(found, uncertain, 1) & ~found
+    found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
+    if named_reasons(seen):
+        found = found | connected(thing & strange, strange & straight, side - 1)
+    return wider(found) & not_above if found.any() else thing
+
+
+def sized(thing: Mask | None, seen: Assessment) -> Mask:
+    """Return the thing's mask in the size of the frame's maps, (h, w)."""
+    if seen.maps is None:
+        return np.zeros((1, 1), dtype=np.bool_)
+    shape = seen.maps.signed.shape
+    return np.zeros(shape, dtype=np.bool_) if thing is None else resized(thing, *shape)
+
+
+def tile_side(width: int, numbers: Numbers) -> int:
+    """Return a tile's side in pixels, for a map that is `width` pixels wide."""
+    bounds = numbers.judging.region.bounds
+    return max(1, round(numbers.judging.tile_share * (bounds.right - bounds.left) * width))

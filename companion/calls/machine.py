@@ -14,15 +14,15 @@ from contextlib import contextmanager
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
-from companion.calls.acceptance import Acceptance
 from companion.calls.answer_rules import accept_taken_over, answer_call
-from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved
+from companion.calls.call_rules import CallController
+from companion.calls.decisions import Call, Decision, HoldMoved
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.hold_rules import HoldController
 from companion.calls.mode_monitor import ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.policy import PolicyState
-from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
+from companion.calls.reason_filter import ReasonFilter
 from companion.calls.shadow import Shadow
 from companion.system.error_guard import FatalError
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
@@ -47,13 +47,14 @@ class OperatorCalls:
         self.reason_filter = ReasonFilter(numbers, now)
         self.monitor = ModeMonitor(numbers)
         self.holding = HoldController(numbers, self.monitor, self.reason_filter)
-        self.call: Call | None = None
+        self.calling = CallController(numbers, self.monitor, self.reason_filter, self.holding, self.take_id)
         self._reasons: frozenset[Reason] = frozenset()
         self.shadow = Shadow()
 
     def restore(self, last_id: int, call: Call | None, hold: Hold | None, mode: int | None) -> None:
         """Take the state from before a restart. mode: the autopilot's custom_mode then, None if not known."""
-        self.last_id, self.call = last_id, call
+        self.last_id = last_id
+        self.calling.restore(call)
         self.holding.restore(hold)
         self.monitor.restore(mode)
 
@@ -65,10 +66,7 @@ class OperatorCalls:
         time. If not, the frame may start a hold, but does not count towards its end.
         """
         self.reason_filter.add_frame(seen, now, self.monitor.newest.travelled, memory_stored=memory_stored)
-        if self.call is not None:
-            self.call.add(seen)
-            if self.call.scope is not None:
-                self.call.scope.watch(seen, self.numbers)
+        self.calling.add_frame(seen)
         return self._settle(now)
 
     @_transition()
@@ -105,8 +103,8 @@ class OperatorCalls:
             dropped = self.holding.end()
             if dropped is not None:
                 decisions.append(HoldMoved(dropped, HoldEvent.DROPPED))
-        if policy is Policy.OFF and self.call is not None:
-            decisions.append(self._close(Outcome.SWITCHED_OFF))
+        if policy is Policy.OFF:
+            decisions += self.calling.close(Outcome.SWITCHED_OFF)
         return decisions + self._settle(now)
 
     def retune(self, judging: Settings) -> None:
@@ -180,6 +178,11 @@ class OperatorCalls:
         return self._policy_state.in_force
 
     @property
+    def call(self) -> Call | None:
+        """The open call, None without one."""
+        return self.calling.call
+
+    @property
     def hold(self) -> Hold | None:
         """The hold that is commanded or stands, None without one."""
         return self.holding.hold
@@ -202,8 +205,10 @@ class OperatorCalls:
         return Kind.CALL if self.call is not None else Kind.HOLD
 
     def take_id(self) -> int:
-        """Take the next id of the counter, for something else than a call or a hold."""
-        return self._next_id()
+        """Take the next id of the counter."""
+        # 16 bits on the wire; 0 means the current call or hold, so it is no id.
+        self.last_id = self.last_id % 0xFFFF + 1
+        return self.last_id
 
     def stage(self) -> Stage:
         """Return the stage of the current call or hold, CLOSED without one."""
@@ -261,33 +266,13 @@ class OperatorCalls:
         released = self.holding.settle_release(now)
         if self.policy is Policy.OFF:
             return released
-        decisions = released + self._settle_call(reasons, now)
+        decisions = released + self.calling.settle(reasons, now)
         if self.policy is Policy.SHADOW:
             decisions += self._update_shadow(reasons, now)
         if self.policy is Policy.HOLD and reasons and self.hold is None and self.monitor.drives_itself(now):
-            number = self.call.id if self.call is not None else self._next_id()
+            number = self.call.id if self.call is not None else self.take_id()
             decisions.append(self.holding.start(number, reasons, now))
         return decisions + self.holding.settle(reasons, self.call is not None, now)
-
-    def _settle_call(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
-        decisions: list[Decision] = []
-        asking = reasons & CALLS_FOR_WORDS
-        # With a hold, an answered call stays open until the go is fulfilled; new reasons need a new call.
-        if self.call is not None and self.call.answered and (asking or self.hold is None):
-            decisions.append(self._close(self.call.outcome_now))
-        if self.call is None and asking and self.reason_filter.newest is not None:
-            decisions += self._open(asking, self.reason_filter.newest, now)
-        call = self.call
-        if call is None or call.answered:
-            return decisions
-        call.reasons |= asking
-        if asking or Reason.FAULT in reasons or self.reason_filter.newest is None:
-            call.gone_since = None
-        elif call.gone_since is None:
-            call.gone_since = now
-        elif self.hold is None and now - call.gone_since >= self.numbers.passed_after:
-            decisions.append(self._close(Outcome.PASSED))
-        return decisions
 
     def _update_shadow(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
         """Update the would-be hold.
@@ -310,25 +295,5 @@ class OperatorCalls:
         decisions: list[Decision] = [HoldMoved(hold, event)]
         if event is HoldEvent.TAKEN_OVER:
             accept_taken_over(call, self.reason_filter, now, self.monitor.newest.travelled)
-            if call is not None:
-                decisions.append(self._close(Outcome.TAKEN_OVER))
-        elif call is not None:
-            decisions.append(self._close(call.outcome_now))
-        return decisions
-
-    def _open(self, reasons: frozenset[Reason], seen: Assessment, now: float) -> list[Decision]:
-        scope = Acceptance.of(seen, reasons, self.numbers, now, self.monitor.newest.travelled)
-        self.call = Call(self._next_id(), seen.frame.id, set(reasons), now, seen, scope)
-        self.call.add(seen)
-        return [CallOpened(self.call), *self.holding.rename(self.call.id)]
-
-    def _close(self, outcome: Outcome) -> CallClosed:
-        assert self.call is not None
-        call, self.call = self.call, None
-        call.outcome = outcome
-        return CallClosed(call)
-
-    def _next_id(self) -> int:
-        # 16 bits on the wire; 0 means the current call or hold, so it is no id.
-        self.last_id = self.last_id % 0xFFFF + 1
-        return self.last_id
+            return decisions + self.calling.close(Outcome.TAKEN_OVER)
+        return decisions + (self.calling.close(call.outcome_now) if call is not None else [])

@@ -244,7 +244,7 @@ class AnswerHandler:
             if self._calls.go_at is None:
                 target = acknowledgement.target
                 over = texts.fit(f"{target} is closed: the go came too late")
-                taken_back = reply.go <= self._calls.holding.taken_back_at
+                taken_back = reply.go <= self._calls.holding.revoked_at
                 void = texts.go_taken_back if taken_back else texts.go_lapsed
                 text = void(self._calls.kind, target) if target == self._calls.current_id else over
                 acknowledgement = replace(acknowledgement, text=text)

@@ -82,7 +82,7 @@ class Hold:
         self.enter(HoldState.REQUESTED)
         self.resume_cancelled_at = now
 
-    def begin_anew(self) -> None:
+    def request_again(self) -> None:
         """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
         self.enter(HoldState.REQUESTED)
         self.rebooted, self.only_fault = True, False

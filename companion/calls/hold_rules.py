@@ -32,7 +32,7 @@ class HoldController:
     go_at: when the go was given that the hold waits to fulfil, None without one.
     go_counts: this go, or an earlier one that no other answer revoked, is in the journal, or the disk did not
     take it in time.
-    taken_back_at: when the newest answer that was not a go was given.
+    revoked_at: when the newest answer that was not a go was given.
     offboard_release: the release of a hold that stood on our setpoints. Nothing else is commanded meanwhile.
     """
 
@@ -43,7 +43,7 @@ class HoldController:
         self.hold: Hold | None = None
         self.go_at: float | None = None
         self.go_counts = False
-        self.taken_back_at = -math.inf
+        self.revoked_at = -math.inf
         self._first_go_at = -math.inf
         self.offboard_release: OffboardRelease | None = None
 
@@ -76,7 +76,7 @@ class HoldController:
         lost = silent_before and not report.armed and (before.armed or report.mode != hold.mode)
         if booting or lost:
             known = hold.rebooted or (before.reported_at is None and not booting)
-            hold.begin_anew()
+            hold.request_again()
             self.go_at = None
             return None if known else HoldEvent.REBOOTED
         if not hold.rebooted or report.mode is None:
@@ -158,7 +158,7 @@ class HoldController:
         does not stop a resume that an earlier go began.
         """
         if motion is not Motion.GO:
-            self.taken_back_at = at
+            self.revoked_at = at
         if self.hold is None or motion is not Motion.GO:
             self.go_at = None
             return

@@ -47,14 +47,14 @@ class OperatorCalls:
         self.reason_filter = ReasonFilter(numbers, now)
         self.monitor = ModeMonitor(numbers)
         self.holding = HoldController(numbers, self.monitor, self.reason_filter)
-        self.calling = CallController(numbers, self.monitor, self.reason_filter, self.holding, self.take_id)
+        self._calling = CallController(numbers, self.monitor, self.reason_filter, self.holding, self.take_id)
         self._reasons: frozenset[Reason] = frozenset()
         self.shadow = Shadow()
 
     def restore(self, last_id: int, call: Call | None, hold: Hold | None, mode: int | None) -> None:
         """Take the state from before a restart. mode: the autopilot's custom_mode then, None if not known."""
         self.last_id = last_id
-        self.calling.restore(call)
+        self._calling.restore(call)
         self.holding.restore(hold)
         self.monitor.restore(mode)
 
@@ -66,7 +66,7 @@ class OperatorCalls:
         time. If not, the frame may start a hold, but does not count towards its end.
         """
         self.reason_filter.add_frame(seen, now, self.monitor.newest.travelled, memory_stored=memory_stored)
-        self.calling.add_frame(seen)
+        self._calling.add_frame(seen)
         return self._settle(now)
 
     @_transition()
@@ -104,7 +104,7 @@ class OperatorCalls:
             if dropped is not None:
                 decisions.append(HoldMoved(dropped, HoldEvent.DROPPED))
         if policy is Policy.OFF:
-            decisions += self.calling.close(Outcome.SWITCHED_OFF)
+            decisions += self._calling.close(Outcome.SWITCHED_OFF)
         return decisions + self._settle(now)
 
     def retune(self, judging: Settings) -> None:
@@ -180,7 +180,7 @@ class OperatorCalls:
     @property
     def call(self) -> Call | None:
         """The open call, None without one."""
-        return self.calling.call
+        return self._calling.call
 
     @property
     def hold(self) -> Hold | None:
@@ -266,7 +266,7 @@ class OperatorCalls:
         released = self.holding.settle_release(now)
         if self.policy is Policy.OFF:
             return released
-        decisions = released + self.calling.settle(reasons, now)
+        decisions = released + self._calling.settle(reasons, now)
         if self.policy is Policy.SHADOW:
             decisions += self._update_shadow(reasons, now)
         if self.policy is Policy.HOLD and reasons and self.hold is None and self.monitor.drives_itself(now):
@@ -295,5 +295,5 @@ class OperatorCalls:
         decisions: list[Decision] = [HoldMoved(hold, event)]
         if event is HoldEvent.TAKEN_OVER:
             accept_taken_over(call, self.reason_filter, now, self.monitor.newest.travelled)
-            return decisions + self.calling.close(Outcome.TAKEN_OVER)
-        return decisions + (self.calling.close(call.outcome_now) if call is not None else [])
+            return decisions + self._calling.close(Outcome.TAKEN_OVER)
+        return decisions + (self._calling.close(call.outcome_now) if call is not None else [])

@@ -48,7 +48,7 @@ class Shadow:
         self.open, self.began_at = reasons, now
         return [WouldHold(reasons, self.count)]
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Reset the counts. A would-be hold that lasts now is counted again, as the first."""
         self.count, self.watched, self.open = 0, 0.0, frozenset()
 

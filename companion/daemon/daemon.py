@@ -148,7 +148,7 @@ class Daemon:
 
     def leave(self) -> None:
         """End in good order: hand a hold that needs our setpoint stream over to the autopilot's own mode."""
-        self._shadow.last()
+        self._shadow.log_totals()
         until = time.monotonic() + _LEAVE_WITHIN
         self.calls.holding.release(time.monotonic())
         while self.calls.holding.offboard_release is not None and time.monotonic() < until:

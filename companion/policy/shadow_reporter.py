@@ -74,7 +74,7 @@ class ShadowReporter:
             self._watched_at_text = shadow.watched
             self._link.say(self._statistics.text(shadow), NOTICE, now)
 
-    def last(self) -> None:
+    def log_totals(self) -> None:
         """Log the totals at the daemon's end."""
         if self._calls.shadow.watched:
             log.info("shadow: %s", self._statistics.line(self._calls.shadow))

@@ -138,9 +138,9 @@ class ShadowStatistics:
         values = {SHADOW_HOLDS: float(shadow.count), SHADOW_HOURS: hours} | counts
         return {name: min(value, MANY) for name, value in values.items()}
 
-    def begin_anew(self, shadow: Shadow, wall: float) -> None:
+    def reset(self, shadow: Shadow, wall: float) -> None:
         """Reset all counts. wall: the Unix time now."""
-        shadow.begin_anew()
+        shadow.reset()
         self.since, self._saved = wall, None
         self.counts = {name: Count() for name in _REASONS}
         self.newest.clear()

@@ -215,7 +215,7 @@ class SettingsService:
     def _reset_shadow_counts(self, request: ParameterRequest, now: float) -> None:
         if request.value == 0:
             log.warning("shadow counts are reset, requested by %d/%d", *request.sender)
-            self.statistics.begin_anew(self._calls.shadow, time.time())
+            self.statistics.reset(self._calls.shadow, time.time())
         else:
             self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
         self._echo_after_write(SHADOW_HOLDS, float(self._calls.shadow.count))

@@ -120,7 +120,7 @@ def test_time_alone_is_written_once_a_minute_and_a_would_be_hold_at_once() -> No
 
 def test_begun_anew_nothing_is_left() -> None:
     statistics, shadow = counted()
-    statistics.begin_anew(shadow, WALL + 5)
+    statistics.reset(shadow, WALL + 5)
     assert (shadow.count, shadow.watched) == (0, 0.0)
     assert statistics.figures(shadow)["newest"] == []
     assert set(statistics.values(shadow).values()) == {0.0}

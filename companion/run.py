@@ -34,7 +34,7 @@ from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.wire import notices, texts
 from companion.wire.ids import WARNING, State
 
@@ -68,7 +68,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     link = _open_link(config, served, memory, saved)
     closing.callback(link.close)
     first_frame = stored_u32(saved.get("frame_id")) + 1
-    vision = Vision(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
+    vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
     ready = load(vision, link, stop)
     if ready is None:

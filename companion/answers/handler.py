@@ -17,7 +17,7 @@ from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import AnswerRequest, SetRequest
 from companion.telemetry.summary import blocked_text, flags
-from companion.vision.client import Applied, Vision, VisionLostError
+from companion.vision.client import Applied, VisionClient, VisionLostError
 from companion.wire import notices, texts
 from companion.wire.answers import (
     Acknowledgement,
@@ -117,7 +117,7 @@ class AnswerHandler:
     """
 
     def __init__(
-        self, calls: OperatorCalls, vision: Vision, words: Preferences, replies: AnswerStore
+        self, calls: OperatorCalls, vision: VisionClient, words: Preferences, replies: AnswerStore
     ) -> None:
         self._calls = calls
         self._vision = vision

@@ -38,7 +38,7 @@ from companion.storage.call_files import CallFiles, PictureArchive
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import SLOW, Writer
 from companion.vehicle.state import VehiclePosition
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.ids import Policy
@@ -53,7 +53,7 @@ class Resources(NamedTuple):
     """Holds the opened resources of a daemon. Their opener closes them. saved: state from the journal."""
 
     link: Link
-    vision: Vision
+    vision: VisionClient
     journal: Journal
     writer: Writer
     served: ServedFiles

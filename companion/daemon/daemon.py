@@ -40,7 +40,7 @@ from companion.vehicle import known_autopilot
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.position import Odometer
 from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
-from companion.vision.client import Applied, Judged, Result, Vision
+from companion.vision.client import Applied, Judged, Result, VisionClient
 from companion.vision.messages import Drawn, Model
 from companion.wire import notices, texts
 from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Policy, State
@@ -65,7 +65,7 @@ class Daemon:
     def __init__(
         self,
         link: Link,
-        vision: Vision,
+        vision: VisionClient,
         calls: OperatorCalls,
         persistence: Persistence,
         answer_handler: AnswerHandler,
@@ -117,7 +117,7 @@ class Daemon:
         now = time.monotonic()
         # Checked twice in a turn: before anything is received, and before anything is sent, because the
         # process may be stopped at any point between.
-        self._stall_detector.look(now)
+        self._stall_detector.check(now)
         for event in self._link.poll(now):
             with self._error_guard.survived(type(event).__name__, now):
                 self._handle(event, now)
@@ -134,14 +134,14 @@ class Daemon:
         for say, remembered in self.persistence.due(now):
             with self._error_guard.survived("acknowledgement", now):
                 say(remembered, now)
-        self._health.look(now)
+        self._health.check(now)
         self.settings.policy.tick(now)
         self._shadow.tick(now)
         self._executor.carry_out(self.calls.tick(now), now, at_once=True)
         self._test_call.tick(now)
         self._link.stand_still(on=self.calls.holding.streams)
         self._report(now)
-        self._stall_detector.look(time.monotonic())
+        self._stall_detector.check(time.monotonic())
         self._link.tick(now)
 
     def leave(self) -> None:
@@ -221,7 +221,7 @@ class Daemon:
 
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
-        self._status.took = judged.took
+        self._status.took = judged.duration
         self._status.latencies.append(seen.age)
         self.answer_handler.words = judged.memory.preferences
         self.persistence.save_memory(judged.memory)
@@ -296,7 +296,7 @@ class Daemon:
         self.persistence.save_calls(self.calls, beside, now)
         open_id = self.calls.current_id or self._test_call.id
         self._link.set_state(self.calls.state(now), open_id, self.calls.policy)
-        said = self._active_alert.now(
+        said = self._active_alert.compose(
             self.answer_handler.words,
             self.position.place(),
             self.persistence.picture_of(open_id),

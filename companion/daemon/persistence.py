@@ -24,7 +24,7 @@ from companion.storage.batch import as_json, record_of
 from companion.storage.call_files import CallFiles, PictureArchive, address
 from companion.storage.writer import SLOW, Writer
 from companion.system.atomic_write import write_atomically
-from companion.vision.client import Applied, Vision
+from companion.vision.client import Applied, VisionClient
 from companion.vision.messages import LARGEST_PNG, Drawn
 from companion.wire.ids import State
 from companion.wire.words_text import operation_text
@@ -54,7 +54,7 @@ class Persistence:
         writer: Writer,
         pictures: PictureArchive,
         files: CallFiles,
-        vision: Vision,
+        vision: VisionClient,
         status: Path,
         stamp: Callable[[], float],
         replies: AnswerStore,
@@ -107,7 +107,7 @@ class Persistence:
         """Queue the algorithm's memory, with the other changes of this turn."""
         if memory is not self._memory:
             self._memory = memory
-            self._changes = self._changes.then(Batch(memory=memory))
+            self._changes = self._changes.merged_with(Batch(memory=memory))
 
     def memory_stored(self, now: float, memory: Memory | None = None) -> bool:
         """Whether frames judged by the newest memory may let the vehicle drive on.
@@ -145,7 +145,7 @@ class Persistence:
             self._state = state
             self._queue(lambda: Batch(state=as_json(state)))
         if self._changes:
-            self._ticket = self._writer.keep(self._changes)
+            self._ticket = self._writer.queue_batch(self._changes)
             if self._changes.memory is not None:
                 self._memory_ticket, self._memory_at = self._ticket, now
             self._changes = Batch()
@@ -188,7 +188,7 @@ class Persistence:
         entry = {"at": round(at, 2), **record}
         if target == self._answers[0]:
             self._answers[1].append(entry)
-        self._writer.write("record", partial(self._files.answered, target, entry))
+        self._writer.queue_job("record", partial(self._files.answered, target, entry))
 
     def call_opened(self, call: Call, state: State) -> None:
         """Write a new call's file, and have its frame stored and drawn."""
@@ -212,7 +212,7 @@ class Persistence:
         at = self._stamp()
         self._queue(lambda: Batch(rows=(Row.of_call(call, at),)))
         reasons = sorted(reason.value for reason in call.reasons)
-        self._writer.write(
+        self._writer.queue_job(
             "record", partial(self._files.closed, call.id, reasons, call.outcome.name.lower(), at)
         )
 
@@ -231,7 +231,7 @@ class Persistence:
 
     def drawn(self, drawn: Drawn, calls: OperatorCalls) -> None:
         """Queue pictures that vision has drawn, and the PNG of the open call's frame for the journal."""
-        number = self._drawing.pop(drawn.frame_id, 0) if drawn.kept else 0
+        number = self._drawing.pop(drawn.frame_id, 0) if drawn.stored else 0
         if number and drawn.png and calls.call is not None and calls.call.frame_id == drawn.frame_id:
             self._queue_frame(drawn.frame_id, drawn.png)
         if not self._archive.wanted or not drawn.panel:
@@ -239,9 +239,9 @@ class Persistence:
                 self._shown = number, ""
         elif number and number == self._shown[0] and drawn.thumbnail:
             store = partial(self._write_pictures, number, drawn.thumbnail, drawn.panel, drawn.title)
-            self._writer.write("picture", store)
+            self._writer.queue_job("picture", store)
         else:
-            self._writer.write("picture", partial(self._archive.add, drawn.panel, drawn.title))
+            self._writer.queue_job("picture", partial(self._archive.add, drawn.panel, drawn.title))
 
     def judged(self, seen: Assessment, at: float) -> None:
         """Count a judged frame. at: monotonic seconds when judging ended."""
@@ -296,7 +296,7 @@ class Persistence:
         """Queue the status file: figures, number of judged frames, process id and the state of the disk."""
         # It is written again every second: a torn one lasts no longer.
         content = self._status_bytes(figures)
-        self._writer.write("status", partial(write_atomically, self._status, content, sync=False))
+        self._writer.queue_job("status", partial(write_atomically, self._status, content, sync=False))
 
     def leave(self, figures: Mapping[str, Any]) -> None:
         """Write everything that waits, within `SLOW` seconds, and last the status file.
@@ -306,7 +306,7 @@ class Persistence:
         """
         # Nothing more will be sent, so that no ids need to be reserved: the next start goes on with the next.
         if self._state:
-            self._writer.keep(Batch(state=as_json({**self._state, "last_id": self._last_id})))
+            self._writer.queue_batch(Batch(state=as_json({**self._state, "last_id": self._last_id})))
         self.write_status({**figures, "recent": list(self._recent)})
         self._writer.drain()
 
@@ -323,7 +323,7 @@ class Persistence:
 
     def _queue(self, made: Callable[[], Batch]) -> None:
         try:
-            self._changes = self._changes.then(made())
+            self._changes = self._changes.merged_with(made())
         except JournalError as error:
             log.error("not stored: %s", error)
 
@@ -335,7 +335,7 @@ class Persistence:
                 LARGEST_PNG,
             )
             return
-        self._changes = self._changes.then(Batch(frame=(frame_id, png)))
+        self._changes = self._changes.merged_with(Batch(frame=(frame_id, png)))
 
     def _load_frame(self, call: Call) -> bytes | None:
         try:
@@ -358,10 +358,10 @@ class Persistence:
     def _publish(self, call: Call, seen: Assessment, state: State, title: str) -> None:
         self._draw(call.id, seen, state, title)
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
-        self._writer.write("record", partial(self._files.opened, call.id, record_of(call), answers))
+        self._writer.queue_job("record", partial(self._files.opened, call.id, record_of(call), answers))
 
     def _draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
-        asked = self._vision.draw(seen.frame.id, title, state, keep=True)
+        asked = self._vision.draw(seen.frame.id, title, state, store=True)
         self._drawing[seen.frame.id] = number
         self._shown = number, address(f"{number}.jpg") if asked and self._archive.wanted else ""
         self._shown_frame = seen

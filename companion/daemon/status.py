@@ -17,7 +17,7 @@ from companion.settings.service import SettingsService
 from companion.telemetry.summary import current_data
 from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.vision.messages import Model
 from companion.wire.ids import VERSION
 from companion.wire.payloads import CallData
@@ -37,7 +37,7 @@ class Status:
     def __init__(
         self,
         link: Link,
-        vision: Vision,
+        vision: VisionClient,
         calls: OperatorCalls,
         answer_handler: AnswerHandler,
         settings: SettingsService,
@@ -84,7 +84,7 @@ class Status:
             "latency_ms": round(1e3 * median(self.latencies), 1) if self.latencies else None,
             "test_call": self._test_call.status,
             "hold_refused": self._settings.policy.hold_refused,
-            "vision": {"trouble": self._vision.trouble, "restarts": self._vision.restarted},
+            "vision": {"trouble": self._vision.trouble, "restarts": self._vision.watchdog.restarted},
             "camera": {
                 "state": camera.state.value,
                 "reason": camera.reason,

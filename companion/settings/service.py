@@ -18,7 +18,7 @@ from companion.link.link import Link
 from companion.policy.service import AfterWrite, PolicyService
 from companion.policy.shadow import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
-from companion.vision.client import Applied, Vision
+from companion.vision.client import Applied, VisionClient
 from companion.wire import notices
 from companion.wire.answers import ForgetWord, Operation, SetWord
 from companion.wire.ids import WARNING, Policy
@@ -47,7 +47,7 @@ class SettingsService:
         self,
         parameters: Sequence[Parameter],
         link: Link,
-        vision: Vision,
+        vision: VisionClient,
         calls: OperatorCalls,
         answer_handler: AnswerHandler,
         policy: PolicyService,

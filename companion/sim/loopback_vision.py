@@ -67,10 +67,10 @@ class LoopbackVision:
                 for report in self._worker.handle(request):
                     self.report(report)
 
-    def look(self, frame: Frame) -> None:
+    def judge(self, frame: Frame) -> None:
         """Judges a frame and reports it, as if the camera had delivered it."""
         if self._worker is not None and not self.hung and not self.death:
-            self.report(self._worker.look(frame))
+            self.report(self._worker.judge(frame))
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
         """Reports that the process is alive, with the camera's status."""

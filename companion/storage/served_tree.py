@@ -35,7 +35,7 @@ class Opened(Protocol):
         """Close the file. May be called more than once."""
 
 
-class Held:
+class InMemoryFile:
     """Serves bytes in memory as an open file."""
 
     def __init__(self, content: bytes) -> None:
@@ -68,7 +68,7 @@ def read_regular_file(folder: int, name: str) -> Opened:
             raise MissingError(f"{name} is no regular file")
         if status.st_size > MAX_SIZE:
             raise FileError(f"{status.st_size} bytes, at most {MAX_SIZE} are served")
-        return Held(os.pread(descriptor, status.st_size, 0))
+        return InMemoryFile(os.pread(descriptor, status.st_size, 0))
     finally:
         os.close(descriptor)
 
@@ -107,7 +107,7 @@ class Document:
 
     def open(self) -> Opened:
         """Make the content. Raises FileError."""
-        return Held(self._make())
+        return InMemoryFile(self._make())
 
 
 class Documents:
@@ -123,7 +123,7 @@ class Documents:
     def open(self, name: str) -> Opened:
         if name not in self._sizes():
             raise MissingError(name)
-        return Held(self._make(name))
+        return InMemoryFile(self._make(name))
 
 
 class Tree:

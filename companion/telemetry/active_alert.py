@@ -43,7 +43,7 @@ class ActiveAlert:
         self.last_call = calls.call.id if calls.call is not None else 0
         """Id of the last call that was opened. A hold with another id belongs to no call."""
 
-    def now(
+    def compose(
         self, words: Preferences, place: Place, picture: str, silent: list[str], now: float
     ) -> AlertMessage | None:
         """Return the alert to announce, None when nothing is open.

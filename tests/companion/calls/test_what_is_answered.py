@@ -14,7 +14,7 @@ from anytraverse.preferences import Preferences
 from companion.answers.handler import AnswerHandler, Handled
 from companion.answers.store import AnswerStore
 from companion.link.inbound import AnswerRequest
-from companion.vision.client import Applied, Vision
+from companion.vision.client import Applied, VisionClient
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Outcome, Result, Stage
 from tests.companion.calls.scenes import ACROSS, AUTO, CLEAR, DRUM, HOLD, Scene, Thing, View
@@ -40,7 +40,7 @@ class Queue:
         go: bool = False,
         place: Place | None = None,
     ) -> bool:
-        """As `Vision.answer`."""
+        """As `VisionClient.answer`."""
         assert (call_id > 0) or frame_id == 0
         assert (place is None) == (call_id == 0)
         if not self.full:
@@ -73,7 +73,7 @@ class Talk:
         self.scene = scene
         self.eyes = Queue(scene)
         self.answer_handler = AnswerHandler(
-            scene.calls, cast(Vision, self.eyes), Preferences.of(scene.words), AnswerStore(None)
+            scene.calls, cast(VisionClient, self.eyes), Preferences.of(scene.words), AnswerStore(None)
         )
         self.said: list[Acknowledgement] = []
 

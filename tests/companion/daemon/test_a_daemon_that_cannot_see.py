@@ -176,7 +176,7 @@ def test_after_three_deaths_in_ten_minutes_the_hold_needs_a_go_and_an_alert_says
         rig.see(6.0)
     alerts = [m.text for m in rig.stage.sent("STATUSTEXT") if m.severity == 1]
     assert notices.vision_unreliable(hold=True) in alerts
-    assert rig.vision.restarted == 3
+    assert rig.vision.watchdog.restarted == 3
     assert rig.stage.mode == HOLD
     rig.see(8.0)
     assert rig.stage.mode == HOLD

@@ -112,10 +112,9 @@ def _run(daemon: Daemon, stop: Callable[[], bool]) -> None:
             daemon.turn()
             if time.monotonic() - status_at >= _STATUS_PERIOD:
                 status_at = time.monotonic()
-                daemon.persistence.write_status(daemon.status())
+                daemon.write_status()
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         daemon.report_death()
         raise
     daemon.leave()
-    daemon.persistence.leave(daemon.status())

@@ -47,6 +47,11 @@ class Queue:
             self.jobs.append((token, changes, frame_id > 0, go))
         return not self.full
 
+    @property
+    def words(self) -> Preferences:
+        """As `VisionClient.words`."""
+        return Preferences.of(self.scene.words)
+
     def apply(self) -> Applied:
         """The oldest job."""
         scene = self.scene
@@ -72,9 +77,7 @@ class Talk:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.eyes = Queue(scene)
-        self.answer_handler = AnswerHandler(
-            scene.calls, cast(VisionClient, self.eyes), Preferences.of(scene.words), AnswerStore(None)
-        )
+        self.answer_handler = AnswerHandler(scene.calls, cast(VisionClient, self.eyes), AnswerStore(None))
         self.said: list[Acknowledgement] = []
 
     def say(self, target: int, motion: Motion = Motion.NONE, **words: float) -> None:

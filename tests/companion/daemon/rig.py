@@ -136,6 +136,7 @@ class Rig:
         self.left_out = [notice for notice in news if notice != notices.stopping_unchecked()]
         assert not any("not restored" in notice or "shadow" in notice for notice in news)
         self.calls, self.persistence = self.daemon.calls, self.daemon.persistence
+        self.records = self.daemon.records
         self.answer_handler, self.settings = self.daemon.answer_handler, self.daemon.settings
 
     def _config(self) -> Config:

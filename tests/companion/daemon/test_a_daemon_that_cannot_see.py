@@ -245,7 +245,7 @@ def test_an_error_in_taking_frames_ends_in_a_fault(rig: Rig, monkeypatch: pytest
 def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rig.persistence, "call_opened", lambda *_: 1 / 0)
+    monkeypatch.setattr(rig.records, "call_opened", lambda *_: 1 / 0)
     rig.see(1.0, "drum")
     assert rig.stage.mode == HOLD
     assert rig.state == ("CALLING", 1)

@@ -138,7 +138,7 @@ class Tree:
             if not presentable(name):
                 raise ValueError(f'"{name}" cannot be the name of a file for the ground')
 
-    def beside(self, name: str, folder: ServedFolder) -> Tree:
+    def with_folder(self, name: str, folder: ServedFolder) -> Tree:
         """Return a copy with one more folder. Raises ValueError for a name that cannot be served."""
         return Tree({**self._mounts, name: folder})
 
@@ -158,8 +158,8 @@ class Tree:
             case [name] if isinstance(mount := self._mounts.get(name), Document):
                 return _guarded(mount.open)
             case [folder, name] if (mount := self._mounts.get(folder)) and not isinstance(mount, Document):
-                shelf = mount
-                return _guarded(lambda: shelf.open(name))
+                served = mount
+                return _guarded(lambda: served.open(name))
             case _:
                 raise MissingError(path)
 
@@ -189,8 +189,8 @@ def _parts(path: str) -> list[str]:
     return parts
 
 
-def _sizes(shelf: ServedFolder) -> dict[str, int]:
-    sizes = _guarded(shelf.sizes)
+def _sizes(folder: ServedFolder) -> dict[str, int]:
+    sizes = _guarded(folder.sizes)
     return {name: size for name, size in sizes.items() if presentable(name)}
 
 

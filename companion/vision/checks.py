@@ -227,9 +227,9 @@ def _check_words(words: Any) -> None:
 
 
 def _check_examples(examples: Any) -> None:
-    for word, kept in examples.items():
+    for word, taps in examples.items():
         _need(
-            _text(word) and all(isinstance(one, Example) and _is_vector(one.vector) for one in kept), "taps"
+            _text(word) and all(isinstance(one, Example) and _is_vector(one.vector) for one in taps), "taps"
         )
 
 

@@ -367,11 +367,11 @@ class VisionClient:
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=failure.cause)
         self.delivered_at = None
         self._drawing.clear()
-        given = set(self._restoring.values())
+        restoring = set(self._restoring.values())
         self._restoring.clear()
-        spoilt, self._suspects = given & self._suspects, given
+        dropped, self._suspects = restoring & self._suspects, restoring
         self._frames = OrderedDict(
-            (number, png) for number, png in self._frames.items() if png and number not in spoilt
+            (number, png) for number, png in self._frames.items() if png and number not in dropped
         )
         error = VisionLostError("vision restarted: send it again")
         asked = [token for token in self._unanswered.values() if token is not None]

@@ -10,7 +10,8 @@ from anytraverse.frame import Frame
 from anytraverse.memory import Memory
 from companion.cameras.newest import CameraStatus
 from companion.vision.codec import Splitter, decode_trusted, encode
-from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start, update_from
+from companion.vision.memory_copy import update_from
+from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start
 from companion.vision.worker import Worker, weak_in_use
 
 _MAX_REQUESTS = 256

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment
 from anytraverse.errors import AnyTraverseError
-from anytraverse.history import Entry, History, Place
+from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
@@ -24,6 +24,7 @@ from companion.tasks import Restarts
 from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
+from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import (
     Alive,
     Answer,
@@ -41,7 +42,6 @@ from companion.vision.messages import (
     Situation,
     Start,
     Tune,
-    updated,
 )
 from companion.vision.watchdog import Failure, Watchdog
 from companion.wire.ids import State
@@ -54,8 +54,6 @@ MAX_DRAWINGS = 16
 STORED_FRAMES = 2
 """Stored frames, of the open call and the hold. A restarted process gets those that have come as PNG."""
 _SITUATION_EVERY = 0.2
-_SCENES = 64
-"""Remembered scenes in one message, at most. Encoding one takes about 0.1 ms of the main loop."""
 
 
 class VisionLostError(AnyTraverseError):
@@ -115,13 +113,10 @@ class VisionClient:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
         self.watchdog = Watchdog(launch, restarts)
         self._config = config
-        self._memory = memory
-        self._revision = 0
+        self._copy = MemoryCopy(memory)
         self._expected = Expected(first_frame - 1)
         self._settings: Settings | None = None
         self._numbers = 0
-        self._scenes: deque[Entry] = deque()
-        """Scenes that a restarted process must still get."""
         self._unanswered: OrderedDict[int, object] = OrderedDict()
         self._drawing: dict[int, int] = {}
         """Number of the request -> id of the frame that it stores, 0: none."""
@@ -146,8 +141,8 @@ class VisionClient:
 
         Only after the process was ready once, or with a saved memory.
         """
-        assert self._memory is not None
-        return self._memory
+        assert self._copy.memory is not None
+        return self._copy.memory
 
     @property
     def words(self) -> Preferences:
@@ -172,8 +167,8 @@ class VisionClient:
             if self.watchdog.may_start(now) and not self.failed:
                 self._start(now)
             return []
-        if self._scenes and child.idle:
-            self._send(Scenes(self._next_scenes()))
+        if child.idle and (scenes := self._copy.next_scenes()):
+            self._send(Scenes(scenes))
         results: list[Result] = []
         try:
             ended = child.ended()
@@ -261,14 +256,9 @@ class VisionClient:
         except OSError as error:
             self._restart(Failure(f"cannot be started ({error})", "vision cannot be started"), now)
             return
-        memory, first = self._memory, self._expected.last_frame + 1
-        if memory is not None:
-            self._scenes = deque(memory.history)
-            memory = replace(memory, history=History(self._next_scenes(), memory.history.limit))
-        self._send(Start(self._config, memory, self._revision, first, len(self._scenes)))
-
-    def _next_scenes(self) -> tuple[Entry, ...]:
-        return tuple(self._scenes.popleft() for _ in range(min(_SCENES, len(self._scenes))))
+        memory, more = self._copy.first_part()
+        first = self._expected.last_frame + 1
+        self._send(Start(self._config, memory, self._copy.revision, first, more))
 
     def _failure(self, ended: str, now: float) -> Failure | None:
         if self._overflowed:
@@ -293,18 +283,11 @@ class VisionClient:
             case FrameJudged():
                 if report.update is not None:
                     self._apply_update(report.update)
-                if report.revision != self._revision:
-                    raise BadReportError(f"a frame under revision {report.revision}, not {self._revision}")
-                return [
-                    Judged(
-                        report.assessment,
-                        self.memory,
-                        report.at,
-                        report.duration,
-                        report.sectors,
-                        report.update is not None,
-                    )
-                ]
+                known, changed = self._copy.revision, report.update is not None
+                if report.revision != known:
+                    raise BadReportError(f"a frame under revision {report.revision}, not {known}")
+                seen, at, duration = report.assessment, report.at, report.duration
+                return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
             case Done():
                 if report.number not in self._unanswered:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
@@ -325,11 +308,7 @@ class VisionClient:
         return []
 
     def _apply_update(self, update: MemoryUpdate) -> None:
-        """Apply an update to the memory. Raises BadReportError when it is not based on the present copy."""
-        if update.base != self._revision or update.revision != self._revision + 1:
-            raise BadReportError(f"memory {update.revision} on {update.base}, not on {self._revision}")
-        self._memory = updated(self._memory, update)
-        self._revision = update.revision
+        self._copy.apply(update)
         self.weak = update.weak
 
     def _take_ready(self, ready: Ready, now: float) -> None:
@@ -374,11 +353,11 @@ class VisionClient:
             (number, png) for number, png in self._frames.items() if png and number not in dropped
         )
         error = VisionLostError("vision restarted: send it again")
-        asked = [token for token in self._unanswered.values() if token is not None]
+        tokens = [token for token in self._unanswered.values() if token is not None]
         self._unanswered.clear()
-        return (
-            [Applied(token, None, error, self.memory) for token in asked] if self._memory is not None else []
-        )
+        if self._copy.memory is None:
+            return []
+        return [Applied(token, None, error, self.memory) for token in tokens]
 
     def _ask(self, token: object, request: Callable[[int], Request]) -> bool:
         if not self.watchdog.responsive or len(self._unanswered) >= MAX_JOBS:

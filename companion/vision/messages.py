@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -246,29 +245,3 @@ Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Logged
 def error_text(error: BaseException) -> str:
     """Return an error's text, or its class where that is empty, of at most `LONGEST_TEXT` characters."""
     return (str(error) or type(error).__name__)[:LONGEST_TEXT]
-
-
-def update_from(
-    base: Memory | None, memory: Memory, revision: int, base_revision: int, weak: tuple[str, ...]
-) -> MemoryUpdate:
-    """Return the update that turns `base` into `memory`. base: None for a receiver without a memory."""
-    before: Mapping[int, Entry] = {} if base is None else {entry.order: entry for entry in base.history}
-    after = {entry.order: entry for entry in memory.history}
-    return MemoryUpdate(
-        revision=revision,
-        base=base_revision,
-        memory=replace(memory, history=History()),
-        limit=memory.history.limit,
-        entries=tuple(entry for stamp, entry in after.items() if before.get(stamp) is not entry),
-        removed=tuple(stamp for stamp in before if stamp not in after),
-        weak=weak,
-    )
-
-
-def updated(base: Memory | None, update: MemoryUpdate) -> Memory:
-    """Return the memory after `update`. Rows that did not change are the same objects as in `base`."""
-    entries = {} if base is None else {entry.order: entry for entry in base.history}
-    for stamp in update.removed:
-        entries.pop(stamp, None)
-    entries.update((entry.order, entry) for entry in update.entries)
-    return replace(update.memory, history=History(list(entries.values()), update.limit))

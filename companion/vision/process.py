@@ -22,6 +22,7 @@ from anytraverse.errors import AnyTraverseError
 from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
 from companion.vision.codec import Splitter, decode_trusted, encode
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Alive,
     Failed,
@@ -34,7 +35,6 @@ from companion.vision.messages import (
     Start,
     Tune,
     error_text,
-    update_from,
 )
 from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker, weak_in_use

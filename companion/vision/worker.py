@@ -19,6 +19,7 @@ from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
 from companion.vision import pictures
 from companion.vision.freeze_detector import FreezeDetector
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Answer,
     Done,
@@ -32,7 +33,6 @@ from companion.vision.messages import (
     Situation,
     Tune,
     error_text,
-    update_from,
 )
 
 log = logging.getLogger(__name__)

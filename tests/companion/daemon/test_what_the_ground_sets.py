@@ -16,7 +16,8 @@ from companion.config.schema import Mount, Stopping
 from companion.daemon.composition import restore_settings
 from companion.daemon.test_call import REQUEST
 from companion.sim.loopback_link import FileClient
-from companion.vision.messages import Model, Ready, update_from
+from companion.vision.memory_copy import update_from
+from companion.vision.messages import Model, Ready
 from companion.vision.warm_up import judging_settings
 from companion.wire.ids import Motion, Policy
 from companion.wire.parameters import NOT_IN_USE, ROI

@@ -28,6 +28,7 @@ from anytraverse.roi import Tile
 from companion.cameras.newest import CameraStatus
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
 from companion.vision.codec import Splitter, decode, encode
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     LONGEST_TEXT,
     Alive,
@@ -38,7 +39,6 @@ from companion.vision.messages import (
     Logged,
     Model,
     Ready,
-    update_from,
 )
 from companion.vision.worker import Worker
 from tests.anytraverse.conftest import Painted

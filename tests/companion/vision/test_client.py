@@ -30,6 +30,7 @@ from companion.vision.client import (
     VisionLostError,
 )
 from companion.vision.codec import CodecError
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Alive,
     Done,
@@ -40,7 +41,6 @@ from companion.vision.messages import (
     Situation,
     Start,
     Tune,
-    update_from,
 )
 from companion.vision.watchdog import SILENT_AFTER
 from companion.vision.worker import Worker

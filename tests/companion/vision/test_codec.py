@@ -37,6 +37,7 @@ from companion.vision.codec import (
     frame_of_size,
     made,
 )
+from companion.vision.memory_copy import update_from, updated
 from companion.vision.messages import (
     Alive,
     Answer,
@@ -50,8 +51,6 @@ from companion.vision.messages import (
     Ready,
     Restore,
     Start,
-    update_from,
-    updated,
 )
 from companion.vision.worker import Worker
 from companion.wire.ids import State

@@ -18,6 +18,7 @@ from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
 from companion.vision import pictures
 from companion.vision.checks import Expected, check_report
+from companion.vision.memory_copy import updated
 from companion.vision.messages import (
     Answer,
     Done,
@@ -27,7 +28,6 @@ from companion.vision.messages import (
     Restore,
     Situation,
     Tune,
-    updated,
 )
 from companion.vision.worker import RECENT, STORED_FRAMES, Worker
 from companion.wire.ids import State

@@ -31,7 +31,7 @@ from companion.config import Config
 from companion.sim.loopback_link import Wire
 from companion.sim.loopback_vision import LoopbackVision
 from companion.tasks import VISION
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.wire.answers import AnswerMessage, SetWord
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, TUNNEL_SUMMARY, Motion
 
@@ -188,7 +188,7 @@ class _Stage(Companion):
     def __init__(self, folder: Path) -> None:
         self.radio = Wire()
         self.child = LoopbackVision(make_engine)
-        vision = Vision(lambda: self.child, Config(), None, VISION)
+        vision = VisionClient(lambda: self.child, Config(), None, VISION)
         make_ready(vision, self.child)
         super().__init__(folder, lambda: self.radio.near, vision, policy="hold")
         self._frame_id = 0
@@ -212,7 +212,7 @@ class _Stage(Companion):
         self.child.work()
         image = picture(shows)
         image[1:, :, 2] = self._grain.integers(0, 256, image.shape[:2])[1:]  # no two are alike
-        self.child.look(Frame(self._frame_id, now, image))
+        self.child.judge(Frame(self._frame_id, now, image))
 
     def sent(self, kind: int) -> int:
         """How many TUNNEL payloads of this type left."""

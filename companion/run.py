@@ -33,7 +33,7 @@ from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.wire import notices, texts
 from companion.wire.ids import WARNING, State
 
@@ -67,7 +67,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     link = _open_link(config, served, memory, saved)
     closing.callback(link.close)
     first_frame = stored_u32(saved.get("frame_id")) + 1
-    vision = Vision(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
+    vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
     ready = load(vision, link, stop)
     if ready is None:
@@ -113,10 +113,9 @@ def _run(daemon: Daemon, stop: Callable[[], bool]) -> None:
             daemon.turn()
             if time.monotonic() - status_at >= _STATUS_PERIOD:
                 status_at = time.monotonic()
-                daemon.persistence.write_status(daemon.status())
+                daemon.write_status()
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         daemon.report_death()
         raise
     daemon.leave()
-    daemon.persistence.leave(daemon.status())

@@ -32,7 +32,7 @@ from companion.storage import Journal
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.tasks import VISION
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.wire.ids import Motion, Result
 from companion.wire.parameters import build
 
@@ -73,7 +73,7 @@ class CountedCalls(OperatorCalls):
         return result, decisions
 
 
-class CountedVision(Vision):
+class CountedVision(VisionClient):
     """The daemon's own vision client; `asked` stores the answers that it accepted."""
 
     asked: list[object]
@@ -93,7 +93,7 @@ class Companion:
         self,
         folder: Path,
         opener: Callable[[], Transport],
-        vision: Vision,
+        vision: VisionClient,
         settings: Settings | None = None,
         *,
         policy: str = "report",
@@ -160,7 +160,7 @@ class Rover(Companion):
             self._frame_at = max(self._frame_at + FRAME_PERIOD, now)
             self._frame_id += 1
             self._delivered_at = now
-            self._child.look(Frame(self._frame_id, now, picture(self.shows)))
+            self._child.judge(Frame(self._frame_id, now, picture(self.shows)))
         self._child.live(CameraStatus(CameraState.DELIVERING), self._delivered_at)
         super().turn()
 
@@ -171,7 +171,7 @@ class Rover(Companion):
         return self.calls.current_id == 0 and reason_filter.acceptance is None and reason_filter.ok_run > 0
 
 
-def make_ready(vision: Vision, child: LoopbackVision) -> None:
+def make_ready(vision: VisionClient, child: LoopbackVision) -> None:
     """Let a simulated vision process load."""
     while vision.ready is None:
         vision.poll(time.monotonic())

@@ -21,7 +21,7 @@ from companion.config.schema import Camera, Perceiver
 from companion.link.transport import Transport, Udp
 from companion.tasks import VISION
 from companion.vision.child import VisionChild
-from companion.vision.client import Judged, Result, Vision
+from companion.vision.client import Judged, Result, VisionClient
 from companion.wire.ids import TUNNEL_SUMMARY
 from companion.wire.payloads import Summary
 
@@ -94,7 +94,7 @@ class Ground:
         self._socket.close()
 
 
-class TimedVision(Vision):
+class TimedVision(VisionClient):
     """The daemon's vision client; `judged` stores when each frame was judged, by the one monotonic clock."""
 
     judged: dict[int, float]
@@ -154,7 +154,7 @@ def _noise(folder: Path) -> Path:
     return folder
 
 
-def _load(vision: Vision) -> None:
+def _load(vision: VisionClient) -> None:
     until = time.monotonic() + LOADED_WITHIN
     while vision.ready is None:
         vision.poll(time.monotonic())

@@ -9,7 +9,6 @@ from anytraverse.answers import Changes, Tap
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import Memory
-from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.answers.store import AnswerStore, StoredReply
 from companion.calls.decisions import Call, CallClosed, Decision, GoLapsed
@@ -17,7 +16,7 @@ from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import AnswerRequest, SetRequest
 from companion.telemetry.summary import blocked_text, flags
-from companion.vision.client import Applied, Vision, VisionLostError
+from companion.vision.client import Applied, VisionClient, VisionLostError
 from companion.wire import notices, texts
 from companion.wire.answers import (
     Acknowledgement,
@@ -116,13 +115,9 @@ class AnswerHandler:
     the motion of all answers that still wait. A go counts once its answer is stored in the journal.
     """
 
-    def __init__(
-        self, calls: OperatorCalls, vision: Vision, words: Preferences, replies: AnswerStore
-    ) -> None:
+    def __init__(self, calls: OperatorCalls, vision: VisionClient, replies: AnswerStore) -> None:
         self._calls = calls
         self._vision = vision
-        self.words = words
-        """The words in force, as the vision process reported them last."""
         self._last_sent = self._last_applied = self._last_cancelled = 0
         self._replies = replies
 
@@ -190,7 +185,6 @@ class AnswerHandler:
 
     def applied(self, applied: Applied, now: float) -> Handled:
         """Handle the vision process's result for an answer: applied or refused."""
-        self.words = applied.memory.preferences
         if isinstance(applied.token, SetRequest):
             return Handled(refused=str(applied.error or ""))
         if not isinstance(applied.token, _PendingAnswer):
@@ -316,7 +310,7 @@ class AnswerHandler:
             roi_uncertainty=roi.uncertainty if roi else None,
             worst_tile=tile.uncertainty if tile else None,
             reasons=flags(newest.reasons) if newest is not None else flags(()),
-            words=words_hash(self.words),
+            words=words_hash(self._vision.words),
             text=text,
         )
         return Handled(replies=[Reply(request, acknowledgement, changed, go)])

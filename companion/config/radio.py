@@ -126,7 +126,7 @@ class Link(Connection):
         except ValueError as error:
             yield _key_of(str(error)), str(error)
 
-    def beside(self, folder: Path) -> Link:
+    def with_paths_in(self, folder: Path) -> Link:
         """Return these settings with a relative path of the key resolved against `folder`."""
         if self.signing_key is None:
             return self

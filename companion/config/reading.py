@@ -35,9 +35,9 @@ def load_config(path: str | Path) -> Config:
     folder = main.path.parent.absolute()
     return replace(
         config,
-        perceiver=config.perceiver.beside(folder),
-        link=config.link.beside(folder),
-        journal=config.journal.beside(folder),
+        perceiver=config.perceiver.with_paths_in(folder),
+        link=config.link.with_paths_in(folder),
+        journal=config.journal.with_paths_in(folder),
     )
 
 

@@ -73,7 +73,7 @@ class Perceiver(Section):
         """The settings of ONNX Runtime."""
         return Runtime(self.providers, self.threads, self.precision)
 
-    def beside(self, folder: Path) -> Perceiver:
+    def with_paths_in(self, folder: Path) -> Perceiver:
         """Return these settings with a relative path in `name` resolved against `folder`."""
         kind, colon, argument = self.name.partition(":")
         if not argument or self.name in NAMED:
@@ -217,7 +217,7 @@ class Journal(Section):
     )
     scenes: int = setting(256, whole(1, 10_000), "answered scenes that are stored")
 
-    def beside(self, folder: Path) -> Journal:
+    def with_paths_in(self, folder: Path) -> Journal:
         """Return these settings with a relative path resolved against `folder`."""
         if not self.folder:
             return self

@@ -17,6 +17,7 @@ from companion.calls.snapshot import restore
 from companion.config import Config
 from companion.daemon.daemon import Daemon
 from companion.daemon.persistence import Persistence
+from companion.daemon.records import Records
 from companion.link.link import Link
 from companion.policy.hold_gate import HoldGate
 from companion.policy.service import PolicyService
@@ -36,7 +37,7 @@ from companion.storage.call_files import CallFiles, PictureArchive
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import SLOW, Writer
 from companion.vehicle.state import VehiclePosition
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.ids import Policy
@@ -51,7 +52,7 @@ class Resources(NamedTuple):
     """Holds the opened resources of a daemon. Their opener closes them. saved: state from the journal."""
 
     link: Link
-    vision: Vision
+    vision: VisionClient
     journal: Journal
     writer: Writer
     served: ServedFiles
@@ -85,18 +86,19 @@ def compose(
     statistics = restore_statistics(model.id, calls, saved.get("shadow"), now, startup_notices)
     replies = AnswerStore(saved.get("replies"))
     position = VehiclePosition(lambda: link.vehicle)
-    persistence = Persistence(
+    persistence = Persistence(writer, calls, replies, stored_u32(saved.get("frame_id")))
+    records = Records(
         journal,
         writer,
+        persistence,
+        vision,
+        calls,
         PictureArchive(folder / "pictures", config.pictures.keep),
         CallFiles(served.calls),
-        vision,
         folder / "status.json",
         position.clock.stamp,
-        replies,
-        stored_u32(saved.get("frame_id")),
     )
-    answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, replies)
+    answer_handler = AnswerHandler(calls, vision, replies)
     after_write = persistence.after_write
     policy = PolicyService(link, calls, policy_state, after_write, refuses=hold_gate.refuses)
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
@@ -104,11 +106,12 @@ def compose(
         parameters, link, vision, calls, answer_handler, policy, overrides, statistics, after_write
     )
     settings.start(now)
+    records.restore_call_frame()
     view = round(config.camera.view)
-    daemon = Daemon(link, vision, calls, persistence, answer_handler, settings, position, model, view=view)
-    served.show(daemon.state_file, lambda: calls.reason_filter.newest)
-    vision.tune(judging)  # no frame is judged before this
-    persistence.restore_call_frame(calls)
+    daemon = Daemon(
+        link, vision, calls, persistence, records, answer_handler, settings, position, model, view=view
+    )
+    served.started(daemon.state_file, lambda: calls.reason_filter.newest)
     return daemon
 
 

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from anytraverse.preferences import Preferences
 from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
 from companion.daemon.persistence import Persistence
+from companion.daemon.records import Records
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
 from companion.daemon.test_call import TestCall
@@ -41,7 +41,7 @@ from companion.vehicle import known_autopilot
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.position import Odometer
 from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
-from companion.vision.client import Applied, Judged, Result, Vision
+from companion.vision.client import Applied, Judged, Result, VisionClient
 from companion.vision.messages import Drawn, Model
 from companion.wire import notices, texts
 from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Policy, State
@@ -67,9 +67,10 @@ class Daemon:
     def __init__(
         self,
         link: Link,
-        vision: Vision,
+        vision: VisionClient,
         calls: OperatorCalls,
         persistence: Persistence,
+        records: Records,
         answer_handler: AnswerHandler,
         settings: SettingsService,
         position: VehiclePosition,
@@ -83,6 +84,7 @@ class Daemon:
         self._vision = vision
         self.calls = calls
         self.persistence = persistence
+        self.records = records
         self.answer_handler = answer_handler
         self.settings = settings
         self.position = position
@@ -92,21 +94,19 @@ class Daemon:
         self._odometer = Odometer()
         self._error_guard = ErrorGuard(lambda now: link.say(notices.unexpected_error(), ERROR, now))
         self._health = HealthMonitor(Liveness(tasks(calls.numbers), now), link, vision, calls, persistence)
-        self._shadow = ShadowReporter(settings.statistics, calls, link, persistence.picture)
+        self._shadow = ShadowReporter(settings.statistics, calls, link, records.draw)
         self._executor = DecisionExecutor(
             link,
+            vision,
             calls,
-            persistence,
+            records,
             self._active_alert,
             self._error_guard,
-            self._words,
-            position.place,
+            position,
             self._shadow,
         )
-        self._test_call = TestCall(persistence.folder, calls, link, self._words, position.place)
-        self._status = Status(
-            link, vision, calls, answer_handler, settings, self._test_call, persistence, position, model
-        )
+        self._test_call = TestCall(records.folder, calls, link, vision, position)
+        self._status = Status(link, vision, calls, settings, self._test_call, records, position, model)
         self._stall_detector = StallDetector(link, calls, now)
         self._turned_at = now
 
@@ -119,7 +119,7 @@ class Daemon:
         now = time.monotonic()
         # Checked twice in a turn: before anything is received, and before anything is sent, because the
         # process may be stopped at any point between.
-        self._stall_detector.look(now)
+        self._stall_detector.check(now)
         for event in self._link.poll(now):
             with self._error_guard.survived(type(event).__name__, now):
                 self._handle(event, now)
@@ -133,26 +133,35 @@ class Daemon:
         for result in self._vision.poll(now):
             with self._error_guard.survived(type(result).__name__, now):
                 self._handle_result(result, now)
-        for say, remembered in self.persistence.due(now):
+        for callback, stored in self.persistence.due(now):
             with self._error_guard.survived("acknowledgement", now):
-                say(remembered, now)
-        self._health.look(now)
+                callback(stored, now)
+        self._health.check(now)
         self.settings.policy.tick(now)
         self._shadow.tick(now)
         self._executor.carry_out(self.calls.tick(now), now, at_once=True)
         self._test_call.tick(now)
         self._link.stand_still(on=self.calls.holding.streams)
         self._report(now)
-        self._stall_detector.look(time.monotonic())
+        self._stall_detector.check(time.monotonic())
         self._link.tick(now)
 
     def leave(self) -> None:
-        """End in good order: hand a hold that needs our setpoint stream over to the autopilot's own mode."""
+        """End in good order: hand a hold that needs our setpoint stream over to the autopilot's own mode.
+
+        Then write everything that waits.
+        """
         self._shadow.log_totals()
         until = time.monotonic() + _LEAVE_WITHIN
         self.calls.holding.release(time.monotonic())
         while self.calls.holding.offboard_release is not None and time.monotonic() < until:
             self.turn()
+        self.persistence.leave()
+        self.records.leave(self.status())
+
+    def write_status(self) -> None:
+        """Queue the status file."""
+        self.records.write_status(self.status())
 
     def report_death(self) -> None:
         """Report at once that the daemon dies, to the autopilot's script and to the operator.
@@ -173,15 +182,12 @@ class Daemon:
             time.sleep(_FAREWELL_STEP)
 
     def status(self) -> dict[str, Any]:
-        """Return the figures for the status file."""
+        """Return the figures of the status file."""
         return self._status.figures(time.monotonic())
 
     def state_file(self) -> dict[str, Any]:
         """Return the figures for /state.json."""
         return self._status.state_file(time.monotonic())
-
-    def _words(self) -> Preferences:
-        return self.answer_handler.words
 
     def _wait(self) -> None:
         rest = min(_SHORTEST_TURN, TICK) - (time.monotonic() - self._turned_at)
@@ -224,15 +230,13 @@ class Daemon:
             case Applied():
                 self._applied(result, now)
             case Drawn():
-                self.persistence.drawn(result, self.calls)
+                self.records.drawn(result)
 
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
-        self._status.took = judged.took
-        self._status.latencies.append(seen.age)
-        self.answer_handler.words = judged.memory.preferences
+        self._status.frame_judged(judged)
         self.persistence.save_memory(judged.memory)
-        self.persistence.forget_lost_frames(self.calls)
+        self.records.forget_lost_frames()
         # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.
         memory_stored = self.persistence.memory_stored(now, judged.memory)
         self._executor.carry_out(
@@ -242,8 +246,8 @@ class Daemon:
             text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
             self._link.say(text, INFO, now)
-            self.persistence.picture(seen, self.calls.state(now), text)
-        if self.persistence.replace_lost_frame(self.calls, seen, now):
+            self.records.draw(seen, self.calls.state(now), text)
+        if self.records.replace_lost_frame(seen, now):
             self._link.say(texts.frame_lost(self.calls.current_id), WARNING, now)
         if seen.dropped:
             self._link.say(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
@@ -259,12 +263,12 @@ class Daemon:
             if seen.similarity is not None:
                 figures["AT_SIM"] = seen.similarity
             self._link.numbers({**figures, "AT_CALL": float(self.calls.current_id)}, now)
-        self.persistence.judged(seen, judged.at)
+        self.records.frame_judged(judged)
 
     def _applied(self, applied: Applied, now: float) -> None:
         self.persistence.save_memory(applied.memory)
-        if self.persistence.is_call_frame(applied.token):
-            self.persistence.call_frame_judged(self.calls, applied, now)
+        if self.records.is_call_frame(applied.token):
+            self.records.call_frame_judged(applied, now)
             return
         handled = self.answer_handler.applied(applied, now)
         if handled.refused:
@@ -274,7 +278,7 @@ class Daemon:
         call = self.calls.call
         if call is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
-            self.persistence.call_judged_again(call, self.calls.state(now), title)
+            self.records.call_judged_again(call, self.calls.state(now), title)
 
     def _finish_answer(self, handled: Handled, now: float) -> None:
         """Carry out the decisions of an answer and acknowledge it.
@@ -284,35 +288,35 @@ class Daemon:
         self._executor.carry_out(handled.decisions, now)
         for reply in handled.replies:
             if reply.changed:
-                self.persistence.answered(reply)
+                self.records.answered(reply)
                 self.persistence.after_write(partial(self._after_answer_write, reply))
             else:
                 ack = reply.acknowledgement
                 self._link.acknowledge(reply.request, ack, now)
                 log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
 
-    def _after_answer_write(self, reply: Reply, remembered: bool, now: float) -> None:
-        self._finish_answer(self.answer_handler.written(reply, remembered=remembered, now=now), now)
+    def _after_answer_write(self, reply: Reply, stored: bool, now: float) -> None:
+        self._finish_answer(self.answer_handler.written(reply, remembered=stored, now=now), now)
 
     def _report(self, now: float) -> None:
-        beside = {
+        settings = {
             "policy": self.settings.policy.state.saved(),
             "settings": self.settings.overrides.saved(),
             "shadow": self.settings.statistics.saved(self.calls.shadow, now),
         }
-        self.persistence.save_calls(self.calls, beside, now)
+        self.persistence.save_calls(settings, now)
         open_id = self.calls.current_id or self._test_call.id
         self._link.set_state(self.calls.state(now), open_id, self.calls.policy)
-        said = self._active_alert.now(
-            self.answer_handler.words,
+        alert = self._active_alert.compose(
+            self._vision.words,
             self.position.place(),
-            self.persistence.picture_of(open_id),
+            self.records.picture_of(open_id),
             self._health.silent(now),
             now,
         )
         # Only one text is repeated at a time: the most urgent.
-        if said is not None:
-            self._link.announce(said.data, said.text, now, quiet=said.quiet, severity=said.severity)
+        if alert is not None:
+            self._link.announce(alert.data, alert.text, now, quiet=alert.quiet, severity=alert.severity)
         elif self._test_call.id:
             self._test_call.announce(now)
         elif self.calls.policy is Policy.OFF:
@@ -322,7 +326,7 @@ class Daemon:
         else:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
         if self.persistence.memory_stored(now):
-            self.settings.send_changes(self.answer_handler.words, now)
+            self.settings.send_changes(now)
 
 
 def stop_on_signals() -> Callable[[], bool]:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
-from anytraverse.history import Place
-from anytraverse.preferences import Preferences
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
@@ -24,11 +22,13 @@ from companion.calls.decisions import (
 from companion.calls.hold import HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.daemon.health import STALLED_AFTER
-from companion.daemon.persistence import Persistence
+from companion.daemon.records import Records
 from companion.link.link import Link
 from companion.policy.shadow_reporter import ShadowReporter
 from companion.system.error_guard import ErrorGuard
 from companion.telemetry.active_alert import ActiveAlert
+from companion.vehicle.state import VehiclePosition
+from companion.vision.client import VisionClient
 from companion.wire import texts
 from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING, Kind, Outcome
 
@@ -47,21 +47,21 @@ class DecisionExecutor:
     def __init__(
         self,
         link: Link,
+        vision: VisionClient,
         calls: OperatorCalls,
-        persistence: Persistence,
+        records: Records,
         active_alert: ActiveAlert,
         error_guard: ErrorGuard,
-        words: Callable[[], Preferences],
-        place: Callable[[], Place],
+        position: VehiclePosition,
         shadow: ShadowReporter,
     ) -> None:
         self._link = link
+        self._vision = vision
         self._calls = calls
-        self._persistence = persistence
+        self._records = records
         self._active_alert = active_alert
         self._error_guard = error_guard
-        self._words = words
-        self._place = place
+        self._position = position
         self._shadow = shadow
         self._hold_to_show: HoldShown | None = None
 
@@ -100,14 +100,14 @@ class DecisionExecutor:
         match decision:
             case CallOpened(call):
                 log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))
-                self._active_alert.last_call = call.id
-                call.place = self._place()
-                self._persistence.call_opened(call, self._calls.state(now))
+                self._active_alert.call_opened(call)
+                call.place = self._position.place()
+                self._records.call_opened(call, self._calls.state(now))
             case CallClosed(call):
                 log.info("call %d closed: %s", call.id, call.outcome.name.lower())
-                data = self._active_alert.closed_call(call, self._words(), self._place(), now)
+                data = self._active_alert.closed_call(call, self._vision.words, self._position.place(), now)
                 self._link.announce(data, texts.closed(Kind.CALL, call.id, call.outcome), now)
-                self._persistence.call_closed(call)
+                self._records.call_closed(call)
             case HoldStarted(hold, reasons):
                 log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
             case HoldShown():
@@ -128,11 +128,11 @@ class DecisionExecutor:
         """Store a picture of a new hold. Called only after the hold's mode was sent: drawing takes time."""
         shown, self._hold_to_show = self._hold_to_show, None
         if shown is not None and shown.hold is self._calls.hold and self._calls.call is None:
-            self._persistence.hold_shown(shown.hold.id, shown.seen, self._calls.state(now))
+            self._records.hold_shown(shown.hold.id, shown.seen, self._calls.state(now))
 
     def _hold_moved(self, moved: HoldMoved, now: float) -> None:
         hold, autopilot = moved.hold, self._calls.monitor.newest.autopilot
-        kind = Kind.CALL if hold.id == self._active_alert.last_call else Kind.HOLD
+        kind = self._active_alert.kind_of(hold)
         log.info("hold %d: %s", hold.id, moved.event.value)
         ended = _ENDS.get(moved.event)
         if ended is not None and kind is Kind.HOLD:
@@ -153,7 +153,7 @@ class DecisionExecutor:
                 newest = self._calls.reason_filter.newest
                 if newest is not None:
                     title = f"{texts.name(kind, hold.id)} drives on"
-                    self._persistence.picture(newest, self._calls.state(now), title)
+                    self._records.draw(newest, self._calls.state(now), title)
             case HoldEvent.TAKEN_OVER:
                 mode = self._mode_name(self._calls.monitor.newest.mode or 0)
                 self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
@@ -167,5 +167,7 @@ class DecisionExecutor:
         return f"mode {mode}" if autopilot is None else autopilot.mode_name(mode)
 
     def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:
-        data = self._active_alert.closed_hold(number, outcome, self._words(), self._place(), now)
+        data = self._active_alert.closed_hold(
+            number, outcome, self._vision.words, self._position.place(), now
+        )
         self._link.announce(data, texts.closed(Kind.HOLD, number, outcome), now)

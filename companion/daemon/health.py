@@ -13,7 +13,7 @@ from companion.link.link import Link
 from companion.tasks import Liveness
 from companion.telemetry.summary import fault_name
 from companion.vehicle import known_autopilot
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.wire import notices, texts
 from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING, Policy
 
@@ -34,7 +34,7 @@ class WeakWords:
 
 
 STALLED_AFTER = 1.0
-"""Seconds between two calls of `look` after which the process counts as having been stalled."""
+"""Seconds between two calls of `check` after which the process counts as having been stalled."""
 
 
 class StallDetector:
@@ -47,11 +47,11 @@ class StallDetector:
     def __init__(self, link: Link, calls: OperatorCalls, now: float) -> None:
         self._link = link
         self._calls = calls
-        self._looked_at = now
+        self._checked_at = now
 
-    def look(self, now: float) -> None:
+    def check(self, now: float) -> None:
         """Check for a stall. Called before anything is received, and again before anything is sent."""
-        stalled, self._looked_at = now - self._looked_at, now
+        stalled, self._checked_at = now - self._checked_at, now
         if stalled > STALLED_AFTER:
             log.warning(
                 "the companion was stalled for %.1f s: check the load of this computer, and whether it slept",
@@ -77,7 +77,7 @@ class HealthMonitor:
         self,
         liveness: Liveness,
         link: Link,
-        vision: Vision,
+        vision: VisionClient,
         calls: OperatorCalls,
         persistence: Persistence,
     ) -> None:
@@ -119,9 +119,9 @@ class HealthMonitor:
         script = self._calls.holding.script_holds
         return notices.script_holds(*script) if script is not None else ""
 
-    def look(self, now: float) -> None:
+    def check(self, now: float) -> None:
         """Collect the signs of life, and report what changed."""
-        self._liveness.beat("vision", self._vision.alive_at)
+        self._liveness.beat("vision", self._vision.watchdog.alive_at)
         if self._vision.delivered_at is not None:
             self._liveness.beat("camera", self._vision.delivered_at)
         self._check_autopilot_silence(now)
@@ -142,10 +142,10 @@ class HealthMonitor:
 
         A process that dies again and again may judge some frames well in between. They must not end a hold.
         """
-        if self._vision.unreliable:
+        if self._vision.watchdog.unreliable:
             self._calls.holding.require_go(anew=not self._unreliable)
-        if self._vision.unreliable is not self._unreliable:
-            self._unreliable = self._vision.unreliable
+        if self._vision.watchdog.unreliable is not self._unreliable:
+            self._unreliable = self._vision.watchdog.unreliable
             if self._unreliable:
                 text = notices.vision_unreliable(hold=self._calls.policy is Policy.HOLD)
                 log.error("%s", text)

@@ -18,7 +18,7 @@ from companion.link.inbound import (
     WordsRequest,
 )
 from companion.link.link import Link
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
@@ -28,7 +28,7 @@ _TICK = 0.02
 _AGAIN = "starting, send it again"
 
 
-def load(vision: Vision, link: Link, stop: Callable[[], bool]) -> Ready | None:
+def load(vision: VisionClient, link: Link, stop: Callable[[], bool]) -> Ready | None:
     """Wait for the vision process's `Ready`, and run the link meanwhile. None when `stop()` came first.
 
     A process that dies is started again. Raises AnyTraverseError when the perceiver cannot be loaded.
@@ -47,7 +47,7 @@ def load(vision: Vision, link: Link, stop: Callable[[], bool]) -> Ready | None:
     return None
 
 
-def wait(link: Link, vision: Vision, seconds: float) -> None:
+def wait(link: Link, vision: VisionClient, seconds: float) -> None:
     """Wait until link or vision has data to read, `seconds` at most."""
     descriptor = vision.fileno()
     try:

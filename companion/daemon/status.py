@@ -8,16 +8,15 @@ from statistics import median
 from typing import Any
 
 from anytraverse.release import own_version
-from companion.answers.handler import AnswerHandler
 from companion.calls.machine import OperatorCalls
-from companion.daemon.persistence import Persistence
+from companion.daemon.records import Records
 from companion.daemon.test_call import TestCall
 from companion.link.link import Link
 from companion.settings.service import SettingsService
 from companion.telemetry.summary import current_data
 from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition
-from companion.vision.client import Vision
+from companion.vision.client import Judged, VisionClient
 from companion.vision.messages import Model
 from companion.wire.ids import VERSION
 from companion.wire.payloads import CallData
@@ -29,35 +28,37 @@ _NEWEST = 25
 
 
 class Status:
-    """Reads the parts and changes none.
-
-    took: seconds of judging the newest frame. latencies: seconds from capture until judged, newest frames.
-    """
+    """Reads the parts and changes none."""
 
     def __init__(
         self,
         link: Link,
-        vision: Vision,
+        vision: VisionClient,
         calls: OperatorCalls,
-        answer_handler: AnswerHandler,
         settings: SettingsService,
         test_call: TestCall,
-        persistence: Persistence,
+        records: Records,
         position: VehiclePosition,
         model: Model,
     ) -> None:
         self._link = link
         self._vision = vision
         self._calls = calls
-        self._answer_handler = answer_handler
         self._settings = settings
         self._test_call = test_call
-        self._persistence = persistence
+        self._records = records
         self._position = position
         self._model = model
         self._release = own_version()
-        self.took = 0.0
-        self.latencies: deque[float] = deque(maxlen=_NEWEST)
+        self._judging_s = 0.0
+        """Seconds of judging the newest frame."""
+        self._latencies: deque[float] = deque(maxlen=_NEWEST)
+        """Seconds from capture until judged, of the newest frames."""
+
+    def frame_judged(self, judged: Judged) -> None:
+        """Take the times of a new frame."""
+        self._judging_s = judged.duration
+        self._latencies.append(judged.assessment.age)
 
     def figures(self, now: float) -> dict[str, Any]:
         """Return all figures, for the status file: JSON values."""
@@ -70,7 +71,7 @@ class Status:
             "held_by": _held_by(self._calls),
             "switches": self._settings.policy.figures(),
             "shadow": self._settings.statistics.figures(self._calls.shadow),
-            "words": self._answer_handler.words.format(),
+            "words": self._vision.words.format(),
             "set_by_ground": self._settings.overrides.figures(),
             "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
             "similarity": newest.similarity if newest else None,
@@ -78,13 +79,13 @@ class Status:
                 "model": self._model.id,
                 "precision": self._model.precision,
                 "why": self._model.why,
-                "step_ms": round(1e3 * self.took, 1),
+                "step_ms": round(1e3 * self._judging_s, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
             },
-            "latency_ms": round(1e3 * median(self.latencies), 1) if self.latencies else None,
+            "latency_ms": round(1e3 * median(self._latencies), 1) if self._latencies else None,
             "test_call": self._test_call.status,
             "hold_refused": self._settings.policy.hold_refused,
-            "vision": {"trouble": self._vision.trouble, "restarts": self._vision.restarted},
+            "vision": {"trouble": self._vision.trouble, "restarts": self._vision.watchdog.restarted},
             "camera": {
                 "state": camera.state.value,
                 "reason": camera.reason,
@@ -96,8 +97,8 @@ class Status:
 
     def state_file(self, now: float) -> dict[str, Any]:
         """Return the most important figures, for /state.json: JSON values, some 2 kB."""
-        status, words, place = self.figures(now), self._answer_handler.words, self._position.place()
-        picture = self._persistence.picture_of(self._calls.current_id)
+        status, words, place = self.figures(now), self._vision.words, self._position.place()
+        picture = self._records.picture_of(self._calls.current_id)
         current = current_data(self._calls, words, place, picture, now)
         return {
             "version": self._release,

@@ -10,17 +10,16 @@ import contextlib
 import logging
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from anytraverse.history import Place
-from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import AnswerRequest
 from companion.link.link import Link
 from companion.telemetry.summary import call_data
+from companion.vehicle.state import VehiclePosition
+from companion.vision.client import VisionClient
 from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Kind, Motion, Outcome, Reasons, Result, Stage, words_hash
@@ -31,7 +30,7 @@ log = logging.getLogger(__name__)
 REQUEST = "test-call"
 """Name of the file that requests a test call. Its modification time, in ns, identifies the request."""
 ANSWERED_WITHIN = 60.0
-_LOOK_EVERY = 0.25
+_CHECK_PERIOD = 0.25
 _OLDEST_REQUEST = 10.0
 """Seconds after which a request is ignored: it was left by a check that is over."""
 
@@ -50,16 +49,16 @@ class TestCall:
         folder: Path,
         calls: OperatorCalls,
         link: Link,
-        words: Callable[[], Preferences],
-        place: Callable[[], Place],
+        vision: VisionClient,
+        position: VehiclePosition,
     ) -> None:
         self._request = folder / REQUEST
         self._calls = calls
         self._link = link
-        self._words = words
-        self._place = place
+        self._vision = vision
+        self._position = position
         self._open: _Open | None = None
-        self._looked_at = float("-inf")
+        self._checked_at = float("-inf")
         self.status: dict[str, Any] = {}
         """The last test call, for the status file: asked, id, state and text; who answered, after how many
         seconds; a request that was refused meanwhile."""
@@ -71,8 +70,8 @@ class TestCall:
 
     def tick(self, now: float) -> None:
         """Begin a requested test call, and end one that is over."""
-        if now - self._looked_at >= _LOOK_EVERY:
-            self._looked_at = now
+        if now - self._checked_at >= _CHECK_PERIOD:
+            self._checked_at = now
             asked = self._take_request()
             if asked is not None:
                 self._begin(asked, now)
@@ -136,8 +135,8 @@ class TestCall:
         data = call_data(
             None,
             self._calls.numbers.judging.region,
-            self._words(),
-            self._place(),
+            self._vision.words,
+            self._position.place(),
             number=number,
             kind=Kind.CALL,
             stage=Stage.OPEN,
@@ -173,7 +172,7 @@ class TestCall:
             roi_uncertainty=None,
             worst_tile=None,
             reasons=Reasons.NONE,
-            words=words_hash(self._words()),
+            words=words_hash(self._vision.words),
             text=text,
         )
         self._link.acknowledge(request, acknowledgement, now)

@@ -75,7 +75,7 @@ class Link:
         self._answers = AnswerService(self._outbox, self._text_sender, self._access, self._parameters)
         self._commands = CommandService(self._outbox, self._text_sender, self._access, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
-        served = (tree or Tree()).beside(PARAMETERS, ParameterFile(self._parameters.packed))
+        served = (tree or Tree()).with_folder(PARAMETERS, ParameterFile(self._parameters.packed))
         self._files = FtpServer(self._outbox, self._access, served)
         requests = RequestDispatcher(
             self._access,

@@ -12,7 +12,7 @@ from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
 from companion.link.inbound import ParameterRequest, Sender
 from companion.link.outbox import Outbox
-from companion.storage.served_tree import Held, MissingError, Opened
+from companion.storage.served_tree import InMemoryFile, MissingError, Opened
 from companion.wire import notices
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.packed_parameters import Asked, pack
@@ -78,7 +78,7 @@ class ParameterFile:
         file, _, query = name.partition("?")
         if file != NAME:
             raise MissingError(name)
-        return Held(self._pack(Asked.read(query)))
+        return InMemoryFile(self._pack(Asked.read(query)))
 
 
 _DIGITS = 6

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from companion.config.link_settings import LinkError
-from companion.system.wall_clock import SOFTWARE_MADE
+from companion.vehicle.state import SOFTWARE_MADE
 from companion.wire import signing as wire
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.signing import MINUTE, TICKS, SigningKey, Stream, ticks

@@ -9,8 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import RcChannels
-from companion.system.wall_clock import is_set
-from companion.vehicle.state import Vehicle
+from companion.vehicle.state import Vehicle, is_set
 
 FAILED_LASTS = 5.0
 """s that a failed RC receiver counts as failed without a new report."""

@@ -18,7 +18,7 @@ from companion.link.link import Link
 from companion.policy.service import AfterWrite, PolicyService
 from companion.policy.shadow_statistics import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
-from companion.vision.client import Applied, Vision
+from companion.vision.client import Applied, VisionClient
 from companion.wire import notices
 from companion.wire.answers import ForgetWord, Operation, SetWord
 from companion.wire.ids import WARNING, Policy
@@ -47,7 +47,7 @@ class SettingsService:
         self,
         parameters: Sequence[Parameter],
         link: Link,
-        vision: Vision,
+        vision: VisionClient,
         calls: OperatorCalls,
         answer_handler: AnswerHandler,
         policy: PolicyService,
@@ -63,6 +63,7 @@ class SettingsService:
         self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
         self._sent = {parameter.name: parameter.value for parameter in parameters}
         self._sent_words: Preferences | None = None
+        """What was sent last: sending waits until the words in use are in the journal."""
         self._link = link
         self._vision = vision
         self._calls = calls
@@ -83,7 +84,11 @@ class SettingsService:
         return {name: value for name, value in self._sent.items() if name not in self._words}
 
     def start(self, now: float) -> None:
-        """Put the link's settings in force, and send the values of all settings and words."""
+        """Put the settings in force, and send the values of all settings and words.
+
+        Vision judges no frame before this.
+        """
+        self._vision.tune(self._calls.numbers.judging)
         weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
         self._link.set_configured({**self.overrides.configured, **weights})
         if self._exceeds_link(self.overrides.values.get(BUDGET, self._link.most_budget)):
@@ -95,7 +100,7 @@ class SettingsService:
             self._echo(name, value, now)
         self._echo(POLICY, float(self._calls.policy), now)
         for name, word in self._words.items():
-            self._echo(name, self._answer_handler.words.get(word, NOT_IN_USE), now)
+            self._echo(name, self._vision.words.get(word, NOT_IN_USE), now)
 
     def set(self, request: SetRequest, now: float) -> Handled:
         """Handle a request to set a value, which is already checked to be in range.
@@ -134,11 +139,12 @@ class SettingsService:
         if applied.outcome is not None and applied.outcome.dropped:
             self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
 
-    def send_changes(self, words: Preferences, now: float) -> None:
+    def send_changes(self, now: float) -> None:
         """Send the ground the shadow counts and the weights that changed without a request for them."""
         for name, value in self.statistics.values(self._calls.shadow).items():
             if value != self._sent[name]:
                 self._echo(name, value, now)
+        words = self._vision.words
         if words == self._sent_words:
             return
         self._sent_words = words
@@ -207,7 +213,7 @@ class SettingsService:
             self._apply_to_link(name, value, now)
             self._echo_after_write(name, value)
         self.overrides.drop(*configured)
-        others = [ForgetWord(word) for word in self._answer_handler.words if word not in self._configured]
+        others = [ForgetWord(word) for word in self._vision.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
         if not self._answer_handler.set_words(request, (*others, *words)):
             self._link.acknowledge_command(request, _TRY_LATER, now)

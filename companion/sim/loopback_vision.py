@@ -10,7 +10,8 @@ from anytraverse.frame import Frame
 from anytraverse.memory import Memory
 from companion.cameras.newest import CameraStatus
 from companion.vision.codec import Splitter, decode_trusted, encode
-from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start, update_from
+from companion.vision.memory_copy import update_from
+from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start
 from companion.vision.worker import Worker, weak_in_use
 
 _MAX_REQUESTS = 256
@@ -67,10 +68,10 @@ class LoopbackVision:
                 for report in self._worker.handle(request):
                     self.report(report)
 
-    def look(self, frame: Frame) -> None:
+    def judge(self, frame: Frame) -> None:
         """Judges a frame and reports it, as if the camera had delivered it."""
         if self._worker is not None and not self.hung and not self.death:
-            self.report(self._worker.look(frame))
+            self.report(self._worker.judge(frame))
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
         """Reports that the process is alive, with the camera's status."""

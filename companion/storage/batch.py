@@ -89,7 +89,7 @@ class Batch:
     def __bool__(self) -> bool:
         return any((self.memory, self.state, self.frame, self.rows))
 
-    def then(self, newer: Batch) -> Batch:
+    def merged_with(self, newer: Batch) -> Batch:
         """Merge with a newer batch: the newer memory, state and frame replace the older, rows are joined."""
         return Batch(
             newer.memory or self.memory,

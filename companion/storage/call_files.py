@@ -14,7 +14,7 @@ from companion.system.atomic_write import write_atomically
 
 PATTERN = "[0-9]*.j*"
 """Names of the folder's files that are served."""
-KEPT = 50
+MAX_CALLS = 50
 """Calls whose files are stored; the oldest are deleted."""
 ANSWERS = 32
 """Answers in the record of a call, the newest ones."""
@@ -31,7 +31,7 @@ class CallFiles:
         self._pictured_id = 0
         """Id of the call or hold whose pictures were written last."""
 
-    def pictures(self, number: int, small: bytes, large: Path) -> None:
+    def write_pictures(self, number: int, small: bytes, large: Path) -> None:
         """Write the pictures of a call or hold. small: JPEG sized for a radio. large: file of the archive."""
         self._write(f"{number}.jpg", small)
         target = self._folder / f"{number}-large.jpg"
@@ -46,7 +46,7 @@ class CallFiles:
             self._write_record()
         self._prune(number)
 
-    def opened(
+    def begin_record(
         self, number: int, figures: Mapping[str, Any], answers: Sequence[Mapping[str, Any]] = ()
     ) -> None:
         """Write the record of a new call. figures: of `record_of`. answers: those given before a restart."""
@@ -61,13 +61,13 @@ class CallFiles:
         self._write_record()
         self._prune(number)
 
-    def answered(self, call_id: int, answer: Mapping[str, Any]) -> None:
+    def add_answer(self, call_id: int, answer: Mapping[str, Any]) -> None:
         """Add an answer to the newest call's record."""
         if call_id == self._record.get("id"):
             self._record["answers"] = [*self._record["answers"], dict(answer)][-ANSWERS:]
             self._write_record()
 
-    def closed(self, call_id: int, reasons: Sequence[str], outcome: str, at: float) -> None:
+    def close_record(self, call_id: int, reasons: Sequence[str], outcome: str, at: float) -> None:
         """Write outcome and time into the newest call's record. at: seconds since 1970."""
         if call_id == self._record.get("id"):
             self._record |= {"reasons": list(reasons), "outcome": outcome, "closed": round(at, 2)}
@@ -89,7 +89,7 @@ class CallFiles:
         for path in self._folder.iterdir():
             if named := _NAME.match(path.name):
                 found.setdefault(newest - int(named[1]) & 0xFFFF, []).append(path)
-        for age in sorted(found)[KEPT:]:
+        for age in sorted(found)[MAX_CALLS:]:
             for path in found[age]:
                 path.unlink(missing_ok=True)
 

@@ -48,7 +48,7 @@ _TABLES = {
     " record TEXT NOT NULL",
     "frame": _FRAME,
 }
-"""Table -> its columns. `owner` of words and examples: an entry's stamp, or IN_FORCE or CONFIGURED."""
+"""Table -> its columns. `owner` of words and examples: an entry's stamp, or an OWNER_ of `memory_rows`."""
 FRAME_SINCE = 3
 """The first version whose file contains the frame of the open call."""
 _UPGRADES = {

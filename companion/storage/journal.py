@@ -6,15 +6,13 @@ import json
 import logging
 import os
 import sqlite3
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
-from companion.calls.decisions import Call
-from companion.storage.batch import Batch, CallRecord, Row, as_json
+from companion.storage.batch import Batch, CallRecord, Row
 from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalError
 from companion.storage.memory_rows import read_memory, write_memory
 from companion.system.atomic_write import sync_folder
@@ -83,38 +81,18 @@ class Journal:
         """Do the maintenance that no caller should wait for. Raises JournalError."""
         self._database.tidy()
 
-    def save_memory(self, memory: Memory) -> None:
-        """Store the algorithm's memory; only changed rows are written. Raises JournalError."""
-        self.commit(Batch(memory=memory))
-
     def load_memory(self) -> Memory | None:
         """Return the memory stored last, or None."""
         return self._memory
-
-    def save_supervision(self, state: Mapping[str, Any]) -> None:
-        """Store the state of the open call and the hold: JSON values. Raises JournalError."""
-        self.commit(Batch(state=as_json(state)))
 
     def load_supervision(self) -> dict[str, Any] | None:
         """Return the state stored last, or None."""
         return None if self._state is None else _table(self._state)
 
-    def save_frame(self, frame_id: int, png: bytes) -> None:
-        """Store the frame of the open call; it replaces the one before. Raises JournalError."""
-        self.commit(Batch(frame=(frame_id, png)))
-
     def load_frame(self, frame_id: int) -> bytes | None:
         """Return the PNG of this frame; None when another one, or none, is stored. Raises JournalError."""
         found = self._database.rows("SELECT png FROM frame WHERE frame_id = ?", frame_id)
         return bytes(found[0][0]) if found else None
-
-    def record_call(self, call: Call, at: float | None = None) -> None:
-        """Store a closed call. at: seconds since 1970, by default now. Raises JournalError."""
-        self.commit(Batch(rows=(Row.of_call(call, at or time.time()),)))
-
-    def record_answer(self, call_id: int, record: Mapping[str, Any], at: float | None = None) -> None:
-        """Store an answer to a call: JSON values. at: as for a call. Raises JournalError."""
-        self.commit(Batch(rows=(Row.of_answer(call_id, record, at or time.time()),)))
 
     def calls(self, limit: int = 20) -> list[CallRecord]:
         """Return the calls that were closed last, newest first. Raises JournalError."""
@@ -146,7 +124,7 @@ class Journal:
         try:
             call = (self.load_supervision() or {}).get("call")
             if self._database.found_version < FRAME_SINCE and isinstance(call, dict) and old.exists():
-                self.save_frame(int(call["frame_id"]), old.read_bytes())
+                self.commit(Batch(frame=(int(call["frame_id"]), old.read_bytes())))
             old.unlink(missing_ok=True)
         except (OSError, JournalError, LookupError, TypeError, ValueError) as error:
             _log.warning("the frame of the open call is lost: %s", error)
@@ -191,10 +169,10 @@ def _append(connection: sqlite3.Connection, row: Row) -> None:
 
 
 def _table(state: str) -> dict[str, Any]:
-    kept = json.loads(state)
-    if not isinstance(kept, dict):
+    table = json.loads(state)
+    if not isinstance(table, dict):
         raise Damaged("the state of the calls is no table")
-    return kept
+    return table
 
 
 def _read_state(database: Database) -> str | None:

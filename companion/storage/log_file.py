@@ -35,7 +35,7 @@ class _WriterHandler(QueueHandler):
         self._lost = 0
 
     def enqueue(self, record: logging.LogRecord) -> None:
-        self._writer.write("log", partial(self._write, record))
+        self._writer.queue_job("log", partial(self._write, record))
 
     def _write(self, record: logging.LogRecord) -> None:
         lost, self._lost = self._writer.dropped["log"] - self._lost, self._writer.dropped["log"]
@@ -65,4 +65,4 @@ def log_to_file(folder: Path, writer: Writer) -> Iterator[None]:
         yield
     finally:
         root.removeHandler(handler)
-        writer.write("log", file.close)
+        writer.queue_job("log", file.close)

@@ -15,8 +15,8 @@ from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
 from companion.storage.database import Damaged
 
-IN_FORCE = -1
-CONFIGURED = -2
+OWNER_IN_USE = -1
+OWNER_CONFIGURED = -2
 """`owner` of the words in use and of the configured words; a remembered scene's is its stamp, 0 or more."""
 
 Examples = Mapping[str, tuple[Example, ...]]
@@ -50,9 +50,9 @@ def read_memory(rows: Query) -> Memory | None:
         ]
         return Memory(
             model_id=model_id,
-            preferences=Preferences(words.get(IN_FORCE)),
-            configured=Preferences(words.get(CONFIGURED)),
-            examples=examples.get(IN_FORCE, {}),
+            preferences=Preferences(words.get(OWNER_IN_USE)),
+            configured=Preferences(words.get(OWNER_CONFIGURED)),
+            examples=examples.get(OWNER_IN_USE, {}),
             settled=dict(rows("SELECT word, stamp FROM settled")),
             reference=None if reference is None else _vector(reference),
             history=History(entries, scenes),
@@ -72,9 +72,9 @@ def write_memory(connection: sqlite3.Connection, memory: Memory, stored: Memory 
     if stored is None:
         for table in ("entries", "words", "examples", "settled"):
             connection.execute(f"DELETE FROM {table}")
-    _write_words(connection, IN_FORCE, memory.preferences, stored.preferences if stored else None)
-    _write_words(connection, CONFIGURED, memory.configured, stored.configured if stored else None)
-    _write_examples(connection, IN_FORCE, memory.examples, stored.examples if stored else None)
+    _write_words(connection, OWNER_IN_USE, memory.preferences, stored.preferences if stored else None)
+    _write_words(connection, OWNER_CONFIGURED, memory.configured, stored.configured if stored else None)
+    _write_examples(connection, OWNER_IN_USE, memory.examples, stored.examples if stored else None)
     if stored is None or memory.settled != stored.settled:
         connection.execute("DELETE FROM settled")
         connection.executemany("INSERT INTO settled VALUES (?, ?)", memory.settled.items())

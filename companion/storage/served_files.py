@@ -174,8 +174,13 @@ class ServedFiles:
             }
         )
 
-    def show(self, figures: Callable[[], Mapping[str, Any]], newest: Callable[[], Assessment | None]) -> None:
-        """Serve these from now on. figures: makes the content of /state.json. newest: the newest frame."""
+    def started(
+        self, figures: Callable[[], Mapping[str, Any]], newest: Callable[[], Assessment | None]
+    ) -> None:
+        """Serve a daemon's state from now on. The link serves files before the perceiver is loaded.
+
+        figures: makes the content of /state.json. newest: the newest frame.
+        """
         self._figures, self._newest = figures, newest
 
     def _newest_frame(self) -> Assessment | None:

@@ -35,7 +35,7 @@ class Opened(Protocol):
         """Close the file. May be called more than once."""
 
 
-class Held:
+class InMemoryFile:
     """Serves bytes in memory as an open file."""
 
     def __init__(self, content: bytes) -> None:
@@ -68,7 +68,7 @@ def read_regular_file(folder: int, name: str) -> Opened:
             raise MissingError(f"{name} is no regular file")
         if status.st_size > MAX_SIZE:
             raise FileError(f"{status.st_size} bytes, at most {MAX_SIZE} are served")
-        return Held(os.pread(descriptor, status.st_size, 0))
+        return InMemoryFile(os.pread(descriptor, status.st_size, 0))
     finally:
         os.close(descriptor)
 
@@ -107,7 +107,7 @@ class Document:
 
     def open(self) -> Opened:
         """Make the content. Raises FileError."""
-        return Held(self._make())
+        return InMemoryFile(self._make())
 
 
 class Documents:
@@ -123,7 +123,7 @@ class Documents:
     def open(self, name: str) -> Opened:
         if name not in self._sizes():
             raise MissingError(name)
-        return Held(self._make(name))
+        return InMemoryFile(self._make(name))
 
 
 class Tree:
@@ -138,7 +138,7 @@ class Tree:
             if not presentable(name):
                 raise ValueError(f'"{name}" cannot be the name of a file for the ground')
 
-    def beside(self, name: str, folder: ServedFolder) -> Tree:
+    def with_folder(self, name: str, folder: ServedFolder) -> Tree:
         """Return a copy with one more folder. Raises ValueError for a name that cannot be served."""
         return Tree({**self._mounts, name: folder})
 
@@ -158,8 +158,8 @@ class Tree:
             case [name] if isinstance(mount := self._mounts.get(name), Document):
                 return _guarded(mount.open)
             case [folder, name] if (mount := self._mounts.get(folder)) and not isinstance(mount, Document):
-                shelf = mount
-                return _guarded(lambda: shelf.open(name))
+                served = mount
+                return _guarded(lambda: served.open(name))
             case _:
                 raise MissingError(path)
 
@@ -189,8 +189,8 @@ def _parts(path: str) -> list[str]:
     return parts
 
 
-def _sizes(shelf: ServedFolder) -> dict[str, int]:
-    sizes = _guarded(shelf.sizes)
+def _sizes(folder: ServedFolder) -> dict[str, int]:
+    sizes = _guarded(folder.sizes)
     return {name: size for name, size in sizes.items() if presentable(name)}
 
 

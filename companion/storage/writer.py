@@ -80,7 +80,7 @@ class Writer:
         slow = now < self._slow_until or (since is not None and now - since > SLOW)
         return _JOURNAL in self._failing_kinds or slow
 
-    def keep(self, batch: Batch) -> int:
+    def queue_batch(self, batch: Batch) -> int:
         """Queue a batch for the next commit, and return its ticket: compare it with `committed`, `failed`.
 
         When more than `MAX_ROWS` rows wait, rows are dropped, so that all earlier tickets count as failed.
@@ -89,13 +89,13 @@ class Writer:
             if len(self._batch.rows) + len(batch.rows) > MAX_ROWS:
                 self.dropped[_JOURNAL] += len(self._batch.rows) + len(batch.rows) - MAX_ROWS
                 self.failed = self._ticket
-            self._batch = self._batch.then(batch)
+            self._batch = self._batch.merged_with(batch)
             self._waits_since = self._waits_since or time.monotonic()
             self._ticket += 1
             self._changed.notify_all()
             return self._ticket
 
-    def write(self, kind: str, job: Callable[[], object]) -> None:
+    def queue_job(self, kind: str, job: Callable[[], object]) -> None:
         """Queue a job that writes a file. kind: a key of `BOUNDS`. Of errors in a row the first is logged."""
         with self._changed:
             waiting = [number for number, one in enumerate(self._jobs) if one.kind == kind]
@@ -183,7 +183,7 @@ class Writer:
         if ended - began > SLOW:
             self._slow_until = ended + _SLOW_AGAIN
         with self._changed:
-            self._batch = left.then(self._batch)
+            self._batch = left.merged_with(self._batch)
             self._waits_since = ended if self._batch else None
             # A frame that does not fit fails no ticket: what was acknowledged is on disk without it.
             if left.memory or left.state or left.rows:

@@ -1,1 +1,1 @@
-"""Helpers for every room: atomic file writes, the wall clock, an error guard, and the shipped files."""
+"""Helpers for every room: atomic file writes, an error guard, and the shipped files."""

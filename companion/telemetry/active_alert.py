@@ -9,6 +9,7 @@ from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from companion.calls.decisions import Call
+from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
 from companion.telemetry.summary import call_data, current_data, current_text
 from companion.wire import texts
@@ -40,10 +41,18 @@ class ActiveAlert:
         self._key: object = None
         self._alert: AlertMessage | None = None
         self._composed_at = 0.0
-        self.last_call = calls.call.id if calls.call is not None else 0
+        self._last_call = calls.call.id if calls.call is not None else 0
         """Id of the last call that was opened. A hold with another id belongs to no call."""
 
-    def now(
+    def call_opened(self, call: Call) -> None:
+        """Remember the id of a call, by which `kind_of` knows the call's hold after the call is closed."""
+        self._last_call = call.id
+
+    def kind_of(self, hold: Hold) -> Kind:
+        """Whether texts name a hold as a call, whose hold it is, or as a hold."""
+        return Kind.CALL if hold.id == self._last_call else Kind.HOLD
+
+    def compose(
         self, words: Preferences, place: Place, picture: str, silent: list[str], now: float
     ) -> AlertMessage | None:
         """Return the alert to announce, None when nothing is open.

@@ -24,8 +24,8 @@ from companion.vision.messages import (
     Done,
     Drawn,
     Failed,
+    FrameJudged,
     Logged,
-    Looked,
     MemoryUpdate,
     Model,
     Ready,
@@ -51,7 +51,7 @@ class Expected:
     last_frame: int
 
 
-def checked(message: Any, expected: Expected, now: float) -> Report:
+def check_report(message: Any, expected: Expected, now: float) -> Report:
     """Check a report and return it. Raises BadReportError. now: monotonic seconds."""
     try:
         _check(message, expected, now)
@@ -65,8 +65,8 @@ def checked(message: Any, expected: Expected, now: float) -> Report:
 
 def _check(message: Any, expected: Expected, now: float) -> None:
     match message:
-        case Looked():
-            _check_looked(message, expected, now)
+        case FrameJudged():
+            _check_frame_judged(message, expected, now)
         case Done(number, outcome, error, update):
             _need(_whole(number) and _text(error), "a number and a text")
             _need((outcome is None) == bool(error), "an outcome or an error")
@@ -92,7 +92,7 @@ def _check(message: Any, expected: Expected, now: float) -> None:
         case Drawn():
             texts_fit = _text(message.title) and _whole(message.number) and _whole(message.frame_id)
             pictures = (message.panel, message.thumbnail, message.png)
-            right = all(isinstance(one, bytes) for one in pictures) and isinstance(message.kept, bool)
+            right = all(isinstance(one, bytes) for one in pictures) and isinstance(message.stored, bool)
             _need(texts_fit and right, "pictures")
         case Logged(level, name, text):
             _need(_whole(level) and _text(name) and _text(text), "a line of the log")
@@ -102,17 +102,17 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             raise BadReportError(f"no report but {type(message).__name__}")
 
 
-def _check_looked(looked: Looked, expected: Expected, now: float) -> None:
-    seen = looked.assessment
+def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> None:
+    seen = judged.assessment
     _check_assessment(seen, now)
     _need(seen.frame.id > expected.last_frame, f"frame {seen.frame.id} after {expected.last_frame}")
-    _need(_past(looked.at, now) and looked.at >= seen.frame.captured_at, "when a frame was judged")
-    _need(_number(looked.took) and looked.took >= 0.0, "seconds of judging")
-    _need(_whole(looked.revision), "a revision")
-    _need(isinstance(looked.sectors, tuple) and len(looked.sectors) <= 16, "sectors")
-    _need(all(share is None or _fraction(share) for share in looked.sectors), "a sector's share")
-    if looked.update is not None:
-        _check_update(looked.update)
+    _need(_past(judged.at, now) and judged.at >= seen.frame.captured_at, "when a frame was judged")
+    _need(_number(judged.duration) and judged.duration >= 0.0, "seconds of judging")
+    _need(_whole(judged.revision), "a revision")
+    _need(isinstance(judged.sectors, tuple) and len(judged.sectors) <= 16, "sectors")
+    _need(all(share is None or _fraction(share) for share in judged.sectors), "a sector's share")
+    if judged.update is not None:
+        _check_update(judged.update)
     expected.last_frame = seen.frame.id
 
 
@@ -227,9 +227,9 @@ def _check_words(words: Any) -> None:
 
 
 def _check_examples(examples: Any) -> None:
-    for word, kept in examples.items():
+    for word, taps in examples.items():
         _need(
-            _text(word) and all(isinstance(one, Example) and _is_vector(one.vector) for one in kept), "taps"
+            _text(word) and all(isinstance(one, Example) and _is_vector(one.vector) for one in taps), "taps"
         )
 
 

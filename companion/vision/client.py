@@ -1,4 +1,4 @@
-"""Starts, watches and restarts the vision process, sends it requests and takes its reports.
+"""Sends the vision process requests, and takes its reports. `watchdog` starts, kills and restarts it.
 
 Nothing here blocks. Each report is checked before it is used.
 """
@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment
 from anytraverse.errors import AnyTraverseError
-from anytraverse.history import Entry, History, Place
+from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
+from anytraverse.preferences import Preferences
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.tasks import Restarts
-from companion.vision.checks import BadReportError, Expected, checked
+from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
+from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import (
     Alive,
     Answer,
@@ -30,8 +32,8 @@ from companion.vision.messages import (
     Draw,
     Drawn,
     Failed,
+    FrameJudged,
     Logged,
-    Looked,
     MemoryUpdate,
     Ready,
     Request,
@@ -40,8 +42,8 @@ from companion.vision.messages import (
     Situation,
     Start,
     Tune,
-    updated,
 )
+from companion.vision.watchdog import Failure, Watchdog
 from companion.wire.ids import State
 
 log = logging.getLogger(__name__)
@@ -49,19 +51,9 @@ log = logging.getLogger(__name__)
 MAX_JOBS = 8
 """Answers that may wait for their outcome at once."""
 MAX_DRAWINGS = 16
-KEPT = 2
+STORED_FRAMES = 2
 """Stored frames, of the open call and the hold. A restarted process gets those that have come as PNG."""
-SILENT_AFTER = 2.0
-"""Seconds without a sign of life, plus those of one step, after which requests are refused: their sender
-would wait in vain."""
-_STALLED = 1.0
-"""Seconds between two polls after which the supervisor itself was stalled: the silence so far is its own."""
 _SITUATION_EVERY = 0.2
-_SCENES = 64
-"""Remembered scenes in one message, at most. Encoding one takes about 0.1 ms of the main loop."""
-_DEATHS = 3
-_OFTEN = 600.0
-"""Seconds. After `_DEATHS` deaths within this time the process counts as unreliable."""
 
 
 class VisionLostError(AnyTraverseError):
@@ -73,14 +65,14 @@ class Judged:
     """Reports a new frame's assessment.
 
     memory: as it is after the frame. changed: whether the frame changed the memory. at: monotonic seconds
-    when judging ended. took: seconds of judging. sectors: drivable share of each image column over the ROI's
-    rows, None where nothing is known.
+    when judging ended. duration: seconds of judging. sectors: drivable share of each image column over the
+    ROI's rows, None where nothing is known.
     """
 
     assessment: Assessment
     memory: Memory
     at: float
-    took: float = 0.0
+    duration: float = 0.0
     sectors: tuple[float | None, ...] = ()
     changed: bool = False
 
@@ -101,12 +93,12 @@ class Applied:
 Result = Judged | Applied | Drawn
 
 
-class Vision:
-    """Owns the vision process. The main loop calls `poll` in every turn.
+class VisionClient:
+    """Converses with the vision process. The main loop calls `poll` in every turn.
 
-    memory: the newest accepted copy; a restarted process begins with it. weak: words in use that the
-    perceiver recognises badly. camera, delivered_at: as last reported. failed: why the perceiver cannot be
-    loaded, "" otherwise. trouble: why nothing is judged now, "" while all is well. restarted: how often.
+    watchdog: whether the process lives. weak: words in use that the perceiver recognises badly.
+    camera, delivered_at: as last reported. ready: the first report that a perceiver was loaded. failed: why
+    it cannot be loaded, "" otherwise. trouble: why nothing is judged now, "" while all is well.
     """
 
     def __init__(
@@ -119,21 +111,12 @@ class Vision:
         first_frame: int = 1,
     ) -> None:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
-        self._launch = launch
+        self.watchdog = Watchdog(launch, restarts)
         self._config = config
-        self._restarts = restarts
-        self._memory = memory
-        self._revision = 0
+        self._copy = MemoryCopy(memory)
         self._expected = Expected(first_frame - 1)
-        self._child: Child | None = None
-        self._restart_at = float("-inf")
-        self._started_at = self._reported_at = self._polled_at = time.monotonic()
-        self._deaths: deque[float] = deque(maxlen=_DEATHS)
-        self._failures = 0
         self._settings: Settings | None = None
         self._numbers = 0
-        self._scenes: deque[Entry] = deque()
-        """Scenes that a restarted process must still get."""
         self._unanswered: OrderedDict[int, object] = OrderedDict()
         self._drawing: dict[int, int] = {}
         """Number of the request -> id of the frame that it stores, 0: none."""
@@ -144,76 +127,59 @@ class Vision:
         processes in a row died is dropped: it may be what kills them."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
-        self._running = self._overflowed = False
+        self._overflowed = False
         self.ready: Ready | None = None
         self.failed = ""
         self.weak: tuple[str, ...] = ()
         self.camera = CameraStatus()
         self.delivered_at: float | None = None
         self.trouble = "vision starting"
-        self.restarted = 0
 
     @property
     def memory(self) -> Memory:
-        """Return the newest accepted copy. Only after the process was ready once, or with a saved memory."""
-        assert self._memory is not None
-        return self._memory
+        """Return the newest accepted copy, with which a restarted process begins.
+
+        Only after the process was ready once, or with a saved memory.
+        """
+        assert self._copy.memory is not None
+        return self._copy.memory
 
     @property
-    def alive_at(self) -> float:
-        """Return the monotonic seconds of the last sign of life; -inf while the process is not ready."""
-        return self._reported_at if self._running else float("-inf")
+    def words(self) -> Preferences:
+        """Return the words in use. Only where there is a `memory`."""
+        return self.memory.preferences
 
     @property
     def answers_within(self) -> float:
         """Return the seconds within which each waiting answer has its outcome, or the process is lost."""
-        return (MAX_JOBS + 1) * self._limit()
-
-    @property
-    def unreliable(self) -> bool:
-        """Whether the process died three times within ten minutes."""
-        return len(self._deaths) == _DEATHS and self._polled_at - self._deaths[0] <= _OFTEN
+        return (MAX_JOBS + 1) * self.watchdog.silence_limit
 
     def fileno(self) -> int | None:
         """Return the descriptor for `select`; None while there is no process. A restart changes it."""
-        return None if self._child is None else self._child.fileno()
+        child = self.watchdog.child
+        return None if child is None else child.fileno()
 
     def poll(self, now: float) -> list[Result]:
         """Return the results since the last call, oldest first; of several `Judged` only the newest."""
-        if now - self._polled_at > _STALLED:
-            self._reported_at = self._started_at = now
-        self._polled_at = now
-        if self._child is None:
-            if now >= self._restart_at and not self.failed:
+        self.watchdog.polled(now)
+        child = self.watchdog.child
+        if child is None:
+            if self.watchdog.may_start(now) and not self.failed:
                 self._start(now)
             return []
-        if self._scenes and self._child.idle:
-            self._send(Scenes(self._next_scenes()))
+        if child.idle and (scenes := self._copy.next_scenes()):
+            self._send(Scenes(scenes))
         results: list[Result] = []
         try:
-            ended = self._child.ended()
-            for packed in self._child.receive():
-                report = checked(decode(packed), self._expected, time.monotonic())
+            ended = child.ended()
+            for packed in child.receive():
+                report = check_report(decode(packed), self._expected, time.monotonic())
                 results += self._take_report(report, now)
         except (CodecError, BadReportError) as error:
-            return _newest(results) + self._restart_later(
-                f"sent nonsense ({error})", "vision sent nonsense", now
-            )
-        if self._overflowed:
-            return _newest(results) + self._restart_later(
-                "does not take what it is sent", "vision hangs", now
-            )
-        if self.failed and self.ready is not None:
-            what = f"cannot be loaded ({self.failed})"
-            return _newest(results) + self._restart_later(what, "vision cannot be loaded", now)
-        if ended:
-            return _newest(results) + self._restart_later(f"ended: {ended}", f"vision died ({ended})", now)
-        silent, limit = now - max(self._reported_at, self._started_at), self._limit()
-        if silent > limit:
-            return _newest(results) + self._restart_later(
-                f"gave no sign of life for {silent:.1f} s", "vision hangs", now
-            )
-        return _newest(results)
+            failure: Failure | None = Failure(f"sent nonsense ({error})", "vision sent nonsense")
+        else:
+            failure = self._failure(ended, now)
+        return _newest(results) + ([] if failure is None else self._restart(failure, now))
 
     def answer(
         self,
@@ -245,32 +211,33 @@ class Vision:
 
         False when the process hangs or is not ready.
         """
-        if not self._takes_jobs():
+        if not self.watchdog.responsive:
             return False
         if not self._send(Tune(settings)):
             return False
         self._settings = settings
         return True
 
-    def draw(self, frame_id: int, title: str, state: State, *, keep: bool = False) -> bool:
+    def draw(self, frame_id: int, title: str, state: State, *, store: bool = False) -> bool:
         """Request pictures of a recently judged frame; a `Drawn` follows. False when too many wait.
 
-        keep: store the frame, because it is a call's or hold's: answers and taps may refer to it from now on.
+        store: whether to store the frame, because it is a call's or hold's: answers and taps may refer to it.
         """
-        most = MAX_DRAWINGS + (KEPT if keep else 0)
-        if not self._running or len(self._drawing) >= most:
+        most = MAX_DRAWINGS + (STORED_FRAMES if store else 0)
+        if not self.watchdog.running or len(self._drawing) >= most:
             log.warning("no picture of %s: the vision process does not draw now", title)
             return False
         self._numbers += 1
-        if not self._send(Draw(self._numbers, frame_id, title, state, keep)):
+        if not self._send(Draw(self._numbers, frame_id, title, state, store)):
             return False
-        self._drawing[self._numbers] = frame_id if keep else 0
+        self._drawing[self._numbers] = frame_id if store else 0
         return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
         """Send where the vehicle is and whether it moves, at most five times a second."""
-        ready = self._running and self._child is not None and self._child.idle
-        if ready and now - self._situation_at >= _SITUATION_EVERY:
+        child = self.watchdog.child
+        idle = self.watchdog.running and child is not None and child.idle
+        if idle and now - self._situation_at >= _SITUATION_EVERY:
             self._situation_at = now
             self._send(Situation(place, moving))
 
@@ -280,37 +247,29 @@ class Vision:
 
     def close(self) -> None:
         """Kill the process. The camera is free when this returns, unless its driver hangs."""
-        if self._child is not None:
-            self._child.close()
-            self._child = None
-        self._running = self._overflowed = False
+        self.watchdog.kill()
+        self._overflowed = False
 
     def _start(self, now: float) -> None:
         try:
-            self._child = self._launch()
+            self.watchdog.start(now)
         except OSError as error:
-            self._child = None
-            self._restart_later(f"cannot be started ({error})", "vision cannot be started", now)
+            self._restart(Failure(f"cannot be started ({error})", "vision cannot be started"), now)
             return
-        self._started_at = self._reported_at = now
-        memory, first = self._memory, self._expected.last_frame + 1
-        if memory is not None:
-            self._scenes = deque(memory.history)
-            memory = replace(memory, history=History(self._next_scenes(), memory.history.limit))
-        self._send(Start(self._config, memory, self._revision, first, len(self._scenes)))
+        memory, more = self._copy.first_part()
+        first = self._expected.last_frame + 1
+        self._send(Start(self._config, memory, self._copy.revision, first, more))
 
-    def _next_scenes(self) -> tuple[Entry, ...]:
-        return tuple(self._scenes.popleft() for _ in range(min(_SCENES, len(self._scenes))))
-
-    def _limit(self) -> float:
-        """Return the seconds of silence after which the process counts as hung."""
-        if not self._running or self.ready is None:
-            return self._restarts.loading
-        return self._restarts.silent_for + 4.0 * self.ready.step
+    def _failure(self, ended: str, now: float) -> Failure | None:
+        if self._overflowed:
+            return Failure("does not take what it is sent", "vision hangs")
+        if self.failed and self.ready is not None:
+            return Failure(f"cannot be loaded ({self.failed})", "vision cannot be loaded")
+        return self.watchdog.failure(ended, now)
 
     def _take_report(self, report: object, now: float) -> list[Result]:
-        self._reported_at = now
-        if isinstance(report, (Looked, Done, Drawn)) and not self._running:
+        self.watchdog.reported(now)
+        if isinstance(report, (FrameJudged, Done, Drawn)) and not self.watchdog.running:
             raise BadReportError(f"{type(report).__name__} before it was ready")
         match report:
             case Logged(level, name, text):
@@ -321,21 +280,14 @@ class Vision:
                 self.failed = text
             case Ready():
                 self._take_ready(report, now)
-            case Looked():
+            case FrameJudged():
                 if report.update is not None:
                     self._apply_update(report.update)
-                if report.revision != self._revision:
-                    raise BadReportError(f"a frame under revision {report.revision}, not {self._revision}")
-                return [
-                    Judged(
-                        report.assessment,
-                        self.memory,
-                        report.at,
-                        report.took,
-                        report.sectors,
-                        report.update is not None,
-                    )
-                ]
+                known, changed = self._copy.revision, report.update is not None
+                if report.revision != known:
+                    raise BadReportError(f"a frame under revision {report.revision}, not {known}")
+                seen, at, duration = report.assessment, report.at, report.duration
+                return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
             case Done():
                 if report.number not in self._unanswered:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
@@ -350,17 +302,13 @@ class Vision:
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")
                 del self._drawing[report.number]
-                if report.kept:
+                if report.stored:
                     self._remember_frame(report.frame_id, report.png)
                 return [report]
         return []
 
     def _apply_update(self, update: MemoryUpdate) -> None:
-        """Apply an update to the memory. Raises BadReportError when it is not based on the present copy."""
-        if update.base != self._revision or update.revision != self._revision + 1:
-            raise BadReportError(f"memory {update.revision} on {update.base}, not on {self._revision}")
-        self._memory = updated(self._memory, update)
-        self._revision = update.revision
+        self._copy.apply(update)
         self.weak = update.weak
 
     def _take_ready(self, ready: Ready, now: float) -> None:
@@ -369,7 +317,8 @@ class Vision:
             self.failed = f"it is {ready.model.id} now, not {first.model.id}: restart the companion"
             return
         self._apply_update(ready.update)
-        self._running, self._started_at, self.trouble = True, now, ""
+        self.watchdog.ready((first or ready).step, now)
+        self.trouble = ""
         if first is None:
             self.ready = ready
             self._settings = ready.settings
@@ -382,50 +331,36 @@ class Vision:
             self._unanswered[self._numbers] = None
             self._send(self._restore(self._numbers, frame_id, png))
 
-    def _restart_later(self, what: str, short: str, now: float) -> list[Result]:
-        """Kill the process and plan its restart. Return the errors of the answers that waited.
+    def _restart(self, failure: Failure, now: float) -> list[Result]:
+        """Have the process killed and restarted. Return the errors of the answers that waited.
 
-        what: for the log. short: for the operator. A perceiver that never loaded is not tried again: the same
-        files would fail again.
+        A perceiver that never loaded is not tried again: the same files would fail again.
         """
         if self.failed and self.ready is None:
             self.close()
             return []
-        if self._running and now - self._started_at >= self._restarts.longest:
-            self._failures = 0
-        wait = 0.0 if self._failures == 0 else self._restarts.first * 2.0 ** (self._failures - 1)
-        wait = min(wait, self._restarts.longest)
-        log.error("the vision process %s; it is started again in %.0f s", what, wait)
-        self.close()
+        self.watchdog.restart_later(failure.cause, now)
+        self._overflowed = False
         self.failed = ""
-        self._failures += 1
-        self._deaths.append(now)
-        self._restart_at = now + wait
-        self.trouble = short
-        self.restarted += 1
-        self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=what)
+        self.trouble = failure.trouble
+        self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=failure.cause)
         self.delivered_at = None
         self._drawing.clear()
-        given = set(self._restoring.values())
+        restoring = set(self._restoring.values())
         self._restoring.clear()
-        spoilt, self._suspects = given & self._suspects, given
+        dropped, self._suspects = restoring & self._suspects, restoring
         self._frames = OrderedDict(
-            (number, png) for number, png in self._frames.items() if png and number not in spoilt
+            (number, png) for number, png in self._frames.items() if png and number not in dropped
         )
         error = VisionLostError("vision restarted: send it again")
-        asked = [token for token in self._unanswered.values() if token is not None]
+        tokens = [token for token in self._unanswered.values() if token is not None]
         self._unanswered.clear()
-        return (
-            [Applied(token, None, error, self.memory) for token in asked] if self._memory is not None else []
-        )
-
-    def _takes_jobs(self) -> bool:
-        if not self._running or self.ready is None:
-            return False
-        return self._polled_at - self._reported_at <= SILENT_AFTER + self.ready.step
+        if self._copy.memory is None:
+            return []
+        return [Applied(token, None, error, self.memory) for token in tokens]
 
     def _ask(self, token: object, request: Callable[[int], Request]) -> bool:
-        if not self._takes_jobs() or len(self._unanswered) >= MAX_JOBS:
+        if not self.watchdog.responsive or len(self._unanswered) >= MAX_JOBS:
             return False
         self._numbers += 1
         if not self._send(request(self._numbers)):
@@ -434,10 +369,11 @@ class Vision:
         return True
 
     def _send(self, request: Request) -> bool:
-        if self._child is None:
+        child = self.watchdog.child
+        if child is None:
             return False
         try:
-            if self._child.send(encode(request)):
+            if child.send(encode(request)):
                 return True
         except CodecError as error:
             log.error("a request was not sent to the vision process: %s", error)
@@ -451,7 +387,7 @@ class Vision:
     def _remember_frame(self, frame_id: int, png: bytes) -> None:
         self._frames[frame_id] = png
         self._frames.move_to_end(frame_id)
-        while len(self._frames) > KEPT:
+        while len(self._frames) > STORED_FRAMES:
             self._frames.popitem(last=False)
 
 

@@ -81,7 +81,7 @@ def encode(message: object) -> bytes:
 
 
 def decode(packed: bytes) -> Any:
-    """Decode a message of the vision process. Raises CodecError. `checks.checked` must check its values."""
+    """Decode a message of the vision process; `check_report` must check its values. Raises CodecError."""
     try:
         return _Unpickler(io.BytesIO(packed)).load()
     except CodecError:

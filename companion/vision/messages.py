@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -120,15 +119,15 @@ class Restore:
 class Draw:
     """Draw a recently judged frame; a `Drawn` of the same number follows.
 
-    keep: store the frame, because it is a call's or hold's: answers and taps may refer to it from now on, and
-    it is sent as PNG, too.
+    store: whether to store the frame, because it is a call's or hold's: answers and taps may refer to it from
+    now on, and it is sent as PNG, too.
     """
 
     number: int
     frame_id: int
     title: str
     state: State
-    keep: bool
+    store: bool
 
 
 Request = Start | Scenes | Tune | Situation | Answer | Restore | Draw
@@ -188,18 +187,18 @@ class Alive:
 
 
 @dataclass(frozen=True)
-class Looked:
+class FrameJudged:
     """Reports a new frame's assessment.
 
-    revision: of the memory by which it was judged. at: monotonic seconds when judging ended. took: seconds of
-    judging. sectors: drivable share of each image column over the ROI's rows, None where nothing is known.
-    update: the change of the memory by the frame itself, as the first reference or by a match.
+    revision: of the memory by which it was judged. at: monotonic seconds when judging ended. duration:
+    seconds of judging. sectors: drivable share of each image column over the ROI's rows, None where nothing
+    is known. update: the change of the memory by the frame itself, as the first reference or by a match.
     """
 
     assessment: Assessment
     revision: int
     at: float
-    took: float
+    duration: float
     sectors: tuple[float | None, ...]
     update: MemoryUpdate | None = None
 
@@ -219,7 +218,7 @@ class Drawn:
     """Carries pictures of a frame, b"" for each that could not be made or was not requested.
 
     panel: JPEG with maps and title. thumbnail: JPEG for a radio. png: the frame itself.
-    kept: whether the frame is stored, so that answers and taps may refer to it.
+    stored: whether the frame is stored, so that answers and taps may refer to it.
     """
 
     number: int
@@ -228,7 +227,7 @@ class Drawn:
     panel: bytes = b""
     thumbnail: bytes = b""
     png: bytes = b""
-    kept: bool = False
+    stored: bool = False
 
 
 @dataclass(frozen=True)
@@ -240,35 +239,9 @@ class Logged:
     text: str
 
 
-Report = Ready | Failed | Alive | Looked | Done | Drawn | Logged
+Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Logged
 
 
-def told(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return an error's text, or its class where that is empty, of at most `LONGEST_TEXT` characters."""
     return (str(error) or type(error).__name__)[:LONGEST_TEXT]
-
-
-def update_from(
-    base: Memory | None, memory: Memory, revision: int, base_revision: int, weak: tuple[str, ...]
-) -> MemoryUpdate:
-    """Return the update that turns `base` into `memory`. base: None for a receiver without a memory."""
-    before: Mapping[int, Entry] = {} if base is None else {entry.order: entry for entry in base.history}
-    after = {entry.order: entry for entry in memory.history}
-    return MemoryUpdate(
-        revision=revision,
-        base=base_revision,
-        memory=replace(memory, history=History()),
-        limit=memory.history.limit,
-        entries=tuple(entry for stamp, entry in after.items() if before.get(stamp) is not entry),
-        removed=tuple(stamp for stamp in before if stamp not in after),
-        weak=weak,
-    )
-
-
-def updated(base: Memory | None, update: MemoryUpdate) -> Memory:
-    """Return the memory after `update`. Rows that did not change are the same objects as in `base`."""
-    entries = {} if base is None else {entry.order: entry for entry in base.history}
-    for stamp in update.removed:
-        entries.pop(stamp, None)
-    entries.update((entry.order, entry) for entry in update.entries)
-    return replace(update.memory, history=History(list(entries.values()), update.limit))

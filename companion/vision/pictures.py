@@ -119,9 +119,9 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
         request.frame_id,
         request.title,
         panel=made("picture", lambda: panel(seen, request.state, request.title, region)),
-        thumbnail=made("thumbnail", lambda: thumbnail(seen, region)) if request.keep else b"",
-        png=made("copy", lambda: to_png(seen.frame.image)) if request.keep else b"",
-        kept=request.keep,
+        thumbnail=made("thumbnail", lambda: thumbnail(seen, region)) if request.store else b"",
+        png=made("copy", lambda: to_png(seen.frame.image)) if request.store else b"",
+        stored=request.store,
     )
 
 

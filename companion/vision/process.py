@@ -22,6 +22,7 @@ from anytraverse.errors import AnyTraverseError
 from companion.cameras import Playback, open_camera
 from companion.cameras.newest import CameraThread
 from companion.vision.codec import Splitter, decode_trusted, encode
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Alive,
     Failed,
@@ -33,8 +34,7 @@ from companion.vision.messages import (
     Scenes,
     Start,
     Tune,
-    told,
-    update_from,
+    error_text,
 )
 from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker, weak_in_use
@@ -138,7 +138,7 @@ def _serve(port: Port) -> None:
     try:
         ready = load_and_warm_up(start.config, start.memory)
     except AnyTraverseError as error:
-        port.send(Failed(told(error)))
+        port.send(Failed(error_text(error)))
         return
     except MemoryError:
         port.send(
@@ -150,7 +150,7 @@ def _serve(port: Port) -> None:
         return
     except Exception as error:
         log.exception("the perceiver failed to load")
-        port.send(Failed(told(AnyTraverseError(f"the perceiver failed to load: {error!r}"))))
+        port.send(Failed(error_text(AnyTraverseError(f"the perceiver failed to load: {error!r}"))))
         return
     engine, revision = ready.engine, start.revision + 1
     update = update_from(
@@ -191,6 +191,6 @@ def _judge_frames(port: Port, worker: Worker, reader: CameraThread, period: floa
         if frame is None or not tuned or now < due - period / 2:
             continue
         due = max(due + period, now - period)
-        looked = worker.look(frame)
-        if looked.update is not None or port.has_room():
-            port.send(looked)
+        judged = worker.judge(frame)
+        if judged.update is not None or port.has_room():
+            port.send(judged)

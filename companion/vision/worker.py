@@ -19,27 +19,27 @@ from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
 from companion.vision import pictures
 from companion.vision.freeze_detector import FreezeDetector
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Answer,
     Done,
     Draw,
     Drawn,
-    Looked,
+    FrameJudged,
     MemoryUpdate,
     Report,
     Request,
     Restore,
     Situation,
     Tune,
-    told,
-    update_from,
+    error_text,
 )
 
 log = logging.getLogger(__name__)
 
 RECENT = 3
 """Judged frames that can still be drawn or stored: the supervisor is at most two frames behind."""
-KEPT = 3
+STORED_FRAMES = 3
 """Stored frames of calls and holds, to which answers and taps may refer."""
 _LOGGED_AGAIN = 10.0
 
@@ -73,7 +73,7 @@ class Worker:
                 return [self._draw(request)]
         return []
 
-    def look(self, frame: Frame) -> Looked:
+    def judge(self, frame: Frame) -> FrameJudged:
         """Judge a new frame. An exception makes the frame's assessment a fault."""
         started = time.monotonic()
         try:
@@ -90,7 +90,7 @@ class Worker:
         maps, region = seen.maps, self._engine.settings.region
         shares = sectors(maps.known, maps.drivable, region) if maps is not None else ()
         update = self._update()
-        return Looked(seen, self.revision, now, now - started, shares, update)
+        return FrameJudged(seen, self.revision, now, now - started, shares, update)
 
     def _with_age(self, seen: Assessment, now: float, still: float) -> Assessment:
         """Set the age to that after judging. Add a fault when it, or `still`, is greater than T.
@@ -118,7 +118,7 @@ class Worker:
                 place=request.place or self._situation.place,
             )
         except AnyTraverseError as error:
-            return Done(request.number, None, told(error), None)
+            return Done(request.number, None, error_text(error), None)
         except Exception:
             log.exception("an answer could not be applied")
             return Done(request.number, None, "the perceiver failed on it: see the companion's log", None)
@@ -130,7 +130,7 @@ class Worker:
             outcome = self._engine.answer(Changes(), time.monotonic(), call=self._engine.observe(frame))
         except Exception as error:
             log.exception("a stored frame could not be judged")
-            return Done(request.number, None, told(error), None)
+            return Done(request.number, None, error_text(error), None)
         if outcome.call is not None:
             self._store(request.frame_id, outcome.call)
         return self._done(request.number, outcome)
@@ -148,7 +148,7 @@ class Worker:
         if seen is None:
             log.warning("no picture of %s: frame %d is gone", request.title, request.frame_id)
             return Drawn(request.number, request.frame_id, request.title)
-        if request.keep:
+        if request.store:
             self._store(request.frame_id, seen)
         region = self._engine.settings.region
         return pictures.drawn(request, seen, region)
@@ -156,7 +156,7 @@ class Worker:
     def _store(self, frame_id: int, seen: Assessment) -> None:
         self._stored[frame_id] = seen
         self._stored.move_to_end(frame_id)
-        while len(self._stored) > KEPT:
+        while len(self._stored) > STORED_FRAMES:
             self._stored.popitem(last=False)
 
     def _update(self) -> MemoryUpdate | None:

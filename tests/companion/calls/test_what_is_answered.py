@@ -14,7 +14,7 @@ from anytraverse.preferences import Preferences
 from companion.answers.handler import AnswerHandler, Handled
 from companion.answers.store import AnswerStore
 from companion.link.inbound import AnswerRequest
-from companion.vision.client import Applied, Vision
+from companion.vision.client import Applied, VisionClient
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Outcome, Result, Stage
 from tests.companion.calls.scenes import ACROSS, AUTO, CLEAR, DRUM, HOLD, Scene, Thing, View
@@ -40,12 +40,17 @@ class Queue:
         go: bool = False,
         place: Place | None = None,
     ) -> bool:
-        """As `Vision.answer`."""
+        """As `VisionClient.answer`."""
         assert (call_id > 0) or frame_id == 0
         assert (place is None) == (call_id == 0)
         if not self.full:
             self.jobs.append((token, changes, frame_id > 0, go))
         return not self.full
+
+    @property
+    def words(self) -> Preferences:
+        """As `VisionClient.words`."""
+        return Preferences.of(self.scene.words)
 
     def apply(self) -> Applied:
         """The oldest job."""
@@ -72,9 +77,7 @@ class Talk:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.eyes = Queue(scene)
-        self.answer_handler = AnswerHandler(
-            scene.calls, cast(Vision, self.eyes), Preferences.of(scene.words), AnswerStore(None)
-        )
+        self.answer_handler = AnswerHandler(scene.calls, cast(VisionClient, self.eyes), AnswerStore(None))
         self.said: list[Acknowledgement] = []
 
     def say(self, target: int, motion: Motion = Motion.NONE, **words: float) -> None:

@@ -26,7 +26,7 @@ from companion.storage import Journal
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.tasks import VISION
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from companion.vision.warm_up import judging_settings
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
@@ -124,7 +124,7 @@ class Rig:
         self.writer = Writer(self.journal)
         self.camera = PlayedCamera()
         memory, first_frame = self.journal.load_memory(), int(saved.get("frame_id", 0)) + 1
-        self.vision = Vision(self._launch, config, memory, VISION, first_frame=first_frame)
+        self.vision = VisionClient(self._launch, config, memory, VISION, first_frame=first_frame)
         for _ in range(2):
             self.vision.poll(now)
             self.child.work()
@@ -136,6 +136,7 @@ class Rig:
         self.left_out = [notice for notice in news if notice != notices.stopping_unchecked()]
         assert not any("not restored" in notice or "shadow" in notice for notice in news)
         self.calls, self.persistence = self.daemon.calls, self.daemon.persistence
+        self.records = self.daemon.records
         self.answer_handler, self.settings = self.daemon.answer_handler, self.daemon.settings
 
     def _config(self) -> Config:
@@ -196,7 +197,7 @@ class Rig:
         self.child.live(self.camera.status, self.camera.delivered_at)
         self.child.work()
         if frame is not None:
-            self.child.look(frame)
+            self.child.judge(frame)
         self._turn()
 
     def answer(

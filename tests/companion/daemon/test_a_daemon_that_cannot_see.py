@@ -178,7 +178,7 @@ def test_after_three_deaths_in_ten_minutes_the_hold_needs_a_go_and_an_alert_says
         rig.see(6.0)
     alerts = [m.text for m in rig.stage.sent("STATUSTEXT") if m.severity == 1]
     assert notices.vision_unreliable(hold=True) in alerts
-    assert rig.vision.restarted == 3
+    assert rig.vision.watchdog.restarted == 3
     assert rig.stage.mode == HOLD
     rig.see(8.0)
     assert rig.stage.mode == HOLD
@@ -240,7 +240,7 @@ def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
 def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rig.persistence, "call_opened", lambda *_: 1 / 0)
+    monkeypatch.setattr(rig.records, "call_opened", lambda *_: 1 / 0)
     rig.see(1.0, "drum")
     assert rig.stage.mode == HOLD
     assert rig.state == ("CALLING", 1)

@@ -18,7 +18,10 @@ from companion.vehicle.state import Vehicle
 from companion.wire.ids import Policy
 
 _VISION = SimpleNamespace(
-    trouble="", alive_at=0.0, delivered_at=None, camera=CameraStatus(), unreliable=False
+    trouble="",
+    delivered_at=None,
+    camera=CameraStatus(),
+    watchdog=SimpleNamespace(alive_at=0.0, unreliable=False),
 )
 
 
@@ -41,10 +44,10 @@ def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.Log
     watch = _watch(_link(None))
     with caplog.at_level(logging.WARNING, "companion.daemon.health"):
         for now in (0.0, NO_AUTOPILOT_AFTER - 0.1):
-            watch.look(now)
+            watch.check(now)
         assert "no autopilot" not in caplog.text
         for now in (NO_AUTOPILOT_AFTER, NO_AUTOPILOT_AFTER + 60):
-            watch.look(now)
+            watch.check(now)
     assert caplog.text.count("no autopilot heard") == 1
     assert "[link] url" in caplog.text
 
@@ -53,5 +56,5 @@ def test_an_autopilot_that_is_heard_is_no_matter_for_the_log(caplog: pytest.LogC
     watch = _watch(_link(Vehicle(1, autopilot=3, custom_mode=0, armed=False, heard_at=0.0, type=10)))
     with caplog.at_level(logging.INFO, "companion.daemon.health"):
         for now in (0.0, NO_AUTOPILOT_AFTER + 1):
-            watch.look(now)
+            watch.check(now)
     assert "autopilot" not in caplog.text

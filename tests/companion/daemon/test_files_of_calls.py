@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.assessment import Assessment
 from companion.storage import Journal
-from companion.storage.call_files import ANSWERS, KEPT, CallFiles
+from companion.storage.call_files import ANSWERS, MAX_CALLS, CallFiles
 from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
@@ -289,17 +289,17 @@ def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) 
     folder = tmp_path / "calls"
     files = CallFiles(folder)
     for number in [*range(65530, 65536), *range(1, 60)]:
-        files.opened(number, {})
+        files.begin_record(number, {})
     kept = sorted(int(path.stem) for path in folder.iterdir())
-    assert kept == list(range(60 - KEPT, 60))
+    assert kept == list(range(60 - MAX_CALLS, 60))
 
 
 def test_of_a_call_that_was_answered_for_ever_the_newest_answers_are_told(tmp_path: Path) -> None:
     files = CallFiles(tmp_path)
     for earlier in (), [{"number": -1}] * ANSWERS:
-        files.opened(7, {}, earlier)
+        files.begin_record(7, {}, earlier)
         for number in range(ANSWERS + 3):
-            files.answered(7, {"number": number})
+            files.add_answer(7, {"number": number})
         kept = [one["number"] for one in json.loads((tmp_path / "7.json").read_text())["answers"]]
         assert kept == list(range(3, ANSWERS + 3))
 
@@ -309,7 +309,7 @@ def test_what_a_kill_left_of_a_file_goes_with_its_call(tmp_path: Path) -> None:
     torn, newer = tmp_path / ".1-large.jpg.part", tmp_path / ".9.json.part"
     for path in (torn, newer):
         path.write_bytes(b"half of")
-    for number in range(10, 9 + KEPT):
-        files.opened(number, {})
+    for number in range(10, 9 + MAX_CALLS):
+        files.begin_record(number, {})
     assert not torn.exists()
     assert newer.exists(), "its call is one of the newest"

@@ -24,7 +24,7 @@ from companion.sim.field.things import World
 from companion.vehicle.state import MOVES, is_moving
 from companion.vehicle.state import Vehicle as Told
 from companion.vision.freeze_detector import CHANGED_REGIONS, FreezeDetector, changed_regions, luma
-from companion.vision.messages import Looked, Situation
+from companion.vision.messages import FrameJudged, Situation
 from companion.vision.worker import Worker
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import AUTO, MANUAL, PERIOD, MakeRig, Rig, picture
@@ -177,11 +177,11 @@ def test_the_worker_says_so_after_t_and_until_the_picture_changes(monkeypatch: p
     worker = Worker(engine, 1)
     worker.handle(Situation(Place(), moving=True))
 
-    def look(seconds: float, scene: int = 0) -> Looked:
+    def look(seconds: float, scene: int = 0) -> FrameJudged:
         clock.now += seconds
-        return worker.look(Frame(1, clock.now, picture(scene=scene)))
+        return worker.judge(Frame(1, clock.now, picture(scene=scene)))
 
-    def frozen(looked: Looked) -> bool:
+    def frozen(looked: FrameJudged) -> bool:
         finding = looked.assessment.finding(Reason.FAULT)
         return finding is not None and finding.figure == "camera frozen"
 

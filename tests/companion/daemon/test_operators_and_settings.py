@@ -71,11 +71,11 @@ def test_a_tap_without_a_call_is_refused_with_what_to_do(rig: Rig) -> None:
 def test_to_forget_what_is_not_there_answers_no_call(
     held: Rig, operation: ForgetWord | ForgetCall, text: str
 ) -> None:
-    words = held.answer_handler.words
+    words = held.vision.words
     held.answer(1, Motion.GO, SetWord("drum", 1.0), operation)
     held.see(2.0, "drum")
     assert (held.acks[-1].result, held.acks[-1].text) == (Result.REFUSED, text)
-    assert (held.state, held.stage.mode, held.answer_handler.words) == (("CALLING", 1), HOLD, words)
+    assert (held.state, held.stage.mode, held.vision.words) == (("CALLING", 1), HOLD, words)
 
 
 def test_a_word_forgotten_once_is_acknowledged_again_over_a_restart_and_refused_as_a_new_answer(
@@ -144,7 +144,7 @@ def test_an_answer_to_what_is_not_open_is_refused_with_the_reason(rig: Rig, moti
         Result.STALE,
         "No open call or hold 9: nothing changed",
     )
-    assert "drum" not in rig.answer_handler.words
+    assert "drum" not in rig.vision.words
 
 
 def test_an_answer_whose_call_closes_meanwhile_is_told_so_and_moves_nothing(held: Rig) -> None:
@@ -166,7 +166,7 @@ def test_a_word_that_the_perceiver_does_not_know_is_refused_by_name(rig: Rig) ->
     rig.see(0.3)
     assert rig.acks[-1].result is Result.REFUSED
     assert "unicorn" in rig.acks[-1].text
-    assert rig.answer_handler.words.format() == "grass: 1; rock: -1"
+    assert rig.vision.words.format() == "grass: 1; rock: -1"
 
 
 def test_a_parameter_that_the_perceiver_refuses_echoes_the_old_value_with_a_text(

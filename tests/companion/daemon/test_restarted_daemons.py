@@ -108,7 +108,7 @@ def test_words_answered_before_a_restart_are_in_force_after_it(held: Rig) -> Non
     held.see(1.0, "drum")
     held.restart()
     held.see(2.0, "drum")
-    assert held.answer_handler.words.format() == "grass: 1; rock: -1; drum: -1"
+    assert held.vision.words.format() == "grass: 1; rock: -1; drum: -1"
     assert held.state == ("BLOCKED", 1)
 
 
@@ -124,7 +124,7 @@ def test_ids_rise_over_restarts(rig: Rig) -> None:
 def test_an_orderly_stop_skips_no_id(rig: Rig) -> None:
     rig.wait(2.0)
     assert rig.state[1] == 1
-    rig.persistence.leave(rig.daemon.status())
+    rig.daemon.leave()
     rig.restart()
     rig.see(5.0, "drum")
     assert rig.state == ("CALLING", 2)
@@ -132,7 +132,7 @@ def test_an_orderly_stop_skips_no_id(rig: Rig) -> None:
 
 def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_the_end(rig: Rig) -> None:
     path = rig.folder / "status.json"
-    rig.persistence.write_status(rig.daemon.status())
+    rig.daemon.write_status()
     rig.writer.drain()
     status = json.loads(path.read_text())
     assert set(status) == {
@@ -161,13 +161,13 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
     assert (status["state"], status["policy"], status["frames"]) == ("ok", "hold", 10)
     assert status["link"]["connections"]["main"]["mavlink"] == 2
     assert status["link"]["connections"]["main"]["sent"] == status["link"]["sent"]
-    rig.persistence.leave(rig.daemon.status())
+    rig.daemon.leave()
     assert len(json.loads(path.read_text())["recent"]) == 10
 
 
 def test_a_status_file_that_cannot_be_written_is_no_fault(rig: Rig) -> None:
     (rig.folder / "status.part").mkdir()
-    rig.persistence.write_status(rig.daemon.status())
+    rig.daemon.write_status()
     rig.see(1.0)
     assert rig.state == ("OK", 0)
 

@@ -27,7 +27,8 @@ from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.settings.mapping import restored_policy
 from companion.sim.loopback_link import LoopbackLink
-from companion.storage import Journal
+from companion.storage import Batch, Journal
+from companion.storage.batch import as_json
 from companion.storage.writer import SLOW
 from companion.tasks import VISION
 from companion.vision.client import MAX_JOBS
@@ -152,9 +153,9 @@ def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
 ) -> None:
     journal = Journal(tmp_path / "state")
     words = config.preferences.merged(Preferences.of({"rock": -0.25}, 3))
-    journal.save_memory(replace(first_memory("painted-1", config.preferences), preferences=words))
+    journal.commit(Batch(memory=replace(first_memory("painted-1", config.preferences), preferences=words)))
     settings = {"model": "painted-1", "values": {"AT_THR_ROI": [0.55, 0.3], "AT_SUM_HZ": [2.0, 1.0]}}
-    journal.save_supervision({"settings": settings})
+    journal.commit(Batch(state=as_json({"settings": settings})))
     journal.close()
     config = replace(config, perceiver=replace(config.perceiver, name="painted:slow"))
     parser, ground = mavlink.MAVLink(None), mavlink.MAVLink(None, 255, 190)
@@ -320,7 +321,9 @@ def test_a_signal_while_loading_ends_it_and_the_vision_process(config: Config) -
 
 def test_a_supervision_that_makes_no_sense_is_left_aside(config: Config, tmp_path: Path) -> None:
     journal = Journal(tmp_path / "state")
-    journal.save_supervision({"call": "?", "hold": 7, "last_id": "x", "frame_id": -3, "replies": [1, "two"]})
+    journal.commit(
+        Batch(state=as_json({"call": "?", "hold": 7, "last_id": "x", "frame_id": -3, "replies": [1, "two"]}))
+    )
     journal.close()
     path = tmp_path / "state" / "status.json"
     assert start(config, until(path.is_file)) == 0

@@ -198,7 +198,7 @@ def test_a_mode_on_its_way_to_the_autopilot_is_caught_by_a_human(held: Rig) -> N
 def test_the_status_file_says_who_switched_off(rig: Rig) -> None:
     rig.set("AT_POLICY", float(Policy.OFF))
     rig.see(0.3)
-    rig.persistence.write_status(rig.daemon.status())
+    rig.daemon.write_status()
     rig.writer.drain()
     status = json.loads((rig.folder / "status.json").read_text())
     assert status["switches"] == {"in_force": "off", "off_by": "255/190"}

@@ -69,7 +69,7 @@ def test_any_answer_closes_it_and_says_who_answered_and_when(rig: Rig, motion: M
 
 
 def test_it_holds_nothing_and_teaches_nothing(rig: Rig) -> None:
-    before, memory = rig.answer_handler.words, rig.engine.memory
+    before, memory = rig.vision.words, rig.engine.memory
     ask(rig)
     rig.see(3.0)
     assert rig.stage.mode == AUTO
@@ -79,7 +79,7 @@ def test_it_holds_nothing_and_teaches_nothing(rig: Rig) -> None:
     (ack,) = rig.acks
     assert ack.result is Result.REFUSED
     assert "a test teaches no words" in ack.text
-    assert rig.answer_handler.words == before
+    assert rig.vision.words == before
     assert rig.engine.memory.history == memory.history
     assert rig.engine.memory.reference is memory.reference
     assert rig.calls.reason_filter.acceptance is None
@@ -102,7 +102,7 @@ def test_words_without_a_call_are_taken_as_ever_while_a_test_is_open(rig: Rig) -
     rig.word(0, "drum", -1.0)
     rig.see(1.0)
     assert rig.acks[-1].result is Result.APPLIED
-    assert "drum" in rig.answer_handler.words
+    assert "drum" in rig.vision.words
     assert status(rig)["state"] == "open"
 
 

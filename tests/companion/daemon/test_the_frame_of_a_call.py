@@ -17,7 +17,9 @@ def judged(rig: Rig, thing: str) -> None:
     """A frame is judged; the supervisor has not heard of it, nor vision of what it asks for."""
     rig.clock.now += PERIOD
     rig.frame_id += 1
-    rig.child.look(Frame(rig.frame_id, rig.clock.now - rig.latency, picture(thing, scene=rig.frame_id % 256)))
+    rig.child.judge(
+        Frame(rig.frame_id, rig.clock.now - rig.latency, picture(thing, scene=rig.frame_id % 256))
+    )
 
 
 def until_open(rig: Rig, thing: str = "drum") -> None:

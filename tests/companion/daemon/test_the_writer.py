@@ -39,9 +39,9 @@ def answer(number: int) -> Batch:
 
 def test_the_journal_goes_first_then_jobs_in_their_order(writer: Writer) -> None:
     done: list[object] = []
-    writer.write("record", partial(done.append, "first"))
-    writer.write("picture", partial(done.append, "second"))
-    writer.keep(Batch(state="{}"))
+    writer.queue_job("record", partial(done.append, "first"))
+    writer.queue_job("picture", partial(done.append, "second"))
+    writer.queue_batch(Batch(state="{}"))
     assert writer.run_once()
     assert (writer.committed, done) == (1, [])
     writer.drain()
@@ -52,9 +52,9 @@ def test_the_journal_goes_first_then_jobs_in_their_order(writer: Writer) -> None
 def test_a_journal_that_always_has_news_does_not_keep_jobs_waiting_for_ever(writer: Writer) -> None:
     done: list[int] = []
     for number in range(3):
-        writer.write("record", partial(done.append, number))
+        writer.queue_job("record", partial(done.append, number))
     for _ in range(6):
-        writer.keep(Batch(state="{}"))
+        writer.queue_batch(Batch(state="{}"))
         writer.run_once()
     assert (done, writer.committed) == ([0, 1, 2], 6)
 
@@ -63,7 +63,7 @@ def test_of_what_waits_the_newest_state_and_every_row_are_one_transaction(
     writer: Writer, journal: Journal
 ) -> None:
     for number in range(5):
-        writer.keep(answer(number).then(Batch(state=f'{{"last_id": {number}}}')))
+        writer.queue_batch(answer(number).merged_with(Batch(state=f'{{"last_id": {number}}}')))
     assert writer.run_once()
     assert (writer.committed, journal.load_supervision()) == (5, {"last_id": 4})
     assert [journal.answers(number) for number in range(5)] == [({"number": n},) for n in range(5)]
@@ -76,7 +76,7 @@ def test_of_each_kind_no_more_than_its_bound_waits_and_the_oldest_goes(
     writer = Writer(Journal(tmp_path_factory.mktemp("journal")))
     done: list[tuple[str, int]] = []
     for job in jobs:
-        writer.write(job[0], partial(done.append, job))
+        writer.queue_job(job[0], partial(done.append, job))
     writer.close()
     newest = {kind: [job for job in jobs if job[0] == kind][-bound:] for kind, bound in BOUNDS.items()}
     assert {kind: [job for job in done if job[0] == kind] for kind in BOUNDS} == newest
@@ -85,7 +85,7 @@ def test_of_each_kind_no_more_than_its_bound_waits_and_the_oldest_goes(
 
 
 def test_more_rows_than_there_is_room_for_count_as_failed(writer: Writer, journal: Journal) -> None:
-    tickets = [writer.keep(answer(number)) for number in range(MAX_ROWS + 2)]
+    tickets = [writer.queue_batch(answer(number)) for number in range(MAX_ROWS + 2)]
     assert writer.failed == tickets[-2]
     writer.drain()
     assert writer.committed == tickets[-1]
@@ -109,7 +109,7 @@ def test_any_error_is_told_once_counted_and_tried_again(
             raise error
 
         patched.setattr(journal, "commit", fail)
-        ticket = writer.keep(answer(1))
+        ticket = writer.queue_batch(answer(1))
         for _ in range(5):
             writer.drain()
             now[0] += 0.5
@@ -130,7 +130,7 @@ def test_a_file_that_cannot_be_written_is_told_once_in_a_row(
         raise OSError(28, "No space left on device")
 
     for job in (full, full, full, lambda: None, full):
-        writer.write("status", job)
+        writer.queue_job("status", job)
         writer.drain()
     assert caplog.text.count("status cannot be written") == 2
     assert writer.errors["status"] == 4
@@ -149,7 +149,7 @@ def test_a_slow_commit_is_failing_while_it_lasts_and_some_time_after(
             now[0] += 1.5
 
     monkeypatch.setattr(journal, "commit", slow)
-    writer.keep(answer(1))
+    writer.queue_batch(answer(1))
     writer.drain()
     assert seen == [False, False, True]
     assert writer.failing
@@ -164,12 +164,12 @@ def test_a_journal_that_waits_behind_a_file_is_failing_too(
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
 
     def slow() -> None:
-        writer.keep(answer(1))
+        writer.queue_batch(answer(1))
         for _step in range(3):
             seen.append(writer.failing)
             now[0] += 1.5
 
-    writer.write("status", slow)
+    writer.queue_job("status", slow)
     writer.drain()
     assert seen == [False, False, True]
     assert (writer.committed, writer.failing) == (1, False)
@@ -192,12 +192,12 @@ def test_nobody_who_hands_something_over_waits_and_leaving_writes_what_waits(tmp
     journal = Hanging(tmp_path)
     done: list[int] = []
     with Writer(journal) as writer:
-        writer.keep(answer(1))
+        writer.queue_batch(answer(1))
         assert journal.entered.wait(PATIENCE)
         before = time.monotonic()
-        writer.keep(answer(2))
+        writer.queue_batch(answer(2))
         for number in range(20):
-            writer.write("record", partial(done.append, number))
+            writer.queue_job("record", partial(done.append, number))
         assert time.monotonic() - before < 1.0
         assert (done, writer.committed) == ([], 0)
         journal.released.set()
@@ -215,7 +215,7 @@ def test_a_disk_that_hangs_is_left_behind(
     writer = Writer(journal)
     before = time.monotonic()
     with writer:
-        writer.keep(answer(1))
+        writer.queue_batch(answer(1))
         assert journal.entered.wait(PATIENCE)
         assert not writer.drain(0.1)
     assert time.monotonic() - before < 2.0
@@ -238,7 +238,7 @@ def test_what_waits_to_be_tried_again_is_not_yet_written(
 
     monkeypatch.setattr(journal, "commit", fail_once)
     with writer:
-        ticket = writer.keep(answer(1))
+        ticket = writer.queue_batch(answer(1))
         assert writer.drain()
         assert (writer.committed, len(tries)) == (ticket, 2)
 

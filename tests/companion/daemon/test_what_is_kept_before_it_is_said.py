@@ -125,7 +125,7 @@ def test_once_there_is_room_again_all_is_kept_and_said(held: Rig) -> None:
     held.see(6.0, "drum")
     assert "Journal is written again" in held.texts
     held.restart()
-    assert held.answer_handler.words["drum"] == -1.0
+    assert held.vision.words["drum"] == -1.0
 
 
 def test_frame_and_answers_that_found_no_room_are_kept_once_there_is_some(rig: Rig) -> None:

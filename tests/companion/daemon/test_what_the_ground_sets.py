@@ -16,7 +16,8 @@ from companion.config.schema import Mount, Stopping
 from companion.daemon.composition import restore_settings
 from companion.daemon.test_call import REQUEST
 from companion.sim.loopback_link import FileClient
-from companion.vision.messages import Model, Ready, update_from
+from companion.vision.memory_copy import update_from
+from companion.vision.messages import Model, Ready
 from companion.vision.warm_up import judging_settings
 from companion.wire.ids import Motion, Policy
 from companion.wire.parameters import NOT_IN_USE, ROI
@@ -150,7 +151,7 @@ def test_a_reset_makes_settings_and_words_as_configured_and_is_then_acknowledged
     rig.see(1.0)
     assert [ack.result for ack in rig.stage.sent("COMMAND_ACK")] == [mavlink.MAV_RESULT_ACCEPTED]
     assert region(rig)[1] == 0.6
-    assert rig.answer_handler.words.format() == "grass: 1; rock: -1"
+    assert rig.vision.words.format() == "grass: 1; rock: -1"
     assert (rig.echoes(TOP)[-1], rig.echoes("AT_SUM_HZ")[-1], rig.echoes("AT_W_DRUM")[-1]) == (0.6, 1.0, -2.0)
     assert rig.daemon.status()["set_by_ground"] == {}
 
@@ -194,7 +195,7 @@ def test_words_by_text_that_the_perceiver_cannot_ground_fail_all_of_them(rig: Ri
     rig.see(0.5)
     assert results(rig) == [("AT_WORDS", mavlink.PARAM_ACK_FAILED)]
     assert any(text.startswith("Refused: ") and "unicorn" in text for text in rig.texts)
-    assert rig.answer_handler.words.format() == "grass: 1; rock: -1"
+    assert rig.vision.words.format() == "grass: 1; rock: -1"
 
 
 def test_a_call_is_answered_by_parameter_once(held: Rig) -> None:

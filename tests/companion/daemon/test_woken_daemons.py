@@ -122,8 +122,8 @@ def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch:
     rig = make_rig(pictures=50)
     ordered: list[tuple[str, int, int]] = []
 
-    def noting(name: str) -> None:
-        do = getattr(rig.persistence, name)
+    def noting(part: object, name: str) -> None:
+        do = getattr(part, name)
 
         def note(*what: Any) -> Any:
             if rig.calls.hold is not None:
@@ -131,10 +131,10 @@ def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch:
                 ordered.append((name, orders(rig), rig.frame_id))
             return do(*what)
 
-        monkeypatch.setattr(rig.persistence, name, note)
+        monkeypatch.setattr(part, name, note)
 
-    for name in ("call_opened", "save_calls"):
-        noting(name)
+    noting(rig.records, "call_opened")
+    noting(rig.persistence, "save_calls")
     rig.disk_hangs = True
     rig.see(1.0, "drum")
     assert [name for name, _, frame in ordered if frame == ordered[0][2]] == ["call_opened", "save_calls"]
@@ -159,20 +159,20 @@ def test_a_hold_in_which_auto_ends_at_once_is_drawn_after_it_has_left(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = make_rig(pictures=50)
-    show, counts = rig.persistence.hold_shown, list[int]()
+    show, counts = rig.records.hold_shown, list[int]()
 
     def note(*what: Any) -> None:
         rig.stage.collect(rig.stage.now)
         counts.append(orders(rig))
         show(*what)
 
-    monkeypatch.setattr(rig.persistence, "hold_shown", note)
+    monkeypatch.setattr(rig.records, "hold_shown", note)
     rig.stage.mode = MANUAL
     rig.see(3.0, "rock")
     rig.stage.mode = AUTO
     rig.see(3.0, "rock")
     assert (rig.state, rig.stage.mode, counts) == (("BLOCKED", 1), HOLD, [1])
-    assert rig.persistence.picture_of(1) == "/calls/1.jpg"
+    assert rig.records.picture_of(1) == "/calls/1.jpg"
 
 
 def test_killed_before_a_hold_was_kept_it_stands_until_a_human_drives_on(

@@ -10,7 +10,7 @@ from companion.config.link_settings import LinkSettings
 from companion.link.connection import Connection
 from companion.link.sender import MAX_WAITING, Sender
 from companion.sim.loopback_link import FileClient, Frame, LoopbackLink, pair
-from companion.storage.served_tree import Held, Tree
+from companion.storage.served_tree import InMemoryFile, Tree
 from companion.wire.ftp import Opcode
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State
 from companion.wire.messages import MESSAGES
@@ -225,7 +225,7 @@ def test_a_hold_that_is_urgent_leaves_alone_and_at_once_and_the_rest_waits_for_i
 
 
 def test_an_error_over_one_message_costs_that_message_only_and_is_said() -> None:
-    class Torn(Held):
+    class Torn(InMemoryFile):
         def read(self, offset: int, count: int) -> bytes:
             raise RuntimeError(offset, count)
 
@@ -233,7 +233,7 @@ def test_an_error_over_one_message_costs_that_message_only_and_is_said() -> None
         def sizes(self) -> dict[str, int]:
             return {}
 
-        def open(self, name: str) -> Held:
+        def open(self, name: str) -> InMemoryFile:
             return Torn(name.encode())
 
     stage = LoopbackLink(tree=Tree({"logs": ServedFolder()}))

@@ -11,6 +11,7 @@ from anytraverse.assessment import Reason
 from companion.calls.decisions import Call
 from companion.storage import Batch, Journal, JournalError, Row
 from companion.storage import journal as journal_module
+from companion.storage.batch import as_json
 from companion.wire.ids import Outcome
 
 
@@ -27,8 +28,8 @@ def _call(number: int, outcome: Outcome = Outcome.ANSWERED) -> Call:
 
 def test_the_state_of_the_calls_comes_back(journal: Journal, tmp_path: Path) -> None:
     state = {"last_id": 7, "mode": None, "call": {"id": 7, "reasons": ["unknown_object"]}, "hold": None}
-    journal.save_supervision({"last_id": 6})
-    journal.save_supervision(state)
+    journal.commit(Batch(state=as_json({"last_id": 6})))
+    journal.commit(Batch(state=as_json(state)))
     journal.close()
     again = Journal(tmp_path)
     assert again.load_supervision() == state
@@ -37,14 +38,14 @@ def test_the_state_of_the_calls_comes_back(journal: Journal, tmp_path: Path) -> 
 
 def test_the_callers_later_changes_of_the_state_are_not_kept(journal: Journal) -> None:
     state = {"call": {"id": 1}}
-    journal.save_supervision(state)
+    journal.commit(Batch(state=as_json(state)))
     state["call"]["id"] = 2
     assert journal.load_supervision() == {"call": {"id": 1}}
 
 
 def test_the_frame_of_the_open_call_comes_back_byte_by_byte(journal: Journal, tmp_path: Path) -> None:
-    journal.save_frame(6, b"the one before")
-    journal.save_frame(7, b"a picture")
+    journal.commit(Batch(frame=(6, b"the one before")))
+    journal.commit(Batch(frame=(7, b"a picture")))
     assert journal.load_frame(7) == b"a picture"
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".db", ".db-wal"]
 
@@ -64,22 +65,22 @@ def test_frame_state_memory_and_rows_are_kept_together_or_not_at_all(tmp_path: P
 
 
 def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journal) -> None:
-    journal.record_answer(1, {"motion": "go", "words": "drum: -1"})
-    journal.record_call(_call(1))
-    journal.record_call(_call(2, Outcome.PASSED))
+    journal.commit(Batch(rows=(Row.of_answer(1, {"motion": "go", "words": "drum: -1"}, 1.8e9),)))
+    journal.commit(Batch(rows=(Row.of_call(_call(1), 1.8e9),)))
+    journal.commit(Batch(rows=(Row.of_call(_call(2, Outcome.PASSED), 1.8e9),)))
     newest, oldest = journal.calls()
     assert (newest.id, newest.outcome, newest.answers) == (2, "passed", ())
     assert (oldest.id, oldest.outcome) == (1, "answered")
     assert oldest.answers == ({"motion": "go", "words": "drum: -1"},)
     assert oldest.record["reasons"] == ["unknown_object"]
     assert oldest.record["frame_id"] == 41
-    assert oldest.closed_at > 0
+    assert oldest.closed_at == 1.8e9
     assert [call.id for call in journal.calls(1)] == [2]
 
 
 def test_old_calls_and_answers_go(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal_module, "MAX_CALLS", 3)
     for number in range(1, 7):
-        journal.record_call(_call(number))
-        journal.record_answer(number, {})
+        journal.commit(Batch(rows=(Row.of_call(_call(number), 1.8e9),)))
+        journal.commit(Batch(rows=(Row.of_answer(number, {}, 1.8e9),)))
     assert [call.id for call in journal.calls()] == [6, 5, 4]

@@ -18,7 +18,7 @@ from anytraverse.history import Entry, History, Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
-from companion.storage import Journal
+from companion.storage import Batch, Journal
 
 _WORDS = st.sampled_from(["grass", "dry grass", "bush", "rock", "été", "water's edge", 'a "thing"'])
 _WEIGHTS = st.floats(-1, 1)
@@ -124,7 +124,7 @@ def test_any_memory_over_any_other_comes_back_as_it_was(
     folder = tmp_path_factory.mktemp("journal")
     journal = Journal(folder)
     for memory in memories:
-        journal.save_memory(memory)
+        journal.commit(Batch(memory=memory))
     assert _plain(_reopened(journal, folder)) == _plain(memories[-1])
 
 
@@ -139,7 +139,7 @@ def test_each_step_of_a_drive_comes_back(journal: Journal, folder: Path) -> None
         replace(memory, history=History(limit=4)),
     ]
     for step in steps:
-        journal.save_memory(step)
+        journal.commit(Batch(memory=step))
         assert _plain(_reopened(journal, folder)) == _plain(step)
         journal = Journal(folder)
     journal.close()
@@ -150,7 +150,7 @@ def test_a_remembered_scene_changes_the_same_words_after_a_restart(journal: Jour
     memory = memory.remembering(np.eye(2, dtype=np.float32)[0], 1, Place(), move=True)
     elsewhere = Preferences({"grass": Setting(-1, 2), "bush": Setting(0.2, 3), "rock": Setting(-0.5, 5)})
     memory = replace(memory.using(elsewhere, {}, {"bush": 3, "rock": 4, "mud": 4}), clock=5)
-    journal.save_memory(memory)
+    journal.commit(Batch(memory=memory))
     found = _reopened(journal, folder)
     after, _ = adopted_memory(found, found.history[0], str)
     assert after.preferences == Preferences.of({"grass": 1.0, "bush": 0.2, "rock": -0.5})
@@ -158,23 +158,25 @@ def test_a_remembered_scene_changes_the_same_words_after_a_restart(journal: Jour
 
 def test_the_order_of_words_is_kept(journal: Journal, folder: Path) -> None:
     memory = first_memory("m", Preferences.of({"z": 1, "a": -1, "m": 0.5}))
-    journal.save_memory(memory)
-    journal.save_memory(replace(memory, preferences=Preferences.of({"m": 0.5, "z": 1, "a": -1})))
+    journal.commit(Batch(memory=memory))
+    journal.commit(Batch(memory=replace(memory, preferences=Preferences.of({"m": 0.5, "z": 1, "a": -1}))))
     assert list(_reopened(journal, folder).preferences) == ["m", "z", "a"]
 
 
 def test_only_changed_rows_are_written(journal: Journal) -> None:
     memory = _rich()
-    journal.save_memory(memory)
+    journal.commit(Batch(memory=memory))
     connection = journal._database._connection
     before = connection.total_changes
-    journal.save_memory(replace(memory, history=memory.history.touched(memory.history[0], 77), clock=77))
+    journal.commit(
+        Batch(memory=replace(memory, history=memory.history.touched(memory.history[0], 77), clock=77))
+    )
     of_one_entry = 1 + 2 + 2  # itself, its words, its examples
     assert connection.total_changes - before <= 1 + 2 * of_one_entry
 
 
 def test_an_example_that_many_scenes_share_is_kept_once(journal: Journal, folder: Path) -> None:
-    journal.save_memory(_rich())
+    journal.commit(Batch(memory=_rich()))
     journal.close()
     with sqlite3.connect(folder / "journal.db") as connection:
         assert connection.execute("SELECT count(*) FROM vectors").fetchone() == (1,)
@@ -183,8 +185,8 @@ def test_an_example_that_many_scenes_share_is_kept_once(journal: Journal, folder
 
 def test_examples_that_nothing_refers_to_are_dropped(journal: Journal, folder: Path) -> None:
     memory = _rich()
-    journal.save_memory(memory)
-    journal.save_memory(replace(memory, examples={}, history=History()))
+    journal.commit(Batch(memory=memory))
+    journal.commit(Batch(memory=replace(memory, examples={}, history=History())))
     journal.close()
     with sqlite3.connect(folder / "journal.db") as connection:
         assert connection.execute("SELECT count(*) FROM vectors").fetchone() == (0,)

@@ -11,7 +11,8 @@ import numpy as np
 from anytraverse.history import Entry, History, Place
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
-from companion.storage import Journal
+from companion.storage import Batch, Journal
+from companion.storage.batch import as_json
 
 WORDS = Preferences.parse("grass: 1")
 OLD = Place(47.0, 8.0, 90.0, 1_790_000_000.0)
@@ -37,7 +38,7 @@ def made_old(folder: Path) -> None:
 def test_an_older_journal_comes_back_and_takes_attitudes_from_then_on(tmp_path: Path) -> None:
     memory = replace(first_memory("m", WORDS), history=History([entry(1, OLD)]), clock=5)
     journal = Journal(tmp_path)
-    journal.save_memory(memory)
+    journal.commit(Batch(memory=memory))
     journal.close()
     made_old(tmp_path)
     journal = Journal(tmp_path)
@@ -45,7 +46,7 @@ def test_an_older_journal_comes_back_and_takes_attitudes_from_then_on(tmp_path: 
     found = journal.load_memory()
     assert found is not None
     assert [one.place for one in found.history] == [OLD]
-    journal.save_memory(replace(found, history=found.history.added(entry(2, NEW))))
+    journal.commit(Batch(memory=replace(found, history=found.history.added(entry(2, NEW)))))
     journal.close()
     for _ in range(2):
         journal = Journal(tmp_path)
@@ -59,7 +60,7 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
     tmp_path: Path,
 ) -> None:
     journal = Journal(tmp_path)
-    journal.save_supervision({"call": {"frame_id": 41}})
+    journal.commit(Batch(state=as_json({"call": {"frame_id": 41}})))
     journal.close()
     with sqlite3.connect(tmp_path / "journal.db") as connection:
         connection.execute("DROP TABLE frame")
@@ -70,10 +71,10 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
         journal = Journal(tmp_path)
         assert journal.recovered_from is None
         assert (journal.load_frame(41), journal.load_frame(42)) == (b"a picture", None)
-        journal.save_supervision({"call": {"frame_id": 42}})
+        journal.commit(Batch(state=as_json({"call": {"frame_id": 42}})))
         journal.close()
     journal = Journal(tmp_path)
-    journal.save_frame(42, b"another")
+    journal.commit(Batch(frame=(42, b"another")))
     assert (journal.load_frame(41), journal.load_frame(42)) == (None, b"another")
     assert not (tmp_path / "call.png").exists()
     journal.close()

@@ -19,7 +19,8 @@ import pytest
 from anytraverse.history import Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
-from companion.storage import Journal, JournalError
+from companion.storage import Batch, Journal, JournalError
+from companion.storage.batch import as_json
 from companion.storage.database import VERSION
 
 _WRITER = """
@@ -27,16 +28,17 @@ import sys, pathlib, numpy as np
 from anytraverse.history import Place
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
-from companion.storage import Journal
+from companion.storage import Batch, Journal
+from companion.storage.batch import as_json
 journal = Journal(pathlib.Path(sys.argv[1]))
 memory = first_memory("m", Preferences.of({"grass": 1.0}))
 number = 0
 while True:
     number += 1
     memory = memory.remembering(np.full(16, number, np.float32), number, Place(), move=True)
-    journal.save_memory(memory)
+    journal.commit(Batch(memory=memory))
     print("memory", memory.clock, flush=True)
-    journal.save_supervision({"last_id": number})
+    journal.commit(Batch(state=as_json({"last_id": number})))
     print("last_id", number, flush=True)
 """
 
@@ -47,8 +49,8 @@ def _memory(clock: int = 1) -> Memory:
 
 def _begin(folder: Path) -> None:
     journal = Journal(folder)
-    journal.save_memory(_memory().remembering(np.ones(4, np.float32), 1, Place(), move=True))
-    journal.save_supervision({"last_id": 5})
+    journal.commit(Batch(memory=_memory().remembering(np.ones(4, np.float32), 1, Place(), move=True)))
+    journal.commit(Batch(state=as_json({"last_id": 5})))
     journal.close()
 
 
@@ -96,18 +98,18 @@ def test_a_full_disk_is_said_and_the_last_state_stays(tmp_path: Path) -> None:
     with pytest.raises(JournalError, match=r"full.*make room"):  # noqa: PT012
         for number in range(200):
             memory = kept.remembering(np.full(4000, number, np.float32), 2, Place(), move=True)
-            journal.save_memory(memory)
+            journal.commit(Batch(memory=memory))
     survivor = journal.load_memory()
     assert survivor is not memory
     assert survivor is not None
-    journal.save_supervision({"last_id": 6})
+    journal.commit(Batch(state=as_json({"last_id": 6})))
     journal.close()
     again = Journal(tmp_path)
     found = again.load_memory()
     assert found is not None
     assert found.clock == survivor.clock
     assert again.load_supervision() == {"last_id": 6}
-    again.save_memory(memory)
+    again.commit(Batch(memory=memory))
     again.close()
 
 
@@ -118,9 +120,9 @@ def test_after_a_failure_the_next_save_writes_all_that_is_missing(tmp_path: Path
     assert kept is not None
     big = kept.remembering(np.ones(20_000, np.float32), 2, Place(), move=False)
     with pytest.raises(JournalError):
-        journal.save_memory(big)
+        journal.commit(Batch(memory=big))
     small = replace(big.remembering(np.zeros(4, np.float32), 2, Place(), move=False), clock=44)
-    journal.save_memory(small)
+    journal.commit(Batch(memory=small))
     journal.close()
     again = Journal(tmp_path)
     found = again.load_memory()
@@ -224,7 +226,7 @@ def test_a_damaged_journal_is_set_aside_and_a_fresh_one_begun(
     assert "set aside as" in caplog.text
     assert journal.load_memory() is None
     assert journal.load_supervision() is None
-    journal.save_memory(_memory(9))
+    journal.commit(Batch(memory=_memory(9)))
     journal.close()
     again = Journal(tmp_path)
     found = again.load_memory()
@@ -256,7 +258,7 @@ def test_of_damaged_journals_the_newest_three_are_kept(tmp_path: Path) -> None:
 def test_an_empty_file_is_a_damaged_journal(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "journal.db").write_bytes(b"")
     journal = Journal(tmp_path)
-    journal.save_memory(_memory())
+    journal.commit(Batch(memory=_memory()))
     journal.close()
     assert journal.recovered_from == tmp_path / "journal.damaged-1.db"
     assert "the journal was damaged (the file is empty)" in caplog.text
@@ -266,11 +268,11 @@ def test_a_long_write_ahead_log_is_taken_in_when_it_is_tidied_and_not_before(tmp
     journal = Journal(tmp_path)
     log = tmp_path / "journal.db-wal"
     for number in range(3):
-        journal.save_frame(number, bytes(2 << 20))
+        journal.commit(Batch(frame=(number, bytes(2 << 20))))
         assert log.stat().st_size > (number + 1) * (2 << 20)
     journal.tidy()
     assert log.stat().st_size == 0
-    journal.save_frame(9, b"small")
+    journal.commit(Batch(frame=(9, b"small")))
     journal.tidy()
     assert log.stat().st_size > 0
     journal.close()
@@ -304,7 +306,7 @@ def test_a_journal_that_another_companion_uses_is_refused(
     journal = Journal(tmp_path)
     with pytest.raises(JournalError, match="another companion"):
         Journal(tmp_path)
-    journal.save_memory(_memory())
+    journal.commit(Batch(memory=_memory()))
     journal.close()
 
 
@@ -319,14 +321,14 @@ def test_a_closed_journal_says_so(tmp_path: Path) -> None:
     journal.close()
     journal.close()
     with pytest.raises(JournalError):
-        journal.save_memory(_memory())
+        journal.commit(Batch(memory=_memory()))
 
 
 def test_a_state_that_is_no_json_is_refused_and_the_last_one_stays(tmp_path: Path) -> None:
     _begin(tmp_path)
     journal = Journal(tmp_path)
     with pytest.raises(JournalError):
-        journal.save_supervision({"call": object()})
+        journal.commit(Batch(state=as_json({"call": object()})))
     journal.close()
     again = Journal(tmp_path)
     assert json.dumps(again.load_supervision()) == '{"last_id": 5}'

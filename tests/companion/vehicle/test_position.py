@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.history import Place
-from companion.system.wall_clock import WallClock
 from companion.vehicle.position import place_figures, read_place
+from companion.vehicle.state import WallClock
 
 _ANGLE = st.none() | st.integers(-9000, 9000).map(lambda hundredths: hundredths / 100)
 

@@ -1,4 +1,4 @@
-"""A supervisor's `Vision` over a played child, without a daemon."""
+"""A supervisor's `VisionClient` over a played child, without a daemon."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from anytraverse.preferences import Preferences
 from companion.config import Config
 from companion.sim.loopback_vision import LoopbackVision
 from companion.tasks import VISION
-from companion.vision.client import Vision
+from companion.vision.client import VisionClient
 from tests.anytraverse.conftest import Painted
 
 WORDS = Preferences.parse("grass: 1; rock: -1")
@@ -27,10 +27,10 @@ def engine(memory: Memory | None, perceiver: Painted | None = None) -> AnyTraver
 @contextlib.contextmanager
 def loading(
     make: Callable[[Memory | None], AnyTraverse] = engine,
-) -> Iterator[tuple[Vision, LoopbackVision]]:
+) -> Iterator[tuple[VisionClient, LoopbackVision]]:
     """A vision process that is asked to start with the first poll, and its child."""
     child = LoopbackVision(make)
-    vision = Vision(lambda: child, Config(), None, VISION)
+    vision = VisionClient(lambda: child, Config(), None, VISION)
     try:
         yield vision, child
     finally:

@@ -26,19 +26,19 @@ from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
 from anytraverse.roi import Tile
 from companion.cameras.newest import CameraStatus
-from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, checked
+from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
 from companion.vision.codec import Splitter, decode, encode
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     LONGEST_TEXT,
     Alive,
     Done,
     Drawn,
     Failed,
+    FrameJudged,
     Logged,
-    Looked,
     Model,
     Ready,
-    update_from,
 )
 from companion.vision.worker import Worker
 from tests.anytraverse.conftest import Painted
@@ -54,10 +54,10 @@ LONG = "x" * (LONGEST_TEXT + 1)
 NAN, INF = math.nan, math.inf
 
 
-def sound(thing: str = "drum") -> Looked:
+def sound(thing: str = "drum") -> FrameJudged:
     """A judged frame."""
     worker = Worker(engine(None), 1)
-    return worker.look(Frame(5, time.monotonic(), picture(thing)))
+    return worker.judge(Frame(5, time.monotonic(), picture(thing)))
 
 
 LOOKED = sound()
@@ -67,12 +67,12 @@ assert MAPS is not None
 assert ROI is not None
 
 
-def seen(**changes: Any) -> Looked:
+def seen(**changes: Any) -> FrameJudged:
     """With another assessment."""
     return replace(LOOKED, assessment=replace(SEEN, **changes))
 
 
-def looked(**changes: Any) -> Looked:
+def looked(**changes: Any) -> FrameJudged:
     """With other fields."""
     return replace(LOOKED, **changes)
 
@@ -87,7 +87,7 @@ def updating(**changes: Any) -> Ready:
     return replace(READY, update=replace(UPDATE, **changes))
 
 
-def map_of(value: float, *, name: str = "signed", dtype: Any = np.float32) -> Looked:
+def map_of(value: float, *, name: str = "signed", dtype: Any = np.float32) -> FrameJudged:
     """With one pixel of a map changed."""
     assert MAPS is not None
     changed = np.array(getattr(MAPS, name), dtype=dtype)
@@ -101,7 +101,7 @@ def other_maps(**changes: Any) -> Maps:
     return replace(MAPS, **changes)
 
 
-def roi_of(**changes: Any) -> Looked:
+def roi_of(**changes: Any) -> FrameJudged:
     """With other figures of the ROI."""
     assert ROI is not None
     return seen(roi=replace(ROI, **changes))
@@ -124,7 +124,7 @@ def entry_of(**changes: Any) -> Ready:
     return replace(READY, update=replace(UPDATE, entries=(replace(ENTRY, **changes),)))
 
 
-def finding_of(**changes: Any) -> Looked:
+def finding_of(**changes: Any) -> FrameJudged:
     """With one finding."""
     given = {**vars(Finding.fault("broken")), **changes}
     return seen(findings=(unmade(Finding, **given),))
@@ -137,7 +137,7 @@ for _ in range(100_000):
 WRONG: dict[str, Any] = {
     "nothing": None,
     "a number": 7,
-    "a class": Looked,
+    "a class": FrameJudged,
     "a frame that is not newer": replace(LOOKED, assessment=replace(SEEN, frame=Frame(4, 1.0, picture()))),
     "a frame's id below 0": seen(frame=Frame(-5, 1.0, picture())),
     "a frame's id that no wire carries": seen(frame=Frame(1 << 32, 1.0, picture())),
@@ -147,8 +147,8 @@ WRONG: dict[str, Any] = {
     "judged in the future": replace(LOOKED, at=AHEAD),
     "judged before it was taken": replace(LOOKED, at=SEEN.frame.captured_at - 1.0),
     "judged at no time": replace(LOOKED, at=NAN),
-    "judged in less than no time": replace(LOOKED, took=-0.1),
-    "judged in NaN": replace(LOOKED, took=NAN),
+    "judged in less than no time": replace(LOOKED, duration=-0.1),
+    "judged in NaN": replace(LOOKED, duration=NAN),
     "a revision below 0": replace(LOOKED, revision=-1),
     "too many sectors": replace(LOOKED, sectors=(0.5,) * 17),
     "a sector of NaN": replace(LOOKED, sectors=(NAN,)),
@@ -255,7 +255,7 @@ WRONG: dict[str, Any] = {
 @pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
 def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
     with pytest.raises(BadReportError):
-        checked(wrong, Expected(4), time.monotonic())
+        check_report(wrong, Expected(4), time.monotonic())
 
 
 @pytest.mark.parametrize(
@@ -274,17 +274,17 @@ def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
     ],
 )
 def test_what_can_be_true_is_believed(said: Any) -> None:
-    assert checked(said, Expected(4), time.monotonic()) is said
+    assert check_report(said, Expected(4), time.monotonic()) is said
 
 
 def test_frames_rise_and_one_that_is_refused_counts_for_nothing() -> None:
     expected = Expected(4)
     with pytest.raises(BadReportError):
-        checked(seen(frame=Frame(9, AHEAD, picture())), expected, time.monotonic())
-    checked(LOOKED, expected, time.monotonic())
+        check_report(seen(frame=Frame(9, AHEAD, picture())), expected, time.monotonic())
+    check_report(LOOKED, expected, time.monotonic())
     assert expected.last_frame == 5
     with pytest.raises(BadReportError, match="frame 5 after 5"):
-        checked(LOOKED, expected, time.monotonic())
+        check_report(LOOKED, expected, time.monotonic())
 
 
 @pytest.mark.parametrize(
@@ -296,10 +296,10 @@ def test_a_field_that_is_missing_or_something_else_is_refused(message: Any) -> N
         if field.default is MISSING:
             del given[field.name]
             with pytest.raises(BadReportError):
-                checked(unmade(type(message), **given), Expected(4), time.monotonic())
+                check_report(unmade(type(message), **given), Expected(4), time.monotonic())
         for broken in ({**given, field.name: object()}, {**given, field.name: SimpleNamespace()}):
             with pytest.raises(BadReportError):
-                checked(unmade(type(message), **broken), Expected(4), time.monotonic())
+                check_report(unmade(type(message), **broken), Expected(4), time.monotonic())
 
 
 def broken_eyes(spoil: str, value: float) -> Painted:
@@ -316,16 +316,16 @@ def test_whatever_a_broken_perceiver_answers_the_fault_is_believed(spoil: str, v
     perceiver = broken_eyes(spoil, value)
     start = replace(first_memory(perceiver.model_id, WORDS), reference=VECTOR)
     worker = Worker(AnyTraverse(perceiver, Settings(), start), 1)
-    (packed,) = Splitter().feed(encode(worker.look(Frame(1, time.monotonic(), picture()))))
-    checked(decode(packed), Expected(0), time.monotonic())
+    (packed,) = Splitter().feed(encode(worker.judge(Frame(1, time.monotonic(), picture()))))
+    check_report(decode(packed), Expected(0), time.monotonic())
 
 
 def test_a_scene_that_cannot_be_compared_is_a_fault_that_is_believed() -> None:
     perceiver = Painted()
     start = replace(first_memory(perceiver.model_id, WORDS), reference=np.ones(7, np.float32))
-    looked = Worker(AnyTraverse(perceiver, Settings(), start), 1).look(Frame(1, time.monotonic(), picture()))
+    looked = Worker(AnyTraverse(perceiver, Settings(), start), 1).judge(Frame(1, time.monotonic(), picture()))
     assert looked.assessment.reasons == {Reason.FAULT}
-    checked(looked, Expected(0), time.monotonic())
+    check_report(looked, Expected(0), time.monotonic())
 
 
 @settings(max_examples=80)
@@ -340,6 +340,6 @@ def test_every_map_that_the_engine_makes_is_believed(seed: int, pooling: str, un
     words = Preferences.of({str(name): float(grain.choice([-1.0, 1.0, 0.0, 0.7])) for name in names})
     given_settings = Settings(pooling=pooling, uncertainty=uncertainty)
     worker = Worker(AnyTraverse(perceiver, given_settings, first_memory(perceiver.model_id, words)), 1)
-    looked = worker.look(Frame(1, time.monotonic(), picture("drum")))
+    looked = worker.judge(Frame(1, time.monotonic(), picture("drum")))
     assert looked.assessment.maps is not None
-    checked(looked, Expected(0), time.monotonic())
+    check_report(looked, Expected(0), time.monotonic())

@@ -20,17 +20,17 @@ from companion.config import Config
 from companion.sim.loopback_vision import LoopbackVision
 from companion.tasks import VISION
 from companion.vision.client import (
-    KEPT,
     MAX_DRAWINGS,
     MAX_JOBS,
-    SILENT_AFTER,
+    STORED_FRAMES,
     Applied,
     Judged,
     Result,
-    Vision,
+    VisionClient,
     VisionLostError,
 )
 from companion.vision.codec import CodecError
+from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Alive,
     Done,
@@ -41,8 +41,8 @@ from companion.vision.messages import (
     Situation,
     Start,
     Tune,
-    update_from,
 )
+from companion.vision.watchdog import SILENT_AFTER
 from companion.vision.worker import Worker
 from companion.wire.ids import State
 from tests.anytraverse.conftest import Painted
@@ -68,18 +68,19 @@ class Channel(LoopbackVision):
 class Stage:
     """A supervisor's side in virtual time."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, step: float = STEP) -> None:
         self.clock = clock
+        self.step = step
         self.children: list[Channel] = []
         self.refuses: OSError | None = None
         self.frames = 0
-        self.vision = Vision(self._launch, Config(), None, VISION)
+        self.vision = VisionClient(self._launch, Config(), None, VISION)
         self.until_ready()
 
     def _launch(self) -> Channel:
         if self.refuses is not None:
             raise self.refuses
-        self.children.append(Channel(engine, STEP))
+        self.children.append(Channel(engine, self.step))
         return self.children[-1]
 
     @property
@@ -116,7 +117,7 @@ class Stage:
         """A frame is judged."""
         self.frames += 1
         self.clock.now += 0.1
-        self.child.look(Frame(self.frames, self.clock.now, picture(thing, scene=scene)))
+        self.child.judge(Frame(self.frames, self.clock.now, picture(thing, scene=scene)))
 
     def ask(self, token: object, **weights: float) -> bool:
         """Words without a call."""
@@ -215,9 +216,8 @@ def test_while_it_is_silent_it_gets_no_job_and_then_it_is_killed(stage: Stage) -
     assert stage.child is not old
 
 
-def test_slow_eyes_may_be_silent_for_four_of_their_steps_longer(stage: Stage) -> None:
-    assert stage.vision.ready is not None
-    stage.vision.ready = replace(stage.vision.ready, step=1.0)
+def test_slow_eyes_may_be_silent_for_four_of_their_steps_longer(clock: Clock) -> None:
+    stage = Stage(clock, step=1.0)
     slow = stage.child
     stage.silence(6.8)
     assert slow.death == ""
@@ -232,9 +232,8 @@ def test_while_the_supervisor_stood_still_no_silence_counts(stage: Stage) -> Non
     assert stage.ask("token", drum=1.0)
 
 
-def test_slow_eyes_are_silent_for_a_step_and_take_answers_all_the_same(stage: Stage) -> None:
-    assert stage.vision.ready is not None
-    stage.vision.ready = replace(stage.vision.ready, step=4.0)
+def test_slow_eyes_are_silent_for_a_step_and_take_answers_all_the_same(clock: Clock) -> None:
+    stage = Stage(clock, step=4.0)
     stage.silence(5.5)
     assert stage.ask("token", drum=1.0)
     stage.silence(1.0)
@@ -290,7 +289,7 @@ def test_a_memory_that_is_too_long_for_one_message_reaches_a_new_process_whole(
     scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, order) for order in range(1, 301)]
     kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
     child = LoopbackVision(engine)
-    vision = Vision(lambda: child, Config(), kept, VISION)
+    vision = VisionClient(lambda: child, Config(), kept, VISION)
     for _ in range(10):
         vision.poll(clock.now)
         child.work()
@@ -306,7 +305,7 @@ def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(
     kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
     children = [LoopbackVision(engine) for _ in range(2)]
     waiting = iter(children)
-    vision = Vision(lambda: next(waiting), Config(), kept, VISION)
+    vision = VisionClient(lambda: next(waiting), Config(), kept, VISION)
     for _ in range(3):
         vision.poll(clock.now)
         children[0].work()
@@ -328,7 +327,7 @@ def test_a_played_process_remembers_only_what_it_was_asked_last(stage: Stage) ->
 
 def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock: Clock) -> None:
     child = LoopbackVision(engine, 2.0)
-    vision = Vision(lambda: child, Config(), None, VISION)
+    vision = VisionClient(lambda: child, Config(), None, VISION)
     for _ in range(2):
         vision.poll(clock.now)
         child.work()
@@ -338,14 +337,14 @@ def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock:
     while vision.answer("token", Changes({"drum": 1.0})):
         pass
     asked, decided, began = child._requests, list[Result](), clock.now
-    while vision.restarted == 0 and len(decided) < MAX_JOBS:
+    while vision.watchdog.restarted == 0 and len(decided) < MAX_JOBS:
         for _ in range(10):  # as slow as it may be
             clock.now += 1.0
             decided += vision.poll(clock.now)
         child._requests, asked = asked[:1], asked[1:]
         child.work()
         decided += vision.poll(clock.now)
-    assert (vision.restarted, len(decided)) == (0, MAX_JOBS)
+    assert (vision.watchdog.restarted, len(decided)) == (0, MAX_JOBS)
     assert 60.0 < clock.now - began <= vision.answers_within
 
 
@@ -364,10 +363,10 @@ def test_what_was_told_before_it_died_counts(stage: Stage) -> None:
 def test_a_new_process_is_tuned_gets_the_frames_back_and_goes_on_counting_frames(stage: Stage) -> None:
     other = replace(Settings(), freshness=1.5)
     stage.vision.tune(other)
-    for number in range(1, KEPT + 2):
+    for number in range(1, STORED_FRAMES + 2):
         stage.show("drum")
         stage.turn()
-        stage.vision.draw(number, "C", State.CALLING, keep=True)
+        stage.vision.draw(number, "C", State.CALLING, store=True)
         stage.turn()
     assert not stage.vision.has_stored_frame(1)
     assert stage.vision.has_stored_frame(2)
@@ -376,7 +375,7 @@ def test_a_new_process_is_tuned_gets_the_frames_back_and_goes_on_counting_frames
         stage.turn()
     start, tune, *frames = stage.child.requests
     assert isinstance(start, Start)
-    assert start.first_frame == KEPT + 2
+    assert start.first_frame == STORED_FRAMES + 2
     assert tune == Tune(other)
     assert [one.frame_id for one in frames if isinstance(one, Restore)] == [2, 3]
     assert stage.vision.answer("token", Changes({"drum": 1.0}), frame_id=3, call_id=1)
@@ -400,7 +399,7 @@ def test_a_new_process_does_not_send_back_what_it_was_given() -> None:
 def test_a_frame_that_a_new_process_dies_over_twice_is_given_back_no_more(stage: Stage) -> None:
     stage.show("drum")
     stage.turn()
-    stage.vision.draw(1, "C", State.CALLING, keep=True)
+    stage.vision.draw(1, "C", State.CALLING, store=True)
     stage.turn()
     stage.child.death = "SIGSEGV"
     for expected in (True, True, False):
@@ -422,7 +421,7 @@ def nonsense(stage: Stage, case: str) -> None:
     child, worker = stage.child, stage.child._worker
     assert worker is not None
     captured = stage.clock.now
-    looked = worker.look(Frame(50, captured, picture()))
+    looked = worker.judge(Frame(50, captured, picture()))
     match case:
         case "unreadable":
             child.say(b"no pickle")
@@ -435,15 +434,15 @@ def nonsense(stage: Stage, case: str) -> None:
             child.report(replace(looked, update=replace(looked.update, base=looked.update.base + 1)))
         case "wrong revision":
             child.report(looked)
-            child.report(replace(worker.look(Frame(51, captured, picture())), revision=99))
+            child.report(replace(worker.judge(Frame(51, captured, picture())), revision=99))
         case "twice the same change":
             child.report(looked)
-            child.report(replace(looked, assessment=worker.look(Frame(51, captured, picture())).assessment))
+            child.report(replace(looked, assessment=worker.judge(Frame(51, captured, picture())).assessment))
         case "an old frame":
             child.report(looked)
-            child.report(worker.look(Frame(49, captured, picture())))
+            child.report(worker.judge(Frame(49, captured, picture())))
         case "from the future":
-            child.report(worker.look(Frame(52, captured + 5.0, picture())))
+            child.report(worker.judge(Frame(52, captured + 5.0, picture())))
         case "an outcome nobody asked for":
             child.report(Done(77, None, "why not", None))
         case "a picture nobody asked for":
@@ -480,9 +479,9 @@ def test_one_that_sends_nonsense_is_killed_and_who_waits_is_told(stage: Stage, c
 
 def test_a_frame_judged_before_it_was_ready_is_nonsense(clock: Clock) -> None:
     child = Channel(engine, STEP)
-    vision = Vision(lambda: child, Config(), None, VISION)
+    vision = VisionClient(lambda: child, Config(), None, VISION)
     vision.poll(clock.now)
-    child.report(Worker(engine(None), 0).look(Frame(1, clock.now, np.zeros((8, 8, 3), np.uint8))))
+    child.report(Worker(engine(None), 0).judge(Frame(1, clock.now, np.zeros((8, 8, 3), np.uint8))))
     vision.poll(clock.now)
     assert vision.trouble == "vision sent nonsense"
 
@@ -555,13 +554,13 @@ def test_three_deaths_in_ten_minutes_and_it_is_not_to_be_relied_on_until_they_ar
     for number in range(1, 4):
         stage.child.death = "SIGSEGV"
         stage.vision.poll(stage.clock.now)
-        assert stage.vision.unreliable is (number == 3)
+        assert stage.vision.watchdog.unreliable is (number == 3)
         stage.silence(5.0)
         stage.until_ready()
         stage.turn(60.0)
-    assert stage.vision.unreliable
+    assert stage.vision.watchdog.unreliable
     stage.turn(600.0)
-    assert not stage.vision.unreliable
+    assert not stage.vision.watchdog.unreliable
 
 
 def test_one_that_cannot_be_started_is_tried_again(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:

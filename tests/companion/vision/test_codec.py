@@ -25,7 +25,7 @@ from anytraverse.memory import first_memory
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.system.atomic_write import write_atomically
-from companion.vision.checks import BadReportError, Expected, checked
+from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.codec import (
     LARGEST,
     CodecError,
@@ -37,21 +37,20 @@ from companion.vision.codec import (
     frame_of_size,
     made,
 )
+from companion.vision.memory_copy import update_from, updated
 from companion.vision.messages import (
     Alive,
     Answer,
     Draw,
     Drawn,
     Failed,
+    FrameJudged,
     Logged,
-    Looked,
     MemoryUpdate,
     Model,
     Ready,
     Restore,
     Start,
-    update_from,
-    updated,
 )
 from companion.vision.worker import Worker
 from companion.wire.ids import State
@@ -70,7 +69,7 @@ def unframed(message: object) -> bytes:
 
 def through(message: Any) -> Any:
     """As the supervisor reads it, where it believes it."""
-    return checked(decode(unframed(message)), Expected(0), time.monotonic())
+    return check_report(decode(unframed(message)), Expected(0), time.monotonic())
 
 
 def plain(value: Any) -> Any:
@@ -86,10 +85,10 @@ def plain(value: Any) -> Any:
     return repr(value)
 
 
-def looked(thing: str = "", number: int = 1) -> Looked:
+def looked(thing: str = "", number: int = 1) -> FrameJudged:
     """A judged frame."""
     worker = Worker(engine(None), 1)
-    return worker.look(Frame(number, time.monotonic(), picture(thing)))
+    return worker.judge(Frame(number, time.monotonic(), picture(thing)))
 
 
 STEPS = st.one_of(
@@ -182,7 +181,7 @@ def test_an_assessment_comes_out_with_its_figures_and_maps_and_without_its_pixel
 def test_a_message_of_a_large_picture_is_as_small_as_the_maps() -> None:
     big = np.zeros((2000, 3000, 3), np.uint8)
     seen = Assessment(Frame(1, 1.0, big), WORDS, (), 0.0)
-    assert len(encode(Looked(seen, 1, 1.0, 0.1, ()))) < 2000
+    assert len(encode(FrameJudged(seen, 1, 1.0, 0.1, ()))) < 2000
 
 
 MESSAGES = [
@@ -202,7 +201,7 @@ MESSAGES = [
     Start(Config(), engine(None).memory, 3, 9),
     Answer(1, Changes({"drum": 1.0}), 2, 3, True, None),  # noqa: FBT003
     Restore(1, 2, b"png"),
-    Draw(1, 2, "title", State.CALLING, keep=True),
+    Draw(1, 2, "title", State.CALLING, store=True),
 ]
 
 
@@ -287,7 +286,7 @@ def test_what_makes_data_makes_only_data() -> None:
         ("companion.vision.messages", "updated", {}),
         ("companion.vision.messages", "Any", {}),
         ("anytraverse.judging", "math", {}),
-        ("companion.vision.client", "Vision", {}),
+        ("companion.vision.client", "VisionClient", {}),
         ("companion.cameras.newest", "CameraThread", {}),
     ):
         with pytest.raises(CodecError, match="no data"):
@@ -303,7 +302,7 @@ def test_what_makes_data_makes_only_data() -> None:
 def refused(packed: bytes) -> None:
     """Read and believed, or one of the two errors: nothing else."""
     with suppress(CodecError, BadReportError):
-        checked(decode(packed), Expected(0), time.monotonic())
+        check_report(decode(packed), Expected(0), time.monotonic())
 
 
 @given(st.binary(max_size=200))

@@ -17,9 +17,19 @@ from anytraverse.history import Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
 from companion.vision import pictures
-from companion.vision.checks import Expected, checked
-from companion.vision.messages import Answer, Done, Draw, Drawn, Looked, Restore, Situation, Tune, updated
-from companion.vision.worker import KEPT, RECENT, Worker
+from companion.vision.checks import Expected, check_report
+from companion.vision.memory_copy import updated
+from companion.vision.messages import (
+    Answer,
+    Done,
+    Draw,
+    Drawn,
+    FrameJudged,
+    Restore,
+    Situation,
+    Tune,
+)
+from companion.vision.worker import RECENT, STORED_FRAMES, Worker
 from companion.wire.ids import State
 from tests.anytraverse.conftest import AHEAD, Painted
 from tests.companion.daemon.rig import picture
@@ -36,11 +46,11 @@ class Stage:
         self.worker = Worker(self.engine, 7)
         self.frames = self.numbers = 0
 
-    def look(self, thing: str = "", scene: int = 0, *, age: float = 0.0) -> Looked:
+    def look(self, thing: str = "", scene: int = 0, *, age: float = 0.0) -> FrameJudged:
         """One frame, taken `age` seconds ago."""
         self.frames += 1
         image = picture(thing, scene=scene)
-        return self.worker.look(Frame(self.frames, time.monotonic() - age, image))
+        return self.worker.judge(Frame(self.frames, time.monotonic() - age, image))
 
     def ask(self, changes: Changes, frame_id: int = 0, **given: Any) -> Done:
         """What becomes of an answer."""
@@ -51,9 +61,9 @@ class Stage:
         assert done.number == self.numbers
         return done
 
-    def draw(self, frame_id: int, *, keep: bool) -> Drawn:
+    def draw(self, frame_id: int, *, store: bool) -> Drawn:
         """The pictures of a frame."""
-        (drawn,) = self.worker.handle(Draw(9, frame_id, "a title", State.CALLING, keep))
+        (drawn,) = self.worker.handle(Draw(9, frame_id, "a title", State.CALLING, store))
         assert isinstance(drawn, Drawn)
         return drawn
 
@@ -143,7 +153,7 @@ def test_a_frame_that_took_too_long_to_judge_is_a_fault_with_its_age(
     looked = stage.look()
     assert looked.assessment.reasons == {Reason.FAULT}
     assert looked.assessment.age == pytest.approx(1.2)
-    assert looked.took == pytest.approx(1.2)
+    assert looked.duration == pytest.approx(1.2)
 
 
 def test_a_frame_that_is_old_already_is_a_fault(stage: Stage) -> None:
@@ -164,7 +174,7 @@ def test_it_judges_by_the_settings_that_it_was_told_last(stage: Stage) -> None:
 def test_a_call_is_answered_with_its_frame_from_when_it_was_kept(stage: Stage) -> None:
     stage.look()
     asked = stage.look("drum").assessment.frame.id
-    stage.draw(asked, keep=True)
+    stage.draw(asked, store=True)
     for _ in range(3 * RECENT):
         stage.look()
     done = stage.ask(Changes({"drum": 1.0}), asked, call_id=3, go=True, place=Place(47.0, 8.0))
@@ -180,7 +190,7 @@ def test_a_call_is_answered_with_its_frame_from_when_it_was_kept(stage: Stage) -
 
 def test_without_a_place_of_the_call_it_is_the_vehicles(stage: Stage) -> None:
     asked = stage.look("drum").assessment.frame.id
-    stage.draw(asked, keep=True)
+    stage.draw(asked, store=True)
     stage.worker.handle(Situation(Place(1.0, 2.0), moving=False))
     stage.ask(Changes({"drum": 1.0}), asked, call_id=3, go=True)
     entry = next(entry for entry in stage.engine.memory.history if entry.call_id == 3)
@@ -202,27 +212,27 @@ def test_an_answer_about_a_frame_that_is_gone_is_refused_and_teaches_nothing(
 def test_only_the_newest_frames_can_be_drawn_and_kept(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
     for _ in range(RECENT + 1):
         stage.look()
-    assert stage.draw(1, keep=True) == Drawn(9, 1, "a title")
+    assert stage.draw(1, store=True) == Drawn(9, 1, "a title")
     assert "frame 1 is gone" in caplog.text
-    assert stage.draw(2, keep=True).png
+    assert stage.draw(2, store=True).png
 
 
 def test_of_kept_frames_the_oldest_goes(stage: Stage) -> None:
-    for _ in range(KEPT + 1):
-        stage.draw(stage.look("drum").assessment.frame.id, keep=True)
+    for _ in range(STORED_FRAMES + 1):
+        stage.draw(stage.look("drum").assessment.frame.id, store=True)
     for _ in range(RECENT):
         stage.look()
     assert "lost" in stage.ask(Changes({"drum": 1.0}), 1, call_id=1).error
-    for frame_id in range(2, KEPT + 2):
+    for frame_id in range(2, STORED_FRAMES + 2):
         assert stage.ask(Changes({"drum": 1.0}), frame_id, call_id=frame_id).error == ""
 
 
 def test_a_frame_that_is_kept_comes_without_loss_and_one_for_the_album_does_not(stage: Stage) -> None:
     looked = stage.look("drum")
-    drawn = stage.draw(1, keep=False)
+    drawn = stage.draw(1, store=False)
     assert drawn.panel
     assert (drawn.thumbnail, drawn.png) == (b"", b"")
-    kept = stage.draw(1, keep=True)
+    kept = stage.draw(1, store=True)
     assert kept.thumbnail
     assert (pictures.from_png(kept.png) == looked.assessment.frame.image).all()
 
@@ -232,8 +242,8 @@ def test_a_frame_too_large_to_be_sent_is_kept_all_the_same(
 ) -> None:
     monkeypatch.setattr(pictures, "LARGEST_PNG", 100)
     stage.look("drum")
-    drawn = stage.draw(1, keep=True)
-    assert (drawn.png, drawn.kept) == (b"", True)
+    drawn = stage.draw(1, store=True)
+    assert (drawn.png, drawn.stored) == (b"", True)
     assert "no copy of a title" in caplog.text
     assert stage.ask(Changes({"drum": 1.0}), 1, call_id=1).error == ""
 
@@ -243,7 +253,7 @@ def test_a_picture_that_cannot_be_drawn_is_left_out_and_no_fault(
 ) -> None:
     stage.look("drum")
     monkeypatch.setattr(pictures, "panel", lambda *_: 1 / 0)
-    drawn = stage.draw(1, keep=True)
+    drawn = stage.draw(1, store=True)
     assert drawn.panel == b""
     assert drawn.png
     assert stage.look().assessment.observation is not None
@@ -278,11 +288,11 @@ def test_an_error_without_words_or_of_many_is_told_so_that_it_is_believed(
 
     monkeypatch.setattr(stage.perceiver, "encode", broken)
     (done,) = stage.worker.handle(Restore(1, 55, pictures.to_png(picture())))
-    checked(done, Expected(0), time.monotonic())
+    check_report(done, Expected(0), time.monotonic())
     assert isinstance(done, Done)
     assert done.outcome is None
     monkeypatch.setattr(stage.perceiver, "meaning", broken)
-    checked(stage.ask(Changes({"drum": 1.0})), Expected(0), time.monotonic())
+    check_report(stage.ask(Changes({"drum": 1.0})), Expected(0), time.monotonic())
 
 
 def test_what_is_no_picture_is_not_encoded() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from companion.link.signing import DAY, SigningClock
-from companion.system.wall_clock import SOFTWARE_MADE
+from companion.vehicle.state import SOFTWARE_MADE
 from companion.wire.signing import EPOCH, MAX_STREAMS, REPLAY, TICKS, Stream, ticks
 from companion.wire.signing_store import NAME, RESERVE, SYNC_EVERY, TimestampFile
 

@@ -1,0 +1,132 @@
+"""Starts the vision process, kills one that died or hangs, and delays the restarts of one that dies often."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from companion.tasks import Restarts
+from companion.vision.child import Child
+
+log = logging.getLogger(__name__)
+
+SILENT_AFTER = 2.0
+"""Seconds without a sign of life, plus those of one step, after which requests are refused: their sender
+would wait in vain."""
+_STALLED = 1.0
+"""Seconds between two polls after which the supervisor itself was stalled: the silence so far is its own."""
+_DEATHS = 3
+_OFTEN = 600.0
+"""Seconds. After `_DEATHS` deaths within this time the process counts as unreliable."""
+
+
+class Failure(NamedTuple):
+    """Why the process is killed. cause: for the log, e.g. "ended: SIGSEGV". trouble: for the operator."""
+
+    cause: str
+    trouble: str
+
+
+class Watchdog:
+    """Owns the vision process. A process runs once it has reported that it is ready; until then it loads.
+
+    child: the process, None while there is none. restarted: how often it was killed or had died.
+    """
+
+    def __init__(self, launch: Callable[[], Child], limits: Restarts) -> None:
+        """launch: starts a process or raises OSError."""
+        self._launch = launch
+        self._limits = limits
+        self._step: float | None = None
+        """Seconds of a step; None while no process runs."""
+        self._restart_at = float("-inf")
+        self._started_at = self._reported_at = self._polled_at = time.monotonic()
+        self._deaths: deque[float] = deque(maxlen=_DEATHS)
+        self._failures = 0
+        self.child: Child | None = None
+        self.restarted = 0
+
+    @property
+    def running(self) -> bool:
+        """Whether the process has reported that it is ready."""
+        return self._step is not None
+
+    @property
+    def responsive(self) -> bool:
+        """Whether the process runs, and gave a sign of life lately: else no request should wait for it."""
+        return self._step is not None and self._polled_at - self._reported_at <= SILENT_AFTER + self._step
+
+    @property
+    def alive_at(self) -> float:
+        """Return the monotonic seconds of the last sign of life; -inf while no process runs."""
+        return self._reported_at if self.running else float("-inf")
+
+    @property
+    def unreliable(self) -> bool:
+        """Whether the process died three times within ten minutes."""
+        return len(self._deaths) == _DEATHS and self._polled_at - self._deaths[0] <= _OFTEN
+
+    @property
+    def silence_limit(self) -> float:
+        """Return the seconds of silence after which the process counts as hung."""
+        if self._step is None:
+            return self._limits.loading
+        return self._limits.silent_for + 4.0 * self._step
+
+    def polled(self, now: float) -> None:
+        """Note that the main loop is alive. Called before all else in a poll."""
+        if now - self._polled_at > _STALLED:
+            self._reported_at = self._started_at = now
+        self._polled_at = now
+
+    def may_start(self, now: float) -> bool:
+        """Whether the wait before the next start is over."""
+        return now >= self._restart_at
+
+    def start(self, now: float) -> None:
+        """Start a process. Raises OSError."""
+        self.child = self._launch()
+        self._started_at = self._reported_at = now
+
+    def reported(self, now: float) -> None:
+        """Note a sign of life."""
+        self._reported_at = now
+
+    def ready(self, step: float, now: float) -> None:
+        """Note that the process runs from now on. step: seconds of a whole step."""
+        self._step, self._started_at = step, now
+
+    def failure(self, ended: str, now: float) -> Failure | None:
+        """Return why the process must be killed, None while all is well.
+
+        ended: what `Child.ended` said before the last reports were read.
+        """
+        if ended:
+            return Failure(f"ended: {ended}", f"vision died ({ended})")
+        silent = now - max(self._reported_at, self._started_at)
+        if silent > self.silence_limit:
+            return Failure(f"gave no sign of life for {silent:.1f} s", "vision hangs")
+        return None
+
+    def restart_later(self, cause: str, now: float) -> None:
+        """Kill the process and plan its restart. cause: for the log."""
+        if self.running and now - self._started_at >= self._limits.longest:
+            self._failures = 0
+        wait = 0.0 if self._failures == 0 else self._limits.first * 2.0 ** (self._failures - 1)
+        wait = min(wait, self._limits.longest)
+        log.error("the vision process %s; it is started again in %.0f s", cause, wait)
+        self.kill()
+        self._failures += 1
+        self._deaths.append(now)
+        self._restart_at = now + wait
+        self.restarted += 1
+
+    def kill(self) -> None:
+        """Kill the process. The camera is free when this returns, unless its driver hangs."""
+        if self.child is not None:
+            self.child.close()
+            self.child = None
+        self._step = None

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
+from companion.answers.store import AnswerStore
 from companion.config import Config
 from companion.daemon.composition import (
     Resources,
@@ -92,7 +93,14 @@ def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved
     So the ground sees them from the first heartbeat on, while the perceiver still loads.
     """
     first = first_parameters(config, memory, saved)
-    link = Link(config.link.settings(), first, time.monotonic(), tree=served.tree, signing=_signing(config))
+    link = Link(
+        config.link.settings(),
+        first,
+        time.monotonic(),
+        tree=served.tree,
+        signing=_signing(config),
+        answers=AnswerStore(saved.get("replies")),
+    )
     link.set_words(first_words(config, memory))
     link.set_state(State.STARTING, open_id(saved), first_policy(config, saved))
     return link

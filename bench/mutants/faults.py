@@ -36,6 +36,7 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/daemon/health.py": _DAEMON,
     "companion/daemon/persistence.py": _DAEMON,
     "companion/answers/handler.py": (*_CALLS, *_DAEMON),
+    "companion/answers/outcome.py": (*_CALLS, *_DAEMON),
     "companion/vision/checks.py": _VISION,
     "companion/vision/client.py": _VISION,
     "companion/vision/freeze_detector.py": (*_DAEMON, *_VISION),

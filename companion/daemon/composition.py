@@ -12,7 +12,6 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.pace import Pace
 from companion.answers.handler import AnswerHandler
-from companion.answers.store import AnswerStore
 from companion.calls.machine import OperatorCalls
 from companion.calls.numbers import Numbers
 from companion.calls.snapshot import restore
@@ -71,7 +70,7 @@ def compose(
     """Create the daemon, once vision is ready. Adds notices for the operator to `startup_notices`."""
     link, vision, journal, writer, served, saved = opened
     # An answer may wait for its outcome, and then for the disk.
-    link.set_undecided_for(vision.answers_within + SLOW)
+    link.answers.set_undecided_for(vision.answers_within + SLOW)
     model, now, folder = ready.model, time.monotonic(), config.journal.path
     if journal.recovered_from is not None:
         startup_notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
@@ -86,7 +85,6 @@ def compose(
     if saved:
         restore_calls(calls, saved, now, startup_notices)
     statistics = restore_statistics(model.id, calls, saved.get("shadow"), now, startup_notices)
-    replies = AnswerStore(saved.get("replies"))
     position = VehiclePosition(lambda: link.vehicle)
     persistence = Persistence(
         journal,
@@ -96,10 +94,10 @@ def compose(
         vision,
         folder / "status.json",
         position.clock.stamp,
-        replies,
+        link.answers,
         stored_u32(saved.get("frame_id")),
     )
-    answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, replies)
+    answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, link.answers)
     after_write = persistence.after_write
     policy = PolicyService(
         link, calls, policies, after_write, refuses=hold_gate.refuses, wants_hold=wants_hold

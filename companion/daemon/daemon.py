@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from anytraverse.preferences import Preferences
+from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.machine import OperatorCalls
 from companion.daemon.executor import DecisionExecutor
@@ -19,7 +20,6 @@ from companion.daemon.startup import wait
 from companion.daemon.status import Status
 from companion.daemon.test_call import TestCall
 from companion.link.inbound import (
-    AnswerRequest,
     InboundEvent,
     ModeAck,
     ParameterRequest,
@@ -27,7 +27,6 @@ from companion.link.inbound import (
     RcChannels,
     ResetRequest,
     VehicleUpdate,
-    WordsRequest,
 )
 from companion.link.link import Link
 from companion.policy.shadow import ShadowReporter
@@ -186,12 +185,12 @@ class Daemon:
         match event:
             case VehicleUpdate(vehicle):
                 self._handle_vehicle(vehicle, now)
-            case AnswerRequest() if self._test_call.hear(event, now):
-                pass
-            case AnswerRequest():
-                self._finish_answer(self.answer_handler.hear(event, now), now)
-            case ParameterRequest() | WordsRequest() | ResetRequest():
+            case ParameterRequest() | ResetRequest() | Answer(via=Via.TEXT):
                 self._finish_answer(self.settings.set(event, now), now)
+            case Answer() if self._test_call.receive(event, now):
+                pass
+            case Answer():
+                self._finish_answer(self.answer_handler.receive(event, now), now)
             case PolicyRequest():
                 self._executor.carry_out(self.settings.policy.command(event, now), now)
             case ScriptHold():
@@ -281,7 +280,7 @@ class Daemon:
                 self.persistence.after_write(partial(self._after_answer_write, reply))
             else:
                 ack = reply.acknowledgement
-                self._link.acknowledge(reply.request, ack, now)
+                self._link.acknowledge(reply.answer, ack, now)
                 log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
 
     def _after_answer_write(self, reply: Reply, remembered: bool, now: float) -> None:

@@ -57,7 +57,7 @@ class Persistence:
         vision: Vision,
         status: Path,
         stamp: Callable[[], float],
-        replies: AnswerStore,
+        answers: AnswerStore,
         frame_id: int,
     ) -> None:
         """journal: only read before the daemon's first turn. stamp: gives seconds since 1970.
@@ -83,7 +83,7 @@ class Persistence:
         self._last_id = 0
         self._frames = 0
         self._frame_id = frame_id
-        self._replies = replies
+        self._answer_store = answers
         self._frame_lost = False
         self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
         self._stamp = stamp
@@ -138,7 +138,7 @@ class Persistence:
             **beside,
             "last_id": _reserved(calls.last_id),
             "frame_id": self._frame_id,
-            "replies": self._replies.saved(),
+            "replies": self._answer_store.saved(),
         }
         if state != self._state:
             # The writer always holds the whole state, so that of several waiting states the newest suffices.
@@ -171,15 +171,15 @@ class Persistence:
 
     def answered(self, reply: Reply) -> None:
         """Queue an answer that changed something, and its reply."""
-        request, acknowledgement = reply.request, reply.acknowledgement
-        self._replies.add(request, acknowledgement)
+        answer, acknowledgement = reply.answer, reply.acknowledgement
+        self._answer_store.save(answer, acknowledgement)
         target = acknowledgement.target
         if target == 0:
             return
         record = {
-            "motion": request.motion.name.lower(),
-            "operations": [operation_text(operation) for operation in request.operations],
-            "sender": list(request.sender),
+            "motion": answer.motion.name.lower(),
+            "operations": [operation_text(operation) for operation in answer.operations],
+            "sender": list(answer.sender),
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,
         }

@@ -17,8 +17,8 @@ from typing import Any
 
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
+from companion.answers.answer import Answer
 from companion.calls.machine import OperatorCalls
-from companion.link.inbound import AnswerRequest
 from companion.link.link import Link
 from companion.telemetry.summary import call_data
 from companion.wire import notices, texts
@@ -88,26 +88,26 @@ class TestCall:
         if self._open is not None:
             self._link.announce(self._open.data, texts.trial_call(self.id), now)
 
-    def hear(self, request: AnswerRequest, now: float) -> bool:
+    def receive(self, answer: Answer, now: float) -> bool:
         """Take an answer, if it is for the test call: acknowledge it and end the test. Whether it was.
 
         The answer's words and motion change nothing.
         """
-        if self._open is None or request.target not in (0, self.id):
+        if self._open is None or answer.target not in (0, self.id):
             return False
-        if request.target == 0 and request.motion is Motion.NONE:
+        if answer.target == 0 and answer.motion is Motion.NONE:
             return False
         seconds, number = now - self._open.since, self.id
         # An answer to "the current call" that comes this early was sent before the operator saw this one.
-        if request.target == 0 and seconds < self._calls.numbers.announce_guard:
-            self._acknowledge(request, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
+        if answer.target == 0 and seconds < self._calls.numbers.announce_guard:
+            self._acknowledge(answer, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
             return True
-        text = notices.trial_answered(number, *request.sender, seconds)
-        self.status |= {"by": list(request.sender), "after": round(seconds, 1)}
+        text = notices.trial_answered(number, *answer.sender, seconds)
+        self.status |= {"by": list(answer.sender), "after": round(seconds, 1)}
         self._end("answered", text, Outcome.ANSWERED, now)
-        result = Result.REFUSED if request.operations else Result.APPLIED
-        reply = f"{text}; a test teaches no words" if request.operations else text
-        self._acknowledge(request, number, result, reply, now)
+        result = Result.REFUSED if answer.operations else Result.APPLIED
+        reply = f"{text}; a test teaches no words" if answer.operations else text
+        self._acknowledge(answer, number, result, reply, now)
         return True
 
     def _take_request(self) -> int | None:
@@ -160,12 +160,10 @@ class TestCall:
         log.warning("%s", text)
         self._link.announce(data, text, now)
 
-    def _acknowledge(
-        self, request: AnswerRequest, number: int, result: Result, text: str, now: float
-    ) -> None:
+    def _acknowledge(self, answer: Answer, number: int, result: Result, text: str, now: float) -> None:
         closed = self._open is None
         acknowledgement = Acknowledgement(
-            transaction=request.transaction or 0,
+            transaction=answer.transaction,
             target=number,
             result=result,
             stage=Stage.CLOSED if closed else Stage.OPEN,
@@ -176,4 +174,4 @@ class TestCall:
             words=words_hash(self._words()),
             text=text,
         )
-        self._link.acknowledge(request, acknowledgement, now)
+        self._link.acknowledge(answer, acknowledgement, now)

@@ -6,11 +6,10 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 from companion.link import encode
-from companion.link.inbound import Sender
 from companion.link.limits import TokenBucket
 from companion.link.outbox import Outbox
 from companion.wire import notices
-from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Stage
+from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, SenderId, Stage
 from companion.wire.messages import (
     CLOSED_REPEATS,
     DATA_PERIOD,
@@ -72,7 +71,7 @@ class TextSender:
         else:
             self.unsaid += 1
 
-    def refuse_sender(self, sender: Sender, now: float) -> None:
+    def refuse_sender(self, sender: SenderId, now: float) -> None:
         """Send that `sender` may not change anything; at most one such text in 5 s."""
         if self._denials.take(1, now):
             self.say(notices.sender_refused(sender[0]), WARNING, now)

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from companion.answers.answer import Answer
+from companion.answers.store import AnswerStore
 from companion.config.link_settings import LinkSettings
 from companion.link import encode
 from companion.link.access_control import AccessControl
@@ -16,7 +18,7 @@ from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import AnswerRequest, InboundEvent, PolicyRequest, ResetRequest, WordsRequest
+from companion.link.inbound import InboundEvent, PolicyRequest, ResetRequest
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import FOLDER as PARAMETERS
 from companion.link.parameter_server import ParameterFile, ParameterServer
@@ -54,13 +56,14 @@ class Link:
         openers: Mapping[str, Callable[[], Transport]] | None = None,
         tree: Tree | None = None,
         signing: Signing | None = None,
+        answers: AnswerStore | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """openers: by connection name, what makes its transport in place of the url. tree: files to serve.
 
         signing: signs each frame sent, and accepts only signed frames; each connection has its own link id.
-        clock: monotonic s, by which `poll` limits its duration.
-        Raises LinkError, ParameterError.
+        answers: with the replies from before a restart. clock: monotonic s, by which `poll` limits its
+        duration. Raises LinkError, ParameterError.
         """
         self.most_budget = settings.most_budget
         self._signing = signing
@@ -72,7 +75,10 @@ class Link:
         self._error_guard = ErrorGuard(lambda now: self.say(notices.unexpected_error(), ERROR, now))
         self._parameters = ParameterServer(self._outbox, self._text_sender, self._access, parameters)
         self._texts = TextParameters(self._outbox, self._text_sender, self._access, self._parameters)
-        self._answers = AnswerService(self._outbox, self._text_sender, self._access, self._parameters)
+        self.answers = AnswerStore() if answers is None else answers
+        self._answers = AnswerService(
+            self._outbox, self._text_sender, self._access, self._parameters, self._texts, self.answers
+        )
         self._commands = CommandService(self._outbox, self._text_sender, self._access, self._parameters)
         self._tracker = VehicleTracker(settings.system_id)
         served = (tree or Tree()).beside(PARAMETERS, ParameterFile(self._parameters.packed))
@@ -212,13 +218,9 @@ class Link:
         """Send a text once, with MAV_SEVERITY `severity`; not the same one again within 5 s."""
         self._text_sender.say(text, severity, now)
 
-    def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
+    def acknowledge(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
         """Send the result of an answer to its sender, and store it for when the answer is repeated."""
-        self._answers.acknowledge(request, ack, now)
-
-    def acknowledge_words(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
-        """Report to the sender whether the words that it set as text are in force."""
-        self._texts.acknowledge(request, now, accepted=accepted)
+        self._answers.acknowledge(answer, ack, now)
 
     def acknowledge_command(self, request: PolicyRequest | ResetRequest, result: int, now: float) -> None:
         """Send the result of a command (MAV_RESULT) to its sender."""
@@ -242,10 +244,6 @@ class Link:
     def echo_parameter(self, name: str, now: float) -> None:
         """Echo the value in force, because a requested one was not accepted."""
         self._parameters.changed(name, self._parameters.value(name), now)
-
-    def set_undecided_for(self, seconds: float) -> None:
-        """Set the s within which the daemon decides a request; a repetition is not passed on before."""
-        self._access.undecided_for = seconds
 
     def set_words(self, words: Mapping[str, float]) -> None:
         """Set the words in force, which clients read as text."""

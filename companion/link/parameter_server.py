@@ -10,11 +10,11 @@ from typing import Any
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
-from companion.link.inbound import ParameterRequest, Sender
+from companion.link.inbound import ParameterRequest
 from companion.link.outbox import Outbox
 from companion.storage.served_tree import Held, MissingError, Opened
 from companion.wire import notices
-from companion.wire.ids import COMPONENT_ID
+from companion.wire.ids import COMPONENT_ID, SenderId
 from companion.wire.packed_parameters import Asked, pack
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 from companion.wire.refusals import Rejected
@@ -24,7 +24,7 @@ from companion.wire.refusals import Rejected
 class _Listing:
     """A list that is being sent on one connection. to: newest requester. at: next index. left: entries."""
 
-    to: Sender
+    to: SenderId
     at: int = 0
     left: int = 0
 
@@ -43,14 +43,14 @@ class ListSender:
         self._count = count
         self._lists: dict[str, _Listing] = {}
 
-    def begin(self, sender: Sender) -> None:
+    def begin(self, sender: SenderId) -> None:
         """Start the list for `sender`, or make the running one go round once more."""
         channel = self._outbox.channel(sender)
         if channel is not None:
             listing = self._lists.setdefault(channel.name, _Listing(sender))
             listing.to, listing.left = sender, self._count
 
-    def due(self) -> Iterator[tuple[int, Sender]]:
+    def due(self) -> Iterator[tuple[int, SenderId]]:
         """Yield index and receiver of each entry to send now: the next one, where none of the row waits."""
         for listing in self._lists.values():
             if listing.left and not self._outbox.waiting(self._row, listing.to):
@@ -98,7 +98,7 @@ class ParameterServer:
         self._access = access
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
-        self._requested_by: dict[str, Sender] = {}
+        self._requested_by: dict[str, SenderId] = {}
         self._lists = ListSender(outbox, "list", len(self._entries))
         self.configured: Mapping[str, float] = {}
         """Name -> configured value, for the parameters that have one."""
@@ -120,13 +120,13 @@ class ParameterServer:
         """Whether a listed parameter accepts `value`."""
         return self._entries[self._index[name]].accepts(value)
 
-    def echo(self, name: str, value: float, to: Sender, now: float) -> None:
+    def echo(self, name: str, value: float, to: SenderId, now: float) -> None:
         """Send `to` a value that is not stored, for AT_ANSWER, which always reads as 0."""
         index = self._index[name]
         message = encode.parameter(replace(self._entries[index], value=value), index, len(self._entries))
         self._outbox.push("echo", message, now, key=index, to=to)
 
-    def list_all(self, sender: Sender) -> None:
+    def list_all(self, sender: SenderId) -> None:
         """Answer PARAM_REQUEST_LIST."""
         self._lists.begin(sender)
 
@@ -134,7 +134,7 @@ class ParameterServer:
         """Pack the parameters into a file. Raises ValueError when `asked.start` is behind the last one."""
         return pack(self._entries, asked, self.configured)
 
-    def read(self, sender: Sender, message: Any, now: float) -> None:
+    def read(self, sender: SenderId, message: Any, now: float) -> None:
         """Answer PARAM_REQUEST_READ, by name when the index is -1."""
         index = self._index.get(message.param_id) if message.param_index < 0 else message.param_index
         if index is None or self.at(index) is None:
@@ -142,7 +142,7 @@ class ParameterServer:
             return
         self._send("echo", index, now, sender)
 
-    def set(self, sender: Sender, message: Any, now: float) -> ParameterRequest | None:
+    def set(self, sender: SenderId, message: Any, now: float) -> ParameterRequest | None:
         """Check PARAM_SET of any type; return the request, or echo the old value when it is refused."""
         index = self._index.get(message.param_id)
         if index is None:
@@ -185,7 +185,7 @@ class ParameterServer:
         for index, to in self._lists.due():
             self._send("list", index, now, to)
 
-    def _refuse_unknown(self, sender: Sender, message: Any, index: int, now: float) -> None:
+    def _refuse_unknown(self, sender: SenderId, message: Any, index: int, now: float) -> None:
         """Refuse an unknown parameter, with an error only when we alone were asked.
 
         A request to all components may be for a parameter of another one.
@@ -197,7 +197,7 @@ class ParameterServer:
                 "no parameter", error, now, key=(sender, message._param_id_raw, index), to=sender
             )
 
-    def _send(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
+    def _send(self, row: str, index: int, now: float, to: SenderId | None = None) -> None:
         message = encode.parameter(self._entries[index], index, len(self._entries))
         self._outbox.push(row, message, now, key=index, to=to)
 

@@ -13,14 +13,21 @@ from companion.link.answers import AnswerService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import InboundEvent, ModeAck, Sender, VehicleUpdate
+from companion.link.inbound import InboundEvent, ModeAck, VehicleUpdate
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
 from companion.link.vehicle import RemoteControl, VehicleTracker
 from companion.vehicle.ardupilot import script_hold
 from companion.wire import notices
-from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER, WARNING
+from companion.wire.ids import (
+    ANSWER_COMMAND,
+    AUTOPILOT_COMPONENT_ID,
+    COMPONENT_ID,
+    TUNNEL_ANSWER,
+    WARNING,
+    SenderId,
+)
 from companion.wire.messages import TELEMETRY
 from companion.wire.parameters import ANSWER
 
@@ -55,7 +62,7 @@ class Deduplicator:
 
 
 def _key(message: Any) -> tuple[int, int, int, bytes]:
-    """Sender, message id and payload, without the zeros at its end that only MAVLink 2 leaves out."""
+    """SenderId, message id and payload, without the zeros at its end that only MAVLink 2 leaves out."""
     frame = message.get_msgbuf()
     start = _HEADER_1 if frame[0] == mavlink.PROTOCOL_MARKER_V1 else _HEADER_2
     payload = bytes(frame[start : start + frame[1]]).rstrip(b"\0")
@@ -98,7 +105,7 @@ class RequestDispatcher:
         self._commands = commands
         self._files = files
 
-    def hear(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
+    def hear(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         """Answer a request here, or return the event that the daemon must handle."""
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
@@ -116,7 +123,8 @@ class RequestDispatcher:
         elif kind == "PARAM_SET":
             return self._set(sender, message, now)
         elif kind == "PARAM_EXT_SET":
-            return self._texts.set(sender, message, now)
+            text = self._texts.set(sender, message, now)
+            return None if text is None else self._answers.admit(text, now)
         elif kind == "TUNNEL":
             return self._take_answer(sender, message, now)
         elif message.command == ANSWER_COMMAND:
@@ -125,13 +133,13 @@ class RequestDispatcher:
             return self._commands.hear(sender, message, now)
         return None
 
-    def _set(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
+    def _set(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         request = self._parameters.set(sender, message, now)
         if request is not None and request.name == ANSWER:
             return self._answers.parameter(request, now)
         return request
 
-    def _take_answer(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
+    def _take_answer(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         if message.payload_length > len(message.payload):
             self._access.rejected["payload"] += 1
             return None

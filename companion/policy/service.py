@@ -10,13 +10,13 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.judging import Settings
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
-from companion.link.inbound import PolicyRequest, RcChannels, Sender
+from companion.link.inbound import PolicyRequest, RcChannels
 from companion.link.link import Link
 from companion.policy.hold_gate import HoldRefusal, Refuses
 from companion.policy.policy import PolicyState
 from companion.vehicle import Autopilot
 from companion.wire import notices
-from companion.wire.ids import ERROR, WARNING, Policy
+from companion.wire.ids import ERROR, WARNING, Policy, SenderId
 from companion.wire.parameters import POLICY
 
 log = logging.getLogger(__name__)
@@ -84,7 +84,7 @@ class PolicyService:
             return info
         return {**info, "switch": switch.name, "switch_us": switch.width, "switch_heard": not self._lost}
 
-    def set(self, policy: Policy, sender: Sender, now: float) -> tuple[bool, list[Decision]]:
+    def set(self, policy: Policy, sender: SenderId, now: float) -> tuple[bool, list[Decision]]:
         """Handle a ground station's request for a policy. Returns whether it is granted.
 
         If not, a text says why.

@@ -11,17 +11,18 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import SettingsError
 from anytraverse.preferences import Preferences
+from companion.answers.answer import Answer
 from companion.answers.handler import AnswerHandler, Handled
 from companion.calls.machine import OperatorCalls
-from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
+from companion.link.inbound import ParameterRequest, ResetRequest
 from companion.link.link import Link
 from companion.policy.service import AfterWrite, PolicyService
 from companion.policy.shadow import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
 from companion.vision.client import Applied, Vision
 from companion.wire import notices
-from companion.wire.answers import ForgetWord, Operation, SetWord
-from companion.wire.ids import WARNING, Policy
+from companion.wire.answers import Acknowledgement, ForgetWord, Operation, SetWord
+from companion.wire.ids import WARNING, Policy, Result
 from companion.wire.parameters import (
     BUDGET,
     NOT_IN_USE,
@@ -97,16 +98,16 @@ class SettingsService:
         for name, word in self._words.items():
             self._echo(name, self._answer_handler.words.get(word, NOT_IN_USE), now)
 
-    def set(self, request: SetRequest, now: float) -> Handled:
-        """Handle a request to set a value, which is already checked to be in range.
+    def set(self, request: ParameterRequest | ResetRequest | Answer, now: float) -> Handled:
+        """Handle a request to set a value, which is already checked to be in range, or words as text.
 
         Words are echoed once the vision process has applied them.
         """
         if isinstance(request, ResetRequest):
             self._reset(request, now)
-        elif isinstance(request, WordsRequest):
+        elif isinstance(request, Answer):
             if not self._answer_handler.set_words(request, request.operations):
-                self._link.acknowledge_words(request, now, accepted=False)
+                self._acknowledge_text(request, Result.BUSY, now)
                 self._refuse(_BUSY, now)
         elif request.name in self._words:
             self._set_weight(request, self._words[request.name], now)
@@ -125,8 +126,8 @@ class SettingsService:
         if isinstance(request, ParameterRequest):
             words = applied.memory.preferences
             self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
-        elif isinstance(request, WordsRequest):
-            self._link.acknowledge_words(request, now, accepted=done)
+        elif isinstance(request, Answer):
+            self._acknowledge_text(request, Result.APPLIED if done else Result.REFUSED, now)
         elif isinstance(request, ResetRequest):
             self._link.acknowledge_command(request, _ACCEPTED if done else _FAILED, now)
         else:
@@ -154,6 +155,9 @@ class SettingsService:
         if not self._answer_handler.set_words(request, (operation,)):
             self._echo(request.name, self._sent[request.name], now)
             self._refuse(_BUSY, now)
+
+    def _acknowledge_text(self, answer: Answer, result: Result, now: float) -> None:
+        self._link.acknowledge(answer, Acknowledgement.without_figures(0, 0, result, ""), now)
 
     def _set_value(self, request: ParameterRequest, now: float) -> None:
         name, value = request.name, request.value

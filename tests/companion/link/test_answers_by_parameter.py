@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import AnswerRequest
+from companion.answers.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
 from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
@@ -22,18 +22,18 @@ def answer(value: float) -> Any:
     return mavlink.MAVLink_param_set_message(1, 191, b"AT_ANSWER", value, 9)
 
 
-def heard(stage: LoopbackLink, value: float, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
-    before = len(stage.reported(AnswerRequest))
+def heard(stage: LoopbackLink, value: float, sender: tuple[int, int] = GROUND) -> list[Answer]:
+    before = len(stage.reported(Answer))
     stage.send(answer(value), sender)
     stage.run(0.2)
-    return stage.reported(AnswerRequest)[before:]
+    return stage.reported(Answer)[before:]
 
 
 def echoes(stage: LoopbackLink) -> list[float]:
     return [m.param_value for m in stage.sent("PARAM_VALUE") if m.param_id == "AT_ANSWER"]
 
 
-def reply(stage: LoopbackLink, request: AnswerRequest, target: int, result: Result = Result.APPLIED) -> None:
+def reply(stage: LoopbackLink, request: Answer, target: int, result: Result = Result.APPLIED) -> None:
     ack = Acknowledgement(
         0, target, result, Stage.OPEN, Outcome.NONE, None, None, Reasons.NONE, 0, f"C{target} {result.name}"
     )
@@ -142,7 +142,7 @@ def test_many_commands_do_not_push_out_an_answer_that_a_ground_station_sets_agai
     for number in range(1, 71):
         stage.send(mavlink.MAVLink_command_long_message(1, 191, 31010, 0, number, 1, 0, 0, 0, 0, 0), GROUND)
         stage.run(0.06)
-    assert len(stage.reported(AnswerRequest)) == 71
+    assert len(stage.reported(Answer)) == 71
     assert heard(stage, 1) == []
 
 
@@ -152,12 +152,12 @@ def test_many_set_parameters_do_not_push_out_a_transaction_that_comes_again(stag
     again = mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded)
     stage.send(again, GROUND)
     stage.run(0.2)
-    reply(stage, stage.reported(AnswerRequest)[-1], 7)
+    reply(stage, stage.reported(Answer)[-1], 7)
     for number in range(1, 71):
         stage.send(answer(10 * number + 1), GROUND)
         stage.run(0.06)
-    before = len(stage.reported(AnswerRequest))
+    before = len(stage.reported(Answer))
     assert before == 71
     stage.send(again, GROUND)
     stage.run(0.2)
-    assert len(stage.reported(AnswerRequest)) == before
+    assert len(stage.reported(Answer)) == before

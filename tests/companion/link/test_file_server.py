@@ -11,10 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.mavftp import MAVFTP
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link import encode
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
-from companion.link.inbound import AnswerRequest
 from companion.sim.loopback_link import FileClient, LoopbackLink
 from companion.storage.file_reader import Reader
 from companion.storage.served_files import Folder
@@ -268,7 +268,7 @@ def test_requests_beyond_the_rate_are_dropped_and_keep_no_answer_out(client: Fil
     rejected = client.stage.link.counters.rejected
     assert rejected["rate"] > 100
     assert rejected["file queue"] > 20
-    assert client.stage.reported(AnswerRequest)
+    assert client.stage.reported(Answer)
 
 
 def test_a_burst_ends_before_a_client_takes_the_silence_of_its_own_for_a_broken_link(

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link.encode import MavlinkVersion
-from companion.link.inbound import AnswerRequest
 from companion.sim.loopback_link import Frame, LoopbackLink, Wire
 from companion.wire.ids import Policy, Reasons, State
 from companion.wire.payloads import Summary
@@ -92,7 +92,7 @@ def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_count
     assert "TUNNEL" not in kinds
     assert stage.link.counters.connections["main"].left_out >= 5
     assert versions(stage.frames).count(2) <= 1, "but for one heartbeat"
-    assert len(stage.reported(AnswerRequest)) == 1
+    assert len(stage.reported(Answer)) == 1
 
 
 def test_what_only_2_knows_is_cut_off(stage: LoopbackLink) -> None:

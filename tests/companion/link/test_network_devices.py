@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer, Via
 from companion.config.link_settings import ConnectionSettings, LinkSettings
-from companion.link.inbound import AnswerRequest, InboundEvent
+from companion.link.inbound import InboundEvent
 from companion.link.parser import Parser
 from companion.link.transport import KEPT, Tcp, Udp, open_transport
 from companion.wire import devices
@@ -38,8 +39,8 @@ def test_udpout_speaks_first_and_hears_answers(ground: socket.socket) -> None:
     heard: list[InboundEvent] = []
     end = time.monotonic() + DEADLINE
     while not heard and time.monotonic() < end:
-        heard = [event for event in link.poll(time.monotonic()) if isinstance(event, AnswerRequest)]
-    assert heard == [AnswerRequest((255, 190), None, 7, Motion.GO, ())]
+        heard = [event for event in link.poll(time.monotonic()) if isinstance(event, Answer)]
+    assert heard == [Answer((255, 190), Via.COMMAND, 7, Motion.GO)]
     link.close()
 
 

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import LinkSettings
-from companion.link.inbound import AnswerRequest, ParameterRequest
+from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter, ParameterError, build
@@ -239,7 +240,7 @@ def test_every_parameter_takes_what_it_may_be_and_echoes_the_old_value_otherwise
 ) -> None:
     stage = LoopbackLink(parameters=FULL)
     stage.run(0.02)
-    taken = [*ask(stage, setting(entry.name, value)), *stage.reported(AnswerRequest)]
+    taken = [*ask(stage, setting(entry.name, value)), *stage.reported(Answer)]
     if not taken:
         assert values(stage) == [(entry.name, round(entry.value, 4))]
     elif isinstance(taken[0], ParameterRequest):

@@ -3,8 +3,9 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
-from companion.link.inbound import AnswerRequest, ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
+from companion.link.inbound import ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
 from companion.sim.loopback_link import LoopbackLink, Wire
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State
@@ -105,7 +106,7 @@ def test_a_value_that_somebody_changed_is_told_to_the_others_too(stage: Loopback
     assert [message.param_value for message in stage.sent("PARAM_VALUE")] == [0.5]
 
 
-@pytest.mark.parametrize(("message", "kind"), [(GO, AnswerRequest), (SET, ParameterRequest)])
+@pytest.mark.parametrize(("message", "kind"), [(GO, Answer), (SET, ParameterRequest)])
 def test_a_request_heard_on_two_connections_counts_once(
     stage: LoopbackLink, wifi: Wire, message: object, kind: type
 ) -> None:

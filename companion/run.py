@@ -80,7 +80,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
         start_notices.append(notices.int8_idle())
     for notice in start_notices:
         log.warning("%s", notice)
-        link.say(texts.fit(notice), WARNING, time.monotonic())
+        link.send_text(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
     _run(daemon, stop)

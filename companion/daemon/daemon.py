@@ -87,7 +87,7 @@ class Daemon:
         self._view = view
         self._active_alert = ActiveAlert(calls)
         self._odometer = Odometer()
-        self._error_guard = ErrorGuard(lambda now: link.say(notices.unexpected_error(), ERROR, now))
+        self._error_guard = ErrorGuard(lambda now: link.send_text(notices.unexpected_error(), ERROR, now))
         self._health = HealthMonitor(Liveness(tasks(calls.numbers), now), link, vision, calls, persistence)
         self._shadow = ShadowReporter(settings.statistics, calls, link, persistence.picture)
         self._executor = DecisionExecutor(
@@ -157,7 +157,7 @@ class Daemon:
         if autopilot is not None and self.calls.holding.streams:
             self._link.set_mode(autopilot.rest_mode, time.monotonic())
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
-        self._link.say(notices.dying(), ALERT, time.monotonic())
+        self._link.send_text(notices.dying(), ALERT, time.monotonic())
         # The link sends within its budgets, so that one tick does not send everything.
         for _ in range(_FAREWELL_TICKS):
             self._link.tick(time.monotonic())
@@ -233,14 +233,14 @@ class Daemon:
         if seen.adopted is not None:
             text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
-            self._link.say(text, INFO, now)
+            self._link.send_text(text, INFO, now)
             self.persistence.picture(seen, self.calls.state(now), text)
         if self.persistence.replace_lost_frame(self.calls, seen, now):
-            self._link.say(texts.frame_lost(self.calls.current_id), WARNING, now)
+            self._link.send_text(texts.frame_lost(self.calls.current_id), WARNING, now)
         if seen.dropped:
-            self._link.say(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
+            self._link.send_text(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
         for word in self._weak_words.new(self._vision.weak, judged.memory.preferences):
-            self._link.say(notices.weak_word(word), NOTICE, now)
+            self._link.send_text(notices.weak_word(word), NOTICE, now)
         state = self.calls.state(now)
         self._link.summary(
             summary(seen, judged.sectors, state, self.calls.policy, self.calls.current_id, self._view, now),
@@ -260,7 +260,7 @@ class Daemon:
             return
         handled = self.answer_handler.applied(applied, now)
         if handled.refused:
-            self._link.say(notices.refused(handled.refused), ERROR, now)
+            self._link.send_text(notices.refused(handled.refused), ERROR, now)
         self._finish_answer(handled, now)
         self.persistence.after_write(lambda _, now: self.settings.answered(applied, now))
         call = self.calls.call

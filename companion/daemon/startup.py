@@ -69,4 +69,4 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
             link.echo_parameter(event.name, now)
         case _:
             return
-    link.say(notices.refused(_AGAIN), WARNING, now)
+    link.send_text(notices.refused(_AGAIN), WARNING, now)

@@ -12,16 +12,16 @@ from companion.wire.refusals import Rejected
 
 REQUESTS_PER_SECOND = 20.0
 REQUESTS_AT_ONCE = 60.0
-STRANGERS_PER_SECOND = 5.0
-STRANGERS_AT_ONCE = 20.0
+READERS_PER_SECOND = 5.0
+READERS_AT_ONCE = 20.0
 MAX_SHARES = 4
 KEPT = 10.0
 """s of silence after which another sender may have the share."""
-STRANGERS: SenderId = (0, 0)
+READERS: SenderId = (0, 0)
 """All senders that may only read share one rate limit: many ids gain a sender nothing."""
-OTHERS: SenderId = (0, 1)
+OTHER_OPERATORS: SenderId = (0, 1)
 """All senders that may change something and have no share of their own share one rate limit, too."""
-CROWDS = frozenset({STRANGERS, OTHERS})
+COMMON_SHARES = frozenset({READERS, OTHER_OPERATORS})
 _Buckets = dict[str, TokenBucket]
 
 
@@ -36,10 +36,10 @@ class AccessControl:
         self._allowed = allowed
         self._signing = signing
         self._shares: LeaseTable[SenderId, _Buckets] = LeaseTable(MAX_SHARES, KEPT)
-        self._common: dict[SenderId, _Buckets] = {STRANGERS: {}, OTHERS: {}}
+        self._common: dict[SenderId, _Buckets] = {READERS: {}, OTHER_OPERATORS: {}}
         self.rejected: Counter[Rejected] = Counter()
 
-    def believes(self, message: Any, now: float) -> bool:
+    def accepts(self, message: Any, now: float) -> bool:
         """Whether to accept a message at all: where a key is set, whether it is signed and new."""
         if self._signing is None:
             return True
@@ -54,16 +54,16 @@ class AccessControl:
         """Whether the sender's system id may answer calls and set values."""
         return self._allowed[0] <= sender[0] <= self._allowed[1]
 
-    def hear(self, sender: SenderId, now: float) -> None:
+    def renew_share(self, sender: SenderId, now: float) -> None:
         """Renew the share of `sender`, who sent something."""
         if self.may_change(sender):
             self._shares.renew(sender, self._shares.get(sender) or {}, now)
 
     def share(self, sender: SenderId) -> SenderId:
-        """The key of the rate limit that `sender` counts under: its own id, OTHERS or STRANGERS."""
+        """The key of the rate limit that `sender` counts under: its own id, OTHER_OPERATORS or READERS."""
         if sender in self._shares:
             return sender
-        return OTHERS if self.may_change(sender) else STRANGERS
+        return OTHER_OPERATORS if self.may_change(sender) else READERS
 
     def outranks(self, sender: SenderId, other: SenderId) -> bool:
         """Whether `sender` goes before `other` where places are scarce.
@@ -84,8 +84,8 @@ class AccessControl:
             buckets = self._common[share]
         if kind not in buckets:
             buckets[kind] = (
-                TokenBucket(STRANGERS_PER_SECOND, STRANGERS_AT_ONCE, now)
-                if share == STRANGERS
+                TokenBucket(READERS_PER_SECOND, READERS_AT_ONCE, now)
+                if share == READERS
                 else TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, now)
             )
         if buckets[kind].take(1, now):

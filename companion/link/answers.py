@@ -190,7 +190,7 @@ class AnswerService:
     def acknowledge(self, answer: Answer, reply: Acknowledgement, now: float) -> None:
         """Send the result of an answer to its sender, and store it for repetitions."""
         if answer.via in (Via.COMMAND, Via.AT_ANSWER):
-            self._text_sender.answer(reply.text, now, taken=reply.result in CHANGING_RESULTS)
+            self._text_sender.send_result(reply.text, now, accepted=reply.result in CHANGING_RESULTS)
         self._reply(answer, reply, now)
         self._store.finish(answer, reply, now)
 

@@ -46,7 +46,7 @@ class CommandService:
         self._parameters = parameters
         self._version = encode.autopilot_version(own_version())
 
-    def hear(self, sender: SenderId, message: Any, now: float) -> _Request | None:
+    def receive(self, sender: SenderId, message: Any, now: float) -> _Request | None:
         """Take a COMMAND_LONG or COMMAND_INT; execute it here, or return the request for the daemon."""
         result: int
         request: _Request | None = None
@@ -114,7 +114,7 @@ class CommandService:
         else:
             interval = _NEVER if message_id == _VERSION else _UNKNOWN
         message = encode.message_interval(int(message_id), interval)
-        self._outbox.push("rate told", message, now, key=(to, message_id), to=to)
+        self._outbox.push("interval reply", message, now, key=(to, message_id), to=to)
         return ACCEPTED
 
     def _set_rate(

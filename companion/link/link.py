@@ -72,7 +72,7 @@ class Link:
         self._access = AccessControl(settings.allowed_senders, signing)
         self._outbox = Outbox(self._channels, self._access.share)
         self._text_sender = TextSender(self._outbox)
-        self._error_guard = ErrorGuard(lambda now: self.say(notices.unexpected_error(), ERROR, now))
+        self._error_guard = ErrorGuard(lambda now: self.send_text(notices.unexpected_error(), ERROR, now))
         self._parameters = ParameterServer(self._outbox, self._text_sender, self._access, parameters)
         self._texts = TextParameters(self._outbox, self._text_sender, self._access, self._parameters)
         self.answers = AnswerStore() if answers is None else answers
@@ -154,10 +154,10 @@ class Link:
                 break
         return events
 
-    def skip(self, now: float) -> None:
+    def discard_received(self, now: float) -> None:
         """Discard what waits to be read."""
         for channel in self._channels:
-            channel.skip(now)
+            channel.discard_received(now)
 
     def tick(self, now: float) -> None:
         """Send what is due on all connections, within pace and budgets."""
@@ -214,9 +214,9 @@ class Link:
         """
         self._alerts.announce(call, text, now, quiet=quiet, severity=severity)
 
-    def say(self, text: str, severity: int, now: float) -> None:
+    def send_text(self, text: str, severity: int, now: float) -> None:
         """Send a text once, with MAV_SEVERITY `severity`; not the same one again within 5 s."""
-        self._text_sender.say(text, severity, now)
+        self._text_sender.send(text, severity, now)
 
     def acknowledge(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
         """Send the result of an answer to its sender, and store it for when the answer is repeated."""
@@ -280,9 +280,9 @@ class Link:
     def _route(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:
         for message in messages:
             with self._error_guard.survived(message.get_type(), now):
-                if not self._access.believes(message, now):
+                if not self._access.accepts(message, now):
                     continue
-                event = self._router.hear(message, channel, now)
+                event = self._router.route(message, channel, now)
                 if event is not None:
                     yield event
 

@@ -43,16 +43,16 @@ class Outbox:
         for channel in self._channels:
             channel.sender.system_id = value
 
-    def hear(self, sender: SenderId, channel: Channel, now: float) -> None:
+    def note_route(self, sender: SenderId, channel: Channel, now: float) -> None:
         """Remember that `sender` was received on `channel`. At most 64; the first keep their places."""
         self._routes.renew(sender, channel, now)
 
-    def hear_autopilot(self, channel: Channel, now: float) -> bool:
+    def note_autopilot(self, channel: Channel, now: float) -> bool:
         """Note our autopilot's heartbeat on `channel`; True when its telemetry there counts."""
         self._autopilot_at[channel.name] = now
         in_reach = [one for one in self._channels if self._receives_autopilot(one, now)]
         # Where another component uses our ids only holds may be sent, so any other connection is better.
-        home = next((one for one in in_reach if not one.clash), in_reach[0])
+        home = next((one for one in in_reach if not one.id_conflict), in_reach[0])
         if home is not self._home:
             self._home = home
             self.moves += 1
@@ -93,10 +93,10 @@ class Outbox:
         for channel in self._channels_to(to):
             channel.push(name, message, now, key=key, lifetime=lifetime, to=share)
 
-    def urge(self, name: str, now: float) -> None:
+    def send_now(self, name: str, now: float) -> None:
         """Send the queued messages of row `name` now, if the device takes them."""
         for channel in self._channels:
-            channel.urge(name, now)
+            channel.send_now(name, now)
 
     def waiting(self, name: str, to: SenderId | None = None) -> int:
         """Frames of row `name` that wait, on the connection with the fewest. to: only those of its share."""

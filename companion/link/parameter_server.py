@@ -15,7 +15,7 @@ from companion.link.outbox import Outbox
 from companion.storage.served_tree import Held, MissingError, Opened
 from companion.wire import notices
 from companion.wire.ids import COMPONENT_ID, SenderId
-from companion.wire.packed_parameters import Asked, pack
+from companion.wire.packed_parameters import ListOptions, pack
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 from companion.wire.refusals import Rejected
 
@@ -66,19 +66,19 @@ NAME = "param.pck"
 class ParameterFile:
     """Serves the folder `@PARAM`, which holds one file: all parameters, packed."""
 
-    def __init__(self, pack: Callable[[Asked], bytes]) -> None:
+    def __init__(self, pack: Callable[[ListOptions], bytes]) -> None:
         """pack: makes the file's content; may raise ValueError."""
         self._pack = pack
 
     def sizes(self) -> Mapping[str, int]:
-        return {NAME: len(self._pack(Asked()))}
+        return {NAME: len(self._pack(ListOptions()))}
 
     def open(self, name: str) -> Opened:
-        """Open `param.pck`; options follow a `?`, see `Asked.read`. Raises FileError, ValueError."""
+        """Open `param.pck`; options follow a `?`, see `ListOptions.read`. Raises FileError, ValueError."""
         file, _, query = name.partition("?")
         if file != NAME:
             raise MissingError(name)
-        return Held(self._pack(Asked.read(query)))
+        return Held(self._pack(ListOptions.read(query)))
 
 
 _DIGITS = 6
@@ -130,9 +130,9 @@ class ParameterServer:
         """Answer PARAM_REQUEST_LIST."""
         self._lists.begin(sender)
 
-    def packed(self, asked: Asked) -> bytes:
-        """Pack the parameters into a file. Raises ValueError when `asked.start` is behind the last one."""
-        return pack(self._entries, asked, self.configured)
+    def packed(self, options: ListOptions) -> bytes:
+        """Pack the parameters into a file. Raises ValueError when `options.start` is behind the last one."""
+        return pack(self._entries, options, self.configured)
 
     def read(self, sender: SenderId, message: Any, now: float) -> None:
         """Answer PARAM_REQUEST_READ, by name when the index is -1."""
@@ -178,7 +178,7 @@ class ParameterServer:
         if asker is not None:
             self._send("echo", index, now, None if is_changed else asker)
         elif is_changed:
-            self._send("news", index, now)
+            self._send("changed value", index, now)
 
     def tick(self, now: float) -> None:
         """Queue the next entries of the lists."""

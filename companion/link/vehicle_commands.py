@@ -40,7 +40,7 @@ class ModeCommands:
 
     def send_hold_now(self, now: float) -> None:
         """Send a queued hold command now."""
-        self._outbox.urge("hold", now)
+        self._outbox.send_now("hold", now)
 
     def forget(self) -> None:
         """Drop a mode command that waits."""
@@ -112,7 +112,7 @@ class MessageIntervals:
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
         reported_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
         if autopilot is not None and autopilot.reports_mode_late and now - reported_at > MODE_SILENCE:
-            period = MESSAGES["mode told"].period or 0.0
+            period = MESSAGES["current mode"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
         if self.wants_rc_channels and now - self._remote_control.pulses_at > PULSES_SILENCE:
             period = MESSAGES["rc"].period or 0.0

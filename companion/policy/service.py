@@ -95,7 +95,7 @@ class PolicyService:
             refusal = notices.switch_wins(self._policies.off_by)
         if refusal:
             log.warning("policy %s requested by %s is refused: %s", policy.name.lower(), who, refusal)
-            self._link.say(refusal, WARNING, now)
+            self._link.send_text(refusal, WARNING, now)
         else:
             self._wants_hold = False
         return not refusal, self._put_in_force(who, now, announce=not refusal)
@@ -118,7 +118,7 @@ class PolicyService:
         before, self._judged_for, self._refusal = self._refusal, known, self._refuses(*known)
         if self._refusal is None:
             if before is not None:
-                self._link.say(notices.hold_fits(), WARNING, now)
+                self._link.send_text(notices.hold_fits(), WARNING, now)
             return []
         given_up = self._policies.give_up_hold()
         if given_up or self._wants_hold:
@@ -126,7 +126,7 @@ class PolicyService:
         if not given_up:
             return []
         self._wants_hold = True
-        self._link.say(self._refusal.short, ERROR, now)
+        self._link.send_text(self._refusal.short, ERROR, now)
         return self._put_in_force("", now, announce=False)
 
     def refuses_settings(self, judging: Settings) -> HoldRefusal | None:
@@ -144,7 +144,7 @@ class PolicyService:
         log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
         # The switch is on now, but a request still keeps the companion off: the driver must know.
         if not switch.off and self._policies.asked is Policy.OFF:
-            self._link.say(notices.still_off(switch.name, self._policies.off_by), WARNING, now)
+            self._link.send_text(notices.still_off(switch.name, self._policies.off_by), WARNING, now)
             return []
         return self._put_in_force(switch.name, now, announce=True)
 
@@ -156,7 +156,7 @@ class PolicyService:
         self._lost = not self._lost
         text = (notices.switch_lost if self._lost else notices.switch_heard)(switch.name, off=switch.off)
         log.warning("%s", text)
-        self._link.say(text, ERROR if self._lost else WARNING, now)
+        self._link.send_text(text, ERROR if self._lost else WARNING, now)
 
     def _put_in_force(self, who: str, now: float, *, announce: bool) -> list[Decision]:
         policy = self._policies.in_force
@@ -166,6 +166,6 @@ class PolicyService:
         decisions = self._calls.set_policy(policy, now)
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
-            self._link.say(notices.policy(policy, who), WARNING, now)
+            self._link.send_text(notices.policy(policy, who), WARNING, now)
         self._after_write(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
         return decisions

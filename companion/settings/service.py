@@ -133,7 +133,7 @@ class SettingsService:
         else:
             return
         if applied.outcome is not None and applied.outcome.dropped:
-            self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
+            self._link.send_text(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
 
     def send_changes(self, words: Preferences, now: float) -> None:
         """Send the ground the shadow counts and the weights that changed without a request for them."""
@@ -167,7 +167,7 @@ class SettingsService:
             refusal = "" if name in _LINK_PARAMETERS else self._tune({name: value}, name)
         if refusal:
             log.warning("%s = %g requested by %d/%d is refused: %s", name, value, *request.sender, refusal)
-            self._link.say(refusal, WARNING, now)
+            self._link.send_text(refusal, WARNING, now)
             self._echo(name, self._sent[name], now)
             return
         log.info("%s = %g, set by %d/%d", name, value, *request.sender)
@@ -203,7 +203,7 @@ class SettingsService:
         of_frames = {name: value for name, value in configured.items() if name not in _LINK_PARAMETERS}
         refusal = self._tune(of_frames, "Reset")
         if refusal:
-            self._link.say(refusal, WARNING, now)
+            self._link.send_text(refusal, WARNING, now)
             self._link.acknowledge_command(request, _DENIED, now)
             return
         log.warning("settings and words are reset as configured, requested by %d/%d", *request.sender)
@@ -221,7 +221,7 @@ class SettingsService:
             log.warning("shadow counts are reset, requested by %d/%d", *request.sender)
             self.statistics.begin_anew(self._calls.shadow, time.time())
         else:
-            self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
+            self._link.send_text(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
         self._echo_after_write(SHADOW_HOLDS, float(self._calls.shadow.count))
 
     def _exceeds_link(self, budget: float) -> bool:
@@ -235,7 +235,7 @@ class SettingsService:
             self._link.set_budget(value, now)
 
     def _refuse(self, why: str, now: float) -> None:
-        self._link.say(notices.refused(why), WARNING, now)
+        self._link.send_text(notices.refused(why), WARNING, now)
 
     def _echo_after_write(self, name: str, value: float) -> None:
         self._sent[name] = value

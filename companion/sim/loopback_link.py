@@ -52,7 +52,7 @@ class MemoryTransport:
         self._outbox.append(frame)
         return True
 
-    def believe(self, now: float, *, autopilot: bool) -> None:
+    def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Does nothing: there is only one other end, so that no address has to be trusted."""
 
     def fileno(self) -> int | None:

@@ -49,7 +49,7 @@ class FtpServer:
         """How many files are open."""
         return len(self._sessions)
 
-    def hear(self, sender: SenderId, message: Any, now: float) -> None:
+    def receive(self, sender: SenderId, message: Any, now: float) -> None:
         """Take a request. A reply is never answered: two servers would answer each other without end."""
         try:
             request = FtpPayload.unpack(bytes(message.payload))

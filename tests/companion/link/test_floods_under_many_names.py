@@ -14,13 +14,13 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.answers.answer import Answer
 from companion.config.link_settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.access_control import (
-    CROWDS,
+    COMMON_SHARES,
     KEPT,
     MAX_SHARES,
-    OTHERS,
+    OTHER_OPERATORS,
+    READERS,
     REQUESTS_AT_ONCE,
     REQUESTS_PER_SECOND,
-    STRANGERS,
     AccessControl,
 )
 from companion.link.inbound import ParameterRequest
@@ -228,16 +228,16 @@ def test_no_number_of_names_is_admitted_more_than_the_shares_allow(
         kept = [
             one for one in heard_at if one in access._shares and one != sender and now - heard_at[one] <= KEPT
         ]
-        access.hear(sender, now)
+        access.renew_share(sender, now)
         heard_at[sender] = now
         assert all(access.share(one) == one for one in kept), "nobody who was heard lately loses his share"
         assert len(list(access._shares)) <= MAX_SHARES
-        assert access.share(sender) in (sender, OTHERS)
+        assert access.share(sender) in (sender, OTHER_OPERATORS)
         if asks:
             admitted += sum(access.admits(sender, now) for _ in range(70))
             assert admitted <= (MAX_SHARES + 1) * (REQUESTS_AT_ONCE + REQUESTS_PER_SECOND * now)
-    assert access.share((9, 9)) == STRANGERS
-    assert {OTHERS, STRANGERS} == CROWDS
+    assert access.share((9, 9)) == READERS
+    assert {OTHER_OPERATORS, READERS} == COMMON_SHARES
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.floats(0.0, 8.0), st.booleans()), max_size=60))

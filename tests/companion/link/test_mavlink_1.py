@@ -96,7 +96,7 @@ def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_count
 
 
 def test_what_only_2_knows_is_cut_off(stage: LoopbackLink) -> None:
-    stage.link.say("x" * 50, 6, stage.now)
+    stage.link.send_text("x" * 50, 6, stage.now)
     stage.send(mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0))
     stage.run(0.5)
     lengths = {frame.message.get_type(): frame.size for frame in stage.frames}
@@ -154,7 +154,7 @@ def test_silence_changes_nothing() -> None:
     version = MavlinkVersion()
     old = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     old.pack(mavlink.MAVLink(None, 255, 190), force_mavlink1=True)
-    version.hear(old, 0.0)
+    version.received(old, 0.0)
     assert not version.is_1
-    version.hear(old, 1000.0)
+    version.received(old, 1000.0)
     assert version.is_1

@@ -80,7 +80,7 @@ def test_udpin_answers_four_whose_frames_were_believed_and_a_fifth_when_one_is_s
         while not transport.read():
             assert time.monotonic() < end, "too late"
         if number:
-            transport.believe(now, autopilot=False)
+            transport.note_accepted(now, autopilot=False)
 
     def told() -> list[int]:
         assert transport.write(b"frame")

@@ -168,7 +168,7 @@ def test_whoever_was_believed_lately_stays_and_noise_gets_nowhere(
         before = {number for _, number in peers}
         kept = {one for one in before if now - sure.get(one, -math.inf) <= KEPT}
         if what != "junk":
-            peers.believe(("127.0.0.1", port), now, autopilot=what == "autopilot")
+            peers.note_accepted(("127.0.0.1", port), now, autopilot=what == "autopilot")
             believed[port] = now
         if what == "believed":
             sure[port] = now

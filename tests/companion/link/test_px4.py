@@ -42,7 +42,7 @@ def test_a_mode_is_asked_for_by_main_and_sub_mode(
 def test_zero_velocity_goes_out_at_the_rate_and_ends(stage: LoopbackLink) -> None:
     stage.link.stand_still(on=True)
     for number in range(100):
-        stage.link.say(f"text {number}", 4, stage.now)
+        stage.link.send_text(f"text {number}", 4, stage.now)
         stage.run(0.05)
     times = stage.times("SET_POSITION_TARGET_LOCAL_NED")
     assert 25 <= len(times) <= 26, "five a second"

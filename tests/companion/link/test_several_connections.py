@@ -40,7 +40,7 @@ def commands(wire: Wire, number: int) -> int:
 
 
 def test_everybody_is_told_by_all_connections(stage: LoopbackLink, wifi: Wire) -> None:
-    stage.link.say("hello", 6, stage.now)
+    stage.link.send_text("hello", 6, stage.now)
     stage.run(2)
     for wire in (stage, wifi):
         assert [message.text for message in wire.sent("STATUSTEXT")] == ["hello"]

@@ -88,7 +88,7 @@ def stage(tmp_path: Path) -> Stage:
 
 
 def test_all_that_leaves_is_signed_and_pymavlink_believes_it(stage: Stage) -> None:
-    stage.link.say("hello", 4, stage.now)
+    stage.link.send_text("hello", 4, stage.now)
     stage.run(3)
     frames = [bytes(frame.message.get_msgbuf()) for frame in stage.frames]
     assert len(frames) >= 4

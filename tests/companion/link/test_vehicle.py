@@ -137,7 +137,7 @@ def test_a_mode_command_overtakes_everything_and_its_ack_is_reported() -> None:
     stage = LoopbackLink()
     stage.run(15.2)
     for number in range(8):
-        stage.link.say(f"text {number}", 6, stage.now)
+        stage.link.send_text(f"text {number}", 6, stage.now)
     before = len(stage.frames)
     stage.link.set_mode(4, stage.now)
     stage.run(0.05)

@@ -99,9 +99,9 @@ def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved
         time.monotonic(),
         tree=served.tree,
         signing=_signing(config),
-        answers=AnswerStore(saved.get("replies")),
+        answer_store=AnswerStore(saved.get("replies")),
     )
-    link.set_words(first_words(config, memory))
+    link.text_parameters.set_words(first_words(config, memory))
     link.set_state(State.STARTING, open_id(saved), first_policy(config, saved))
     return link
 

@@ -175,7 +175,7 @@ class Fuzz:
             vehicle.custom_mode,
             vehicle.armed,
         )
-        return mode, [self._link._parameters.value(one.name) for one in self._listed]
+        return mode, [self._link.parameters.value(one.name) for one in self._listed]
 
     def _grant(self, event: InboundEvent) -> None:
         if isinstance(event, VehicleUpdate | RcChannels | ModeAck | ScriptHold):
@@ -191,9 +191,9 @@ class Fuzz:
             case Answer():
                 link.acknowledge(event, _granted(event), now)
             case ParameterRequest(name=name, value=value):
-                link.set_parameter(name, value, now)
+                link.parameters.set_value(name, value, now)
             case ResetRequest() | PolicyRequest():
-                link.acknowledge_command(event, mavlink.MAV_RESULT_ACCEPTED, now)
+                link.commands.acknowledge(event, mavlink.MAV_RESULT_ACCEPTED, now)
 
 
 def well_formed(event: InboundEvent, names: set[str]) -> bool:

@@ -70,7 +70,7 @@ def compose(
     """Create the daemon, once vision is ready. Adds notices for the operator to `startup_notices`."""
     link, vision, journal, writer, served, saved = opened
     # An answer may wait for its outcome, and then for the disk.
-    link.answers.set_undecided_for(vision.answers_within + SLOW)
+    link.answer_store.set_undecided_for(vision.answers_within + SLOW)
     model, now, folder = ready.model, time.monotonic(), config.journal.path
     if journal.recovered_from is not None:
         startup_notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
@@ -94,10 +94,10 @@ def compose(
         vision,
         folder / "status.json",
         position.clock.stamp,
-        link.answers,
+        link.answer_store,
         stored_u32(saved.get("frame_id")),
     )
-    answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, link.answers)
+    answer_handler = AnswerHandler(calls, vision, vision.memory.preferences, link.answer_store)
     after_write = persistence.after_write
     policy = PolicyService(
         link, calls, policies, after_write, refuses=hold_gate.refuses, wants_hold=wants_hold

@@ -155,7 +155,7 @@ class Daemon:
         """Report at once that the daemon dies, to the autopilot's script and to the operator."""
         autopilot = self.calls.vehicle_mode.autopilot
         if autopilot is not None and self.calls.holding.streams:
-            self._link.set_mode(autopilot.rest_mode, time.monotonic())
+            self._link.modes.command(autopilot.rest_mode, time.monotonic())
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
         self._link.send_text(notices.dying(), ALERT, time.monotonic())
         # The link sends within its budgets, so that one tick does not send everything.

@@ -87,14 +87,14 @@ class DecisionExecutor:
     def send_hold_now(self, now: float) -> None:
         """Send a decided hold now, unless the process stalled since `now`: a human may have taken over."""
         if time.monotonic() - now <= STALLED_AFTER:
-            self._link.send_hold_now(now)
+            self._link.modes.send_hold_now(now)
 
     def _send_mode(self, decision: Decision, now: float) -> None:
         match decision:
             case HoldMoved() if decision.event in _ENDS or decision.event is HoldEvent.REBOOTED:
-                self._link.forget_mode()
+                self._link.modes.cancel()
             case SetMode(mode):
-                self._link.set_mode(mode, now)
+                self._link.modes.command(mode, now)
 
     def _do(self, decision: Decision, now: float) -> None:
         match decision:

@@ -59,7 +59,7 @@ class StallDetector:
             )
             # What waits to be read, and a mode that waits to be sent, are from before the stall.
             self._link.discard_received(now)
-            self._link.forget_mode()
+            self._link.modes.cancel()
             self._calls.holding.forget(now, stalled)
 
 

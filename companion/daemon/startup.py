@@ -64,9 +64,9 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
             if event.via is not Via.TEXT:  # whose acknowledgement has no text
                 return
         case PolicyRequest() | ResetRequest():
-            link.acknowledge_command(event, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, now)
+            link.commands.acknowledge(event, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, now)
         case ParameterRequest():
-            link.echo_parameter(event.name, now)
+            link.parameters.echo_in_force(event.name, now)
         case _:
             return
     link.send_text(notices.refused(_AGAIN), WARNING, now)

@@ -22,7 +22,7 @@ class VehicleUpdate:
 
 @dataclass(frozen=True)
 class ParameterRequest:
-    """A request to set a parameter to a value in its range. Reply with `Link.set_parameter`."""
+    """A request to set a parameter to a value in its range. Reply with `Link.parameters.set_value`."""
 
     sender: SenderId
     name: str
@@ -31,14 +31,14 @@ class ParameterRequest:
 
 @dataclass(frozen=True)
 class ResetRequest:
-    """A request to reset all settings as configured. Reply with `Link.acknowledge_command`. Idempotent."""
+    """A request to reset all settings as configured. Reply with `Link.commands.acknowledge`. Idempotent."""
 
     sender: SenderId
 
 
 @dataclass(frozen=True)
 class PolicyRequest:
-    """A command to set the policy. Reply with `Link.acknowledge_command`. Idempotent."""
+    """A command to set the policy. Reply with `Link.commands.acknowledge`. Idempotent."""
 
     sender: SenderId
     policy: Policy

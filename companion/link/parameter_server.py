@@ -86,7 +86,7 @@ _INTEGER_BITS = 1e-30
 
 
 class ParameterServer:
-    """Answers reads itself; checks sets, which the daemon applies and `changed` then echoes."""
+    """Answers reads itself; checks sets, which the daemon applies and `set_value` then echoes."""
 
     def __init__(
         self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: Sequence[Parameter]
@@ -100,8 +100,7 @@ class ParameterServer:
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
         self._requested_by: dict[str, SenderId] = {}
         self._lists = ListSender(outbox, "list", len(self._entries))
-        self.configured: Mapping[str, float] = {}
-        """Name -> configured value, for the parameters that have one."""
+        self._configured: Mapping[str, float] = {}
 
     def at(self, index: int) -> Parameter | None:
         """The parameter with this index; None when there is none."""
@@ -132,7 +131,7 @@ class ParameterServer:
 
     def packed(self, options: ListOptions) -> bytes:
         """Pack the parameters into a file. Raises ValueError when `options.start` is behind the last one."""
-        return pack(self._entries, options, self.configured)
+        return pack(self._entries, options, self._configured)
 
     def read(self, sender: SenderId, message: Any, now: float) -> None:
         """Answer PARAM_REQUEST_READ, by name when the index is -1."""
@@ -164,7 +163,15 @@ class ParameterServer:
         self._requested_by[entry.name] = sender
         return ParameterRequest(sender, entry.name, round(message.param_value, _DIGITS))
 
-    def changed(self, name: str, value: float, now: float) -> None:
+    def set_configured(self, values: Mapping[str, float]) -> None:
+        """Set the configured values, name -> value, which a client may request as defaults."""
+        self._configured = values
+
+    def echo_in_force(self, name: str, now: float) -> None:
+        """Echo the value in force, because a requested one was not accepted."""
+        self.set_value(name, self.value(name), now)
+
+    def set_value(self, name: str, value: float, now: float) -> None:
         """Set the value in force. A changed value is sent to all, an unchanged one only to its requester.
 
         Raises ParameterError for a name that is not listed or a value that it does not accept.

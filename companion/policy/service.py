@@ -104,7 +104,7 @@ class PolicyService:
         """Handle a request by command; it is acknowledged once the policy is in the journal."""
         accepted, decisions = self.set(request.policy, request.sender, now)
         result = _ACCEPTED if accepted else _FAILED
-        self._after_write(lambda _, now: self._link.acknowledge_command(request, result, now))
+        self._after_write(lambda _, now: self._link.commands.acknowledge(request, result, now))
         return decisions
 
     def check_hold_again(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
@@ -162,10 +162,10 @@ class PolicyService:
         policy = self._policies.in_force
         if policy is not Policy.HOLD:
             # A mode that still waits to be sent must not leave under the new policy.
-            self._link.forget_mode()
+            self._link.modes.cancel()
         decisions = self._calls.set_policy(policy, now)
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
             self._link.send_text(notices.policy(policy, who), WARNING, now)
-        self._after_write(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
+        self._after_write(lambda _, now: self._link.parameters.set_value(POLICY, float(policy), now))
         return decisions

@@ -24,6 +24,7 @@ from companion.wire import notices
 from companion.wire.answers import Acknowledgement, ForgetWord, Operation, SetWord
 from companion.wire.ids import WARNING, Policy, Result
 from companion.wire.parameters import (
+    ANSWER,
     BUDGET,
     NOT_IN_USE,
     NUMBER_RATE,
@@ -31,12 +32,15 @@ from companion.wire.parameters import (
     SHADOW_HOLDS,
     SUMMARY_RATE,
     Parameter,
+    ParameterError,
 )
 
 log = logging.getLogger(__name__)
 _RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
 _BUSY = "vision is busy, set it again"
 _LINK_PARAMETERS = (*_RATES, BUDGET)
+_NOT_IN_OVERRIDES = frozenset({POLICY, ANSWER, SHADOW_HOLDS})
+"""Settings that may be set and are stored elsewhere, or not at all."""
 _ACCEPTED, _TRY_LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED, _FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 
@@ -59,7 +63,11 @@ class SettingsService:
         """parameters: as configured. overrides: what the ground has set. statistics: shadow policy's counts.
 
         after_write: registers what must not be sent before this turn's changes are in the journal.
+        Raises ParameterError where a parameter may be set, but has no configured value to be stored against.
         """
+        settable = {one.name for one in parameters if not (one.word or one.read_only)} - _NOT_IN_OVERRIDES
+        if missing := settable - overrides.configured.keys():
+            raise ParameterError(f"{', '.join(sorted(missing))} cannot be stored: add to storable_defaults")
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
         self._sent = {parameter.name: parameter.value for parameter in parameters}
@@ -86,7 +94,7 @@ class SettingsService:
     def start(self, now: float) -> None:
         """Put the link's settings in force, and send the values of all settings and words."""
         weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
-        self._link.set_configured({**self.overrides.configured, **weights})
+        self._link.parameters.set_configured({**self.overrides.configured, **weights})
         if self._exceeds_link(self.overrides.values.get(BUDGET, self._link.most_budget)):
             log.warning("%s is as configured: the ground's value is more than the link carries", BUDGET)
             self.overrides.drop(BUDGET)
@@ -129,7 +137,7 @@ class SettingsService:
         elif isinstance(request, Answer):
             self._acknowledge_text(request, Result.APPLIED if done else Result.REFUSED, now)
         elif isinstance(request, ResetRequest):
-            self._link.acknowledge_command(request, _ACCEPTED if done else _FAILED, now)
+            self._link.commands.acknowledge(request, _ACCEPTED if done else _FAILED, now)
         else:
             return
         if applied.outcome is not None and applied.outcome.dropped:
@@ -143,7 +151,7 @@ class SettingsService:
         if words == self._sent_words:
             return
         self._sent_words = words
-        self._link.set_words(words)
+        self._link.text_parameters.set_words(words)
         for name, word in self._words.items():
             value = words.get(word, NOT_IN_USE)
             if value != self._sent[name]:
@@ -204,7 +212,7 @@ class SettingsService:
         refusal = self._tune(of_frames, "Reset")
         if refusal:
             self._link.send_text(refusal, WARNING, now)
-            self._link.acknowledge_command(request, _DENIED, now)
+            self._link.commands.acknowledge(request, _DENIED, now)
             return
         log.warning("settings and words are reset as configured, requested by %d/%d", *request.sender)
         for name, value in configured.items():
@@ -214,7 +222,7 @@ class SettingsService:
         others = [ForgetWord(word) for word in self._answer_handler.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
         if not self._answer_handler.set_words(request, (*others, *words)):
-            self._link.acknowledge_command(request, _TRY_LATER, now)
+            self._link.commands.acknowledge(request, _TRY_LATER, now)
 
     def _reset_shadow_counts(self, request: ParameterRequest, now: float) -> None:
         if request.value == 0:
@@ -239,8 +247,8 @@ class SettingsService:
 
     def _echo_after_write(self, name: str, value: float) -> None:
         self._sent[name] = value
-        self._after_write(lambda _, now: self._link.set_parameter(name, value, now))
+        self._after_write(lambda _, now: self._link.parameters.set_value(name, value, now))
 
     def _echo(self, name: str, value: float, now: float) -> None:
         self._sent[name] = value
-        self._link.set_parameter(name, value, now)
+        self._link.parameters.set_value(name, value, now)

@@ -151,7 +151,7 @@ class LoopbackLink(Wire):
         vehicle: int | None = 1,
         tree: Tree | None = None,
         signing: Signing | None = None,
-        answers: AnswerStore | None = None,
+        answer_store: AnswerStore | None = None,
     ) -> None:
         super().__init__()
         self.now = 0.0
@@ -167,7 +167,7 @@ class LoopbackLink(Wire):
             openers=openers,
             tree=tree,
             signing=signing,
-            answers=answers,
+            answer_store=answer_store,
             clock=lambda: 0.0,
         )
         self.vehicle = vehicle

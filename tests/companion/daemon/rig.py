@@ -119,7 +119,7 @@ class Rig:
         self.journal = Journal(self.folder)
         saved = self.journal.load_supervision() or {}
         answers = AnswerStore(saved.get("replies"))
-        self.stage = LoopbackLink(parameters=listed, tree=self.served.tree, answers=answers)
+        self.stage = LoopbackLink(parameters=listed, tree=self.served.tree, answer_store=answers)
         self.stage.mode = mode
         self.stage.now = now
         self.perceiver = Painted()

@@ -130,7 +130,7 @@ def test_many_transactions_are_remembered_but_not_for_ever(stage: LoopbackLink) 
         for request in stage.reported(Answer)[-1:]:
             stage.link.acknowledge(request, replace(ACK, transaction=number), stage.now)
     assert len(stage.reported(Answer)) == 199
-    assert len(stage.link.answers) <= 64
+    assert len(stage.link.answer_store) <= 64
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 0, 1, 1, 2)])
@@ -161,7 +161,7 @@ def test_an_answer_that_is_not_decided_yet_is_not_handed_on_again(
     stage: LoopbackLink, within: float | None
 ) -> None:
     if within is not None:
-        stage.link.answers.set_undecided_for(within)
+        stage.link.answer_store.set_undecided_for(within)
     go = AnswerMessage(5, 7, Motion.GO, ()).pack()
     assert len(heard(stage, tunnel(go))) == 1
     stage.run((within or 30.0) - 1.0, step=0.1)
@@ -397,7 +397,7 @@ def test_a_policy_asked_for_by_command_is_reported_and_acknowledged(
     stage.run(0.3)
     assert stage.reported(PolicyRequest) == [request]
     assert results(stage) == [], "not before it is in force"
-    stage.link.acknowledge_command(request, 4, stage.now)
+    stage.link.commands.acknowledge(request, 4, stage.now)
     stage.run(0.2)
     assert results(stage) == [(31010, 4)]
 

@@ -206,8 +206,8 @@ def test_all_parameters_are_read_from_the_file_that_ground_stations_try_first(
     client: FileClient, options: str
 ) -> None:
     link = client.stage.link
-    link.set_configured({"AT_W_GRASS": 0.5})
-    link.set_parameter("AT_THR_ROI", 0.25, client.stage.now)
+    link.parameters.set_configured({"AT_W_GRASS": 0.5})
+    link.parameters.set_value("AT_THR_ROI", 0.25, client.stage.now)
     found = MAVFTP.ftp_param_decode(whole(client, f"@PARAM/param.pck{options}"))
     values = {name.decode(): value for name, value, _ in found.params}
     client.stage.send(mavlink.MAVLink_param_request_list_message(1, COMPONENT_ID))

@@ -151,7 +151,7 @@ def flood(stage: LoopbackLink, kinds: set[str], number: int) -> None:
     if "call" in kinds and now > 2:
         stage.link.announce(replace(CALL, frame_id=number), f"C1 unknown thing {number}", now)
     if "news" in kinds:
-        stage.link.set_parameter("AT_W_WORD_1", number % 20 / 20, now)
+        stage.link.parameters.set_value("AT_W_WORD_1", number % 20 / 20, now)
     for wire in (stage, stage.more["wifi"]):
         if "lists" in kinds:
             wire.send(LIST)

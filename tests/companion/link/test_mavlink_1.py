@@ -143,7 +143,7 @@ def test_each_connection_has_its_own_version_and_a_new_device_starts_with_2() ->
 
 
 def test_a_mode_and_a_setpoint_reach_an_autopilot_that_speaks_1(stage: LoopbackLink) -> None:
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.link.stand_still(on=True)
     stage.run(0.5)
     assert [message.command for message in stage.sent("COMMAND_LONG")].count(176) == 1

@@ -208,13 +208,13 @@ def test_a_hold_that_is_urgent_leaves_alone_and_at_once_and_the_rest_waits_for_i
     stage = LoopbackLink()
     stage.run(0.5)
     stage.link.send_text("a text", 1, stage.now)
-    stage.link.set_mode(10, stage.now)
+    stage.link.modes.command(10, stage.now)
     before = len(stage.frames)
-    stage.link.send_hold_now(stage.now)
+    stage.link.modes.send_hold_now(stage.now)
     stage.collect(stage.now)
     assert stage.frames[before:] == [], "driving on is not urgent"
-    stage.link.set_mode(4, stage.now)
-    stage.link.send_hold_now(stage.now)
+    stage.link.modes.command(4, stage.now)
+    stage.link.modes.send_hold_now(stage.now)
     stage.collect(stage.now)
     (hold,) = stage.frames[before:]
     assert (hold.message.command, hold.message.param2) == (176, 4)

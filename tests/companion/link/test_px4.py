@@ -33,7 +33,7 @@ def stage() -> LoopbackLink:
 def test_a_mode_is_asked_for_by_main_and_sub_mode(
     stage: LoopbackLink, mode: int, main: int, sub: int
 ) -> None:
-    stage.link.set_mode(mode, stage.now)
+    stage.link.modes.command(mode, stage.now)
     stage.run(0.1)
     command = next(message for message in stage.sent("COMMAND_LONG") if message.command == 176)
     assert (command.param1, command.param2, command.param3) == (1, main, sub)

@@ -17,7 +17,7 @@ ACCEPTED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3
 @pytest.fixture
 def stage() -> LoopbackLink:
     stage = LoopbackLink()
-    stage.link.set_words({"grass": 1.0, "old wall": -0.8})
+    stage.link.text_parameters.set_words({"grass": 1.0, "old wall": -0.8})
     stage.run(0.1)
     return stage
 
@@ -153,7 +153,7 @@ def test_a_sender_that_may_not_fails_and_one_for_everybody_is_for_nobody(stage: 
 
 
 def test_a_text_of_many_words_is_told_as_far_as_it_fits(stage: LoopbackLink) -> None:
-    stage.link.set_words({f"a rather long word {number}": -0.25 for number in range(16)})
+    stage.link.text_parameters.set_words({f"a rather long word {number}": -0.25 for number in range(16)})
     stage.send(mavlink.MAVLink_param_ext_request_read_message(1, 191, b"AT_WORDS", -1))
     stage.run(0.3)
     (_, text), *_ = values(stage)

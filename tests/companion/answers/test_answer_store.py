@@ -105,15 +105,18 @@ def test_no_more_than_16_texts_wait_at_once() -> None:
     assert store.begin(first, UNDECIDED_FOR), "those that nobody decided do not count"
 
 
-@given(st.sampled_from(Via), st.booleans())
-def test_no_flood_of_another_sender_or_by_another_message_pushes_a_transaction_out(
-    via: Via, same_sender: bool
+@pytest.mark.parametrize("via", [Via.TUNNEL, Via.COMMAND, Via.AT_ANSWER])
+@pytest.mark.parametrize("flood", Via)
+@pytest.mark.parametrize("sender", [GROUND, OTHER])
+def test_nothing_is_pushed_out_by_another_sender_or_by_what_the_same_one_sends_by_another_message(
+    via: Via, flood: Via, sender: tuple[int, int]
 ) -> None:
-    store, answer = decided()
-    other = replace(ANSWERS[via], sender=GROUND if same_sender and via is not Via.TUNNEL else OTHER)
-    for number in range(2 * OF_A_SENDER):
-        store.begin(replace(other, transaction=100 + number, target=number, raw=b"%d" % number), 2.0)
-    assert store.find(answer, 3.0) == KnownAnswer(1.0, reply(answer))
+    store, answer = decided(via=via)
+    other = replace(ANSWERS[flood], sender=sender)
+    for number in range(100, 100 + 2 * OF_A_SENDER):
+        store.begin(replace(other, transaction=number, target=number, raw=b"%d" % number), 2.0)
+    known = store.find(answer, 3.0)
+    assert (known == KnownAnswer(1.0, reply(answer))) == (sender == OTHER or flood is not via)
     assert len(store) <= 1 + OF_A_SENDER
 
 

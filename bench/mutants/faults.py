@@ -35,6 +35,7 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/daemon/executor.py": _DAEMON,
     "companion/daemon/health.py": _DAEMON,
     "companion/daemon/persistence.py": _DAEMON,
+    "companion/answers/answer.py": (*_CALLS, *_DAEMON),
     "companion/answers/handler.py": (*_CALLS, *_DAEMON),
     "companion/answers/outcome.py": (*_CALLS, *_DAEMON),
     "companion/vision/checks.py": _VISION,

@@ -1,12 +1,15 @@
-"""Defines an operator's answer, whichever message it came by."""
+"""Defines an operator's answer, whichever message it came by, and what it changes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from companion.wire.answers import Operation
+from anytraverse.answers import Changes, Tap
+from anytraverse.regions import Box
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, SenderId
 
 
@@ -45,3 +48,25 @@ class Answer:
         if self.via is Via.TUNNEL:
             return owner, self.transaction
         return owner, self.target, self.motion, self.operations, self.name, self.raw
+
+
+def changes_of(operations: Iterable[Operation]) -> Changes:
+    """Convert the operations of a payload to changes. Raises AnyTraverseError for an invalid box."""
+    weights: dict[str, float] = {}
+    taps: list[Tap] = []
+    words: list[str] = []
+    calls: list[int] = []
+    new_episode = False
+    for operation in operations:
+        match operation:
+            case SetWord(word, weight):
+                weights[word] = weight
+            case TapBox(frame_id, box, word, weight):
+                taps.append(Tap(frame_id, Box(*box), word, weight))
+            case ForgetWord(word):
+                words.append(word)
+            case ForgetCall(call_id):
+                calls.append(call_id)
+            case NewEpisode():
+                new_episode = True
+    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode)

@@ -5,29 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
-from anytraverse.answers import Changes, Tap
+from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment
 from anytraverse.errors import AnyTraverseError
 from anytraverse.preferences import Preferences
-from anytraverse.regions import Box
-from companion.answers.answer import Answer
-from companion.answers.outcome import acknowledgement, outcome_text, stale_text, unremembered
+from companion.answers.answer import Answer, changes_of
+from companion.answers.outcome import closed_call, outcome_text, stale_text, unremembered
 from companion.answers.store import AnswerStore
 from companion.calls.decisions import Call, Decision
 from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
+from companion.telemetry.summary import flags
 from companion.vision.client import Applied, Vision, VisionLostError
 from companion.wire import notices, texts
-from companion.wire.answers import (
-    Acknowledgement,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    SetWord,
-    TapBox,
-)
-from companion.wire.ids import Kind, Motion, Result
+from companion.wire.answers import Acknowledgement, Operation
+from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 
 _VISION_BUSY = "vision is busy: send it again"
 _NO_PICTURE = "no picture to tap in: say the word alone"
@@ -72,28 +64,6 @@ class _PendingAnswer:
     changed: bool
     number: int
     at: float
-
-
-def changes_of(operations: Iterable[Operation]) -> Changes:
-    """Convert the operations of a payload to changes. Raises AnyTraverseError for an invalid box."""
-    weights: dict[str, float] = {}
-    taps: list[Tap] = []
-    words: list[str] = []
-    calls: list[int] = []
-    new_episode = False
-    for operation in operations:
-        match operation:
-            case SetWord(word, weight):
-                weights[word] = weight
-            case TapBox(frame_id, box, word, weight):
-                taps.append(Tap(frame_id, Box(*box), word, weight))
-            case ForgetWord(word):
-                words.append(word)
-            case ForgetCall(call_id):
-                calls.append(call_id)
-            case NewEpisode():
-                new_episode = True
-    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode)
 
 
 class AnswerHandler:
@@ -281,15 +251,19 @@ class AnswerHandler:
         changed: bool = False,
         go: float | None = None,
     ) -> Handled:
-        made = acknowledgement(
-            answer,
-            self._calls,
-            self.words,
-            target,
-            result,
-            text,
-            decisions=decisions,
-            call_frame=call_frame,
-            newest=newest,
+        closed = closed_call(decisions, target)
+        roi, tile = (call_frame.roi, call_frame.tile) if call_frame is not None else (None, None)
+        current = target and target == self._calls.current_id
+        acknowledgement = Acknowledgement(
+            transaction=answer.transaction,
+            target=target,
+            result=result,
+            stage=self._calls.stage() if current else Stage.CLOSED,
+            outcome=closed.outcome if closed else Outcome.NONE,
+            roi_uncertainty=roi.uncertainty if roi else None,
+            worst_tile=tile.uncertainty if tile else None,
+            reasons=flags(newest.reasons) if newest is not None else flags(()),
+            words=words_hash(self.words),
+            text=text,
         )
-        return Handled(list(decisions), [Reply(answer, made, changed, go)])
+        return Handled(list(decisions), [Reply(answer, acknowledgement, changed, go)])

@@ -1,4 +1,4 @@
-"""Says what an answer led to: the figures of its acknowledgement, and a text for a person."""
+"""Finds the text that tells a person what an answer led to."""
 
 from __future__ import annotations
 
@@ -7,50 +7,14 @@ from dataclasses import replace
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.memory import Memory
-from anytraverse.preferences import Preferences
-from companion.answers.answer import Answer
-from companion.calls.decisions import CallClosed, Decision, GoLapsed
+from companion.calls.decisions import Call, CallClosed, Decision, GoLapsed
 from companion.calls.machine import OperatorCalls
-from companion.telemetry.summary import blocked_text, flags
+from companion.telemetry.summary import blocked_text
 from companion.wire import texts
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Outcome, Result, Stage, words_hash
+from companion.wire.ids import Kind, Result, Stage
 
 _UNREMEMBERED = "not remembered (disk?): "
-
-
-def acknowledgement(
-    answer: Answer,
-    calls: OperatorCalls,
-    words: Preferences,
-    target: int,
-    result: Result,
-    text: str,
-    *,
-    decisions: Sequence[Decision] = (),
-    call_frame: Assessment | None = None,
-    newest: Assessment | None = None,
-) -> Acknowledgement:
-    """Make the acknowledgement of an answer, from what it was decided to lead to.
-
-    target: the id that it was applied to, 0 for words alone. words: in use now. call_frame: the call's frame
-    judged again. newest: the newest frame.
-    """
-    closed = _closed(decisions, target)
-    roi, tile = (call_frame.roi, call_frame.tile) if call_frame is not None else (None, None)
-    current = target and target == calls.current_id
-    return Acknowledgement(
-        transaction=answer.transaction,
-        target=target,
-        result=result,
-        stage=calls.stage() if current else Stage.CLOSED,
-        outcome=closed.call.outcome if closed else Outcome.NONE,
-        roi_uncertainty=roi.uncertainty if roi else None,
-        worst_tile=tile.uncertainty if tile else None,
-        reasons=flags(newest.reasons) if newest is not None else flags(()),
-        words=words_hash(words),
-        text=text,
-    )
 
 
 def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
@@ -84,13 +48,13 @@ def outcome_text(
         in_use = "" if memory is None else f"{target} is closed; in use: {memory.preferences.format()}"
         return in_use or texts.stale(target)
     call = calls.call if calls.current_id == target else None
-    closed = _closed(decisions, target)
+    closed = closed_call(decisions, target)
     if result is Result.NOT_COVERED and call_frame is not None:
         if Reason.UNKNOWN_OBJECT in call_frame.reasons or call_frame.roi is None:
             return texts.still_unknown(target, call_frame.roi.uncertainty if call_frame.roi else None)
         return texts.still_new(target, call_frame.similarity)
     if closed is not None:
-        return texts.closed(Kind.CALL, target, closed.call.outcome)
+        return texts.closed(Kind.CALL, target, closed.outcome)
     kind = calls.kind
     if newest is not None and Reason.BLOCKED in newest.reasons:
         return blocked_text(newest, target, kind)
@@ -112,5 +76,7 @@ def stale_text(calls: OperatorCalls, target: int) -> str:
     return texts.stale(target)
 
 
-def _closed(decisions: Sequence[Decision], target: int) -> CallClosed | None:
-    return next((one for one in decisions if isinstance(one, CallClosed) and one.call.id == target), None)
+def closed_call(decisions: Sequence[Decision], target: int) -> Call | None:
+    """Return the call of this id that the decisions close, if any."""
+    closed = (one.call for one in decisions if isinstance(one, CallClosed) and one.call.id == target)
+    return next(closed, None)

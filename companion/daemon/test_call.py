@@ -23,7 +23,7 @@ from companion.link.link import Link
 from companion.telemetry.summary import call_data
 from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Motion, Outcome, Reasons, Result, Stage, words_hash
+from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 from companion.wire.payloads import CallData
 
 log = logging.getLogger(__name__)
@@ -162,16 +162,10 @@ class TestCall:
 
     def _acknowledge(self, answer: Answer, number: int, result: Result, text: str, now: float) -> None:
         closed = self._open is None
-        acknowledgement = Acknowledgement(
-            transaction=answer.transaction,
-            target=number,
-            result=result,
+        acknowledgement = replace(
+            Acknowledgement.without_figures(answer.transaction, number, result, text),
             stage=Stage.CLOSED if closed else Stage.OPEN,
             outcome=Outcome.ANSWERED if closed else Outcome.NONE,
-            roi_uncertainty=None,
-            worst_tile=None,
-            reasons=Reasons.NONE,
             words=words_hash(self._words()),
-            text=text,
         )
         self._link.acknowledge(answer, acknowledgement, now)

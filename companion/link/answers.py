@@ -9,8 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.answers.answer import Answer, Via
-from companion.answers.sender_cache import SenderCache
-from companion.answers.store import AnswerStore
+from companion.answers.store import AnswerStore, SenderCache
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
+from companion.answers.store import AnswerStore
 from companion.config import Config
 from companion.daemon.composition import (
     Resources,
@@ -78,7 +79,7 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
         start_notices.append(notices.int8_idle())
     for notice in start_notices:
         log.warning("%s", notice)
-        link.say(texts.fit(notice), WARNING, time.monotonic())
+        link.send_text(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
     _run(daemon, stop)
@@ -92,9 +93,15 @@ def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved
     script acts by that policy; only a hold that is refused later will not be in force.
     """
     policy = restored_policy(config, saved.get("policy"), time.monotonic()).in_force
-    first = first_parameters(config, memory, policy, saved)
-    link = Link(config.link.settings(), first, time.monotonic(), tree=served.tree, signing=_signing(config))
-    link.set_words(first_words(config, memory))
+    link = Link(
+        config.link.settings(),
+        first_parameters(config, memory, policy, saved),
+        time.monotonic(),
+        tree=served.tree,
+        signing=_signing(config),
+        answer_store=AnswerStore(saved.get("replies")),
+    )
+    link.text_parameters.set_words(first_words(config, memory))
     link.set_state(State.STARTING, open_id(saved), policy)
     return link
 

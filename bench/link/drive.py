@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.link.operator import Operator, expired
 from bench.link.rover import CountedCalls, Rover
-from companion.link.inbound import AnswerRequest
+from companion.answers.answer import Answer
 from companion.wire.ids import Result
 
 PATIENCE = 600.0
@@ -105,8 +105,8 @@ def _count(
 
 def _taught_twice(rover: Rover) -> int:
     """Counts the answers with words that reached the vision process more than once."""
-    requests = [getattr(token, "request", None) for token in rover.vision.asked]
-    asked = [one.transaction for one in requests if isinstance(one, AnswerRequest)]
+    requests = [getattr(token, "answer", None) for token in rover.vision.asked]
+    asked = [one.transaction for one in requests if isinstance(one, Answer)]
     return len(asked) - len(set(asked))
 
 

@@ -23,8 +23,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import MAIN, Address, LinkSettings
-from companion.link.inbound import AnswerRequest, VehicleUpdate
+from companion.link.inbound import VehicleUpdate
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import Udp
@@ -128,7 +129,7 @@ def _run(name: str, seconds: float, key: Signing | None) -> Flooded:
             now = time.monotonic()
             for event in link.poll(now):
                 match event:
-                    case AnswerRequest():
+                    case Answer():
                         told.granted += event.sender != OPERATOR
                         link.acknowledge(event, _granted(event), now)
                     case VehicleUpdate(vehicle):
@@ -250,9 +251,9 @@ def _answer(transaction: int) -> Any:
     return mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), payload.ljust(128, b"\0"))
 
 
-def _granted(request: AnswerRequest) -> Acknowledgement:
+def _granted(request: Answer) -> Acknowledgement:
     return Acknowledgement(
-        request.transaction or 0, request.target, Result.APPLIED, Stage.CLOSED, Outcome.NONE,
+        request.transaction, request.target, Result.APPLIED, Stage.CLOSED, Outcome.NONE,
         None, None, Reasons.NONE, 0, "noted",
     )  # fmt: skip
 

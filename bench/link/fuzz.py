@@ -13,9 +13,9 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
+from companion.answers.answer import Answer, Via
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.link.inbound import (
-    AnswerRequest,
     InboundEvent,
     ModeAck,
     ParameterRequest,
@@ -23,7 +23,6 @@ from companion.link.inbound import (
     RcChannels,
     ResetRequest,
     VehicleUpdate,
-    WordsRequest,
 )
 from companion.link.link import Link
 from companion.link.parser import Parser
@@ -176,7 +175,7 @@ class Fuzz:
             vehicle.custom_mode,
             vehicle.armed,
         )
-        return mode, [self._link._parameters.value(one.name) for one in self._listed]
+        return mode, [self._link.parameters.value(one.name) for one in self._listed]
 
     def _grant(self, event: InboundEvent) -> None:
         if isinstance(event, VehicleUpdate | RcChannels | ModeAck | ScriptHold):
@@ -185,29 +184,29 @@ class Fuzz:
             raise Broken(f"not from one that may: {event}")
         if not well_formed(event, {one.name for one in self._listed}):
             raise Broken(f"not well-formed: {event}")
-        self.told.requests[type(event).__name__] += 1
+        kind = event.via.value if isinstance(event, Answer) else type(event).__name__
+        self.told.requests[kind] += 1
         link, now = self._link, self.now
         match event:
-            case AnswerRequest():
+            case Answer():
                 link.acknowledge(event, _granted(event), now)
             case ParameterRequest(name=name, value=value):
-                link.set_parameter(name, value, now)
-            case WordsRequest():
-                link.acknowledge_words(event, now, accepted=True)
+                link.parameters.set_value(name, value, now)
             case ResetRequest() | PolicyRequest():
-                link.acknowledge_command(event, mavlink.MAV_RESULT_ACCEPTED, now)
+                link.commands.acknowledge(event, mavlink.MAV_RESULT_ACCEPTED, now)
 
 
 def well_formed(event: InboundEvent, names: set[str]) -> bool:
     """Whether a request that reached the daemon is well-formed."""
     match event:
-        case AnswerRequest(transaction=transaction, target=target, motion=motion, operations=operations):
-            whole = isinstance(motion, Motion) and 0 <= target <= 0xFFFF and transaction != 0
+        case Answer(via=Via.TEXT, operations=operations):
+            return 0 < len(operations) <= 16 and all(map(_is_operation, operations))
+        case Answer(target=target, motion=motion, operations=operations):
+            numbered = (event.via is Via.TUNNEL) == (event.transaction != 0)
+            whole = isinstance(motion, Motion) and 0 <= target <= 0xFFFF and numbered
             return whole and all(map(_is_operation, operations))
         case ParameterRequest(name=name, value=value):
             return name in names and math.isfinite(value)
-        case WordsRequest(operations=operations):
-            return 0 < len(operations) <= 16 and all(map(_is_operation, operations))
         case PolicyRequest(policy=policy):
             return isinstance(policy, Policy)
         case _:
@@ -228,8 +227,8 @@ def _is_operation(operation: object) -> bool:
             return False
 
 
-def _granted(request: AnswerRequest) -> Acknowledgement:
-    number = request.transaction or 0
+def _granted(request: Answer) -> Acknowledgement:
+    number = request.transaction
     return Acknowledgement(
         number,
         request.target,

@@ -55,8 +55,8 @@ class Stamped:
                 self.told[Summary.unpack(payload[: frame[14]]).frame_id] = time.monotonic()
         return taken
 
-    def believe(self, now: float, *, autopilot: bool) -> None:
-        self._udp.believe(now, autopilot=autopilot)
+    def note_accepted(self, now: float, *, autopilot: bool) -> None:
+        self._udp.note_accepted(now, autopilot=autopilot)
 
     def fileno(self) -> int | None:
         return self._udp.fileno()

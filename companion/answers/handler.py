@@ -1,37 +1,27 @@
-"""Handles operators' answers, and makes their acknowledgements."""
+"""Handles operators' answers: resolves them, has them applied, and replies to their senders."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
-from anytraverse.answers import Changes, Tap
-from anytraverse.assessment import Assessment, Reason
+from anytraverse.answers import Changes
+from anytraverse.assessment import Assessment
 from anytraverse.errors import AnyTraverseError
-from anytraverse.memory import Memory
-from anytraverse.regions import Box
-from companion.answers.store import AnswerStore, StoredReply
-from companion.calls.decisions import Call, CallClosed, Decision, GoLapsed
+from companion.answers.answer import Answer, changes_of
+from companion.answers.outcome import closed_call, outcome_text, stale_text, unremembered
+from companion.answers.store import AnswerStore
+from companion.calls.decisions import Call, Decision
 from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
-from companion.link.inbound import AnswerRequest, SetRequest
-from companion.telemetry.summary import blocked_text, flags
+from companion.telemetry.summary import flags
 from companion.vision.client import Applied, VisionClient, VisionLostError
 from companion.wire import notices, texts
-from companion.wire.answers import (
-    Acknowledgement,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    SetWord,
-    TapBox,
-)
+from companion.wire.answers import Acknowledgement, Operation
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 
 _VISION_BUSY = "vision is busy: send it again"
 _NO_PICTURE = "no picture to tap in: say the word alone"
-_UNREMEMBERED = "not remembered (disk?): "
 _FRAME_PATIENCE = 10.0
 """Seconds after a restart in which answers get BUSY until the call's frame is judged again."""
 
@@ -44,7 +34,7 @@ class Reply:
     go: when the go that it confirms was received, monotonic seconds; None where it confirms none.
     """
 
-    request: AnswerRequest
+    answer: Answer
     acknowledgement: Acknowledgement
     changed: bool = False
     go: float | None = None
@@ -68,44 +58,11 @@ class _PendingAnswer:
     running number. at: when it was received, monotonic seconds.
     """
 
-    request: AnswerRequest
+    answer: Answer
     target: int
     changed: bool
     number: int
     at: float
-
-
-def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
-    """Return the acknowledgement to send where the journal could not be written.
-
-    An answer that was applied is acknowledged as applied and not remembered: a restart forgets it.
-    """
-    if acknowledgement.result not in (Result.APPLIED, Result.NOT_COVERED):
-        return acknowledgement
-    text = _UNREMEMBERED + acknowledgement.text
-    return replace(acknowledgement, result=Result.APPLIED_NOT_REMEMBERED, text=text)
-
-
-def changes_of(operations: Iterable[Operation]) -> Changes:
-    """Convert the operations of a payload to changes. Raises AnyTraverseError for an invalid box."""
-    weights: dict[str, float] = {}
-    taps: list[Tap] = []
-    words: list[str] = []
-    calls: list[int] = []
-    new_episode = False
-    for operation in operations:
-        match operation:
-            case SetWord(word, weight):
-                weights[word] = weight
-            case TapBox(frame_id, box, word, weight):
-                taps.append(Tap(frame_id, Box(*box), word, weight))
-            case ForgetWord(word):
-                words.append(word)
-            case ForgetCall(call_id):
-                calls.append(call_id)
-            case NewEpisode():
-                new_episode = True
-    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode)
 
 
 class AnswerHandler:
@@ -115,105 +72,109 @@ class AnswerHandler:
     the motion of all answers that still wait. A go counts once its answer is stored in the journal.
     """
 
-    def __init__(self, calls: OperatorCalls, vision: VisionClient, replies: AnswerStore) -> None:
+    def __init__(self, calls: OperatorCalls, vision: VisionClient, store: AnswerStore) -> None:
         self._calls = calls
         self._vision = vision
         self._last_sent = self._last_applied = self._last_cancelled = 0
-        self._replies = replies
+        self._store = store
 
-    def hear(self, request: AnswerRequest, now: float) -> Handled:
+    def receive(self, answer: Answer, now: float) -> Handled:
         """Handle an operator's answer."""
-        stored = self._replies.before_restart(request)
+        stored = self._store.before_restart(answer)
         if stored is not None:
-            return self._again(request, stored)
-        target = self._calls.resolve(request.target, now)
+            return self._again(answer, stored)
+        target = self._calls.resolve(answer.target, now)
         # Words need no open call or hold; any other answer to nothing is stale.
-        if target is None and not (request.operations and request.target == 0 and not self._calls.current_id):
-            return self._stale(request)
+        if target is None and not (answer.operations and answer.target == 0 and not self._calls.current_id):
+            text = stale_text(self._calls, answer.target)
+            return self._reply(answer, answer.target, Result.STALE, text)
         decisions: list[Decision] = []
-        if request.motion is Motion.STAY:
+        if answer.motion is Motion.STAY:
             # Answers up to this one keep their words, and lose their motion.
             self._last_cancelled = self._last_sent
             # The words may wait for the vision process; the stay must not.
-            if request.operations and target:
+            if answer.operations and target:
                 _, decisions = self._calls.apply_answer(target, Motion.STAY, False, None, now)  # noqa: FBT003
-        handled = self._apply(request, target, now)
+        handled = self._apply(answer, target, now)
         handled.decisions[:0] = decisions
         return handled
 
-    def _apply(self, request: AnswerRequest, target: int | None, now: float) -> Handled:
+    def _apply(self, answer: Answer, target: int | None, now: float) -> Handled:
         try:
-            changes = changes_of(request.operations)
+            changes = changes_of(answer.operations)
         except AnyTraverseError as error:
-            return self._reply(request, target or 0, Result.REFUSED, str(error))
+            return self._reply(answer, target or 0, Result.REFUSED, str(error))
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
         subject: Call | Hold | None = call
         if changes.taps and call is None:
             subject = self._calls.hold if target else None
             if subject is None or subject.seen is None:
-                return self._reply(request, target or 0, Result.REFUSED, _NO_PICTURE)
+                return self._reply(answer, target or 0, Result.REFUSED, _NO_PICTURE)
         # A motion must not overtake an earlier answer that still waits for the vision process.
         in_order = call is None and self._last_sent == self._last_applied
-        if not changes and (in_order or request.motion is Motion.STAY):
-            return self._apply_motion(request, target or 0, now)
-        return self._ask(request, target or 0, changes, subject, now)
+        if not changes and (in_order or answer.motion is Motion.STAY):
+            return self._apply_motion(answer, target or 0, now)
+        return self._ask(answer, target or 0, changes, subject, now)
 
     def _ask(
-        self, request: AnswerRequest, target: int, changes: Changes, subject: Call | Hold | None, now: float
+        self, answer: Answer, target: int, changes: Changes, subject: Call | Hold | None, now: float
     ) -> Handled:
         """Send an answer to the vision process. subject: its call or hold, None for words alone."""
         call = subject if isinstance(subject, Call) else None
         observation = subject.seen.observation if subject is not None and subject.seen is not None else None
         if call is not None and observation is None and now - call.opened_at < _FRAME_PATIENCE:
             return self._reply(
-                request, call.id, Result.BUSY, "the call's frame is being judged: send it again"
+                answer, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
-        pending = _PendingAnswer(request, target, bool(changes), self._last_sent + 1, now)
-        go = request.motion is Motion.GO
+        pending = _PendingAnswer(answer, target, bool(changes), self._last_sent + 1, now)
+        go = answer.motion is Motion.GO
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
         if not self._vision.answer(pending, changes, frame_id=frame_id, call_id=number, go=go, place=place):
-            return self._reply(request, target, Result.BUSY, _VISION_BUSY)
+            return self._reply(answer, target, Result.BUSY, _VISION_BUSY)
         self._last_sent = pending.number
         return Handled()
 
-    def set_words(self, request: SetRequest, operations: Iterable[Operation]) -> bool:
-        """Set words and weights without a call. False where too many requests wait, or vision hangs."""
+    def set_words(self, request: object, operations: Iterable[Operation]) -> bool:
+        """Set words and weights without a call. False where too many requests wait, or vision hangs.
+
+        request: the token of its `Applied`.
+        """
         changes = replace(changes_of(operations), missing_ok=True)
         return self._vision.answer(request, changes)
 
     def applied(self, applied: Applied, now: float) -> Handled:
         """Handle the vision process's result for an answer: applied or refused."""
-        if isinstance(applied.token, SetRequest):
-            return Handled(refused=str(applied.error or ""))
         if not isinstance(applied.token, _PendingAnswer):
-            return Handled()
+            return Handled(refused=str(applied.error or ""))
         pending = applied.token
         self._last_applied = pending.number
         if isinstance(applied.error, VisionLostError):
-            return self._reply(pending.request, pending.target, Result.BUSY, str(applied.error))
+            return self._reply(pending.answer, pending.target, Result.BUSY, str(applied.error))
         if applied.error is not None:
-            return self._reply(pending.request, pending.target, Result.REFUSED, str(applied.error))
+            return self._reply(pending.answer, pending.target, Result.REFUSED, str(applied.error))
         outcome = applied.outcome
         result, decisions = Result.APPLIED, list[Decision]()
         # The vision process may have hung meanwhile. A go is for now, so a late one does not count.
-        go, cancelled = pending.request.motion is Motion.GO, pending.number <= self._last_cancelled
+        go, cancelled = pending.answer.motion is Motion.GO, pending.number <= self._last_cancelled
         late = go and now - pending.at > self._calls.numbers.go_lasts
         if pending.target:
-            motion = Motion.NONE if late or cancelled else pending.request.motion
+            motion = Motion.NONE if late or cancelled else pending.answer.motion
             result, decisions = self._calls.apply_answer(
                 pending.target, motion, pending.changed, outcome, now, go_at=pending.at
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
-        text = self._outcome_text(pending.target, result, decisions, call_frame, newest, applied.memory)
+        text = outcome_text(
+            self._calls, pending.target, result, decisions, call_frame, newest, applied.memory
+        )
         if (late or (go and cancelled)) and self._calls.current_id == pending.target:
             text = (texts.go_lapsed if late else texts.go_taken_back)(self._calls.kind, pending.target)
         if outcome is not None and outcome.dropped:
             text = f"{text}; {notices.word_dropped(', '.join(outcome.dropped))}"
-        handled = self._reply(
-            pending.request,
+        return self._reply(
+            pending.answer,
             pending.target,
             result,
             text,
@@ -221,73 +182,61 @@ class AnswerHandler:
             call_frame=call_frame,
             newest=newest,
             changed=True,
-            go=self._go(pending.request, pending.at),
+            go=self._go(pending.answer, pending.at),
         )
-        handled.decisions = decisions
-        return handled
 
     def written(self, reply: Reply, *, remembered: bool, now: float) -> Handled:
         """Complete a reply once its changes are on disk, or could not be written. Its go counts from now on.
 
         remembered: whether they are on disk.
         """
-        acknowledgement = reply.acknowledgement if remembered else unremembered(reply.acknowledgement)
+        ack = reply.acknowledgement if remembered else unremembered(reply.acknowledgement)
         decisions: list[Decision] = []
         if reply.go is not None:
             decisions = self._calls.confirm_go(reply.go, now)
             if self._calls.go_at is None:
-                target = acknowledgement.target
+                target = ack.target
                 over = texts.fit(f"{target} is closed: the go came too late")
                 taken_back = reply.go <= self._calls.holding.revoked_at
                 void = texts.go_taken_back if taken_back else texts.go_lapsed
                 text = void(self._calls.kind, target) if target == self._calls.current_id else over
-                acknowledgement = replace(acknowledgement, text=text)
-        return Handled(decisions, [Reply(reply.request, acknowledgement)])
+                ack = replace(ack, text=text)
+        return Handled(decisions, [Reply(reply.answer, ack)])
 
-    def _go(self, request: AnswerRequest, at: float) -> float | None:
-        """Return `at` where the hold now waits to fulfil this request's go, None elsewhere."""
-        return at if request.motion is Motion.GO and self._calls.go_at == at else None
+    def _go(self, answer: Answer, at: float) -> float | None:
+        """Return `at` where the hold now waits to fulfil this answer's go, None elsewhere."""
+        return at if answer.motion is Motion.GO and self._calls.go_at == at else None
 
-    def _again(self, request: AnswerRequest, stored: StoredReply) -> Handled:
+    def _again(self, answer: Answer, stored: Acknowledgement) -> Handled:
         """Repeat a reply from before the restart.
 
         A go that was not fulfilled before the restart is void, and the reply says so.
         """
-        void = request.motion is Motion.GO and self._calls.go_at is None
+        void = answer.motion is Motion.GO and self._calls.go_at is None
         void = void and 0 != stored.target == self._calls.current_id
         text = texts.go_lapsed(self._calls.kind, stored.target) if void else stored.text
-        return self._reply(request, stored.target, stored.result, text)
+        return self._reply(answer, stored.target, stored.result, text)
 
-    def _stale(self, request: AnswerRequest) -> Handled:
-        current = self._calls.current_id
-        if request.target == 0 and current:
-            text = texts.just_announced(self._calls.kind, current)
-        else:
-            text = texts.stale(request.target)
-        return self._reply(request, request.target, Result.STALE, text)
-
-    def _apply_motion(self, request: AnswerRequest, target: int, now: float) -> Handled:
+    def _apply_motion(self, answer: Answer, target: int, now: float) -> Handled:
         """Apply an answer without words at once, since no frame needs to be judged again."""
         result, decisions = self._calls.apply_answer(
             target,
-            request.motion,
+            answer.motion,
             False,  # noqa: FBT003
             None,
             now,
             go_at=now,
         )
         newest = self._calls.reason_filter.newest
-        text = self._outcome_text(target, result, decisions, None, newest, None)
-        changed, go = result is not Result.STALE, self._go(request, now)
-        handled = self._reply(
-            request, target, result, text, decisions=decisions, newest=newest, changed=changed, go=go
+        text = outcome_text(self._calls, target, result, decisions, None, newest, None)
+        changed, go = result is not Result.STALE, self._go(answer, now)
+        return self._reply(
+            answer, target, result, text, decisions=decisions, newest=newest, changed=changed, go=go
         )
-        handled.decisions = decisions
-        return handled
 
     def _reply(
         self,
-        request: AnswerRequest,
+        answer: Answer,
         target: int,
         result: Result,
         text: str,
@@ -298,64 +247,19 @@ class AnswerHandler:
         changed: bool = False,
         go: float | None = None,
     ) -> Handled:
-        closed = _closed(decisions, target)
+        closed = closed_call(decisions, target)
         roi, tile = (call_frame.roi, call_frame.tile) if call_frame is not None else (None, None)
         current = target and target == self._calls.current_id
         acknowledgement = Acknowledgement(
-            transaction=request.transaction or 0,
+            transaction=answer.transaction,
             target=target,
             result=result,
             stage=self._calls.stage() if current else Stage.CLOSED,
-            outcome=closed.call.outcome if closed else Outcome.NONE,
+            outcome=closed.outcome if closed else Outcome.NONE,
             roi_uncertainty=roi.uncertainty if roi else None,
             worst_tile=tile.uncertainty if tile else None,
             reasons=flags(newest.reasons) if newest is not None else flags(()),
             words=words_hash(self._vision.words),
             text=text,
         )
-        return Handled(replies=[Reply(request, acknowledgement, changed, go)])
-
-    def _outcome_text(
-        self,
-        target: int,
-        result: Result,
-        decisions: Sequence[Decision],
-        call_frame: Assessment | None,
-        newest: Assessment | None,
-        memory: Memory | None,
-    ) -> str:
-        """Return the text that tells a person what the applied answer led to."""
-        if not target:
-            return f"in use: {memory.preferences.format()}" if memory is not None else "nothing changed"
-        if result is Result.STALE:
-            return self._too_late(target, memory)
-        call = self._calls.call if self._calls.current_id == target else None
-        closed = _closed(decisions, target)
-        if result is Result.NOT_COVERED and call_frame is not None:
-            if Reason.UNKNOWN_OBJECT in call_frame.reasons or call_frame.roi is None:
-                return texts.still_unknown(target, call_frame.roi.uncertainty if call_frame.roi else None)
-            return texts.still_new(target, call_frame.similarity)
-        if closed is not None:
-            return texts.closed(Kind.CALL, target, closed.call.outcome)
-        kind = self._calls.kind
-        if newest is not None and Reason.BLOCKED in newest.reasons:
-            return blocked_text(newest, target, kind)
-        if self._calls.go_at is not None:
-            return texts.waiting_for_view(kind, target)
-        if any(isinstance(decision, GoLapsed) for decision in decisions):
-            return texts.fit(f"{texts.name(kind, target)} no go: disarmed, or no autopilot")
-        if self._calls.stage() is Stage.CLEAR:
-            return texts.clear(kind, target)
-        if call is not None and call.answered:
-            return texts.answered_waiting(kind, target)
-        return texts.fit(f"{texts.name(kind, target)} noted: still {'open' if call else 'holding'}")
-
-    def _too_late(self, target: int, memory: Memory | None) -> str:
-        """Return the text for an id that closed before its answer was applied. Its words are in force."""
-        if memory is None:
-            return texts.stale(target)
-        return f"{target} is closed; in use: {memory.preferences.format()}"
-
-
-def _closed(decisions: Sequence[Decision], target: int) -> CallClosed | None:
-    return next((one for one in decisions if isinstance(one, CallClosed) and one.call.id == target), None)
+        return Handled(list(decisions), [Reply(answer, acknowledgement, changed, go)])

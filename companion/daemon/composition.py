@@ -11,7 +11,6 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.pace import Pace
 from companion.answers.handler import AnswerHandler
-from companion.answers.store import AnswerStore
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.config import Config
@@ -70,7 +69,7 @@ def compose(
     """Create the daemon, once vision is ready. Adds notices for the operator to `startup_notices`."""
     link, vision, journal, writer, served, saved = opened
     # An answer may wait for its outcome, and then for the disk.
-    link.set_undecided_for(vision.answers_within + SLOW)
+    link.answer_store.set_undecided_for(vision.answers_within + SLOW)
     model, now, folder = ready.model, time.monotonic(), config.journal.path
     if journal.recovered_from is not None:
         startup_notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
@@ -84,9 +83,8 @@ def compose(
     if saved:
         restore_calls(calls, saved, now, startup_notices)
     statistics = restore_statistics(model.id, calls, saved.get("shadow"), now, startup_notices)
-    replies = AnswerStore(saved.get("replies"))
     position = VehiclePosition(lambda: link.vehicle)
-    persistence = Persistence(writer, calls, replies, stored_u32(saved.get("frame_id")))
+    persistence = Persistence(writer, calls, link.answer_store, stored_u32(saved.get("frame_id")))
     records = Records(
         journal,
         writer,
@@ -98,7 +96,7 @@ def compose(
         folder / "status.json",
         position.clock.stamp,
     )
-    answer_handler = AnswerHandler(calls, vision, replies)
+    answer_handler = AnswerHandler(calls, vision, link.answer_store)
     after_write = persistence.after_write
     policy = PolicyService(link, calls, policy_state, after_write, refuses=hold_gate.refuses)
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
@@ -20,7 +21,6 @@ from companion.daemon.startup import wait
 from companion.daemon.status import Status
 from companion.daemon.test_call import TestCall
 from companion.link.inbound import (
-    AnswerRequest,
     InboundEvent,
     ModeAck,
     ParameterRequest,
@@ -28,7 +28,6 @@ from companion.link.inbound import (
     RcChannels,
     ResetRequest,
     VehicleUpdate,
-    WordsRequest,
 )
 from companion.link.link import Link
 from companion.policy.shadow_reporter import ShadowReporter
@@ -92,7 +91,7 @@ class Daemon:
         self._view = view
         self._active_alert = ActiveAlert(calls)
         self._odometer = Odometer()
-        self._error_guard = ErrorGuard(lambda now: link.say(notices.unexpected_error(), ERROR, now))
+        self._error_guard = ErrorGuard(lambda now: link.send_text(notices.unexpected_error(), ERROR, now))
         self._health = HealthMonitor(Liveness(tasks(calls.numbers), now), link, vision, calls, persistence)
         self._shadow = ShadowReporter(settings.statistics, calls, link, records.draw)
         self._executor = DecisionExecutor(
@@ -173,9 +172,9 @@ class Daemon:
         current = vehicle is not None and (vehicle.custom_mode, vehicle.armed) == (report.mode, report.armed)
         drives = self.calls.policy is Policy.HOLD and current and self.calls.monitor.drives_itself(now)
         if report.autopilot is not None and (drives or self.calls.holding.streams):
-            self._link.set_mode(report.autopilot.rest_mode, now)
+            self._link.modes.command(report.autopilot.rest_mode, now)
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
-        self._link.say(notices.dying(), ALERT, time.monotonic())
+        self._link.send_text(notices.dying(), ALERT, time.monotonic())
         # The link sends within its budgets, so that one tick does not send everything.
         for _ in range(_FAREWELL_TICKS):
             self._link.tick(time.monotonic())
@@ -200,12 +199,12 @@ class Daemon:
         match event:
             case VehicleUpdate(vehicle):
                 self._handle_vehicle(vehicle, now)
-            case AnswerRequest() if self._test_call.hear(event, now):
-                pass
-            case AnswerRequest():
-                self._finish_answer(self.answer_handler.hear(event, now), now)
-            case ParameterRequest() | WordsRequest() | ResetRequest():
+            case ParameterRequest() | ResetRequest() | Answer(via=Via.TEXT):
                 self._finish_answer(self.settings.set(event, now), now)
+            case Answer() if self._test_call.receive(event, now):
+                pass
+            case Answer():
+                self._finish_answer(self.answer_handler.receive(event, now), now)
             case PolicyRequest():
                 self._executor.carry_out(self.settings.policy.command(event, now), now)
             case ScriptHold():
@@ -245,14 +244,14 @@ class Daemon:
         if seen.adopted is not None:
             text = notices.known_place(seen.adopted.call_id)
             log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
-            self._link.say(text, INFO, now)
+            self._link.send_text(text, INFO, now)
             self.records.draw(seen, self.calls.state(now), text)
         if self.records.replace_lost_frame(seen, now):
-            self._link.say(texts.frame_lost(self.calls.current_id), WARNING, now)
+            self._link.send_text(texts.frame_lost(self.calls.current_id), WARNING, now)
         if seen.dropped:
-            self._link.say(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
+            self._link.send_text(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
         for word in self._weak_words.new(self._vision.weak, judged.memory.preferences):
-            self._link.say(notices.weak_word(word), NOTICE, now)
+            self._link.send_text(notices.weak_word(word), NOTICE, now)
         state = self.calls.state(now)
         self._link.summary(
             summary(seen, judged.sectors, state, self.calls.policy, self.calls.current_id, self._view, now),
@@ -272,7 +271,7 @@ class Daemon:
             return
         handled = self.answer_handler.applied(applied, now)
         if handled.refused:
-            self._link.say(notices.refused(handled.refused), ERROR, now)
+            self._link.send_text(notices.refused(handled.refused), ERROR, now)
         self._finish_answer(handled, now)
         self.persistence.after_write(lambda _, now: self.settings.answered(applied, now))
         call = self.calls.call
@@ -292,7 +291,7 @@ class Daemon:
                 self.persistence.after_write(partial(self._after_answer_write, reply))
             else:
                 ack = reply.acknowledgement
-                self._link.acknowledge(reply.request, ack, now)
+                self._link.acknowledge(reply.answer, ack, now)
                 log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
 
     def _after_answer_write(self, reply: Reply, stored: bool, now: float) -> None:

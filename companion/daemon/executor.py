@@ -87,14 +87,14 @@ class DecisionExecutor:
     def send_hold_now(self, now: float) -> None:
         """Send a decided hold now, unless the process stalled since `now`: a human may have taken over."""
         if time.monotonic() - now <= STALLED_AFTER:
-            self._link.send_hold_now(now)
+            self._link.modes.send_hold_now(now)
 
     def _send_mode(self, decision: Decision, now: float) -> None:
         match decision:
             case HoldMoved() if decision.event in _ENDS or decision.event is HoldEvent.REBOOTED:
-                self._link.forget_mode()
+                self._link.modes.cancel()
             case SetMode(mode):
-                self._link.set_mode(mode, now)
+                self._link.modes.command(mode, now)
 
     def _do(self, decision: Decision, now: float) -> None:
         match decision:
@@ -118,7 +118,7 @@ class DecisionExecutor:
             case HoldMoved():
                 self._hold_moved(decision, now)
             case GoLapsed(number):
-                self._link.say(texts.go_lapsed(self._calls.kind, number), WARNING, now)
+                self._link.send_text(texts.go_lapsed(self._calls.kind, number), WARNING, now)
             case WouldHold():
                 self._shadow.began(decision, now)
             case WouldResume():
@@ -141,26 +141,28 @@ class DecisionExecutor:
             case HoldEvent.CONFIRMED:
                 circles = autopilot is not None and autopilot.circles
                 text_of = texts.circling if circles else texts.holding
-                self._link.say(text_of(kind, hold.id), WARNING, now)
+                self._link.send_text(text_of(kind, hold.id), WARNING, now)
             case HoldEvent.FAILED if moved.resuming:
-                self._link.say(texts.resume_failed(kind, hold.id), ALERT, now)
+                self._link.send_text(texts.resume_failed(kind, hold.id), ALERT, now)
             case HoldEvent.FAILED:
-                self._link.say(texts.hold_failed(kind, hold.id), ALERT, now)
+                self._link.send_text(texts.hold_failed(kind, hold.id), ALERT, now)
             case HoldEvent.RESUMED:
-                self._link.say(texts.resumed(kind, hold.id, self._mode_name(hold.mode_before)), NOTICE, now)
+                self._link.send_text(
+                    texts.resumed(kind, hold.id, self._mode_name(hold.mode_before)), NOTICE, now
+                )
                 if autopilot is not None and hold.mode_before in autopilot.loses_target:
-                    self._link.say(texts.send_target_again(), ERROR, now)
+                    self._link.send_text(texts.send_target_again(), ERROR, now)
                 newest = self._calls.reason_filter.newest
                 if newest is not None:
                     title = f"{texts.name(kind, hold.id)} drives on"
                     self._records.draw(newest, self._calls.state(now), title)
             case HoldEvent.TAKEN_OVER:
                 mode = self._mode_name(self._calls.monitor.newest.mode or 0)
-                self._link.say(texts.taken_over(kind, hold.id, mode), NOTICE, now)
+                self._link.send_text(texts.taken_over(kind, hold.id, mode), NOTICE, now)
             case HoldEvent.REBOOTED:
-                self._link.say(texts.rebooted(kind, hold.id), WARNING, now)
+                self._link.send_text(texts.rebooted(kind, hold.id), WARNING, now)
             case HoldEvent.DROPPED:
-                self._link.say(texts.dropped(kind, hold.id), WARNING, now)
+                self._link.send_text(texts.dropped(kind, hold.id), WARNING, now)
 
     def _mode_name(self, mode: int) -> str:
         autopilot = self._calls.monitor.newest.autopilot

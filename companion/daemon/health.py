@@ -58,8 +58,8 @@ class StallDetector:
                 stalled,
             )
             # What waits to be read, and a mode that waits to be sent, are from before the stall.
-            self._link.skip(now)
-            self._link.forget_mode()
+            self._link.discard_received(now)
+            self._link.modes.cancel()
             self._calls.monitor.forget(now, stalled)
 
 
@@ -135,7 +135,7 @@ class HealthMonitor:
         if self._persistence.failing != self._journal_failing:
             self._journal_failing = self._persistence.failing
             text = notices.journal_fails() if self._journal_failing else notices.journal_works()
-            self._link.say(text, WARNING, now)
+            self._link.send_text(text, WARNING, now)
 
     def _check_vision_deaths(self, now: float) -> None:
         """Require a go for the present hold while vision is unreliable, and report when it becomes so.
@@ -149,7 +149,7 @@ class HealthMonitor:
             if self._unreliable:
                 text = notices.vision_unreliable(hold=self._calls.policy is Policy.HOLD)
                 log.error("%s", text)
-                self._link.say(text, ALERT, now)
+                self._link.send_text(text, ALERT, now)
 
     def _check_autopilot_silence(self, now: float) -> None:
         if self._calls.autopilot_silent(now) == self._autopilot_silent:
@@ -159,7 +159,7 @@ class HealthMonitor:
             log.error("fault: autopilot silent: check its power and its wire to the companion")
         elif not self._calls.monitor.heartbeat_lost(now):
             log.info("the autopilot is heard again")
-            self._link.say(notices.autopilot_back(), NOTICE, now)
+            self._link.send_text(notices.autopilot_back(), NOTICE, now)
 
     def _check_autopilot_present(self, now: float) -> None:
         if self._link.vehicle is not None:
@@ -184,7 +184,7 @@ class HealthMonitor:
             log.warning(
                 "MAV_AUTOPILOT %d on MAV_TYPE %d is not supported: it is never held", *self._unknown_autopilot
             )
-            self._link.say(notices.unknown_autopilot(), WARNING, now)
+            self._link.send_text(notices.unknown_autopilot(), WARNING, now)
 
     def _check_faults(self, now: float) -> None:
         if Reason.FAULT in self._calls.reason_filter.reasons(now):
@@ -192,9 +192,9 @@ class HealthMonitor:
                 why = fault_name(self._calls.reason_filter.newest, self.silent(now))
                 log.error("fault: %s", ": ".join(filter(None, (why, self._vision.camera.reason))))
                 if self._calls.current_id == 0:
-                    self._link.say(texts.companion_fault(why), ERROR, now)
+                    self._link.send_text(texts.companion_fault(why), ERROR, now)
             self._fault_seen_at = now
         elif self._fault_seen_at is not None and now - self._fault_seen_at >= RECOVERED_AFTER:
             self._fault_seen_at = None
             log.info("the fault is over: the companion sees again")
-            self._link.say(texts.recovered(), NOTICE, now)
+            self._link.send_text(texts.recovered(), NOTICE, now)

@@ -35,11 +35,11 @@ class Persistence:
     Never waits: a message that must not be sent before a change is on disk is registered with `after_write`.
     """
 
-    def __init__(self, writer: Writer, calls: OperatorCalls, replies: AnswerStore, frame_id: int) -> None:
+    def __init__(self, writer: Writer, calls: OperatorCalls, answers: AnswerStore, frame_id: int) -> None:
         """frame_id: the newest id of a call's or hold's frame, over all restarts: none may be used twice."""
         self._writer = writer
         self._calls = calls
-        self._replies = replies
+        self._answer_store = answers
         self._changes = Batch()
         """The changes of this turn."""
         self._callbacks: list[WriteCallback] = []
@@ -82,15 +82,15 @@ class Persistence:
 
         Return the answer's record, None for one that was for no call or hold.
         """
-        request, acknowledgement = reply.request, reply.acknowledgement
-        self._replies.add(request, acknowledgement)
+        answer, acknowledgement = reply.answer, reply.acknowledgement
+        self._answer_store.save(answer, acknowledgement)
         target = acknowledgement.target
         if target == 0:
             return None
         record = {
-            "motion": request.motion.name.lower(),
-            "operations": [operation_text(operation) for operation in request.operations],
-            "sender": list(request.sender),
+            "motion": answer.motion.name.lower(),
+            "operations": [operation_text(operation) for operation in answer.operations],
+            "sender": list(answer.sender),
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,
         }
@@ -128,7 +128,7 @@ class Persistence:
             **settings,
             "last_id": _reserved(calls.last_id),
             "frame_id": self._frame_id,
-            "replies": self._replies.saved(),
+            "replies": self._answer_store.saved(),
         }
         if state != self._state:
             # The writer always holds the whole state, so that of several waiting states the newest suffices.

@@ -9,20 +9,19 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import AnyTraverseError
+from companion.answers.answer import Answer, Via
 from companion.link.inbound import (
-    AnswerRequest,
     InboundEvent,
     ParameterRequest,
     PolicyRequest,
     ResetRequest,
-    WordsRequest,
 )
 from companion.link.link import Link
 from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import WARNING, Outcome, Reasons, Result, Stage
+from companion.wire.ids import WARNING, Result
 
 _TICK = 0.02
 _AGAIN = "starting, send it again"
@@ -59,30 +58,15 @@ def wait(link: Link, vision: VisionClient, seconds: float) -> None:
 def _refuse(event: InboundEvent, link: Link, now: float) -> None:
     """Refuse a request, with the text to send it again."""
     match event:
-        case AnswerRequest():
-            link.acknowledge(event, _busy(event), now)
-            return
+        case Answer():
+            busy = Acknowledgement.without_figures(event.transaction, event.target, Result.BUSY, _AGAIN)
+            link.acknowledge(event, busy, now)
+            if event.via is not Via.TEXT:  # whose acknowledgement has no text
+                return
         case PolicyRequest() | ResetRequest():
-            link.acknowledge_command(event, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, now)
-        case WordsRequest():
-            link.acknowledge_words(event, now, accepted=False)
+            link.commands.acknowledge(event, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, now)
         case ParameterRequest():
-            link.echo_parameter(event.name, now)
+            link.parameters.echo_in_force(event.name, now)
         case _:
             return
-    link.say(notices.refused(_AGAIN), WARNING, now)
-
-
-def _busy(request: AnswerRequest) -> Acknowledgement:
-    return Acknowledgement(
-        transaction=request.transaction or 0,
-        target=request.target,
-        result=Result.BUSY,
-        stage=Stage.CLOSED,
-        outcome=Outcome.NONE,
-        roi_uncertainty=None,
-        worst_tile=None,
-        reasons=Reasons.NONE,
-        words=0,
-        text=_AGAIN,
-    )
+    link.send_text(notices.refused(_AGAIN), WARNING, now)

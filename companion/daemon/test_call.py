@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from companion.answers.answer import Answer
 from companion.calls.machine import OperatorCalls
-from companion.link.inbound import AnswerRequest
 from companion.link.link import Link
 from companion.telemetry.summary import call_data
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Kind, Motion, Outcome, Reasons, Result, Stage, words_hash
+from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 from companion.wire.payloads import CallData
 
 log = logging.getLogger(__name__)
@@ -87,26 +87,26 @@ class TestCall:
         if self._open is not None:
             self._link.announce(self._open.data, texts.trial_call(self.id), now)
 
-    def hear(self, request: AnswerRequest, now: float) -> bool:
+    def receive(self, answer: Answer, now: float) -> bool:
         """Take an answer, if it is for the test call: acknowledge it and end the test. Whether it was.
 
         The answer's words and motion change nothing.
         """
-        if self._open is None or request.target not in (0, self.id):
+        if self._open is None or answer.target not in (0, self.id):
             return False
-        if request.target == 0 and request.motion is Motion.NONE:
+        if answer.target == 0 and answer.motion is Motion.NONE:
             return False
         seconds, number = now - self._open.since, self.id
         # An answer to "the current call" that comes this early was sent before the operator saw this one.
-        if request.target == 0 and seconds < self._calls.numbers.announce_guard:
-            self._acknowledge(request, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
+        if answer.target == 0 and seconds < self._calls.numbers.announce_guard:
+            self._acknowledge(answer, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
             return True
-        text = notices.trial_answered(number, *request.sender, seconds)
-        self.status |= {"by": list(request.sender), "after": round(seconds, 1)}
+        text = notices.trial_answered(number, *answer.sender, seconds)
+        self.status |= {"by": list(answer.sender), "after": round(seconds, 1)}
         self._end("answered", text, Outcome.ANSWERED, now)
-        result = Result.REFUSED if request.operations else Result.APPLIED
-        reply = f"{text}; a test teaches no words" if request.operations else text
-        self._acknowledge(request, number, result, reply, now)
+        result = Result.REFUSED if answer.operations else Result.APPLIED
+        reply = f"{text}; a test teaches no words" if answer.operations else text
+        self._acknowledge(answer, number, result, reply, now)
         return True
 
     def _take_request(self) -> int | None:
@@ -159,20 +159,12 @@ class TestCall:
         log.warning("%s", text)
         self._link.announce(data, text, now)
 
-    def _acknowledge(
-        self, request: AnswerRequest, number: int, result: Result, text: str, now: float
-    ) -> None:
+    def _acknowledge(self, answer: Answer, number: int, result: Result, text: str, now: float) -> None:
         closed = self._open is None
-        acknowledgement = Acknowledgement(
-            transaction=request.transaction or 0,
-            target=number,
-            result=result,
+        acknowledgement = replace(
+            Acknowledgement.without_figures(answer.transaction, number, result, text),
             stage=Stage.CLOSED if closed else Stage.OPEN,
             outcome=Outcome.ANSWERED if closed else Outcome.NONE,
-            roi_uncertainty=None,
-            worst_tile=None,
-            reasons=Reasons.NONE,
             words=words_hash(self._vision.words),
-            text=text,
         )
-        self._link.acknowledge(request, acknowledgement, now)
+        self._link.acknowledge(answer, acknowledgement, now)

@@ -5,32 +5,28 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from companion.link.inbound import Sender
 from companion.link.limits import LeaseTable, TokenBucket
 from companion.link.signing import Signing
+from companion.wire.ids import SenderId
 from companion.wire.refusals import Rejected
 
 REQUESTS_PER_SECOND = 20.0
 REQUESTS_AT_ONCE = 60.0
-STRANGERS_PER_SECOND = 5.0
-STRANGERS_AT_ONCE = 20.0
-UNDECIDED_FOR = 30.0
-"""s for which a repeated request is not passed on again while it is undecided, unless set otherwise."""
+READERS_PER_SECOND = 5.0
+READERS_AT_ONCE = 20.0
 MAX_SHARES = 4
 KEPT = 10.0
 """s of silence after which another sender may have the share."""
-STRANGERS: Sender = (0, 0)
+READERS: SenderId = (0, 0)
 """All senders that may only read share one rate limit: many ids gain a sender nothing."""
-OTHERS: Sender = (0, 1)
+OTHER_OPERATORS: SenderId = (0, 1)
 """All senders that may change something and have no share of their own share one rate limit, too."""
-CROWDS = frozenset({STRANGERS, OTHERS})
+COMMON_SHARES = frozenset({READERS, OTHER_OPERATORS})
 _Buckets = dict[str, TokenBucket]
 
 
 class AccessControl:
     """Checks signatures, the allow-list and request rates. `rejected` counts by reason.
-
-    undecided_for: s for which a repeated request is not passed on again while it is undecided.
 
     The first four senders that may change something have a rate limit each, for as long as they are received;
     the others share one. So the sum of all requests is bounded, whatever ids a sender uses.
@@ -39,12 +35,11 @@ class AccessControl:
     def __init__(self, allowed: tuple[int, int], signing: Signing | None = None) -> None:
         self._allowed = allowed
         self._signing = signing
-        self._shares: LeaseTable[Sender, _Buckets] = LeaseTable(MAX_SHARES, KEPT)
-        self._common: dict[Sender, _Buckets] = {STRANGERS: {}, OTHERS: {}}
+        self._shares: LeaseTable[SenderId, _Buckets] = LeaseTable(MAX_SHARES, KEPT)
+        self._common: dict[SenderId, _Buckets] = {READERS: {}, OTHER_OPERATORS: {}}
         self.rejected: Counter[Rejected] = Counter()
-        self.undecided_for = UNDECIDED_FOR
 
-    def believes(self, message: Any, now: float) -> bool:
+    def accepts(self, message: Any, now: float) -> bool:
         """Whether to accept a message at all: where a key is set, whether it is signed and new."""
         if self._signing is None:
             return True
@@ -55,29 +50,29 @@ class AccessControl:
             self.rejected[reason] += 1
         return not reason
 
-    def may_change(self, sender: Sender) -> bool:
+    def may_change(self, sender: SenderId) -> bool:
         """Whether the sender's system id may answer calls and set values."""
         return self._allowed[0] <= sender[0] <= self._allowed[1]
 
-    def hear(self, sender: Sender, now: float) -> None:
+    def renew_share(self, sender: SenderId, now: float) -> None:
         """Renew the share of `sender`, who sent something."""
         if self.may_change(sender):
             self._shares.renew(sender, self._shares.get(sender) or {}, now)
 
-    def share(self, sender: Sender) -> Sender:
-        """The key of the rate limit that `sender` counts under: its own id, OTHERS or STRANGERS."""
+    def share(self, sender: SenderId) -> SenderId:
+        """The key of the rate limit that `sender` counts under: its own id, OTHER_OPERATORS or READERS."""
         if sender in self._shares:
             return sender
-        return OTHERS if self.may_change(sender) else STRANGERS
+        return OTHER_OPERATORS if self.may_change(sender) else READERS
 
-    def outranks(self, sender: Sender, other: Sender) -> bool:
+    def outranks(self, sender: SenderId, other: SenderId) -> bool:
         """Whether `sender` goes before `other` where places are scarce.
 
         A share of its own counts, and the right to change something.
         """
         return self._rank(sender) > self._rank(other)
 
-    def admits(self, sender: Sender, now: float, *, kind: str = "") -> bool:
+    def admits(self, sender: SenderId, now: float, *, kind: str = "") -> bool:
         """Count one request of `sender`; False above its rate: 20 a second after a burst of 60.
 
         The senders that may only read have 5 a second together, after a burst of 20. kind: a kind of request
@@ -89,8 +84,8 @@ class AccessControl:
             buckets = self._common[share]
         if kind not in buckets:
             buckets[kind] = (
-                TokenBucket(STRANGERS_PER_SECOND, STRANGERS_AT_ONCE, now)
-                if share == STRANGERS
+                TokenBucket(READERS_PER_SECOND, READERS_AT_ONCE, now)
+                if share == READERS
                 else TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, now)
             )
         if buckets[kind].take(1, now):
@@ -98,5 +93,5 @@ class AccessControl:
         self.rejected["rate"] += 1
         return False
 
-    def _rank(self, sender: Sender) -> int:
+    def _rank(self, sender: SenderId) -> int:
         return (sender in self._shares) + self.may_change(sender)

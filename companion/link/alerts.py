@@ -6,11 +6,10 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 from companion.link import encode
-from companion.link.inbound import Sender
 from companion.link.limits import TokenBucket
 from companion.link.outbox import Outbox
 from companion.wire import notices
-from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Stage
+from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, SenderId, Stage
 from companion.wire.messages import (
     CLOSED_REPEATS,
     DATA_PERIOD,
@@ -44,7 +43,7 @@ class TextSender:
         self._denials = TokenBucket(1 / SAME_TEXT_GAP, 1, 0.0)
         self.unsaid = 0
 
-    def say(self, text: str, severity: int, now: float) -> None:
+    def send(self, text: str, severity: int, now: float) -> None:
         """Queue a STATUSTEXT of MAV_SEVERITY `severity`; an ALERT has the priority of a call."""
         self._forget(now)
         if text in self._sent_at:
@@ -55,10 +54,10 @@ class TextSender:
         self._sent_at[text] = now
         self._outbox.push("call text" if severity <= ALERT else "text", encode.text(text, severity), now)
 
-    def answer(self, text: str, now: float, *, taken: bool) -> None:
-        """Send the result of an answer: as INFO when it was accepted (`taken`), else as a refusal."""
-        if taken:
-            self.say(text, INFO, now)
+    def send_result(self, text: str, now: float, *, accepted: bool) -> None:
+        """Send the result of an answer: as INFO when it was accepted , else as a refusal."""
+        if accepted:
+            self.send(text, INFO, now)
         else:
             self.refuse(text, now)
 
@@ -68,14 +67,14 @@ class TextSender:
         if text in self._sent_at:
             return
         if self._refusals.take(1, now):
-            self.say(text, WARNING, now)
+            self.send(text, WARNING, now)
         else:
             self.unsaid += 1
 
-    def refuse_sender(self, sender: Sender, now: float) -> None:
+    def refuse_sender(self, sender: SenderId, now: float) -> None:
         """Send that `sender` may not change anything; at most one such text in 5 s."""
         if self._denials.take(1, now):
-            self.say(notices.sender_refused(sender[0]), WARNING, now)
+            self.send(notices.sender_refused(sender[0]), WARNING, now)
 
     def _forget(self, now: float) -> None:
         self._sent_at = {old: at for old, at in self._sent_at.items() if now - at < SAME_TEXT_GAP}

@@ -74,7 +74,7 @@ class Channel:
         self.periodic = PeriodicTelemetry(self.sender, now)
         self._waits_for_vehicle = settings.waits_for_vehicle
         self._opened = 0
-        self._clash_at: float | None = None
+        self._id_conflict_at: float | None = None
         self._may_send = False
 
     @property
@@ -83,14 +83,14 @@ class Channel:
         return "link" if self.name == MAIN else f"link {self.name}"
 
     @property
-    def clash(self) -> bool:
+    def id_conflict(self) -> bool:
         """Whether another component uses our ids here."""
-        return self._clash_at is not None
+        return self._id_conflict_at is not None
 
     @property
     def trouble(self) -> str | None:
         """Why nothing can be sent here now; None when all is well."""
-        if self.clash:
+        if self.id_conflict:
             own = f"{self.sender.system_id}/{COMPONENT_ID}"
             return f"another component {own} talks on {self.label}: stop it, or this one stays silent"
         if self._connection.trouble is not None:
@@ -123,7 +123,7 @@ class Channel:
         self._connection.close()
 
     def poll(self, now: float) -> Iterator[list[Any]]:
-        """Yield the messages of each read, until none wait. Call `believe` before the next read."""
+        """Yield the messages of each read, until none wait. Call `note_accepted` before the next read."""
         room = BYTES_PER_POLL
         for _ in range(READS_PER_POLL):
             data = b""
@@ -135,11 +135,13 @@ class Channel:
                     return
             yield self._parser.feed(data, now, whole=self._connection.datagrams)
 
-    def believe(self, sender: tuple[int, int], now: float) -> None:
+    def note_accepted(self, sender: tuple[int, int], now: float) -> None:
         """Report that a message of `sender` in the last read was accepted."""
-        self._connection.believe(now, autopilot=sender == (self.sender.system_id, AUTOPILOT_COMPONENT_ID))
+        self._connection.note_accepted(
+            now, autopilot=sender == (self.sender.system_id, AUTOPILOT_COMPONENT_ID)
+        )
 
-    def skip(self, now: float) -> None:
+    def discard_received(self, now: float) -> None:
         """Discard what waits to be read."""
         self._parser.forget()
         for _ in range(READS_AT_MOST):
@@ -155,8 +157,8 @@ class Channel:
 
     def note_id_conflict(self, now: float) -> bool:
         """Note that another component sent under our ids here; True when that is new."""
-        new, self._clash_at = self._clash_at is None, now
-        self.sender.keep(STOPPING)
+        new, self._id_conflict_at = self._id_conflict_at is None, now
+        self.sender.drop_all_but(STOPPING)
         return new
 
     def push(
@@ -170,23 +172,23 @@ class Channel:
         to: tuple[int, int] | None = None,
     ) -> None:
         """Queue a message; while another component uses our ids, only one that stops the vehicle."""
-        if not self.clash or name in STOPPING:
+        if not self.id_conflict or name in STOPPING:
             self.sender.push(name, message, now, key=key, lifetime=lifetime, to=to)
 
-    def urge(self, name: str, now: float) -> None:
+    def send_now(self, name: str, now: float) -> None:
         """Send the queued messages of row `name` at once, not with the next `tick`."""
         if self._may_send:
-            self.sender.urge(name, now)
+            self.sender.send_now(name, now)
 
     def may_send(self, now: float, *, has_vehicle: bool) -> bool:
         """Whether more than `STOPPING` may be sent.
 
         On udpin and serial connections, nothing is sent before the autopilot is received.
         """
-        if self._clash_at is not None and now - self._clash_at > ID_CONFLICT_FOR:
-            self._clash_at = None
+        if self._id_conflict_at is not None and now - self._id_conflict_at > ID_CONFLICT_FOR:
+            self._id_conflict_at = None
         self._may_send = has_vehicle or not self._waits_for_vehicle
-        return self._may_send and not self.clash
+        return self._may_send and not self.id_conflict
 
     def tick(self, now: float, *, calling: bool) -> None:
         """Send what is due, within pace and budgets. Call `may_send` first.
@@ -195,7 +197,7 @@ class Channel:
         """
         if not self._may_send:
             return
-        if not self.clash:
+        if not self.id_conflict:
             self.periodic.tick(now, calling=calling)
         self.sender.tick(now)
 

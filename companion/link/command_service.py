@@ -11,10 +11,10 @@ from anytraverse.release import own_version
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
-from companion.link.inbound import ParameterRequest, PolicyRequest, ResetRequest, Sender
+from companion.link.inbound import ParameterRequest, PolicyRequest, ResetRequest
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
-from companion.wire.ids import ANSWER_COMMAND
+from companion.wire.ids import ANSWER_COMMAND, SenderId
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import NUMBER_RATE, SUMMARY_RATE
 
@@ -46,7 +46,7 @@ class CommandService:
         self._parameters = parameters
         self._version = encode.autopilot_version(own_version())
 
-    def hear(self, sender: Sender, message: Any, now: float) -> _Request | None:
+    def receive(self, sender: SenderId, message: Any, now: float) -> _Request | None:
         """Take a COMMAND_LONG or COMMAND_INT; execute it here, or return the request for the daemon."""
         result: int
         request: _Request | None = None
@@ -76,14 +76,14 @@ class CommandService:
         command = mavlink.MAV_CMD_PREFLIGHT_STORAGE if reset else ANSWER_COMMAND
         self._acknowledge(request.sender, command, result, now)
 
-    def _allowed(self, sender: Sender, now: float) -> bool:
+    def _allowed(self, sender: SenderId, now: float) -> bool:
         if self._access.may_change(sender):
             return True
         self._access.rejected["sender"] += 1
         self._text_sender.refuse_sender(sender, now)
         return False
 
-    def _send_newest(self, message_id: float, to: Sender, now: float) -> int:
+    def _send_newest(self, message_id: float, to: SenderId, now: float) -> int:
         """Send the newest message of this id once, from the budget for replies; return the MAV_RESULT."""
         channel = self._outbox.channel(to)
         if message_id == _VERSION:
@@ -103,7 +103,7 @@ class CommandService:
             self._outbox.push(row, message, now, key=(to, index), to=to)
         return ACCEPTED if messages else LATER
 
-    def _send_interval(self, message_id: float, to: Sender, now: float) -> int:
+    def _send_interval(self, message_id: float, to: SenderId, now: float) -> int:
         if not 0 <= message_id <= 0xFFFF or message_id != int(message_id):
             return DENIED
         rate = self._parameters.value(_RATES[int(message_id)][0]) if message_id in _RATES else None
@@ -114,11 +114,11 @@ class CommandService:
         else:
             interval = _NEVER if message_id == _VERSION else _UNKNOWN
         message = encode.message_interval(int(message_id), interval)
-        self._outbox.push("rate told", message, now, key=(to, message_id), to=to)
+        self._outbox.push("interval reply", message, now, key=(to, message_id), to=to)
         return ACCEPTED
 
     def _set_rate(
-        self, message_id: float, interval: float, sender: Sender, now: float
+        self, message_id: float, interval: float, sender: SenderId, now: float
     ) -> tuple[int, ParameterRequest | None]:
         """Translate an interval (us) into a request to set the rate's parameter. The heartbeat's is fixed."""
         if not self._allowed(sender, now):
@@ -140,5 +140,5 @@ class CommandService:
             return DENIED, None
         return ACCEPTED, ParameterRequest(sender, name, rate)
 
-    def _acknowledge(self, sender: Sender, command: int, result: int, now: float) -> None:
+    def _acknowledge(self, sender: SenderId, command: int, result: int, now: float) -> None:
         self._outbox.push("command ack", encode.command_ack(command, result, sender), now, to=sender)

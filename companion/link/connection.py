@@ -83,10 +83,10 @@ class Connection:
             self._mark_working()
         return taken
 
-    def believe(self, now: float, *, autopilot: bool) -> None:
+    def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Report that a frame of the last read was accepted; autopilot: our autopilot sent it."""
         if self._transport is not None:
-            self._transport.believe(now, autopilot=autopilot)
+            self._transport.note_accepted(now, autopilot=autopilot)
 
     def close(self) -> None:
         """Close the device. The next read opens it again."""

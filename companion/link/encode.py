@@ -40,7 +40,7 @@ class MavlinkVersion:
         """Return to version 2, after a reconnect or a received version 2 frame."""
         self._only_version_1_since, self.is_1 = None, False
 
-    def hear(self, message: Any, now: float) -> None:
+    def received(self, message: Any, now: float) -> None:
         """Note the version of a received message."""
         if message.get_msgbuf()[0] != mavlink.PROTOCOL_MARKER_V1:
             self.forget()
@@ -53,7 +53,7 @@ class MavlinkVersion:
         """Whether to send a message of the table's row `name` in version 1."""
         return self.is_1 and not (name == "heartbeat" and now >= self._probe_at)
 
-    def told(self, frame: bytes, now: float) -> None:
+    def sent(self, frame: bytes, now: float) -> None:
         """Note that `frame` was sent."""
         if frame[0] != mavlink.PROTOCOL_MARKER_V1:
             self._probe_at = now + PROBE_PERIOD

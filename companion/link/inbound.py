@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from companion.answers.answer import Answer
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.state import Vehicle
-from companion.wire.answers import Operation
-from companion.wire.ids import Motion, Policy
-
-Sender = tuple[int, int]
-"""System and component id."""
+from companion.wire.ids import Policy, SenderId
 
 _SHORTEST, _LONGEST = 800, 2200
 """us. MAVLink's 0 and 65535 mean that a channel does not exist."""
@@ -24,55 +21,26 @@ class VehicleUpdate:
 
 
 @dataclass(frozen=True)
-class AnswerRequest:
-    """An operator's answer, complete and well-formed. Reply with `Link.acknowledge`.
-
-    transaction: None for a command. target: id of the call or hold, 0 for the current one.
-    value: that AT_ANSWER was set to; None for an answer that came otherwise.
-    """
-
-    sender: Sender
-    transaction: int | None
-    target: int
-    motion: Motion
-    operations: tuple[Operation, ...]
-    value: float | None = None
-
-
-@dataclass(frozen=True)
 class ParameterRequest:
-    """A request to set a parameter to a value in its range. Reply with `Link.set_parameter`."""
+    """A request to set a parameter to a value in its range. Reply with `Link.parameters.set_value`."""
 
-    sender: Sender
+    sender: SenderId
     name: str
     value: float
 
 
 @dataclass(frozen=True)
-class WordsRequest:
-    """A request to set words as text, without a call. Reply with `Link.acknowledge_words`.
-
-    name: the extended parameter. raw: its value as received.
-    """
-
-    sender: Sender
-    name: str
-    raw: bytes
-    operations: tuple[Operation, ...]
-
-
-@dataclass(frozen=True)
 class ResetRequest:
-    """A request to reset all settings as configured. Reply with `Link.acknowledge_command`. Idempotent."""
+    """A request to reset all settings as configured. Reply with `Link.commands.acknowledge`. Idempotent."""
 
-    sender: Sender
+    sender: SenderId
 
 
 @dataclass(frozen=True)
 class PolicyRequest:
-    """A command to set the policy. Reply with `Link.acknowledge_command`. Idempotent."""
+    """A command to set the policy. Reply with `Link.commands.acknowledge`. Idempotent."""
 
-    sender: Sender
+    sender: SenderId
     policy: Policy
 
 
@@ -102,5 +70,13 @@ class ModeAck:
     result: int
 
 
-SetRequest = ParameterRequest | WordsRequest | ResetRequest
-InboundEvent = VehicleUpdate | AnswerRequest | SetRequest | PolicyRequest | RcChannels | ModeAck | ScriptHold
+InboundEvent = (
+    VehicleUpdate
+    | Answer
+    | ParameterRequest
+    | ResetRequest
+    | PolicyRequest
+    | RcChannels
+    | ModeAck
+    | ScriptHold
+)

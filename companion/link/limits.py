@@ -1,11 +1,9 @@
-"""Bounds what other senders may use: bytes (TokenBucket), places (LeaseTable), memory (SenderCache)."""
+"""Bounds what other senders may use: bytes (TokenBucket) and places (LeaseTable)."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
-from typing import Any, Generic, TypeVar
-
-from companion.link.inbound import Sender
+from typing import Generic, TypeVar
 
 
 class TokenBucket:
@@ -78,43 +76,3 @@ class LeaseTable(Generic[_Holder, _Value]):
             del self._leases[stalest]
         self._leases[key] = (now if lease is None else max(now, lease[0])), value
         return True
-
-
-_Key = tuple[Any, ...]
-_T = TypeVar("_T")
-
-
-class SenderCache(Generic[_T]):
-    """Stores the newest 64 entries of each sender, 1024 in all. A key is a tuple that begins with the sender.
-
-    So no sender alone pushes out the entries of another.
-    """
-
-    def __init__(self, of_a_sender: int = 64, in_all: int = 1024) -> None:
-        self._of_a_sender, self._in_all = of_a_sender, in_all
-        self._entries: dict[_Key, _T] = {}
-        self._counts: dict[Sender, int] = {}
-
-    def __len__(self) -> int:
-        return len(self._entries)
-
-    def get(self, key: _Key) -> _T | None:
-        """The value of `key`; None when there is none."""
-        return self._entries.get(key)
-
-    def put(self, key: _Key, value: _T) -> None:
-        """Store `value` as the newest entry; above a limit, drop the oldest of its sender, or of all."""
-        self.pop(key)
-        self._entries[key] = value
-        own = self._counts[key[0]] = self._counts.get(key[0], 0) + 1
-        if own > self._of_a_sender:
-            self.pop(next(one for one in self._entries if one[0] == key[0]))
-        elif len(self._entries) > self._in_all:
-            self.pop(next(iter(self._entries)))
-
-    def pop(self, key: _Key) -> None:
-        """Remove `key`, if it is stored."""
-        if self._entries.pop(key, None) is not None:
-            self._counts[key[0]] -= 1
-            if not self._counts[key[0]]:
-                del self._counts[key[0]]

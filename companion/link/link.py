@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from companion.answers.answer import Answer
+from companion.answers.store import AnswerStore
 from companion.config.link_settings import LinkSettings
 from companion.link import encode
 from companion.link.access_control import AccessControl
@@ -16,7 +18,7 @@ from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import AnswerRequest, InboundEvent, PolicyRequest, ResetRequest, WordsRequest
+from companion.link.inbound import InboundEvent
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import FOLDER as PARAMETERS
 from companion.link.parameter_server import ParameterFile, ParameterServer
@@ -42,7 +44,8 @@ READING_FOR = 0.05
 class Link:
     """Acts as MAVLink component 191.
 
-    Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`.
+    Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. parameters, text_parameters,
+    commands, modes: the services that the daemon uses.
     """
 
     def __init__(
@@ -54,13 +57,14 @@ class Link:
         openers: Mapping[str, Callable[[], Transport]] | None = None,
         tree: Tree | None = None,
         signing: Signing | None = None,
+        answer_store: AnswerStore | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """openers: by connection name, what makes its transport in place of the url. tree: files to serve.
 
         signing: signs each frame sent, and accepts only signed frames; each connection has its own link id.
-        clock: monotonic s, by which `poll` limits its duration.
-        Raises LinkError, ParameterError.
+        answer_store: with the replies from before a restart. clock: monotonic s, by which `poll` limits
+        its duration. Raises LinkError, ParameterError.
         """
         self.most_budget = settings.most_budget
         self._signing = signing
@@ -69,27 +73,35 @@ class Link:
         self._access = AccessControl(settings.allowed_senders, signing)
         self._outbox = Outbox(self._channels, self._access.share)
         self._text_sender = TextSender(self._outbox)
-        self._error_guard = ErrorGuard(lambda now: self.say(notices.unexpected_error(), ERROR, now))
-        self._parameters = ParameterServer(self._outbox, self._text_sender, self._access, parameters)
-        self._texts = TextParameters(self._outbox, self._text_sender, self._access, self._parameters)
-        self._answers = AnswerService(self._outbox, self._text_sender, self._access, self._parameters)
-        self._commands = CommandService(self._outbox, self._text_sender, self._access, self._parameters)
+        self._error_guard = ErrorGuard(lambda now: self.send_text(notices.unexpected_error(), ERROR, now))
+        self.parameters = ParameterServer(self._outbox, self._text_sender, self._access, parameters)
+        self.text_parameters = TextParameters(self._outbox, self._text_sender, self._access, self.parameters)
+        self.answer_store = AnswerStore() if answer_store is None else answer_store
+        self._answers = AnswerService(
+            self._outbox,
+            self._text_sender,
+            self._access,
+            self.parameters,
+            self.text_parameters,
+            self.answer_store,
+        )
+        self.commands = CommandService(self._outbox, self._text_sender, self._access, self.parameters)
         self._tracker = VehicleTracker(settings.system_id)
-        served = (tree or Tree()).with_folder(PARAMETERS, ParameterFile(self._parameters.packed))
+        served = (tree or Tree()).with_folder(PARAMETERS, ParameterFile(self.parameters.packed))
         self._files = FtpServer(self._outbox, self._access, served)
         requests = RequestDispatcher(
             self._access,
-            self._parameters,
-            self._texts,
+            self.parameters,
+            self.text_parameters,
             self._answers,
-            self._commands,
+            self.commands,
             self._files,
         )
         self._router = MessageRouter(self._outbox, self._text_sender, self._access, self._tracker, requests)
         self._alerts = AlertRepeater()
         self._returns_seen = 0
         self._intervals = MessageIntervals(self._outbox, self._router.remote_control)
-        self._modes = ModeCommands(self._outbox, self._access)
+        self.modes = ModeCommands(self._outbox, self._access, self._tracker)
         self._setpoints = Setpoints(self._outbox, now)
 
     @property
@@ -148,10 +160,10 @@ class Link:
                 break
         return events
 
-    def skip(self, now: float) -> None:
+    def discard_received(self, now: float) -> None:
         """Discard what waits to be read."""
         for channel in self._channels:
-            channel.skip(now)
+            channel.discard_received(now)
 
     def tick(self, now: float) -> None:
         """Send what is due on all connections, within pace and budgets."""
@@ -166,8 +178,8 @@ class Link:
         returns = self._tracker.returns + self._outbox.moves
         if sending:
             self._announce_due(now)
-            self._parameters.tick(now)
-            self._texts.tick(now)
+            self.parameters.tick(now)
+            self.text_parameters.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
         # The autopilot may have rebooted, or be on another connection: a heartbeat announces us at once.
         if returns != self._returns_seen:
@@ -208,48 +220,17 @@ class Link:
         """
         self._alerts.announce(call, text, now, quiet=quiet, severity=severity)
 
-    def say(self, text: str, severity: int, now: float) -> None:
+    def send_text(self, text: str, severity: int, now: float) -> None:
         """Send a text once, with MAV_SEVERITY `severity`; not the same one again within 5 s."""
-        self._text_sender.say(text, severity, now)
+        self._text_sender.send(text, severity, now)
 
-    def acknowledge(self, request: AnswerRequest, ack: Acknowledgement, now: float) -> None:
+    def acknowledge(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
         """Send the result of an answer to its sender, and store it for when the answer is repeated."""
-        self._answers.acknowledge(request, ack, now)
-
-    def acknowledge_words(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
-        """Report to the sender whether the words that it set as text are in force."""
-        self._texts.acknowledge(request, now, accepted=accepted)
-
-    def acknowledge_command(self, request: PolicyRequest | ResetRequest, result: int, now: float) -> None:
-        """Send the result of a command (MAV_RESULT) to its sender."""
-        self._commands.acknowledge(request, result, now)
+        self._answers.acknowledge(answer, ack, now)
 
     def request_rc_channels(self) -> None:
         """Request RC_CHANNELS from the autopilot from now on, and again whenever they stop."""
         self._intervals.wants_rc_channels = True
-
-    def set_parameter(self, name: str, value: float, now: float) -> None:
-        """Set a parameter's value in force; echo it to its requester, or send it to all when it changed.
-
-        Raises ParameterError for a name that is not listed or a value out of range.
-        """
-        self._parameters.changed(name, value, now)
-
-    def set_configured(self, values: Mapping[str, float]) -> None:
-        """Set the parameters' configured values, which a client may request as their defaults."""
-        self._parameters.configured = values
-
-    def echo_parameter(self, name: str, now: float) -> None:
-        """Echo the value in force, because a requested one was not accepted."""
-        self._parameters.changed(name, self._parameters.value(name), now)
-
-    def set_undecided_for(self, seconds: float) -> None:
-        """Set the s within which the daemon decides a request; a repetition is not passed on before."""
-        self._access.undecided_for = seconds
-
-    def set_words(self, words: Mapping[str, float]) -> None:
-        """Set the words in force, which clients read as text."""
-        self._texts.set_words(words)
 
     def set_rate(self, name: str, rate: float) -> None:
         """Set how many summaries ("summary"), or of each number ("number"), are sent per second; 0: none."""
@@ -260,31 +241,16 @@ class Link:
         """Set the B/s of unsolicited traffic on the first connection, 0 unlimited; `most_budget` at most."""
         self._channels[0].sender.set_budget(rate, now)
 
-    def set_mode(self, custom_mode: int, now: float) -> None:
-        """Command a mode, before all other messages; it is dropped when it cannot be sent within 1 s.
-
-        While another component uses our ids, only modes that hold the vehicle are sent.
-        """
-        self._modes.ask(self.vehicle, custom_mode, now)
-
-    def send_hold_now(self, now: float) -> None:
-        """Send a queued hold command at once, not with the next `tick`."""
-        self._modes.send_hold_now(now)
-
     def stand_still(self, *, on: bool) -> None:
         """Start or stop streaming zero velocity to the autopilot, at the table's rate."""
         self._setpoints.on = on
 
-    def forget_mode(self) -> None:
-        """Drop a mode command that waits to be sent."""
-        self._modes.forget()
-
     def _route(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:
         for message in messages:
             with self._error_guard.survived(message.get_type(), now):
-                if not self._access.believes(message, now):
+                if not self._access.accepts(message, now):
                     continue
-                event = self._router.hear(message, channel, now)
+                event = self._router.route(message, channel, now)
                 if event is not None:
                     yield event
 

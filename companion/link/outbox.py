@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from companion.link.channel import Channel
-from companion.link.inbound import Sender
 from companion.link.limits import LeaseTable
 from companion.link.sender import LIFETIME
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, SenderId
 
 MAX_ROUTES = 64
 KEPT = 10.0
@@ -25,11 +24,11 @@ class Outbox:
     received it in the last 3 s. While none did, the home stays. `moves` counts how often it changed.
     """
 
-    def __init__(self, channels: Sequence[Channel], share: Callable[[Sender], Sender]) -> None:
+    def __init__(self, channels: Sequence[Channel], share: Callable[[SenderId], SenderId]) -> None:
         """share: maps a sender to the key under which its replies take turns, see `AccessControl.share`."""
         self._channels = channels
         self._share = share
-        self._routes: LeaseTable[Sender, Channel] = LeaseTable(MAX_ROUTES, KEPT)
+        self._routes: LeaseTable[SenderId, Channel] = LeaseTable(MAX_ROUTES, KEPT)
         self._autopilot_at: dict[str, float] = {}
         self._home: Channel | None = None
         self.moves = 0
@@ -44,16 +43,16 @@ class Outbox:
         for channel in self._channels:
             channel.sender.system_id = value
 
-    def hear(self, sender: Sender, channel: Channel, now: float) -> None:
+    def note_route(self, sender: SenderId, channel: Channel, now: float) -> None:
         """Remember that `sender` was received on `channel`. At most 64; the first keep their places."""
         self._routes.renew(sender, channel, now)
 
-    def hear_autopilot(self, channel: Channel, now: float) -> bool:
+    def note_autopilot(self, channel: Channel, now: float) -> bool:
         """Note our autopilot's heartbeat on `channel`; True when its telemetry there counts."""
         self._autopilot_at[channel.name] = now
         in_reach = [one for one in self._channels if self._receives_autopilot(one, now)]
         # Where another component uses our ids only holds may be sent, so any other connection is better.
-        home = next((one for one in in_reach if not one.clash), in_reach[0])
+        home = next((one for one in in_reach if not one.id_conflict), in_reach[0])
         if home is not self._home:
             self._home = home
             self.moves += 1
@@ -68,7 +67,7 @@ class Outbox:
         """Whether the autopilot's telemetry counts on `channel`: on one only, or it would count twice."""
         return self._home is channel
 
-    def channel(self, to: Sender) -> Channel | None:
+    def channel(self, to: SenderId) -> Channel | None:
         """The connection on which `to` is reached; None when it was not received yet."""
         if self._home is not None and to == (self.system_id, AUTOPILOT_COMPONENT_ID):
             return self._home
@@ -82,7 +81,7 @@ class Outbox:
         *,
         key: object = None,
         lifetime: float = LIFETIME,
-        to: Sender | None = None,
+        to: SenderId | None = None,
     ) -> None:
         """Queue a message of the table's row `name`; it replaces one with the same name and key.
 
@@ -94,12 +93,12 @@ class Outbox:
         for channel in self._channels_to(to):
             channel.push(name, message, now, key=key, lifetime=lifetime, to=share)
 
-    def urge(self, name: str, now: float) -> None:
+    def send_now(self, name: str, now: float) -> None:
         """Send the queued messages of row `name` now, if the device takes them."""
         for channel in self._channels:
-            channel.urge(name, now)
+            channel.send_now(name, now)
 
-    def waiting(self, name: str, to: Sender | None = None) -> int:
+    def waiting(self, name: str, to: SenderId | None = None) -> int:
         """Frames of row `name` that wait, on the connection with the fewest. to: only those of its share."""
         share = None if to is None else self._share(to)
         return min(channel.sender.waiting(name, to=share) for channel in self._channels_to(to))
@@ -113,7 +112,7 @@ class Outbox:
         for channel in self._channels:
             channel.sender.forget(name)
 
-    def _channels_to(self, to: Sender | None) -> Sequence[Channel]:
+    def _channels_to(self, to: SenderId | None) -> Sequence[Channel]:
         channel = None if to is None else self.channel(to)
         return self._channels if channel is None else (channel,)
 

@@ -10,12 +10,12 @@ from typing import Any
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
-from companion.link.inbound import ParameterRequest, Sender
+from companion.link.inbound import ParameterRequest
 from companion.link.outbox import Outbox
 from companion.storage.served_tree import InMemoryFile, MissingError, Opened
 from companion.wire import notices
-from companion.wire.ids import COMPONENT_ID
-from companion.wire.packed_parameters import Asked, pack
+from companion.wire.ids import COMPONENT_ID, SenderId
+from companion.wire.packed_parameters import ListOptions, pack
 from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
 from companion.wire.refusals import Rejected
 
@@ -24,7 +24,7 @@ from companion.wire.refusals import Rejected
 class _Listing:
     """A list that is being sent on one connection. to: newest requester. at: next index. left: entries."""
 
-    to: Sender
+    to: SenderId
     at: int = 0
     left: int = 0
 
@@ -43,14 +43,14 @@ class ListSender:
         self._count = count
         self._lists: dict[str, _Listing] = {}
 
-    def begin(self, sender: Sender) -> None:
+    def begin(self, sender: SenderId) -> None:
         """Start the list for `sender`, or make the running one go round once more."""
         channel = self._outbox.channel(sender)
         if channel is not None:
             listing = self._lists.setdefault(channel.name, _Listing(sender))
             listing.to, listing.left = sender, self._count
 
-    def due(self) -> Iterator[tuple[int, Sender]]:
+    def due(self) -> Iterator[tuple[int, SenderId]]:
         """Yield index and receiver of each entry to send now: the next one, where none of the row waits."""
         for listing in self._lists.values():
             if listing.left and not self._outbox.waiting(self._row, listing.to):
@@ -66,19 +66,19 @@ NAME = "param.pck"
 class ParameterFile:
     """Serves the folder `@PARAM`, which holds one file: all parameters, packed."""
 
-    def __init__(self, pack: Callable[[Asked], bytes]) -> None:
+    def __init__(self, pack: Callable[[ListOptions], bytes]) -> None:
         """pack: makes the file's content; may raise ValueError."""
         self._pack = pack
 
     def sizes(self) -> Mapping[str, int]:
-        return {NAME: len(self._pack(Asked()))}
+        return {NAME: len(self._pack(ListOptions()))}
 
     def open(self, name: str) -> Opened:
-        """Open `param.pck`; options follow a `?`, see `Asked.read`. Raises FileError, ValueError."""
+        """Open `param.pck`; options follow a `?`, see `ListOptions.read`. Raises FileError, ValueError."""
         file, _, query = name.partition("?")
         if file != NAME:
             raise MissingError(name)
-        return InMemoryFile(self._pack(Asked.read(query)))
+        return InMemoryFile(self._pack(ListOptions.read(query)))
 
 
 _DIGITS = 6
@@ -86,7 +86,7 @@ _INTEGER_BITS = 1e-30
 
 
 class ParameterServer:
-    """Answers reads itself; checks sets, which the daemon applies and `changed` then echoes."""
+    """Answers reads itself; checks sets, which the daemon applies and `set_value` then echoes."""
 
     def __init__(
         self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: Sequence[Parameter]
@@ -98,10 +98,9 @@ class ParameterServer:
         self._access = access
         self._entries = list(parameters)
         self._index = {entry.name: index for index, entry in enumerate(self._entries)}
-        self._requested_by: dict[str, Sender] = {}
+        self._requested_by: dict[str, SenderId] = {}
         self._lists = ListSender(outbox, "list", len(self._entries))
-        self.configured: Mapping[str, float] = {}
-        """Name -> configured value, for the parameters that have one."""
+        self._configured: Mapping[str, float] = {}
 
     def at(self, index: int) -> Parameter | None:
         """The parameter with this index; None when there is none."""
@@ -120,21 +119,21 @@ class ParameterServer:
         """Whether a listed parameter accepts `value`."""
         return self._entries[self._index[name]].accepts(value)
 
-    def echo(self, name: str, value: float, to: Sender, now: float) -> None:
+    def echo(self, name: str, value: float, to: SenderId, now: float) -> None:
         """Send `to` a value that is not stored, for AT_ANSWER, which always reads as 0."""
         index = self._index[name]
         message = encode.parameter(replace(self._entries[index], value=value), index, len(self._entries))
         self._outbox.push("echo", message, now, key=index, to=to)
 
-    def list_all(self, sender: Sender) -> None:
+    def list_all(self, sender: SenderId) -> None:
         """Answer PARAM_REQUEST_LIST."""
         self._lists.begin(sender)
 
-    def packed(self, asked: Asked) -> bytes:
-        """Pack the parameters into a file. Raises ValueError when `asked.start` is behind the last one."""
-        return pack(self._entries, asked, self.configured)
+    def packed(self, options: ListOptions) -> bytes:
+        """Pack the parameters into a file. Raises ValueError when `options.start` is behind the last one."""
+        return pack(self._entries, options, self._configured)
 
-    def read(self, sender: Sender, message: Any, now: float) -> None:
+    def read(self, sender: SenderId, message: Any, now: float) -> None:
         """Answer PARAM_REQUEST_READ, by name when the index is -1."""
         index = self._index.get(message.param_id) if message.param_index < 0 else message.param_index
         if index is None or self.at(index) is None:
@@ -142,7 +141,7 @@ class ParameterServer:
             return
         self._send("echo", index, now, sender)
 
-    def set(self, sender: Sender, message: Any, now: float) -> ParameterRequest | None:
+    def set(self, sender: SenderId, message: Any, now: float) -> ParameterRequest | None:
         """Check PARAM_SET of any type; return the request, or echo the old value when it is refused."""
         index = self._index.get(message.param_id)
         if index is None:
@@ -164,7 +163,15 @@ class ParameterServer:
         self._requested_by[entry.name] = sender
         return ParameterRequest(sender, entry.name, round(message.param_value, _DIGITS))
 
-    def changed(self, name: str, value: float, now: float) -> None:
+    def set_configured(self, values: Mapping[str, float]) -> None:
+        """Set the configured values, name -> value, which a client may request as defaults."""
+        self._configured = values
+
+    def echo_in_force(self, name: str, now: float) -> None:
+        """Echo the value in force, because a requested one was not accepted."""
+        self.set_value(name, self.value(name), now)
+
+    def set_value(self, name: str, value: float, now: float) -> None:
         """Set the value in force. A changed value is sent to all, an unchanged one only to its requester.
 
         Raises ParameterError for a name that is not listed or a value that it does not accept.
@@ -178,14 +185,14 @@ class ParameterServer:
         if asker is not None:
             self._send("echo", index, now, None if is_changed else asker)
         elif is_changed:
-            self._send("news", index, now)
+            self._send("changed value", index, now)
 
     def tick(self, now: float) -> None:
         """Queue the next entries of the lists."""
         for index, to in self._lists.due():
             self._send("list", index, now, to)
 
-    def _refuse_unknown(self, sender: Sender, message: Any, index: int, now: float) -> None:
+    def _refuse_unknown(self, sender: SenderId, message: Any, index: int, now: float) -> None:
         """Refuse an unknown parameter, with an error only when we alone were asked.
 
         A request to all components may be for a parameter of another one.
@@ -197,7 +204,7 @@ class ParameterServer:
                 "no parameter", error, now, key=(sender, message._param_id_raw, index), to=sender
             )
 
-    def _send(self, row: str, index: int, now: float, to: Sender | None = None) -> None:
+    def _send(self, row: str, index: int, now: float, to: SenderId | None = None) -> None:
         message = encode.parameter(self._entries[index], index, len(self._entries))
         self._outbox.push(row, message, now, key=index, to=to)
 

@@ -13,14 +13,21 @@ from companion.link.answers import AnswerService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import InboundEvent, ModeAck, Sender, VehicleUpdate
+from companion.link.inbound import InboundEvent, ModeAck, VehicleUpdate
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
 from companion.link.vehicle import RemoteControl, VehicleTracker
 from companion.vehicle.ardupilot import script_hold
 from companion.wire import notices
-from companion.wire.ids import ANSWER_COMMAND, AUTOPILOT_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER, WARNING
+from companion.wire.ids import (
+    ANSWER_COMMAND,
+    AUTOPILOT_COMPONENT_ID,
+    COMPONENT_ID,
+    TUNNEL_ANSWER,
+    WARNING,
+    SenderId,
+)
 from companion.wire.messages import TELEMETRY
 from companion.wire.parameters import ANSWER
 
@@ -55,7 +62,7 @@ class Deduplicator:
 
 
 def _key(message: Any) -> tuple[int, int, int, bytes]:
-    """Sender, message id and payload, without the zeros at its end that only MAVLink 2 leaves out."""
+    """SenderId, message id and payload, without the zeros at its end that only MAVLink 2 leaves out."""
     frame = message.get_msgbuf()
     start = _HEADER_1 if frame[0] == mavlink.PROTOCOL_MARKER_V1 else _HEADER_2
     payload = bytes(frame[start : start + frame[1]]).rstrip(b"\0")
@@ -98,7 +105,7 @@ class RequestDispatcher:
         self._commands = commands
         self._files = files
 
-    def hear(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
+    def dispatch(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         """Answer a request here, or return the event that the daemon must handle."""
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
@@ -112,26 +119,27 @@ class RequestDispatcher:
         elif message.target_component != COMPONENT_ID or message.target_system == 0:
             self._access.rejected["target"] += 1
         elif kind == FILES:
-            self._files.hear(sender, message, now)
+            self._files.receive(sender, message, now)
         elif kind == "PARAM_SET":
             return self._set(sender, message, now)
         elif kind == "PARAM_EXT_SET":
-            return self._texts.set(sender, message, now)
+            text = self._texts.set(sender, message, now)
+            return None if text is None else self._answers.admit(text, now)
         elif kind == "TUNNEL":
             return self._take_answer(sender, message, now)
         elif message.command == ANSWER_COMMAND:
             return self._answers.command(sender, message, now)
         else:
-            return self._commands.hear(sender, message, now)
+            return self._commands.receive(sender, message, now)
         return None
 
-    def _set(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
+    def _set(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         request = self._parameters.set(sender, message, now)
         if request is not None and request.name == ANSWER:
             return self._answers.parameter(request, now)
         return request
 
-    def _take_answer(self, sender: Sender, message: Any, now: float) -> InboundEvent | None:
+    def _take_answer(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         if message.payload_length > len(message.payload):
             self._access.rejected["payload"] += 1
             return None
@@ -157,16 +165,16 @@ class MessageRouter:
         self._deduplicator = Deduplicator()
         self.remote_control = RemoteControl()
 
-    def hear(self, message: Any, channel: Channel, now: float) -> InboundEvent | None:
+    def route(self, message: Any, channel: Channel, now: float) -> InboundEvent | None:
         """Handle a message received on `channel`; return the event that the daemon must handle, if any."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if sender == (self._outbox.system_id, COMPONENT_ID):
             self._take_own_ids(message, channel, now)
             return None
-        channel.believe(sender, now)
-        channel.sender.version.hear(message, now)
-        self._access.hear(sender, now)
-        self._outbox.hear(sender, channel, now)
+        channel.note_accepted(sender, now)
+        channel.sender.version.received(message, now)
+        self._access.renew_share(sender, now)
+        self._outbox.note_route(sender, channel, now)
         kind = message.get_type()
         # Telemetry counts from one connection only: on two, every value would arrive twice and out of order.
         if sender[1] == AUTOPILOT_COMPONENT_ID and kind in TELEMETRY:
@@ -175,9 +183,9 @@ class MessageRouter:
             if self._outbox.is_home(channel):
                 return self._take_telemetry(kind, sender[0], message, now)
             return None
-        if channel.clash or not self._is_request(kind, sender, message, channel, now):
+        if channel.id_conflict or not self._is_request(kind, sender, message, channel, now):
             return None
-        return self._requests.hear(sender, message, now)
+        return self._requests.dispatch(sender, message, now)
 
     def _take_own_ids(self, message: Any, channel: Channel, now: float) -> None:
         if self._outbox.is_own(message):
@@ -185,14 +193,14 @@ class MessageRouter:
             return
         self._access.rejected["clash"] += 1
         if channel.note_id_conflict(now):
-            self._text_sender.say(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
+            self._text_sender.send(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
 
     def _take_heartbeat(
         self, system_id: int, message: Any, channel: Channel, now: float
     ) -> InboundEvent | None:
         if not self._tracker.claims(system_id, message, now):
             return None
-        if not self._outbox.hear_autopilot(channel, now):
+        if not self._outbox.note_autopilot(channel, now):
             return None
         self._tracker.heartbeat(system_id, message, now)
         self._outbox.system_id = system_id
@@ -208,10 +216,10 @@ class MessageRouter:
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
-            return self.remote_control.hear_pulses(message, now)
+            return self.remote_control.receive_pulses(message, now)
         else:
             if kind == "SYS_STATUS" and self._tracker.is_ours(system_id):
-                self.remote_control.hear_health(message, now)
+                self.remote_control.receive_health(message, now)
             elif kind == "ATTITUDE":
                 self._tracker.attitude(system_id, message, now)
             elif kind == "SYSTEM_TIME":

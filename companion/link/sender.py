@@ -10,7 +10,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import ConnectionSettings
-from companion.link.access_control import CROWDS
+from companion.link.access_control import COMMON_SHARES
 from companion.link.connection import Connection
 from companion.link.encode import MavlinkVersion, fits_1, pack_1
 from companion.link.limits import TokenBucket
@@ -50,7 +50,7 @@ class Sender:
     - Within a budget no frame overtakes a more urgent one, so small frames cannot starve a call.
     - No two replies are sent in a row while another frame may go, so requests cannot block our own messages.
     - Replies of one priority go round the requesters in turn, so one requester cannot delay the others.
-    - `CROWDS` (senders that share a rate limit) get no two replies in a row while another requester waits.
+    - Senders that share a rate limit get no two replies in a row while another requester waits.
 
     sent: bytes by budget. lost: frames dropped. left_out: messages that MAVLink 1 cannot carry.
     """
@@ -163,7 +163,7 @@ class Sender:
         while now >= self._next_at and (frame := self._first(now)) is not None:
             self._send(frame, now)
 
-    def urge(self, name: str, now: float) -> None:
+    def send_now(self, name: str, now: float) -> None:
         """Send the waiting frames of row `name` now, regardless of pace. Only for rows without a budget."""
         for frame in [one for one in self._queue if one.name == name and one.until >= now]:
             self._send(frame, now)
@@ -182,7 +182,7 @@ class Sender:
         """Drop the waiting frames of row `name`."""
         self._queue = [frame for frame in self._queue if frame.name != name]
 
-    def keep(self, names: Container[str]) -> None:
+    def drop_all_but(self, names: Container[str]) -> None:
         """Drop the waiting frames of all rows but `names`."""
         self._queue = [frame for frame in self._queue if frame.name in names]
 
@@ -214,7 +214,7 @@ class Sender:
         self._last_was_reply = frame.bucket == "asked"
         if self._last_was_reply:
             self._turns[frame.priority] = frame.turn
-            self._last_was_shared = frame.to in CROWDS
+            self._last_was_shared = frame.to in COMMON_SHARES
         self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
         self._mav.seq = (self._mav.seq + 1) % 256
         self._next_at = now + self._pace
@@ -226,7 +226,7 @@ class Sender:
             packed = self._signing.sign(packed, frame.message, now, self._link_id)
         if not self._connection.write(packed, now):
             return False
-        self.version.told(packed, now)
+        self.version.sent(packed, now)
         if frame.bucket is not None:
             self._buckets[frame.bucket].take(len(packed), now)
         self.sent[frame.bucket or "autopilot"] += len(packed)
@@ -243,7 +243,7 @@ class Sender:
         first: dict[Bucket | None, _Frame] = {}
         for frame in self._queue:
             before = first.setdefault(frame.bucket, frame)
-            if self._last_was_shared and before.to in CROWDS and frame.to not in CROWDS:
+            if self._last_was_shared and before.to in COMMON_SHARES and frame.to not in COMMON_SHARES:
                 first[frame.bucket] = frame
         ready = [
             frame

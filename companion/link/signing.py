@@ -27,11 +27,11 @@ class SigningClock:
     """Finds the time for signing. A board without a clock battery may start anywhere in the past.
 
     The wall clock counts while it is later than this software, and at most a day before the newest timestamp
-    of the last run (`heard`). Otherwise only verified frames give the time. wall: returns s since 1970.
+    of the last run (`newest`). Otherwise only verified frames give the time. wall: returns s since 1970.
     """
 
-    def __init__(self, heard: int, wall: Callable[[], float] = time.time) -> None:
-        self._earliest = max(ticks(SOFTWARE_MADE), heard - DAY)
+    def __init__(self, newest: int, wall: Callable[[], float] = time.time) -> None:
+        self._earliest = max(ticks(SOFTWARE_MADE), newest - DAY)
         self._wall = wall
         self._offset: int | None = None
 
@@ -42,7 +42,7 @@ class SigningClock:
             return own
         return None if self._offset is None else self._offset + int(now * TICKS)
 
-    def tell(self, timestamp: int, now: float) -> None:
+    def update(self, timestamp: int, now: float) -> None:
         """Take the time of a verified frame, which may be a little late; the latest one counts."""
         if timestamp >= self._earliest:
             offset = timestamp - int(now * TICKS)
@@ -168,12 +168,12 @@ class Signing:
         )
 
     def _take_time(self, frame: bytes, message: Any, now: float) -> None:
-        self._clock.tell(wire.timestamp_of(frame), now)
+        self._clock.update(wire.timestamp_of(frame), now)
         if message.get_srcComponent() != AUTOPILOT_COMPONENT_ID:
             return
         self._refused = None
         if message.get_type() == "SYSTEM_TIME":
-            self._clock.tell(wire.ticks(message.time_unix_usec / 1e6), now)
+            self._clock.update(wire.ticks(message.time_unix_usec / 1e6), now)
 
     def _refuse(self, reason: str, message: Any, now: float) -> None:
         sender = message.get_srcSystem(), message.get_srcComponent()

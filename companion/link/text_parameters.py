@@ -8,26 +8,22 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import PreferencesError
+from companion.answers.answer import Answer, Via
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
-from companion.link.inbound import Sender, WordsRequest
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ListSender, ParameterServer
 from companion.wire import notices
 from companion.wire.answers import Operation
+from companion.wire.ids import Motion, SenderId
 from companion.wire.parameters import WORDS_TEXT
 from companion.wire.refusals import Rejected
 from companion.wire.words_text import read_weight, read_words, weight_text, words_text
 
-MAX_PENDING = 16
-
 
 class TextParameters:
-    """Lists AT_WORDS, then each word's weight. It parses a set, which the daemon applies and acknowledges.
-
-    The same set again while it is undecided is answered with "in progress".
-    """
+    """Lists AT_WORDS, then each word's weight. It parses a set, which the daemon applies."""
 
     def __init__(
         self, outbox: Outbox, text_sender: TextSender, access: AccessControl, parameters: ParameterServer
@@ -39,18 +35,17 @@ class TextParameters:
         self._words_of = parameters.words
         self._names = [WORDS_TEXT, *self._words_of]
         self._words = ""
-        self._pending: dict[WordsRequest, float] = {}
         self._lists = ListSender(outbox, "text list", len(self._names))
 
     def set_words(self, words: Mapping[str, float]) -> None:
         """Set the words in force."""
         self._words = words_text(words)
 
-    def list_all(self, sender: Sender) -> None:
+    def list_all(self, sender: SenderId) -> None:
         """Answer PARAM_EXT_REQUEST_LIST."""
         self._lists.begin(sender)
 
-    def read(self, sender: Sender, message: Any, now: float) -> None:
+    def read(self, sender: SenderId, message: Any, now: float) -> None:
         """Answer PARAM_EXT_REQUEST_READ, by name when the index is -1. An unknown name is only counted."""
         index = message.param_index
         if index < 0:
@@ -60,8 +55,8 @@ class TextParameters:
         else:
             self._access.rejected["unknown parameter"] += 1
 
-    def set(self, sender: Sender, message: Any, now: float) -> WordsRequest | None:
-        """Parse PARAM_EXT_SET; acknowledge it here when it is refused, otherwise return the request."""
+    def set(self, sender: SenderId, message: Any, now: float) -> Answer | None:
+        """Parse PARAM_EXT_SET; acknowledge it here when it is refused, otherwise return it."""
         name, raw = message.param_id, bytes(message._param_value_raw)
         reason: Rejected | None = None
         text = ""
@@ -86,34 +81,20 @@ class TextParameters:
                 self._text_sender.refuse(text, now)
             unsupported = reason == "range"
             result = mavlink.PARAM_ACK_VALUE_UNSUPPORTED if unsupported else mavlink.PARAM_ACK_FAILED
-            self._acknowledge(sender, message._param_id_raw, self._value(name), result, now)
+            self._push_ack(sender, message._param_id_raw, self._value(name), result, now)
             return None
-        return self._open(WordsRequest(sender, name, raw, operations), now)
+        return Answer(sender, Via.TEXT, 0, Motion.NONE, operations, name=name, raw=raw)
 
-    def acknowledge(self, request: WordsRequest, now: float, *, accepted: bool) -> None:
-        """Send the result of a set, with the value that was set, or the one in force when it was refused."""
-        self._pending.pop(request, None)
-        result = mavlink.PARAM_ACK_ACCEPTED if accepted else mavlink.PARAM_ACK_FAILED
-        value = request.raw if accepted else self._value(request.name)
-        self._acknowledge(request.sender, request.name.encode(), value, result, now)
+    def acknowledge(self, answer: Answer, result: int, now: float) -> None:
+        """Send the result (PARAM_ACK) of a set, with its value, or the one in force if it failed."""
+        failed = result == mavlink.PARAM_ACK_FAILED
+        value = self._value(answer.name) if failed else answer.raw
+        self._push_ack(answer.sender, answer.name.encode(), value, result, now)
 
     def tick(self, now: float) -> None:
-        """Queue the next entries of the lists, and forget sets that were undecided for too long."""
-        limit = self._access.undecided_for
-        self._pending = {one: since for one, since in self._pending.items() if now - since < limit}
+        """Queue the next entries of the lists."""
         for index, to in self._lists.due():
             self._send("text list", index, to, now)
-
-    def _open(self, request: WordsRequest, now: float) -> WordsRequest | None:
-        name = request.name.encode()
-        if request in self._pending:
-            self._acknowledge(request.sender, name, request.raw, mavlink.PARAM_ACK_IN_PROGRESS, now)
-            return None
-        if len(self._pending) >= MAX_PENDING:
-            self._acknowledge(request.sender, name, self._value(request.name), mavlink.PARAM_ACK_FAILED, now)
-            return None
-        self._pending[request] = now
-        return request
 
     def _read(self, name: str, raw: bytes) -> tuple[Operation, ...]:
         """Parse a value as set. Raises PreferencesError, UnicodeDecodeError."""
@@ -128,11 +109,11 @@ class TextParameters:
             return self._words.encode()
         return weight_text(self._parameters.value(name)).encode() if name in self._words_of else b""
 
-    def _send(self, row: str, index: int, to: Sender, now: float) -> None:
+    def _send(self, row: str, index: int, to: SenderId, now: float) -> None:
         name = self._names[index]
         message = encode.text_parameter(name, self._value(name).decode(), index, len(self._names))
         self._outbox.push(row, message, now, key=index, to=to)
 
-    def _acknowledge(self, sender: Sender, name: bytes, value: bytes, result: int, now: float) -> None:
+    def _push_ack(self, sender: SenderId, name: bytes, value: bytes, result: int, now: float) -> None:
         message = encode.text_ack(name, value, result)
         self._outbox.push("text ack", message, now, key=(sender, name), to=sender)

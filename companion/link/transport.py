@@ -37,7 +37,7 @@ class Peers:
     def __iter__(self) -> Iterator[Peer]:
         return iter(dict.fromkeys((*self._autopilot, *self._others)))
 
-    def believe(self, peer: Peer, now: float, *, autopilot: bool) -> None:
+    def note_accepted(self, peer: Peer, now: float, *, autopilot: bool) -> None:
         """Store `peer`, from which a frame was accepted; autopilot: our autopilot sent it."""
         # Minus infinity gives a second "autopilot" the lowest claim to its place.
         if not (autopilot and self._autopilot.renew(peer, None, now)):
@@ -65,7 +65,7 @@ class Transport(Protocol):
     def write(self, frame: bytes) -> bool:
         """Send all of `frame`; send nothing and return False when the device takes nothing now."""
 
-    def believe(self, now: float, *, autopilot: bool) -> None:
+    def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Report that a frame of the last read was accepted; autopilot: our autopilot sent it."""
 
     def fileno(self) -> int | None:
@@ -110,9 +110,9 @@ class Udp:
                 return datagram
         return b""
 
-    def believe(self, now: float, *, autopilot: bool) -> None:
+    def note_accepted(self, now: float, *, autopilot: bool) -> None:
         if self._newest_peer is not None:
-            self._peers.believe(self._newest_peer, now, autopilot=autopilot)
+            self._peers.note_accepted(self._newest_peer, now, autopilot=autopilot)
 
     def write(self, frame: bytes) -> bool:
         if self._fixed is not None:
@@ -150,7 +150,7 @@ class _Stream:
     def _send(self, data: bytes) -> int:
         raise NotImplementedError
 
-    def believe(self, now: float, *, autopilot: bool) -> None:
+    def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Do nothing: a stream has one peer only."""
 
     def write(self, frame: bytes) -> bool:

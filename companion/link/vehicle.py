@@ -32,14 +32,14 @@ class RemoteControl:
         self.pulses_at = self.health_at = self._failed_at = -math.inf
         self._had_strength = False
 
-    def hear_health(self, message: Any, now: float) -> None:
+    def receive_health(self, message: Any, now: float) -> None:
         """Take SYS_STATUS. It counts only where the autopilot has an RC receiver present and enabled."""
         self.health_at = now
         used = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
         failed = used & ~message.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
         self._failed_at = now if failed else -math.inf
 
-    def hear_pulses(self, message: Any, now: float) -> RcChannels:
+    def receive_pulses(self, message: Any, now: float) -> RcChannels:
         """Take RC_CHANNELS; return them, with a count of 0 where the signal is known to be lost.
 
         A strength that was always 0 is not measured. One that falls to 0 is a loss.

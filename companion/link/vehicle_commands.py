@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.outbox import Outbox
-from companion.link.vehicle import RemoteControl
+from companion.link.vehicle import RemoteControl, VehicleTracker
 from companion.vehicle import known_autopilot
 from companion.vehicle.state import Vehicle
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
@@ -22,27 +22,33 @@ LIFETIME = 1.0
 class ModeCommands:
     """Sends mode commands, one at a time: the newest replaces one that waits."""
 
-    def __init__(self, outbox: Outbox, access: AccessControl) -> None:
+    def __init__(self, outbox: Outbox, access: AccessControl, tracker: VehicleTracker) -> None:
         self._outbox = outbox
         self._access = access
+        self._tracker = tracker
 
-    def ask(self, vehicle: Vehicle | None, custom_mode: int, now: float) -> None:
-        """Queue a mode command, see `Link.set_mode`. Without a known autopilot it is counted as rejected."""
+    def command(self, custom_mode: int, now: float) -> None:
+        """Command a mode, before all other messages; it is dropped when it cannot be sent within 1 s.
+
+        While another component uses our ids, only modes that hold the vehicle are sent. Without a known
+        autopilot the command is counted as rejected.
+        """
+        vehicle = self._tracker.vehicle
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
         if vehicle is None or autopilot is None:
             self._access.rejected["no autopilot for modes"] += 1
             return
         message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
         to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
-        self.forget()
+        self.cancel()
         row = "resume" if custom_mode in autopilot.holdable else "hold"
         self._outbox.push(row, message, now, lifetime=LIFETIME, to=to)
 
     def send_hold_now(self, now: float) -> None:
-        """Send a queued hold command now."""
-        self._outbox.urge("hold", now)
+        """Send a queued hold command at once, not with the next `Link.tick`."""
+        self._outbox.send_now("hold", now)
 
-    def forget(self) -> None:
+    def cancel(self) -> None:
         """Drop a mode command that waits."""
         self._outbox.forget("hold")
         self._outbox.forget("resume")
@@ -112,7 +118,7 @@ class MessageIntervals:
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
         reported_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
         if autopilot is not None and autopilot.reports_mode_late and now - reported_at > MODE_SILENCE:
-            period = MESSAGES["mode told"].period or 0.0
+            period = MESSAGES["current mode"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_CURRENT_MODE, period, MODE_PATIENCE, now)
         if self.wants_rc_channels and now - self._remote_control.pulses_at > PULSES_SILENCE:
             period = MESSAGES["rc"].period or 0.0

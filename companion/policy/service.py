@@ -11,12 +11,12 @@ from anytraverse.judging import Settings
 from companion.calls.decisions import Decision
 from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
-from companion.link.inbound import PolicyRequest, RcChannels, Sender
+from companion.link.inbound import PolicyRequest, RcChannels
 from companion.link.link import Link
 from companion.policy.hold_gate import HoldRefusal, Refuses
 from companion.vehicle import Autopilot
 from companion.wire import notices
-from companion.wire.ids import ERROR, WARNING, Policy
+from companion.wire.ids import ERROR, WARNING, Policy, SenderId
 from companion.wire.parameters import POLICY
 
 log = logging.getLogger(__name__)
@@ -74,7 +74,7 @@ class PolicyService:
             return info
         return {**info, "switch": switch.name, "switch_us": switch.width, "switch_heard": not switch.lost}
 
-    def set(self, policy: Policy, sender: Sender, now: float) -> tuple[bool, list[Decision]]:
+    def set(self, policy: Policy, sender: SenderId, now: float) -> tuple[bool, list[Decision]]:
         """Handle a ground station's request for a policy. Returns whether it is granted.
 
         If not, a text says why.
@@ -85,14 +85,14 @@ class PolicyService:
             refusal = notices.switch_wins(self.state.off_by)
         if refusal:
             log.warning("policy %s requested by %s is refused: %s", policy.name.lower(), who, refusal)
-            self._link.say(refusal, WARNING, now)
+            self._link.send_text(refusal, WARNING, now)
         return not refusal, self._put_in_force(before, who, now, announce=not refusal)
 
     def command(self, request: PolicyRequest, now: float) -> list[Decision]:
         """Handle a request by command; it is acknowledged once the policy is in the journal."""
         accepted, decisions = self.set(request.policy, request.sender, now)
         result = _ACCEPTED if accepted else _FAILED
-        self._after_write(lambda _, now: self._link.acknowledge_command(request, result, now))
+        self._after_write(lambda _, now: self._link.commands.acknowledge(request, result, now))
         return decisions
 
     def check_hold_again(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
@@ -106,7 +106,7 @@ class PolicyService:
         refused, self._judged_for, self._refusal = self._refusal, known, self._refuses(*known)
         if self._refusal is None:
             if refused is not None:
-                self._link.say(notices.hold_fits(), WARNING, now)
+                self._link.send_text(notices.hold_fits(), WARNING, now)
             return []
         before, given_up = self.state.in_force, self.state.give_up_hold()
         if self.state.wants_hold:
@@ -114,7 +114,7 @@ class PolicyService:
         if not given_up:
             return []
         decisions = self._put_in_force(before, "", now, announce=False)
-        self._link.say(self._refusal.short, ERROR, now)
+        self._link.send_text(self._refusal.short, ERROR, now)
         return decisions
 
     def refuses_settings(self, judging: Settings) -> HoldRefusal | None:
@@ -132,7 +132,7 @@ class PolicyService:
         log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
         # The switch is on now, but a request still keeps the companion off: the driver must know.
         if not switch.off and self.state.requested is Policy.OFF:
-            self._link.say(notices.still_off(switch.name, self.state.off_by), WARNING, now)
+            self._link.send_text(notices.still_off(switch.name, self.state.off_by), WARNING, now)
             return []
         return self._put_in_force(before, switch.name, now, announce=True)
 
@@ -143,15 +143,15 @@ class PolicyService:
             return
         text = (notices.switch_lost if switch.lost else notices.switch_heard)(switch.name, off=switch.off)
         log.warning("%s", text)
-        self._link.say(text, ERROR if switch.lost else WARNING, now)
+        self._link.send_text(text, ERROR if switch.lost else WARNING, now)
 
     def _put_in_force(self, before: Policy, who: str, now: float, *, announce: bool) -> list[Decision]:
         policy, decisions = self.state.in_force, self._calls.policy_changed(before, now)
         if policy is not Policy.HOLD:
             # A mode that still waits to be sent must not leave under the new policy.
-            self._link.forget_mode()
+            self._link.modes.cancel()
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
-            self._link.say(notices.policy(policy, who), WARNING, now)
-        self._after_write(lambda _, now: self._link.set_parameter(POLICY, float(policy), now))
+            self._link.send_text(notices.policy(policy, who), WARNING, now)
+        self._after_write(lambda _, now: self._link.parameters.set_value(POLICY, float(policy), now))
         return decisions

@@ -48,7 +48,7 @@ class ShadowReporter:
         log.warning("shadow: %s", text)
         if now - self._text_at >= TEXT_GAP:
             self._text_at = now
-            self._link.say(text, WARNING, now)
+            self._link.send_text(text, WARNING, now)
         newest = self._calls.reason_filter.newest
         if newest is not None and self._calls.call is None:
             self._picture(newest, self._calls.state(now), text)
@@ -72,7 +72,7 @@ class ShadowReporter:
             log.info("shadow: %s", self._statistics.line(shadow))
         if shadow.watched - self._watched_at_text >= TEXT_EVERY:
             self._watched_at_text = shadow.watched
-            self._link.say(self._statistics.text(shadow), NOTICE, now)
+            self._link.send_text(self._statistics.text(shadow), NOTICE, now)
 
     def log_totals(self) -> None:
         """Log the totals at the daemon's end."""

@@ -139,7 +139,7 @@ class Interview:
             self.bytes += len(data)
             for message in self._parser.feed(data, now, whole=self.connection.datagrams):
                 if not self._is_refused(message, now):
-                    self.connection.believe(now, autopilot=False)
+                    self.connection.note_accepted(now, autopilot=False)
                     self._handle(message, now)
         if now - self._heartbeat_at >= 1.0:
             self._heartbeat_at = now

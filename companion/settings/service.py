@@ -11,18 +11,20 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import SettingsError
 from anytraverse.preferences import Preferences
+from companion.answers.answer import Answer
 from companion.answers.handler import AnswerHandler, Handled
 from companion.calls.machine import OperatorCalls
-from companion.link.inbound import ParameterRequest, ResetRequest, SetRequest, WordsRequest
+from companion.link.inbound import ParameterRequest, ResetRequest
 from companion.link.link import Link
 from companion.policy.service import AfterWrite, PolicyService
 from companion.policy.shadow_statistics import ShadowStatistics
 from companion.settings.runtime import RuntimeSettings, judging_values, tuned
 from companion.vision.client import Applied, VisionClient
 from companion.wire import notices
-from companion.wire.answers import ForgetWord, Operation, SetWord
-from companion.wire.ids import WARNING, Policy
+from companion.wire.answers import Acknowledgement, ForgetWord, Operation, SetWord
+from companion.wire.ids import WARNING, Policy, Result
 from companion.wire.parameters import (
+    ANSWER,
     BUDGET,
     NOT_IN_USE,
     NUMBER_RATE,
@@ -30,12 +32,15 @@ from companion.wire.parameters import (
     SHADOW_HOLDS,
     SUMMARY_RATE,
     Parameter,
+    ParameterError,
 )
 
 log = logging.getLogger(__name__)
 _RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
 _BUSY = "vision is busy, set it again"
 _LINK_PARAMETERS = (*_RATES, BUDGET)
+_NOT_IN_OVERRIDES = frozenset({POLICY, ANSWER, SHADOW_HOLDS})
+"""Settings that may be set and are stored elsewhere, or not at all."""
 _ACCEPTED, _TRY_LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED, _FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 
@@ -58,7 +63,11 @@ class SettingsService:
         """parameters: as configured. overrides: what the ground has set. statistics: shadow policy's counts.
 
         after_write: registers what must not be sent before this turn's changes are in the journal.
+        Raises ParameterError where a parameter may be set, but has no configured value to be stored against.
         """
+        settable = {one.name for one in parameters if not (one.word or one.read_only)} - _NOT_IN_OVERRIDES
+        if missing := settable - overrides.configured.keys():
+            raise ParameterError(f"{', '.join(sorted(missing))} cannot be stored: add to storable_defaults")
         self._words = {parameter.name: parameter.word for parameter in parameters if parameter.word}
         self._configured = {one.word: one.value for one in parameters if one.word and one.value != NOT_IN_USE}
         self._sent = {parameter.name: parameter.value for parameter in parameters}
@@ -90,7 +99,7 @@ class SettingsService:
         """
         self._vision.tune(self._calls.numbers.judging)
         weights = {name: self._configured.get(word, NOT_IN_USE) for name, word in self._words.items()}
-        self._link.set_configured({**self.overrides.configured, **weights})
+        self._link.parameters.set_configured({**self.overrides.configured, **weights})
         if self._exceeds_link(self.overrides.values.get(BUDGET, self._link.most_budget)):
             log.warning("%s is as configured: the ground's value is more than the link carries", BUDGET)
             self.overrides.drop(BUDGET)
@@ -102,16 +111,16 @@ class SettingsService:
         for name, word in self._words.items():
             self._echo(name, self._vision.words.get(word, NOT_IN_USE), now)
 
-    def set(self, request: SetRequest, now: float) -> Handled:
-        """Handle a request to set a value, which is already checked to be in range.
+    def set(self, request: ParameterRequest | ResetRequest | Answer, now: float) -> Handled:
+        """Handle a request to set a value, which is already checked to be in range, or words as text.
 
         Words are echoed once the vision process has applied them.
         """
         if isinstance(request, ResetRequest):
             self._reset(request, now)
-        elif isinstance(request, WordsRequest):
+        elif isinstance(request, Answer):
             if not self._answer_handler.set_words(request, request.operations):
-                self._link.acknowledge_words(request, now, accepted=False)
+                self._acknowledge_text(request, Result.BUSY, now)
                 self._refuse(_BUSY, now)
         elif request.name in self._words:
             self._set_weight(request, self._words[request.name], now)
@@ -130,14 +139,14 @@ class SettingsService:
         if isinstance(request, ParameterRequest):
             words = applied.memory.preferences
             self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
-        elif isinstance(request, WordsRequest):
-            self._link.acknowledge_words(request, now, accepted=done)
+        elif isinstance(request, Answer):
+            self._acknowledge_text(request, Result.APPLIED if done else Result.REFUSED, now)
         elif isinstance(request, ResetRequest):
-            self._link.acknowledge_command(request, _ACCEPTED if done else _FAILED, now)
+            self._link.commands.acknowledge(request, _ACCEPTED if done else _FAILED, now)
         else:
             return
         if applied.outcome is not None and applied.outcome.dropped:
-            self._link.say(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
+            self._link.send_text(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
 
     def send_changes(self, now: float) -> None:
         """Send the ground the shadow counts and the weights that changed without a request for them."""
@@ -148,7 +157,7 @@ class SettingsService:
         if words == self._sent_words:
             return
         self._sent_words = words
-        self._link.set_words(words)
+        self._link.text_parameters.set_words(words)
         for name, word in self._words.items():
             value = words.get(word, NOT_IN_USE)
             if value != self._sent[name]:
@@ -161,6 +170,9 @@ class SettingsService:
             self._echo(request.name, self._sent[request.name], now)
             self._refuse(_BUSY, now)
 
+    def _acknowledge_text(self, answer: Answer, result: Result, now: float) -> None:
+        self._link.acknowledge(answer, Acknowledgement.without_figures(0, 0, result, ""), now)
+
     def _set_value(self, request: ParameterRequest, now: float) -> None:
         name, value = request.name, request.value
         if name == BUDGET and self._exceeds_link(value):
@@ -169,7 +181,7 @@ class SettingsService:
             refusal = "" if name in _LINK_PARAMETERS else self._tune({name: value}, name)
         if refusal:
             log.warning("%s = %g requested by %d/%d is refused: %s", name, value, *request.sender, refusal)
-            self._link.say(refusal, WARNING, now)
+            self._link.send_text(refusal, WARNING, now)
             self._echo(name, self._sent[name], now)
             return
         log.info("%s = %g, set by %d/%d", name, value, *request.sender)
@@ -205,8 +217,8 @@ class SettingsService:
         of_frames = {name: value for name, value in configured.items() if name not in _LINK_PARAMETERS}
         refusal = self._tune(of_frames, "Reset")
         if refusal:
-            self._link.say(refusal, WARNING, now)
-            self._link.acknowledge_command(request, _DENIED, now)
+            self._link.send_text(refusal, WARNING, now)
+            self._link.commands.acknowledge(request, _DENIED, now)
             return
         log.warning("settings and words are reset as configured, requested by %d/%d", *request.sender)
         for name, value in configured.items():
@@ -216,14 +228,14 @@ class SettingsService:
         others = [ForgetWord(word) for word in self._vision.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
         if not self._answer_handler.set_words(request, (*others, *words)):
-            self._link.acknowledge_command(request, _TRY_LATER, now)
+            self._link.commands.acknowledge(request, _TRY_LATER, now)
 
     def _reset_shadow_counts(self, request: ParameterRequest, now: float) -> None:
         if request.value == 0:
             log.warning("shadow counts are reset, requested by %d/%d", *request.sender)
             self.statistics.reset(self._calls.shadow, time.time())
         else:
-            self._link.say(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
+            self._link.send_text(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
         self._echo_after_write(SHADOW_HOLDS, float(self._calls.shadow.count))
 
     def _exceeds_link(self, budget: float) -> bool:
@@ -237,12 +249,12 @@ class SettingsService:
             self._link.set_budget(value, now)
 
     def _refuse(self, why: str, now: float) -> None:
-        self._link.say(notices.refused(why), WARNING, now)
+        self._link.send_text(notices.refused(why), WARNING, now)
 
     def _echo_after_write(self, name: str, value: float) -> None:
         self._sent[name] = value
-        self._after_write(lambda _, now: self._link.set_parameter(name, value, now))
+        self._after_write(lambda _, now: self._link.parameters.set_value(name, value, now))
 
     def _echo(self, name: str, value: float, now: float) -> None:
         self._sent[name] = value
-        self._link.set_parameter(name, value, now)
+        self._link.parameters.set_value(name, value, now)

@@ -9,16 +9,17 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.store import AnswerStore
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.link import encode
-from companion.link.inbound import InboundEvent, Sender
+from companion.link.inbound import InboundEvent
 from companion.link.link import Link
 from companion.link.parser import Parser
 from companion.link.signing import Signing
 from companion.link.transport import Transport
 from companion.storage.served_tree import Tree
 from companion.wire.ftp import FtpPayload, Opcode
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, SenderId
 from companion.wire.parameters import Parameter, build
 
 _MAX_WAITING = 4096
@@ -51,7 +52,7 @@ class MemoryTransport:
         self._outbox.append(frame)
         return True
 
-    def believe(self, now: float, *, autopilot: bool) -> None:
+    def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Does nothing: there is only one other end, so that no address has to be trusted."""
 
     def fileno(self) -> int | None:
@@ -150,6 +151,7 @@ class LoopbackLink(Wire):
         vehicle: int | None = 1,
         tree: Tree | None = None,
         signing: Signing | None = None,
+        answer_store: AnswerStore | None = None,
     ) -> None:
         super().__init__()
         self.now = 0.0
@@ -159,7 +161,14 @@ class LoopbackLink(Wire):
         listed = build(["grass", "dry bush"], {"grass": 1.0}, {}) if parameters is None else parameters
         openers = {name: partial(_near, wire) for name, wire in wires.items()}
         self.link = Link(
-            self.settings, listed, self.now, openers=openers, tree=tree, signing=signing, clock=lambda: 0.0
+            self.settings,
+            listed,
+            self.now,
+            openers=openers,
+            tree=tree,
+            signing=signing,
+            answer_store=answer_store,
+            clock=lambda: 0.0,
         )
         self.vehicle = vehicle
         self.heard: list[InboundEvent] = []
@@ -189,7 +198,7 @@ def _near(wire: Wire) -> Transport:
 class FileClient:
     """Sends single MAVLink FTP requests and collects the replies; it checks and repeats nothing by itself."""
 
-    def __init__(self, stage: LoopbackLink, sender: Sender = (255, 190)) -> None:
+    def __init__(self, stage: LoopbackLink, sender: SenderId = (255, 190)) -> None:
         self.stage = stage
         self.sender = sender
         self.sequence = 0
@@ -202,7 +211,7 @@ class FileClient:
         self.sequence += 1
         return FtpPayload(self.sequence, session, opcode, size or len(data), offset=offset, data=data)
 
-    def send(self, request: FtpPayload, *, target: Sender = (1, COMPONENT_ID)) -> None:
+    def send(self, request: FtpPayload, *, target: SenderId = (1, COMPONENT_ID)) -> None:
         """Sends a request to the link."""
         self.stage.send(encode.file_transfer(request.pack(), target), self.sender)
 

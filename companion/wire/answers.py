@@ -188,6 +188,11 @@ class Acknowledgement:
     words: int
     text: str
 
+    @classmethod
+    def without_figures(cls, transaction: int, target: int, result: Result, text: str) -> Acknowledgement:
+        """Make an acknowledgement that says nothing of a call, of frames or of the words in use."""
+        return cls(transaction, target, result, Stage.CLOSED, Outcome.NONE, None, None, Reasons.NONE, 0, text)
+
     def pack(self) -> bytes:
         """Pack into the payload's bytes."""
         return layouts.ACKNOWLEDGEMENT.struct.pack(

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
+SenderId = tuple[int, int]
+"""System and component id of whoever sent a message."""
+
 COMPONENT_ID = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
 

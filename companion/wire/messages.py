@@ -39,8 +39,8 @@ _Row = tuple[str, str, str, Direction, float | None, int, int | None, Bucket | N
 # fmt: off
 _ROWS: tuple[_Row, ...] = (
     ("heartbeat",   "HEARTBEAT",           "alive, state, id",  UP,   1.0,  21,  0,    FREE,  "next one"),
-    ("call text",   "STATUSTEXT",          "call for eyes",     UP,   None, 63,  1,    FREE,  "repeated"),
-    ("call data",   "TUNNEL 45002",        "call for programs", UP,   None, 145, 1,    FREE,  "repeated"),
+    ("call text",   "STATUSTEXT",          "call, for people",  UP,   None, 63,  1,    FREE,  "repeated"),
+    ("call data",   "TUNNEL 45002",        "call, for programs", UP,   None, 145, 1,    FREE,  "repeated"),
     ("answer ack",  "TUNNEL 45004",        "its outcome",       UP,   None, 145, 2,    ASKED, "asked again"),
     ("command ack", "COMMAND_ACK",         "its outcome",       UP,   None, 22,  2,    ASKED, "asked again"),
     ("echo",        "PARAM_VALUE",         "set or asked for",  UP,   None, 37,  3,    ASKED, "asked again"),
@@ -48,12 +48,12 @@ _ROWS: tuple[_Row, ...] = (
     ("text ack",    "PARAM_EXT_ACK",       "words set by text", UP,   None, 158, 2,    ASKED, "asked again"),
     ("text echo",   "PARAM_EXT_VALUE",     "words as text",     UP,   None, 161, 3,    ASKED, "asked again"),
     ("version",     "AUTOPILOT_VERSION",   "what we can do",    UP,   None, 90,  3,    ASKED, "asked again"),
-    ("rate told",   "MESSAGE_INTERVAL",    "asked for",         UP,   None, 18,  3,    ASKED, "asked again"),
+    ("interval reply", "MESSAGE_INTERVAL", "asked for",         UP,   None, 18,  3,    ASKED, "asked again"),
     ("heartbeat asked", "HEARTBEAT",       "newest, once",      UP,   None, 21,  3,    ASKED, "asked again"),
     ("summary asked", "TUNNEL 45001",      "newest, once",      UP,   None, 64,  3,    ASKED, "asked again"),
     ("number asked", "NAMED_VALUE_FLOAT",  "newest, once",      UP,   None, 27,  3,    ASKED, "asked again"),
-    ("news",        "PARAM_VALUE",         "changed by itself", UP,   None, 37,  3,    FREE,  "read again"),
-    ("text",        "STATUSTEXT",          "news, refusals",    UP,   None, 63,  4,    FREE,  "lost"),
+    ("changed value", "PARAM_VALUE",       "changed, unasked", UP,   None, 37,  3,    FREE,  "read again"),
+    ("text",        "STATUSTEXT",          "notices, refusals", UP,   None, 63,  4,    FREE,  "lost"),
     ("summary",     "TUNNEL 45001",        "newest frame",      UP,   1.0,  64,  5,    FREE,  "next one"),
     ("number",      "NAMED_VALUE_FLOAT",   "figures to plot",   UP,   2.0,  27,  6,    FREE,  "next one"),
     ("list",        "PARAM_VALUE",         "all parameters",    UP,   None, 37,  7,    ASKED, "asked again"),
@@ -78,8 +78,8 @@ _ROWS: tuple[_Row, ...] = (
     ("time",        "SYSTEM_TIME",         "where ours is not set", IN, 5.0, 24, None, None, "next one"),
     ("rc",          "RC_CHANNELS",         "off switch",        IN,   0.2,  54,  None, None,  "old in 3 s"),
     ("rc health",   "SYS_STATUS",          "transmitter lost",  IN,   1.0,  55,  None, None,  "old in 5 s"),
-    ("mode told",   "CURRENT_MODE",        "PX4 mode, sooner",  IN,   0.2,  21,  None, None,  "heartbeat"),
-    ("script told", "STATUSTEXT",          "the script's hold", IN,   10.0, 63,  None, None,  "next one"),
+    ("current mode", "CURRENT_MODE",        "PX4 mode, sooner",  IN,   0.2,  21,  None, None,  "heartbeat"),
+    ("script text", "STATUSTEXT",          "the script's hold", IN,   10.0, 63,  None, None,  "next one"),
     ("mode ack",    "COMMAND_ACK",         "mode taken or not", IN,   None, 22,  None, None,  "next one"),
 )
 # fmt: on

@@ -25,7 +25,7 @@ _DIGITS = 6
 
 
 @dataclass(frozen=True)
-class Asked:
+class ListOptions:
     """A client's options: `count` parameters (0: all) from index `start` on.
 
     with_defaults: whether to add the configured values.
@@ -36,25 +36,25 @@ class Asked:
     with_defaults: bool = False
 
     @classmethod
-    def read(cls, query: str) -> Asked:
+    def read(cls, query: str) -> ListOptions:
         """Parse `start=5&count=10&withdefaults=1`, any of them; others are ignored. Raises ValueError."""
         options = dict(parse_qsl(query, keep_blank_values=True))
         start, count = (_number(options.get(name, "0"), _LAST) for name in ("start", "count"))
         return cls(start, count, bool(_number(options.get("withdefaults", "0"), 1)))
 
 
-def pack(parameters: Sequence[Parameter], asked: Asked, configured: Mapping[str, float]) -> bytes:
+def pack(parameters: Sequence[Parameter], options: ListOptions, configured: Mapping[str, float]) -> bytes:
     """Pack the file. configured: name -> configured value, packed where it differs from the value in force.
 
-    Raises ValueError when there are no parameters from `asked.start` on.
+    Raises ValueError when there are no parameters from `options.start` on.
     """
-    chosen = parameters[asked.start :][: asked.count or None]
-    if asked.start and not chosen:
-        raise ValueError(f"there are {len(parameters)} parameters, none from {asked.start} on")
-    magic = MAGIC_WITH_DEFAULTS if asked.with_defaults else MAGIC
+    chosen = parameters[options.start :][: options.count or None]
+    if options.start and not chosen:
+        raise ValueError(f"there are {len(parameters)} parameters, none from {options.start} on")
+    magic = MAGIC_WITH_DEFAULTS if options.with_defaults else MAGIC
     packed, before = _HEAD.pack(magic, len(chosen), len(parameters)), ""
     for one in chosen:
-        default = configured.get(one.name) if asked.with_defaults else None
+        default = configured.get(one.name) if options.with_defaults else None
         packed += _row(one, before, default)
         before = one.name
     return packed

@@ -133,7 +133,7 @@ class Timestamps:
         self._note(stream, self.last)
         return self.last
 
-    def hear(self, stream: Stream, timestamp: int, clock: int | None) -> FrameRefusal:
+    def check(self, stream: Stream, timestamp: int, clock: int | None) -> FrameRefusal:
         """Check and store the timestamp of a verified frame; return why it is refused, "" when accepted.
 
         clock: our time, None while it is not known: then only the stored timestamps count.
@@ -164,4 +164,4 @@ def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | 
         return UNSIGNED
     if not key.signed(frame):
         return SIGNATURE
-    return timestamps.hear(stream_of(frame), timestamp_of(frame), clock)
+    return timestamps.check(stream_of(frame), timestamp_of(frame), clock)

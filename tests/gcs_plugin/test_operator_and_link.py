@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from companion.link.inbound import AnswerRequest
+from companion.answers.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Operation, SetWord
@@ -40,8 +40,8 @@ class Both:
     def of(self, kind: type[Any]) -> list[Any]:
         return [event for event in self.told if isinstance(event, kind)]
 
-    def requests(self) -> list[AnswerRequest]:
-        return self.link.reported(AnswerRequest)
+    def requests(self) -> list[Answer]:
+        return self.link.reported(Answer)
 
 
 @pytest.fixture
@@ -57,9 +57,9 @@ def both(thing_call: CallData, quiet_summary: Summary) -> Callable[..., Both]:
     return made
 
 
-def acknowledgement(request: AnswerRequest, result: ids.Result = ids.Result.APPLIED) -> Acknowledgement:
+def acknowledgement(request: Answer, result: ids.Result = ids.Result.APPLIED) -> Acknowledgement:
     return Acknowledgement(
-        request.transaction or 0, request.target, result, ids.Stage.CLOSED, ids.Outcome.ANSWERED,
+        request.transaction, request.target, result, ids.Stage.CLOSED, ids.Outcome.ANSWERED,
         0.1, 0.2, ids.Reasons.NONE, 1, "C7 closed: answered, thank you",
     )  # fmt: skip
 

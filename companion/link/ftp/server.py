@@ -9,10 +9,10 @@ from typing import Any
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.ftp.sessions import Burst, Lists, Session, Sessions
-from companion.link.inbound import Sender
 from companion.link.outbox import Outbox
 from companion.storage.served_tree import FileError, LaterError, MissingError, Opened, Tree
 from companion.wire.ftp import MAX_DATA, SMALL_DATA, WRITES, FtpError, FtpPayload, Opcode
+from companion.wire.ids import SenderId
 from companion.wire.packing import PayloadError
 
 BURST_FRAMES = 64
@@ -41,7 +41,7 @@ class FtpServer:
         self._tree = tree
         self._sessions = Sessions()
         self._lists = Lists(tree)
-        self._later: dict[tuple[Sender, int], FtpPayload] = {}
+        self._later: dict[tuple[SenderId, int], FtpPayload] = {}
         """(sender, session) -> request that waits for the disk."""
 
     @property
@@ -49,7 +49,7 @@ class FtpServer:
         """How many files are open."""
         return len(self._sessions)
 
-    def hear(self, sender: Sender, message: Any, now: float) -> None:
+    def receive(self, sender: SenderId, message: Any, now: float) -> None:
         """Take a request. A reply is never answered: two servers would answer each other without end."""
         try:
             request = FtpPayload.unpack(bytes(message.payload))
@@ -83,7 +83,7 @@ class FtpServer:
                 self._queue_burst_frame(session, now)
                 self._sessions.had_turn(session)
 
-    def _data_size(self, sender: Sender) -> int:
+    def _data_size(self, sender: SenderId) -> int:
         channel = self._outbox.channel(sender)
         if channel is None:
             return SMALL_DATA
@@ -91,7 +91,7 @@ class FtpServer:
         # MAVLink 1 sends all 251 bytes of the payload, zeros too: short data would save nothing.
         return MAX_DATA if wide or channel.sender.version.is_1 else SMALL_DATA
 
-    def _reply(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
+    def _reply(self, sender: SenderId, request: FtpPayload, now: float) -> FtpPayload | None:
         """The reply to a request; None when it comes later or never. A session's newest request counts."""
         waited = self._later.pop((sender, request.session), None)
         try:
@@ -126,7 +126,7 @@ class FtpServer:
         except FileError:
             return request.nak(FtpError.FAIL)
 
-    def _open(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
+    def _open(self, sender: SenderId, request: FtpPayload, now: float) -> FtpPayload | None:
         session = self._sessions.repeated(sender, request, now)
         if session is None:
             if self._sessions.is_late_copy(sender, request, now):
@@ -137,11 +137,11 @@ class FtpServer:
             session = self._sessions.open(sender, request, opened, now)
         return request.ack(session.opened.size.to_bytes(4, "little"))
 
-    def _outranks(self, sender: Sender) -> bool:
+    def _outranks(self, sender: SenderId) -> bool:
         """Whether a session of a sender with less right could be ended for `sender`."""
         return self._sessions.make_room(by=lambda other: self._access.outranks(sender, other))
 
-    def _read(self, sender: Sender, request: FtpPayload, now: float) -> FtpPayload | None:
+    def _read(self, sender: SenderId, request: FtpPayload, now: float) -> FtpPayload | None:
         session = self._sessions.get(sender, request.session)
         if session is None:
             return request.nak(FtpError.INVALID_SESSION)
@@ -193,7 +193,7 @@ class FtpServer:
         finally:
             opened.close()
 
-    def _send_reply(self, sender: Sender, reply: FtpPayload, now: float) -> None:
+    def _send_reply(self, sender: SenderId, reply: FtpPayload, now: float) -> None:
         key = (sender, reply.session, reply.sequence, reply.request)
         message = encode.file_transfer(reply.pack(), sender)
         self._outbox.push("file reply", message, now, key=key, to=sender)

@@ -6,9 +6,9 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from companion.link.inbound import Sender
 from companion.storage.served_tree import Entry, Opened, Tree
 from companion.wire.ftp import FtpPayload, Opcode
+from companion.wire.ids import SenderId
 
 MAX_LISTS = 8
 
@@ -18,9 +18,9 @@ class Lists:
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
-        self._newest_lists: OrderedDict[Sender, tuple[str, tuple[Entry, ...]]] = OrderedDict()
+        self._newest_lists: OrderedDict[SenderId, tuple[str, tuple[Entry, ...]]] = OrderedDict()
 
-    def page(self, sender: Sender, request: FtpPayload, room: int) -> bytes:
+    def page(self, sender: SenderId, request: FtpPayload, room: int) -> bytes:
         """Whole entries of the requested folder from number `request.offset` on: one, and up to `room` bytes.
 
         Empty after the last entry. Raises FileError, PayloadError.
@@ -33,7 +33,7 @@ class Lists:
             data += line
         return data
 
-    def _entries(self, sender: Sender, request: FtpPayload) -> tuple[Entry, ...]:
+    def _entries(self, sender: SenderId, request: FtpPayload) -> tuple[Entry, ...]:
         path = request.path()
         listed_path, entries = self._newest_lists.get(sender, ("", ()))
         if request.offset == 0 or listed_path != path:
@@ -78,7 +78,7 @@ class Burst:
 class Session:
     """One open file. opening: the request that opened it. sequence: of its newest request."""
 
-    sender: Sender
+    sender: SenderId
     opening: FtpPayload
     opened: Opened
     used_at: float
@@ -108,8 +108,8 @@ class Sessions:
     """Stores at most four sessions, two of one sender, and closes each after 30 s without a request."""
 
     def __init__(self) -> None:
-        self._open: dict[tuple[Sender, int], Session] = {}
-        self._closed: deque[tuple[Sender, FtpPayload]] = deque(maxlen=MAX_PAST)
+        self._open: dict[tuple[SenderId, int], Session] = {}
+        self._closed: deque[tuple[SenderId, FtpPayload]] = deque(maxlen=MAX_PAST)
 
     def __len__(self) -> int:
         return len(self._open)
@@ -117,36 +117,36 @@ class Sessions:
     def __iter__(self) -> Iterator[Session]:
         return iter(self._open.values())
 
-    def get(self, sender: Sender, number: int) -> Session | None:
+    def get(self, sender: SenderId, number: int) -> Session | None:
         """The sender's session with this number; None when there is none."""
         return self._open.get((sender, number))
 
-    def repeated(self, sender: Sender, request: FtpPayload, now: float) -> Session | None:
+    def repeated(self, sender: SenderId, request: FtpPayload, now: float) -> Session | None:
         """The session that the same request opened within the last 3 s: its reply was lost."""
         session = self.get(sender, request.session)
         if session is None or session.opening != request or now - session.used_at > REPEAT_WITHIN:
             return None
         return session
 
-    def is_late_copy(self, sender: Sender, request: FtpPayload, now: float) -> bool:
+    def is_late_copy(self, sender: SenderId, request: FtpPayload, now: float) -> bool:
         """Whether `request` is a late copy of one that opened an earlier file in the same session."""
         session = self.get(sender, request.session)
         if session is None or now - session.used_at > REPEAT_WITHIN:
             return False
         return session.is_older(request) and (sender, request) in self._closed
 
-    def has_room(self, sender: Sender) -> bool:
+    def has_room(self, sender: SenderId) -> bool:
         """Whether `sender` may open another session, in a free place or in place of one of its own."""
         return len(self._open) < MAX_SESSIONS or any(session.sender == sender for session in self)
 
-    def make_room(self, by: Callable[[Sender], bool]) -> bool:
+    def make_room(self, by: Callable[[SenderId], bool]) -> bool:
         """End the longest idle session whose sender fulfils `by`; False when there is none."""
         idle = min((one for one in self if by(one.sender)), key=lambda one: one.used_at, default=None)
         if idle is not None:
             self.close(idle.sender, idle.number)
         return idle is not None
 
-    def open(self, sender: Sender, request: FtpPayload, opened: Opened, now: float) -> Session:
+    def open(self, sender: SenderId, request: FtpPayload, opened: Opened, now: float) -> Session:
         """Open a session; close the sender's one of that number, and its longest idle one above a limit."""
         self.close(sender, request.session)
         own = sorted((one for one in self if one.sender == sender), key=lambda one: one.used_at)
@@ -156,14 +156,14 @@ class Sessions:
         self._open[sender, request.session] = session
         return session
 
-    def close(self, sender: Sender, number: int) -> None:
+    def close(self, sender: SenderId, number: int) -> None:
         """Close a session and its file."""
         session = self._open.pop((sender, number), None)
         if session is not None:
             session.opened.close()
             self._closed.append((sender, session.opening))
 
-    def end(self, sender: Sender, request: FtpPayload) -> None:
+    def end(self, sender: SenderId, request: FtpPayload) -> None:
         """Close the request's session, or all of the sender's with RESET_SESSIONS; none newer than it."""
         for session in [one for one in self if one.sender == sender and not one.is_older(request)]:
             if request.opcode == Opcode.RESET_SESSIONS or session.number == request.session:

@@ -11,9 +11,9 @@ from anytraverse.errors import UnknownWordError
 from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
+from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled
 from companion.answers.store import AnswerStore
-from companion.link.inbound import AnswerRequest
 from companion.vision.client import Applied, VisionClient
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Outcome, Result, Stage
@@ -86,8 +86,8 @@ class Talk:
 
     def send(self, target: int, motion: Motion, *operations: Operation) -> None:
         """The same with any operations."""
-        request = AnswerRequest((255, 190), len(self.said) + 1, target, motion, operations)
-        self._take(self.answer_handler.hear(request, self.scene.now))
+        request = Answer((255, 190), Via.TUNNEL, target, motion, operations, transaction=len(self.said) + 1)
+        self._take(self.answer_handler.receive(request, self.scene.now))
 
     def seen(self, *, remembered: bool = True) -> None:
         """The eyes have applied one answer, and the disk takes what came of it at once, or not at all."""

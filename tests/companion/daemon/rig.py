@@ -16,6 +16,7 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
+from companion.answers.store import AnswerStore
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.schema import Stopping
@@ -115,11 +116,12 @@ class Rig:
         config = self._config()
         self.served = ServedFiles(self.folder)
         listed = build(config.vocabulary, config.words, dict(zip(ROI.values(), self.roi, strict=True)))
-        self.stage = LoopbackLink(parameters=listed, tree=self.served.tree)
-        self.stage.mode = mode
-        self.stage.now = now
         self.journal = Journal(self.folder)
         saved = self.journal.load_supervision() or {}
+        answers = AnswerStore(saved.get("replies"))
+        self.stage = LoopbackLink(parameters=listed, tree=self.served.tree, answer_store=answers)
+        self.stage.mode = mode
+        self.stage.now = now
         self.perceiver = Painted()
         self.writer = Writer(self.journal)
         self.camera = PlayedCamera()

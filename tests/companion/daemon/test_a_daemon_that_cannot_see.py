@@ -228,7 +228,7 @@ def test_a_parameter_while_the_eyes_hang_keeps_its_value_and_is_told(rig: Rig) -
 
 def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(rig.answer_handler, "hear", lambda *_: 1 / 0)
+        patched.setattr(rig.answer_handler, "receive", lambda *_: 1 / 0)
         for number in range(5):
             rig.answer(0, Motion.GO, transaction=number + 1)
             rig.see(0.2)

@@ -29,12 +29,12 @@ from anytraverse.pace import Pace
 from anytraverse.perception import Perceiver, Prompt
 from anytraverse.preferences import Preferences
 from companion import run
+from companion.answers.answer import Answer
 from companion.cli import main as cli
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkSettings
 from companion.config.schema import Mount, Stopping
 from companion.daemon.startup import load
-from companion.link.inbound import WordsRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.vision import process
 from companion.vision import warm_up as warm_up_module
@@ -159,7 +159,7 @@ def test_whoever_wants_something_while_it_loads_is_told_to_ask_again() -> None:
     stage.now = time.monotonic()
     stage.send(mavlink.MAVLink_param_ext_set_message(1, 191, b"AT_WORDS", b"grass: 0.5", 11))
     stage.run(0.1)
-    assert len(stage.reported(WordsRequest)) == 1, "and then it counts"
+    assert len(stage.reported(Answer)) == 1, "and then it counts"
 
 
 def test_too_slow_is_told_with_figures_and_remedies() -> None:

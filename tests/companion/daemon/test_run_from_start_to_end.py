@@ -21,10 +21,10 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion import run
+from companion.answers.store import AnswerStore
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkError
 from companion.daemon.startup import load
-from companion.link.link import Link
 from companion.settings.mapping import restored_policy
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage import Batch, Journal
@@ -245,7 +245,7 @@ def test_the_link_waits_for_an_answer_as_long_as_its_perceiver_may_take(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[float] = []
-    monkeypatch.setattr(Link, "set_undecided_for", lambda _, seconds: told.append(seconds))
+    monkeypatch.setattr(AnswerStore, "set_undecided_for", lambda _, seconds: told.append(seconds))
     assert start(config, until((tmp_path / "state" / "status.json").is_file)) == 0
     assert told[0] > (MAX_JOBS + 1) * VISION.silent_for + SLOW
 

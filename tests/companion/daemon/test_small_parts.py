@@ -1,22 +1,17 @@
-"""Album, odometer, liveness, mishaps and kept replies, each alone."""
+"""Album, odometer, liveness and mishaps, each alone."""
 
 from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from companion.answers.store import AnswerStore, StoredReply
 from companion.calls.numbers import Numbers
 from companion.storage.call_files import PictureArchive
 from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness, tasks
 from companion.vehicle.position import Odometer
-from companion.wire.ids import Result
 
 JPEG = b"a picture"
 
@@ -96,22 +91,3 @@ def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogC
     assert said == [0.0, 11.0, 11.0]
     assert error_guard.count == 5
     assert [record.levelno for record in caplog.records] == [logging.ERROR] * 3
-
-
-@given(
-    st.builds(
-        StoredReply,
-        st.tuples(st.integers(1, 255), st.integers(1, 255)),
-        st.integers(1, 2**32 - 1),
-        st.integers(0, 65535),
-        st.sampled_from(Result),
-        st.text(max_size=20),
-    )
-)
-def test_a_kept_reply_comes_back_as_it_was(kept: StoredReply) -> None:
-    assert AnswerStore([kept.saved()]).saved() == [kept.saved()]
-
-
-@given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists))
-def test_whatever_else_stands_in_the_journal_counts_for_nothing(saved: Any) -> None:
-    assert isinstance(AnswerStore(saved).saved(), list)

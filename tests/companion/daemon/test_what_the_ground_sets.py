@@ -19,8 +19,9 @@ from companion.sim.loopback_link import FileClient
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import Model, Ready
 from companion.vision.warm_up import judging_settings
+from companion.wire import parameters
 from companion.wire.ids import Motion, Policy
-from companion.wire.parameters import NOT_IN_USE, ROI
+from companion.wire.parameters import NOT_IN_USE, ROI, Parameter, ParameterError
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import AUTO, HOLD, WORDS, MakeRig, Rig
 
@@ -236,6 +237,15 @@ def test_a_start_takes_up_what_was_set_and_tells_what_it_left_out(
     assert "set by the ground, not as in the file" in caplog.text
 
 
+def test_a_parameter_that_could_be_set_but_not_stored_is_refused_at_the_start(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    more = (*parameters._MORE, Parameter("AT_NEW", 0.5, 0.0, 1.0))
+    monkeypatch.setattr(parameters, "_MORE", more)
+    with pytest.raises(ParameterError, match="AT_NEW cannot be stored: add to storable_defaults"):
+        make_rig()
+
+
 def test_a_test_call_is_answered_by_parameter_too(rig: Rig) -> None:
     (rig.folder / REQUEST).touch()
     rig.see(3.0)
@@ -265,7 +275,7 @@ def test_a_budget_beyond_a_serial_line_is_refused_and_one_kept_from_another_line
 def test_a_weight_that_was_told_before_the_perceiver_was_loaded_and_is_not_in_force_is_told_anew(
     rig: Rig,
 ) -> None:
-    rig.stage.link.set_parameter("AT_W_DRUM", -0.5, rig.clock.now)
+    rig.stage.link.parameters.set_value("AT_W_DRUM", -0.5, rig.clock.now)
     rig.settings.start(rig.clock.now)
     rig.see(1.0)
     assert rig.echoes("AT_W_DRUM")[-1] == NOT_IN_USE

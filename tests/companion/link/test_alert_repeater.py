@@ -211,7 +211,7 @@ def test_a_call_overtakes_texts_and_figures() -> None:
     stage = LoopbackLink()
     stage.run(0.5)
     for number in range(8):
-        stage.link.say(f"text {number}", 6, stage.now)
+        stage.link.send_text(f"text {number}", 6, stage.now)
     stage.link.summary(SUMMARY, stage.now)
     stage.link.announce(CALL, TEXT, stage.now)
     before = len(stage.frames)
@@ -224,14 +224,14 @@ def test_a_call_overtakes_texts_and_figures() -> None:
 def test_a_text_is_said_once_in_five_seconds_and_eight_at_most_wait() -> None:
     stage = LoopbackLink(vehicle=None)
     for number in range(20):
-        stage.link.say(f"text {number}", 6, stage.now)
-        stage.link.say(f"text {number}", 6, stage.now)
+        stage.link.send_text(f"text {number}", 6, stage.now)
+        stage.link.send_text(f"text {number}", 6, stage.now)
     stage.run(4, step=0.02)
     assert [text for _, _, text in texts(stage)] == [f"text {number}" for number in range(8)]
-    stage.link.say("text 0", 6, stage.now)
+    stage.link.send_text("text 0", 6, stage.now)
     stage.run(2)
     assert len(texts(stage)) == 8
-    stage.link.say("text 0", 6, stage.now)
+    stage.link.send_text("text 0", 6, stage.now)
     stage.run(1)
     assert len(texts(stage)) == 9
 
@@ -239,7 +239,7 @@ def test_a_text_is_said_once_in_five_seconds_and_eight_at_most_wait() -> None:
 @pytest.mark.parametrize("text", ["x" * 80, "草" * 40, "a\x00b", "\ud800"])
 def test_any_text_is_cut_to_what_every_ground_station_shows(text: str) -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.say(text, 6, stage.now)
+    stage.link.send_text(text, 6, stage.now)
     stage.run(0.2)
     raw = stage.sent("STATUSTEXT")[0]._text_raw
     assert len(raw) <= 50

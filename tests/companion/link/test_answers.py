@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import AnswerRequest, PolicyRequest
+from companion.answers.answer import Answer, Via
+from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import (
     Acknowledgement,
@@ -65,13 +66,13 @@ def results(stage: LoopbackLink) -> list[tuple[int, int]]:
     return [(ack.command, ack.result) for ack in stage.sent("COMMAND_ACK")]
 
 
-def heard(stage: LoopbackLink, *messages: Any, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
+def heard(stage: LoopbackLink, *messages: Any, sender: tuple[int, int] = GROUND) -> list[Answer]:
     """What the link reports when these messages come in."""
-    before = len(stage.reported(AnswerRequest))
+    before = len(stage.reported(Answer))
     for message in messages:
         stage.send(message, sender)
     stage.run(0.3)
-    return stage.reported(AnswerRequest)[before:]
+    return stage.reported(Answer)[before:]
 
 
 @pytest.fixture
@@ -83,7 +84,7 @@ def stage() -> LoopbackLink:
 
 def test_an_answer_is_reported_with_its_sender(stage: LoopbackLink) -> None:
     assert heard(stage, tunnel(GO.pack()), sender=(250, 3)) == [
-        AnswerRequest((250, 3), 9, 7, Motion.GO, (SetWord("drum", -1.0),))
+        Answer((250, 3), Via.TUNNEL, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9)
     ]
 
 
@@ -126,10 +127,10 @@ def test_many_transactions_are_remembered_but_not_for_ever(stage: LoopbackLink) 
         message = tunnel(AnswerMessage(number, 7, Motion.GO).pack())
         stage.send(message, (245, 1))
         stage.run(0.1, step=0.05)
-        for request in stage.reported(AnswerRequest)[-1:]:
+        for request in stage.reported(Answer)[-1:]:
             stage.link.acknowledge(request, replace(ACK, transaction=number), stage.now)
-    assert len(stage.reported(AnswerRequest)) == 199
-    assert len(stage.link._answers._reply_cache) <= 64
+    assert len(stage.reported(Answer)) == 199
+    assert len(stage.link.answer_store) <= 64
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 0, 1, 1, 2)])
@@ -160,7 +161,7 @@ def test_an_answer_that_is_not_decided_yet_is_not_handed_on_again(
     stage: LoopbackLink, within: float | None
 ) -> None:
     if within is not None:
-        stage.link.set_undecided_for(within)
+        stage.link.answer_store.set_undecided_for(within)
     go = AnswerMessage(5, 7, Motion.GO, ()).pack()
     assert len(heard(stage, tunnel(go))) == 1
     stage.run((within or 30.0) - 1.0, step=0.1)
@@ -268,15 +269,15 @@ def test_what_is_for_others_passes_by(stage: LoopbackLink, message: Any) -> None
 
 @pytest.mark.parametrize(("code", "motion"), [(1, Motion.GO), (2, Motion.STAY), (3, Motion.LOOK_AGAIN)])
 def test_a_stock_ground_station_answers_by_command(stage: LoopbackLink, code: int, motion: Motion) -> None:
-    assert heard(stage, command(7, code)) == [AnswerRequest(GROUND, None, 7, motion, ())]
+    assert heard(stage, command(7, code)) == [Answer(GROUND, Via.COMMAND, 7, motion, ())]
 
 
 def test_a_stock_ground_station_sets_a_weight_by_command(stage: LoopbackLink) -> None:
     assert heard(stage, command(0, 4, 6, -0.8)) == [
-        AnswerRequest(GROUND, None, 0, Motion.NONE, (SetWord("dry bush", -0.8),))
+        Answer(GROUND, Via.COMMAND, 0, Motion.NONE, (SetWord("dry bush", -0.8),))
     ]
     assert heard(stage, command(0, 4, 6, -2)) == [
-        AnswerRequest(GROUND, None, 0, Motion.NONE, (ForgetWord("dry bush"),))
+        Answer(GROUND, Via.COMMAND, 0, Motion.NONE, (ForgetWord("dry bush"),))
     ]
 
 
@@ -358,7 +359,7 @@ def test_a_flood_of_requests_is_dropped_and_counted_but_others_are_heard(stage: 
     for number in range(1, 301):
         stage.send(tunnel(AnswerMessage(number, 7, Motion.STAY).pack()))
     stage.run(0.2)
-    assert 60 <= len(stage.reported(AnswerRequest)) < 70
+    assert 60 <= len(stage.reported(Answer)) < 70
     assert stage.link.counters.rejected["rate"] > 200
     assert len(heard(stage, tunnel(GO.pack()), sender=(254, 1))) == 1
 
@@ -396,7 +397,7 @@ def test_a_policy_asked_for_by_command_is_reported_and_acknowledged(
     stage.run(0.3)
     assert stage.reported(PolicyRequest) == [request]
     assert results(stage) == [], "not before it is in force"
-    stage.link.acknowledge_command(request, 4, stage.now)
+    stage.link.commands.acknowledge(request, 4, stage.now)
     stage.run(0.2)
     assert results(stage) == [(31010, 4)]
 

@@ -3,10 +3,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import AnswerRequest
+from companion.answers.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
-from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
 
 GROUND = (255, 190)
 
@@ -22,18 +22,18 @@ def answer(value: float) -> Any:
     return mavlink.MAVLink_param_set_message(1, 191, b"AT_ANSWER", value, 9)
 
 
-def heard(stage: LoopbackLink, value: float, sender: tuple[int, int] = GROUND) -> list[AnswerRequest]:
-    before = len(stage.reported(AnswerRequest))
+def heard(stage: LoopbackLink, value: float, sender: tuple[int, int] = GROUND) -> list[Answer]:
+    before = len(stage.reported(Answer))
     stage.send(answer(value), sender)
     stage.run(0.2)
-    return stage.reported(AnswerRequest)[before:]
+    return stage.reported(Answer)[before:]
 
 
 def echoes(stage: LoopbackLink) -> list[float]:
     return [m.param_value for m in stage.sent("PARAM_VALUE") if m.param_id == "AT_ANSWER"]
 
 
-def reply(stage: LoopbackLink, request: AnswerRequest, target: int, result: Result = Result.APPLIED) -> None:
+def reply(stage: LoopbackLink, request: Answer, target: int, result: Result = Result.APPLIED) -> None:
     ack = Acknowledgement(
         0, target, result, Stage.OPEN, Outcome.NONE, None, None, Reasons.NONE, 0, f"C{target} {result.name}"
     )
@@ -132,32 +132,3 @@ def test_two_ground_stations_are_told_apart(stage: LoopbackLink) -> None:
     (request,) = heard(stage, 71)
     reply(stage, request, 7)
     assert len(heard(stage, 71, sender=(254, 1))) == 1
-
-
-def test_many_commands_do_not_push_out_an_answer_that_a_ground_station_sets_again(
-    stage: LoopbackLink,
-) -> None:
-    (request,) = heard(stage, 1)
-    reply(stage, request, 0, Result.STALE)
-    for number in range(1, 71):
-        stage.send(mavlink.MAVLink_command_long_message(1, 191, 31010, 0, number, 1, 0, 0, 0, 0, 0), GROUND)
-        stage.run(0.06)
-    assert len(stage.reported(AnswerRequest)) == 71
-    assert heard(stage, 1) == []
-
-
-def test_many_set_parameters_do_not_push_out_a_transaction_that_comes_again(stage: LoopbackLink) -> None:
-    payload = AnswerMessage(9, 7, Motion.GO, (SetWord("drum", -1.0),)).pack()
-    padded = list(payload.ljust(128, b"\0"))
-    again = mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded)
-    stage.send(again, GROUND)
-    stage.run(0.2)
-    reply(stage, stage.reported(AnswerRequest)[-1], 7)
-    for number in range(1, 71):
-        stage.send(answer(10 * number + 1), GROUND)
-        stage.run(0.06)
-    before = len(stage.reported(AnswerRequest))
-    assert before == 71
-    stage.send(again, GROUND)
-    stage.run(0.2)
-    assert len(stage.reported(AnswerRequest)) == before

@@ -134,7 +134,7 @@ def test_storage_is_always_saved_and_only_a_reset_goes_further(stage: LoopbackLi
     stage.run(0.3)
     (request,) = stage.reported(ResetRequest)
     assert len(stage.sent("COMMAND_ACK")) == 4
-    stage.link.acknowledge_command(request, ACCEPTED, stage.now)
+    stage.link.commands.acknowledge(request, ACCEPTED, stage.now)
     stage.run(0.2)
     assert stage.sent("COMMAND_ACK")[-1].result == ACCEPTED
 

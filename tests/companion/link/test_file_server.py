@@ -11,10 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.mavftp import MAVFTP
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link import encode
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
-from companion.link.inbound import AnswerRequest
 from companion.sim.loopback_link import FileClient, LoopbackLink
 from companion.storage.file_reader import Reader
 from companion.storage.served_files import Folder
@@ -206,8 +206,8 @@ def test_all_parameters_are_read_from_the_file_that_ground_stations_try_first(
     client: FileClient, options: str
 ) -> None:
     link = client.stage.link
-    link.set_configured({"AT_W_GRASS": 0.5})
-    link.set_parameter("AT_THR_ROI", 0.25, client.stage.now)
+    link.parameters.set_configured({"AT_W_GRASS": 0.5})
+    link.parameters.set_value("AT_THR_ROI", 0.25, client.stage.now)
     found = MAVFTP.ftp_param_decode(whole(client, f"@PARAM/param.pck{options}"))
     values = {name.decode(): value for name, value, _ in found.params}
     client.stage.send(mavlink.MAVLink_param_request_list_message(1, COMPONENT_ID))
@@ -268,7 +268,7 @@ def test_requests_beyond_the_rate_are_dropped_and_keep_no_answer_out(client: Fil
     rejected = client.stage.link.counters.rejected
     assert rejected["rate"] > 100
     assert rejected["file queue"] > 20
-    assert client.stage.reported(AnswerRequest)
+    assert client.stage.reported(Answer)
 
 
 def test_a_burst_ends_before_a_client_takes_the_silence_of_its_own_for_a_broken_link(

@@ -8,7 +8,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import LinkSettings
-from companion.link.access_control import STRANGERS_AT_ONCE, STRANGERS_PER_SECOND
+from companion.link.access_control import READERS_AT_ONCE, READERS_PER_SECOND
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY
 from tests.companion.link.test_one_sender import SUMMARY
@@ -82,7 +82,7 @@ def test_one_look_at_a_flood_takes_in_no_more_than_a_part_of_it() -> None:
 def test_strangers_under_many_names_get_no_more_than_one_of_them() -> None:
     stage = flooded([(system, 1 + system) for system in range(2, 42)])
     answered = len(stage.sent("COMMAND_ACK"))
-    assert answered <= STRANGERS_AT_ONCE + STRANGERS_PER_SECOND * SECONDS + 1
+    assert answered <= READERS_AT_ONCE + READERS_PER_SECOND * SECONDS + 1
     assert stage.link.counters.rejected["rate"] > 3000
     stage.send(UNKNOWN, OPERATOR)
     stage.run(4)
@@ -103,7 +103,7 @@ def test_the_texts_of_refused_wishes_leave_room_for_others() -> None:
 
     stage = flooded([OPERATOR], nonsense, pace=0.03)
     assert len(stage.tunnels(TUNNEL_SUMMARY)) >= SECONDS - 1
-    stage.link.say("Companion sees again", 5, stage.now)
+    stage.link.send_text("Companion sees again", 5, stage.now)
     stage.run(1)
     assert stage.link.counters.unsaid > 50
     assert "Companion sees again" in [message.text for message in stage.sent("STATUSTEXT")]

@@ -147,11 +147,11 @@ def flood(stage: LoopbackLink, kinds: set[str], number: int) -> None:
     if "numbers" in kinds:
         stage.link.numbers(NUMBERS, now)
     if "texts" in kinds:
-        stage.link.say(f"a text that is quite long, at {now:.2f}", 6, now)
+        stage.link.send_text(f"a text that is quite long, at {now:.2f}", 6, now)
     if "call" in kinds and now > 2:
         stage.link.announce(replace(CALL, frame_id=number), f"C1 unknown thing {number}", now)
     if "news" in kinds:
-        stage.link.set_parameter("AT_W_WORD_1", number % 20 / 20, now)
+        stage.link.parameters.set_value("AT_W_WORD_1", number % 20 / 20, now)
     for wire in (stage, stage.more["wifi"]):
         if "lists" in kinds:
             wire.send(LIST)

@@ -11,18 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.access_control import (
-    CROWDS,
+    COMMON_SHARES,
     KEPT,
     MAX_SHARES,
-    OTHERS,
+    OTHER_OPERATORS,
+    READERS,
     REQUESTS_AT_ONCE,
     REQUESTS_PER_SECOND,
-    STRANGERS,
     AccessControl,
 )
-from companion.link.inbound import AnswerRequest, ParameterRequest
+from companion.link.inbound import ParameterRequest
 from companion.link.limits import LeaseTable
 from companion.link.link import READING_FOR, Link
 from companion.sim.loopback_link import FileClient, LoopbackLink, pair
@@ -48,9 +49,9 @@ def answer(transaction: int, part: int = 0, parts: int = 1) -> Any:
     return mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), payload.ljust(128, b"\0"))
 
 
-def granted(request: AnswerRequest) -> Acknowledgement:
+def granted(request: Answer) -> Acknowledgement:
     return Acknowledgement(
-        request.transaction or 0,
+        request.transaction,
         request.target,
         Result.APPLIED,
         Stage.CLOSED,
@@ -77,10 +78,10 @@ def test_2000_answers_a_second_under_many_names_are_bounded_and_the_operator_get
         known = len(stage.heard)
         stage.run(TURN, step=TURN)
         for event in stage.heard[known:]:
-            if isinstance(event, AnswerRequest):
+            if isinstance(event, Answer):
                 stage.link.acknowledge(event, granted(event), stage.now)
     stage.run(1.0)
-    let_through = [request.sender for request in stage.reported(AnswerRequest)]
+    let_through = [request.sender for request in stage.reported(Answer)]
     assert let_through.count(OPERATOR) == asked
     shared = REQUESTS_AT_ONCE + REQUESTS_PER_SECOND * SECONDS
     fixed = (MAX_SHARES - 1) * (1 + SECONDS)
@@ -114,7 +115,7 @@ def test_the_parts_of_an_answer_find_each_other_in_any_flood() -> None:
         stage.run(0.1, step=0.1)
     stage.send(answer(1, 1, 2), OPERATOR)
     stage.run(0.1)
-    (request,) = stage.reported(AnswerRequest)
+    (request,) = stage.reported(Answer)
     assert (request.sender, len(request.operations)) == (OPERATOR, 2)
 
 
@@ -142,7 +143,7 @@ def test_a_reply_to_somebody_known_waits_for_one_frame_of_a_crowd_at_most() -> N
     for name in NAMES[:100]:
         stage.send(answer(1), (name[0], name[1]))
     stage.run(0.02)
-    for event in stage.reported(AnswerRequest):
+    for event in stage.reported(Answer):
         stage.link.acknowledge(event, granted(event), stage.now)
     stage.send(read, (254, 1))
     before = len(stage.sent("TUNNEL"))
@@ -227,16 +228,16 @@ def test_no_number_of_names_is_admitted_more_than_the_shares_allow(
         kept = [
             one for one in heard_at if one in access._shares and one != sender and now - heard_at[one] <= KEPT
         ]
-        access.hear(sender, now)
+        access.renew_share(sender, now)
         heard_at[sender] = now
         assert all(access.share(one) == one for one in kept), "nobody who was heard lately loses his share"
         assert len(list(access._shares)) <= MAX_SHARES
-        assert access.share(sender) in (sender, OTHERS)
+        assert access.share(sender) in (sender, OTHER_OPERATORS)
         if asks:
             admitted += sum(access.admits(sender, now) for _ in range(70))
             assert admitted <= (MAX_SHARES + 1) * (REQUESTS_AT_ONCE + REQUESTS_PER_SECOND * now)
-    assert access.share((9, 9)) == STRANGERS
-    assert {OTHERS, STRANGERS} == CROWDS
+    assert access.share((9, 9)) == READERS
+    assert {OTHER_OPERATORS, READERS} == COMMON_SHARES
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.floats(0.0, 8.0), st.booleans()), max_size=60))

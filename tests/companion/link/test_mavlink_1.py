@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link.encode import MavlinkVersion
-from companion.link.inbound import AnswerRequest
 from companion.sim.loopback_link import Frame, LoopbackLink, Wire
 from companion.wire.ids import Policy, Reasons, State
 from companion.wire.payloads import Summary
@@ -92,11 +92,11 @@ def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_count
     assert "TUNNEL" not in kinds
     assert stage.link.counters.connections["main"].left_out >= 5
     assert versions(stage.frames).count(2) <= 1, "but for one heartbeat"
-    assert len(stage.reported(AnswerRequest)) == 1
+    assert len(stage.reported(Answer)) == 1
 
 
 def test_what_only_2_knows_is_cut_off(stage: LoopbackLink) -> None:
-    stage.link.say("x" * 50, 6, stage.now)
+    stage.link.send_text("x" * 50, 6, stage.now)
     stage.send(mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0))
     stage.run(0.5)
     lengths = {frame.message.get_type(): frame.size for frame in stage.frames}
@@ -143,7 +143,7 @@ def test_each_connection_has_its_own_version_and_a_new_device_starts_with_2() ->
 
 
 def test_a_mode_and_a_setpoint_reach_an_autopilot_that_speaks_1(stage: LoopbackLink) -> None:
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.link.stand_still(on=True)
     stage.run(0.5)
     assert [message.command for message in stage.sent("COMMAND_LONG")].count(176) == 1
@@ -154,7 +154,7 @@ def test_silence_changes_nothing() -> None:
     version = MavlinkVersion()
     old = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     old.pack(mavlink.MAVLink(None, 255, 190), force_mavlink1=True)
-    version.hear(old, 0.0)
+    version.received(old, 0.0)
     assert not version.is_1
-    version.hear(old, 1000.0)
+    version.received(old, 1000.0)
     assert version.is_1

@@ -87,8 +87,8 @@ def test_another_vehicles_remote_control_is_not_ours() -> None:
 def test_a_mode_that_is_not_wanted_any_more_is_not_sent() -> None:
     stage = LoopbackLink()
     stage.run(0.1)
-    stage.link.set_mode(4, stage.now)
-    stage.link.forget_mode()
+    stage.link.modes.command(4, stage.now)
+    stage.link.modes.cancel()
     stage.run(1.0)
     assert [message for message in stage.sent("COMMAND_LONG") if message.command == 176] == []
 

@@ -7,14 +7,15 @@ from typing import Any
 import pytest
 
 from bench.link.fuzz import Broken, Fuzz, well_formed
-from companion.link.inbound import AnswerRequest, ParameterRequest, WordsRequest
+from companion.answers.answer import Answer, Via
+from companion.link.inbound import ParameterRequest
 from companion.link.link import Link
 from companion.link.parser import Parser
 from companion.wire.answers import ForgetWord, SetWord
 from companion.wire.ids import Motion
 
 FRAMES = 100_000
-REQUESTS = {"AnswerRequest", "ParameterRequest", "WordsRequest", "PolicyRequest", "ResetRequest"}
+REQUESTS = {"ParameterRequest", "PolicyRequest", "ResetRequest"} | {via.value for via in Via}
 REPLIES = {"HEARTBEAT", "COMMAND_ACK", "PARAM_VALUE", "PARAM_EXT_ACK", "TUNNEL", "FILE_TRANSFER_PROTOCOL"}
 
 
@@ -53,11 +54,12 @@ def test_a_link_that_fell_silent_would_be_found_out(monkeypatch: pytest.MonkeyPa
 
 
 def test_what_the_daemon_could_not_believe_is_known() -> None:
-    def answer(weight: float, target: int = 1) -> AnswerRequest:
-        return AnswerRequest((255, 190), 1, target, Motion.GO, (SetWord("drum", weight),))
+    def answer(weight: float, target: int = 1) -> Answer:
+        return Answer((255, 190), Via.COMMAND, target, Motion.GO, (SetWord("drum", weight),))
 
     assert well_formed(answer(0.5), set())
     assert not well_formed(answer(1.5), set())
     assert not well_formed(answer(0.5, 70_000), set())
     assert not well_formed(ParameterRequest((255, 190), "AT_X", 1.0), {"AT_Y"})
-    assert not well_formed(WordsRequest((255, 190), "AT_WORDS", b"", (ForgetWord("a"),) * 17), set())
+    assert not well_formed(Answer((255, 190), Via.TEXT, 0, Motion.NONE, (ForgetWord("a"),) * 17), set())
+    assert not well_formed(Answer((255, 190), Via.TUNNEL, 0, Motion.GO), set())

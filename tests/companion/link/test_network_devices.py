@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer, Via
 from companion.config.link_settings import ConnectionSettings, LinkSettings
-from companion.link.inbound import AnswerRequest, InboundEvent
+from companion.link.inbound import InboundEvent
 from companion.link.parser import Parser
 from companion.link.transport import KEPT, Tcp, Udp, open_transport
 from companion.wire import devices
@@ -38,8 +39,8 @@ def test_udpout_speaks_first_and_hears_answers(ground: socket.socket) -> None:
     heard: list[InboundEvent] = []
     end = time.monotonic() + DEADLINE
     while not heard and time.monotonic() < end:
-        heard = [event for event in link.poll(time.monotonic()) if isinstance(event, AnswerRequest)]
-    assert heard == [AnswerRequest((255, 190), None, 7, Motion.GO, ())]
+        heard = [event for event in link.poll(time.monotonic()) if isinstance(event, Answer)]
+    assert heard == [Answer((255, 190), Via.COMMAND, 7, Motion.GO)]
     link.close()
 
 
@@ -79,7 +80,7 @@ def test_udpin_answers_four_whose_frames_were_believed_and_a_fifth_when_one_is_s
         while not transport.read():
             assert time.monotonic() < end, "too late"
         if number:
-            transport.believe(now, autopilot=False)
+            transport.note_accepted(now, autopilot=False)
 
     def told() -> list[int]:
         assert transport.write(b"frame")

@@ -76,7 +76,7 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
     for number, (action, pause) in enumerate(actions):
         match action:
             case "say":
-                stage.link.say(f"a text that is quite long, number {number}", 6, stage.now)
+                stage.link.send_text(f"a text that is quite long, number {number}", 6, stage.now)
             case "call":
                 stage.link.announce(replace(CALL, frame_id=number), f"C1 text {number}", stage.now)
             case "close":
@@ -100,7 +100,7 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
 def test_frames_keep_their_distance_and_their_numbers_never_repeat(actions: list[tuple[str, float]]) -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0, asked_budget=0.0))
     for number, (action, pause) in enumerate(actions):
-        stage.link.say(f"{action} {number}", 6, stage.now)
+        stage.link.send_text(f"{action} {number}", 6, stage.now)
         stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
         stage.run(pause, step=0.01)
     assert all(after.at - before.at >= 0.0299 for before, after in pairwise(stage.frames))
@@ -111,7 +111,7 @@ def test_frames_keep_their_distance_and_their_numbers_never_repeat(actions: list
 def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
     for number in range(600):
-        stage.link.say(f"a text that is quite long, number {number}", 6, stage.now)
+        stage.link.send_text(f"a text that is quite long, number {number}", 6, stage.now)
         stage.link.announce(replace(CALL, frame_id=number), f"C1 unknown thing {number}", stage.now)
         stage.run(0.1, step=0.05)
     beats = stage.times("HEARTBEAT")
@@ -121,7 +121,7 @@ def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
 def test_no_frame_is_longer_than_its_row_says() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0))
     stage.link.announce(CALL, "x" * 60, stage.now)
-    stage.link.say("y" * 60, 6, stage.now)
+    stage.link.send_text("y" * 60, 6, stage.now)
     stage.link.set_state(State.FAULT, 0xFFFF, Policy.HOLD)
     stage.link.numbers({"AT_TRAV": 0.123, "AT_CALL": 1e9}, stage.now)
     stage.run(5)
@@ -158,7 +158,7 @@ def test_what_waited_too_long_is_not_sent() -> None:
     stage = LoopbackLink(vehicle=None)
     stage.run(0.1)
     stage.near.full = True
-    stage.link.say("old news", 6, stage.now)
+    stage.link.send_text("old news", 6, stage.now)
     stage.run(10, step=0.1)
     stage.near.full = False
     stage.run(1)
@@ -207,14 +207,14 @@ def test_a_fast_connection_knows_its_own_frames_that_come_back_late() -> None:
 def test_a_hold_that_is_urgent_leaves_alone_and_at_once_and_the_rest_waits_for_its_turn() -> None:
     stage = LoopbackLink()
     stage.run(0.5)
-    stage.link.say("a text", 1, stage.now)
-    stage.link.set_mode(10, stage.now)
+    stage.link.send_text("a text", 1, stage.now)
+    stage.link.modes.command(10, stage.now)
     before = len(stage.frames)
-    stage.link.send_hold_now(stage.now)
+    stage.link.modes.send_hold_now(stage.now)
     stage.collect(stage.now)
     assert stage.frames[before:] == [], "driving on is not urgent"
-    stage.link.set_mode(4, stage.now)
-    stage.link.send_hold_now(stage.now)
+    stage.link.modes.command(4, stage.now)
+    stage.link.modes.send_hold_now(stage.now)
     stage.collect(stage.now)
     (hold,) = stage.frames[before:]
     assert (hold.message.command, hold.message.param2) == (176, 4)

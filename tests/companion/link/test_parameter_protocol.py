@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import LinkSettings
-from companion.link.inbound import AnswerRequest, ParameterRequest
+from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter, ParameterError, build
@@ -122,7 +123,7 @@ def test_whoever_asks_for_the_same_unknown_one_again_and_again_is_told_within_th
 def test_a_set_is_reported_and_echoed_when_the_daemon_has_applied_it(stage: LoopbackLink) -> None:
     assert ask(stage, setting("AT_W_DRY_BUSH", -0.8)) == [ParameterRequest(GROUND, "AT_W_DRY_BUSH", -0.8)]
     assert values(stage) == []
-    stage.link.set_parameter("AT_W_DRY_BUSH", -0.8, stage.now)
+    stage.link.parameters.set_value("AT_W_DRY_BUSH", -0.8, stage.now)
     stage.run(0.1)
     assert values(stage) == [("AT_W_DRY_BUSH", -0.8)]
     assert stage.link.counters.sent["asked"] == 37
@@ -130,16 +131,16 @@ def test_a_set_is_reported_and_echoed_when_the_daemon_has_applied_it(stage: Loop
 
 def test_a_value_that_was_not_taken_is_echoed_as_it_stands(stage: LoopbackLink) -> None:
     ask(stage, setting("AT_POLICY", 2))
-    stage.link.set_parameter("AT_POLICY", 0.0, stage.now)
+    stage.link.parameters.set_value("AT_POLICY", 0.0, stage.now)
     stage.run(0.1)
     assert values(stage) == [("AT_POLICY", 0.0)]
 
 
 def test_a_value_that_changed_by_itself_is_told_to_all_once(stage: LoopbackLink) -> None:
-    stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
-    stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
+    stage.link.parameters.set_value("AT_W_GRASS", -2.0, stage.now)
+    stage.link.parameters.set_value("AT_W_GRASS", -2.0, stage.now)
     stage.run(0.2)
-    stage.link.set_parameter("AT_W_GRASS", -2.0, stage.now)
+    stage.link.parameters.set_value("AT_W_GRASS", -2.0, stage.now)
     stage.run(0.2)
     assert values(stage) == [("AT_W_GRASS", -2.0)]
     assert stage.link.counters.sent["asked"] == 0
@@ -201,9 +202,9 @@ def test_a_set_meant_for_the_autopilot_passes_by(stage: LoopbackLink) -> None:
 
 def test_the_daemon_cannot_tell_what_is_not_listed(stage: LoopbackLink) -> None:
     with pytest.raises(ParameterError, match="AT_W_MUD"):
-        stage.link.set_parameter("AT_W_MUD", 1.0, stage.now)
+        stage.link.parameters.set_value("AT_W_MUD", 1.0, stage.now)
     with pytest.raises(ParameterError, match="out of range"):
-        stage.link.set_parameter("AT_W_GRASS", math.nan, stage.now)
+        stage.link.parameters.set_value("AT_W_GRASS", math.nan, stage.now)
 
 
 def test_too_many_parameters_are_refused_at_the_start() -> None:
@@ -239,7 +240,7 @@ def test_every_parameter_takes_what_it_may_be_and_echoes_the_old_value_otherwise
 ) -> None:
     stage = LoopbackLink(parameters=FULL)
     stage.run(0.02)
-    taken = [*ask(stage, setting(entry.name, value)), *stage.reported(AnswerRequest)]
+    taken = [*ask(stage, setting(entry.name, value)), *stage.reported(Answer)]
     if not taken:
         assert values(stage) == [(entry.name, round(entry.value, 4))]
     elif isinstance(taken[0], ParameterRequest):

@@ -104,7 +104,7 @@ def test_well_formed_frames_of_others_keep_no_hold_from_the_autopilot(closing: E
             other.send(GROUND_HEARTBEAT.pack(mavlink.MAVLink(None, 200 + number, 190)))
             other.send(HEARTBEAT.pack(mavlink.MAVLink(None, 1, 1)))
         port.turn(1.0)
-        port.link.set_mode(HOLD, port.now)
+        port.link.modes.command(HOLD, port.now)
         port.turn(0.1)
         told = [message for message in read(autopilot) if message.get_type() == "COMMAND_LONG"]
         assert HOLD in [message.param2 for message in told if message.command == 176], step
@@ -168,7 +168,7 @@ def test_whoever_was_believed_lately_stays_and_noise_gets_nowhere(
         before = {number for _, number in peers}
         kept = {one for one in before if now - sure.get(one, -math.inf) <= KEPT}
         if what != "junk":
-            peers.believe(("127.0.0.1", port), now, autopilot=what == "autopilot")
+            peers.note_accepted(("127.0.0.1", port), now, autopilot=what == "autopilot")
             believed[port] = now
         if what == "believed":
             sure[port] = now

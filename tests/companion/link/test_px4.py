@@ -33,7 +33,7 @@ def stage() -> LoopbackLink:
 def test_a_mode_is_asked_for_by_main_and_sub_mode(
     stage: LoopbackLink, mode: int, main: int, sub: int
 ) -> None:
-    stage.link.set_mode(mode, stage.now)
+    stage.link.modes.command(mode, stage.now)
     stage.run(0.1)
     command = next(message for message in stage.sent("COMMAND_LONG") if message.command == 176)
     assert (command.param1, command.param2, command.param3) == (1, main, sub)
@@ -42,7 +42,7 @@ def test_a_mode_is_asked_for_by_main_and_sub_mode(
 def test_zero_velocity_goes_out_at_the_rate_and_ends(stage: LoopbackLink) -> None:
     stage.link.stand_still(on=True)
     for number in range(100):
-        stage.link.say(f"text {number}", 4, stage.now)
+        stage.link.send_text(f"text {number}", 4, stage.now)
         stage.run(0.05)
     times = stage.times("SET_POSITION_TARGET_LOCAL_NED")
     assert 25 <= len(times) <= 26, "five a second"

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.cli import main
-from companion.link.inbound import AnswerRequest, PolicyRequest
+from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.system.resources import resource
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion, Policy
@@ -52,7 +53,7 @@ def test_an_action_has_the_keys_that_are_needed_and_none_that_is_not_read(action
     [("Trail: go", Motion.GO), ("Trail: stay", Motion.STAY), ("Trail: look again", Motion.LOOK_AGAIN)],
 )
 def test_a_trail_button_answers_the_current_call(label: str, motion: Motion) -> None:
-    (request,) = press(label).reported(AnswerRequest)
+    (request,) = press(label).reported(Answer)
     assert (request.sender, request.target, request.motion) == (QGROUNDCONTROL, 0, motion)
 
 

@@ -141,7 +141,7 @@ def test_an_autopilot_on_a_serial_port_and_ground_stations_by_network_at_once(gr
     until(link, lambda: all("HEARTBEAT" in peer.types() for peer in everybody), *everybody)
     assert len(link.filenos()) == 2
     late.send(mavlink.MAVLink_param_request_list_message(1, 191).pack(GROUND))
-    link.set_mode(4, time.monotonic())
+    link.modes.command(4, time.monotonic())
     until(link, lambda: "COMMAND_LONG" in autopilot.types() and "PARAM_VALUE" in late.types(), *everybody)
     os.close(slave)
     os.close(master)

@@ -3,8 +3,9 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
-from companion.link.inbound import AnswerRequest, ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
+from companion.link.inbound import ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
 from companion.sim.loopback_link import LoopbackLink, Wire
 from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State
@@ -39,7 +40,7 @@ def commands(wire: Wire, number: int) -> int:
 
 
 def test_everybody_is_told_by_all_connections(stage: LoopbackLink, wifi: Wire) -> None:
-    stage.link.say("hello", 6, stage.now)
+    stage.link.send_text("hello", 6, stage.now)
     stage.run(2)
     for wire in (stage, wifi):
         assert [message.text for message in wire.sent("STATUSTEXT")] == ["hello"]
@@ -99,13 +100,13 @@ def test_lists_of_texts_asked_for_on_two_connections_are_whole_on_both() -> None
 def test_a_value_that_somebody_changed_is_told_to_the_others_too(stage: LoopbackLink, wifi: Wire) -> None:
     wifi.send(SET)
     stage.run(0.1)
-    stage.link.set_parameter("AT_W_GRASS", 0.5, stage.now)
+    stage.link.parameters.set_value("AT_W_GRASS", 0.5, stage.now)
     stage.run(0.2)
     assert [message.param_value for message in wifi.sent("PARAM_VALUE")] == [0.5]
     assert [message.param_value for message in stage.sent("PARAM_VALUE")] == [0.5]
 
 
-@pytest.mark.parametrize(("message", "kind"), [(GO, AnswerRequest), (SET, ParameterRequest)])
+@pytest.mark.parametrize(("message", "kind"), [(GO, Answer), (SET, ParameterRequest)])
 def test_a_request_heard_on_two_connections_counts_once(
     stage: LoopbackLink, wifi: Wire, message: object, kind: type
 ) -> None:
@@ -132,7 +133,7 @@ def test_the_same_command_again_later_or_on_the_same_connection_is_a_new_wish(
 
 
 def test_the_autopilot_is_commanded_only_where_it_is_heard(stage: LoopbackLink, wifi: Wire) -> None:
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.link.stand_still(on=True)
     stage.run(0.5)
     assert commands(stage, 176) == 1
@@ -165,13 +166,13 @@ def test_an_autopilot_that_falls_silent_on_one_connection_is_reached_by_the_othe
         wifi.heartbeat(1)
         stage.run(1)
     assert stage.link.counters.autopilot == "wifi"
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(0.2)
     assert (commands(stage, 176), commands(wifi, 176)) == (0, 1)
     assert commands(wifi, 511) >= 1, "streams are asked for anew"
     stage.heartbeat(1)
     stage.run(0.1)
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(0.2)
     assert (commands(stage, 176), commands(wifi, 176)) == (1, 1)
 
@@ -181,7 +182,7 @@ def test_an_autopilot_adopted_late_on_the_second_connection_is_reached_there() -
     stage.run(2)
     stage.more["wifi"].heartbeat(1)
     stage.run(0.1)
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(0.2)
     assert (commands(stage, 176), commands(stage.more["wifi"], 176)) == (0, 1)
 
@@ -190,7 +191,7 @@ def test_a_second_vehicle_on_another_connection_is_ignored(stage: LoopbackLink, 
     for _ in range(5):
         wifi.heartbeat(2)
         stage.run(1)
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(0.2)
     assert stage.link.vehicle is not None
     assert stage.link.vehicle.system_id == 1
@@ -267,7 +268,7 @@ def test_a_sender_for_whom_no_route_is_left_is_answered_everywhere_and_others_ke
     stage.run(0.1)
     for sender, everywhere in (((100, 190), 0), ((99 + 2 * MAX_ROUTES, 190), 1)):
         before, on_wifi = commands_acked(stage), commands_acked(wifi)
-        stage.link.acknowledge_command(PolicyRequest(sender, Policy.OFF), 0, stage.now)
+        stage.link.commands.acknowledge(PolicyRequest(sender, Policy.OFF), 0, stage.now)
         stage.run(0.2)
         assert (commands_acked(stage) - before, commands_acked(wifi) - on_wifi) == (everywhere, 1)
 
@@ -277,7 +278,7 @@ def test_a_flood_of_strangers_does_not_hide_the_autopilot(stage: LoopbackLink, w
     for number in range(2 * MAX_ROUTES):
         wifi.send(heartbeat, (10 + number, 190))
     stage.run(0.1)
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(0.1)
     assert (commands(stage, 176), commands(wifi, 176)) == (1, 0)
 

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
-from companion.link.inbound import AnswerRequest, RcChannels
+from companion.link.inbound import RcChannels
 from companion.link.signing import open_signing
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement
@@ -75,8 +76,8 @@ class Stage(LoopbackLink):
         return dict(self.link.counters.rejected)
 
     @property
-    def answers(self) -> list[AnswerRequest]:
-        return [one for one in self.heard if isinstance(one, AnswerRequest)]
+    def answers(self) -> list[Answer]:
+        return [one for one in self.heard if isinstance(one, Answer)]
 
 
 @pytest.fixture
@@ -87,7 +88,7 @@ def stage(tmp_path: Path) -> Stage:
 
 
 def test_all_that_leaves_is_signed_and_pymavlink_believes_it(stage: Stage) -> None:
-    stage.link.say("hello", 4, stage.now)
+    stage.link.send_text("hello", 4, stage.now)
     stage.run(3)
     frames = [bytes(frame.message.get_msgbuf()) for frame in stage.frames]
     assert len(frames) >= 4

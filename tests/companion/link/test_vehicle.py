@@ -137,9 +137,9 @@ def test_a_mode_command_overtakes_everything_and_its_ack_is_reported() -> None:
     stage = LoopbackLink()
     stage.run(15.2)
     for number in range(8):
-        stage.link.say(f"text {number}", 6, stage.now)
+        stage.link.send_text(f"text {number}", 6, stage.now)
     before = len(stage.frames)
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(0.05)
     command = stage.frames[before].message
     assert (command.get_type(), command.target_system, command.target_component) == ("COMMAND_LONG", 1, 1)
@@ -164,7 +164,7 @@ def test_a_mode_command_that_could_not_be_sent_is_forgotten_not_sent_late() -> N
     stage = LoopbackLink()
     stage.run(0.5)
     stage.near.full = True
-    stage.link.set_mode(10, stage.now)
+    stage.link.modes.command(10, stage.now)
     stage.run(1.5)
     stage.near.full = False
     stage.run(2.0)
@@ -174,7 +174,7 @@ def test_a_mode_command_that_could_not_be_sent_is_forgotten_not_sent_late() -> N
 
 def test_a_mode_command_without_a_vehicle_goes_nowhere() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(1.0)
     assert stage.sent("COMMAND_LONG") == []
 
@@ -184,7 +184,7 @@ def test_another_kind_of_autopilot_or_vehicle_gets_no_mode_command(kind: int, au
     stage = LoopbackLink(vehicle=None)
     stage.send(mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, 0x04040000, 4, 3), (1, 1))
     stage.run(0.1)
-    stage.link.set_mode(4, stage.now)
+    stage.link.modes.command(4, stage.now)
     stage.run(0.1)
     assert [m for m in stage.sent("COMMAND_LONG") if m.command == 176] == []
     assert stage.link.counters.rejected == {"no autopilot for modes": 1}

@@ -5,9 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.inbound import WordsRequest
+from companion.answers.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import ForgetWord, SetWord
+from companion.wire.answers import Acknowledgement, ForgetWord, SetWord
+from companion.wire.ids import Result
 
 GROUND = (255, 190)
 ACCEPTED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3
@@ -16,7 +17,7 @@ ACCEPTED, UNSUPPORTED, FAILED, IN_PROGRESS = 0, 1, 2, 3
 @pytest.fixture
 def stage() -> LoopbackLink:
     stage = LoopbackLink()
-    stage.link.set_words({"grass": 1.0, "old wall": -0.8})
+    stage.link.text_parameters.set_words({"grass": 1.0, "old wall": -0.8})
     stage.run(0.1)
     return stage
 
@@ -25,15 +26,19 @@ def setting(name: str, value: bytes, *, target: tuple[int, int] = (1, 191), kind
     return mavlink.MAVLink_param_ext_set_message(*target, name.encode(), value, kind)
 
 
-def heard(stage: LoopbackLink, message: Any, sender: tuple[int, int] = GROUND) -> list[WordsRequest]:
-    before = len(stage.reported(WordsRequest))
+def heard(stage: LoopbackLink, message: Any, sender: tuple[int, int] = GROUND) -> list[Answer]:
+    before = len(stage.reported(Answer))
     stage.send(message, sender)
     stage.run(0.3)
-    return stage.reported(WordsRequest)[before:]
+    return stage.reported(Answer)[before:]
 
 
 def acks(stage: LoopbackLink) -> list[tuple[str, str, int]]:
     return [(m.param_id, m.param_value, m.param_result) for m in stage.sent("PARAM_EXT_ACK")]
+
+
+def decided(stage: LoopbackLink, answer: Answer, result: Result) -> None:
+    stage.link.acknowledge(answer, Acknowledgement.without_figures(0, 0, result, ""), stage.now)
 
 
 def values(stage: LoopbackLink) -> list[tuple[str, str]]:
@@ -73,7 +78,7 @@ def test_a_text_sets_words_also_new_ones_and_takes_others_out_of_use(stage: Loop
         ForgetWord("old wall"),
     )
     assert acks(stage) == []
-    stage.link.acknowledge_words(request, stage.now, accepted=True)
+    decided(stage, request, Result.APPLIED)
     stage.run(0.2)
     ((name, _, result),) = acks(stage)
     assert (name, result) == ("AT_WORDS", ACCEPTED)
@@ -83,7 +88,7 @@ def test_a_text_sets_words_also_new_ones_and_takes_others_out_of_use(stage: Loop
 def test_one_weight_is_set_as_text(stage: LoopbackLink) -> None:
     (request,) = heard(stage, setting("AT_W_DRY_BUSH", b"-0.5"))
     assert request.operations == (SetWord("dry bush", -0.5),)
-    stage.link.acknowledge_words(request, stage.now, accepted=False)
+    decided(stage, request, Result.REFUSED)
     stage.run(0.2)
     assert acks(stage) == [("AT_W_DRY_BUSH", "-2", FAILED)], "with the value in force"
 
@@ -92,7 +97,7 @@ def test_the_same_again_is_in_progress_until_it_is_decided(stage: LoopbackLink) 
     (request,) = heard(stage, setting("AT_WORDS", b"mud: -1"))
     assert heard(stage, setting("AT_WORDS", b"mud: -1")) == []
     assert [result for _, _, result in acks(stage)] == [IN_PROGRESS]
-    stage.link.acknowledge_words(request, stage.now, accepted=True)
+    decided(stage, request, Result.APPLIED)
     assert len(heard(stage, setting("AT_WORDS", b"mud: -1"))) == 1
     assert [result for _, _, result in acks(stage)] == [IN_PROGRESS, ACCEPTED]
 
@@ -100,9 +105,9 @@ def test_the_same_again_is_in_progress_until_it_is_decided(stage: LoopbackLink) 
 def test_each_of_two_texts_is_acknowledged_with_what_became_of_it(stage: LoopbackLink) -> None:
     (first,) = heard(stage, setting("AT_WORDS", b"mud: 0.5"))
     (second,) = heard(stage, setting("AT_WORDS", b"mud: 0.9"))
-    stage.link.acknowledge_words(first, stage.now, accepted=True)
+    decided(stage, first, Result.APPLIED)
     stage.run(0.2)
-    stage.link.acknowledge_words(second, stage.now, accepted=False)
+    decided(stage, second, Result.REFUSED)
     stage.run(0.2)
     in_force = "grass: 1; old wall: -0.8"
     assert acks(stage) == [("AT_WORDS", "mud: 0.5", ACCEPTED), ("AT_WORDS", in_force, FAILED)]
@@ -148,7 +153,7 @@ def test_a_sender_that_may_not_fails_and_one_for_everybody_is_for_nobody(stage: 
 
 
 def test_a_text_of_many_words_is_told_as_far_as_it_fits(stage: LoopbackLink) -> None:
-    stage.link.set_words({f"a rather long word {number}": -0.25 for number in range(16)})
+    stage.link.text_parameters.set_words({f"a rather long word {number}": -0.25 for number in range(16)})
     stage.send(mavlink.MAVLink_param_ext_request_read_message(1, 191, b"AT_WORDS", -1))
     stage.run(0.3)
     (_, text), *_ = values(stage)
@@ -163,7 +168,7 @@ def test_whatever_is_set_is_read_whole_or_refused(value: bytes, name: bytes, kin
     stage.run(0.02)
     stage.send(mavlink.MAVLink_param_ext_set_message(1, 191, name, value, kind))
     stage.run(0.1)
-    requests, refused = stage.reported(WordsRequest), stage.sent("PARAM_EXT_ACK")
+    requests, refused = stage.reported(Answer), stage.sent("PARAM_EXT_ACK")
     assert len(requests) + len(refused) == 1
     for operation in [one for request in requests for one in request.operations]:
         assert isinstance(operation, ForgetWord) or -1.0 <= operation.weight <= 1.0

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.mavftp import MAVFTP
 
-from companion.wire.packed_parameters import Asked, pack
+from companion.wire.packed_parameters import ListOptions, pack
 from companion.wire.parameters import Parameter, build
 
 NAMES = st.text("ABCDEFGH_0123", min_size=1, max_size=16)
 FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)
 LISTS = st.lists(st.tuples(NAMES, FLOATS), unique_by=lambda row: row[0], max_size=48)
-WHOLE = Asked()
+WHOLE = ListOptions()
 
 
 def listed(rows: list[tuple[str, float]]) -> list[Parameter]:
@@ -46,7 +46,7 @@ def test_with_defaults_each_has_its_own_where_it_is_known(
     rows: list[tuple[str, float]], data: st.DataObject
 ) -> None:
     known = data.draw(st.dictionaries(st.sampled_from([name for name, _ in rows] or ["A"]), FLOATS))
-    found = read(pack(listed(rows), Asked(with_defaults=True), known))
+    found = read(pack(listed(rows), ListOptions(with_defaults=True), known))
     assert told(found.params) == rows
     defaults = [value for _, value in told(found.defaults or [])]
     assert defaults == pytest.approx([known.get(name, value) for name, value in rows], abs=1e-6)
@@ -58,12 +58,16 @@ def test_without_being_asked_no_default_is_told() -> None:
 
 def test_a_part_of_the_list_says_how_many_there_are() -> None:
     rows = [(f"AT_{number}", float(number)) for number in range(5)]
-    for asked, expected in [(Asked(3), rows[3:]), (Asked(1, 2), rows[1:3]), (Asked(0, 9), rows)]:
+    for asked, expected in [
+        (ListOptions(3), rows[3:]),
+        (ListOptions(1, 2), rows[1:3]),
+        (ListOptions(0, 9), rows),
+    ]:
         packed = pack(listed(rows), asked, {})
         assert told(read(packed).params) == expected
         assert struct.unpack_from("<HH", packed, 2) == (len(expected), 5)
     with pytest.raises(ValueError, match="none from 5 on"):
-        pack(listed(rows), Asked(5), {})
+        pack(listed(rows), ListOptions(5), {})
 
 
 def test_names_share_what_they_begin_with() -> None:
@@ -76,7 +80,7 @@ def test_names_share_what_they_begin_with() -> None:
 def test_the_example_in_the_document_is_what_is_packed() -> None:
     document = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
     rows = listed([("AT_W_BUSH", -1.0), ("AT_W_DIRT", 1.0)])
-    packed = pack(rows, Asked(with_defaults=True), {"AT_W_DIRT": 0.5})
+    packed = pack(rows, ListOptions(with_defaults=True), {"AT_W_DIRT": 0.5})
     shown = document.partition("```text\n  0  1c 67")[2].partition("```")[0].splitlines()
     codes = ["1c 67", *(line[5:].partition("  ")[0] for line in shown[1:])]
     assert bytes.fromhex(" ".join(codes)) == packed
@@ -85,14 +89,14 @@ def test_the_example_in_the_document_is_what_is_packed() -> None:
 @pytest.mark.parametrize(
     ("query", "asked"),
     [
-        ("", Asked()),
-        ("withdefaults=1", Asked(with_defaults=True)),
-        ("start=5&count=10", Asked(5, 10)),
-        ("count=10&withdefaults=0&start=65534&other=x", Asked(65534, 10)),
+        ("", ListOptions()),
+        ("withdefaults=1", ListOptions(with_defaults=True)),
+        ("start=5&count=10", ListOptions(5, 10)),
+        ("count=10&withdefaults=0&start=65534&other=x", ListOptions(65534, 10)),
     ],
 )
-def test_what_is_asked_for_is_read_in_any_order(query: str, asked: Asked) -> None:
-    assert Asked.read(query) == asked
+def test_what_is_asked_for_is_read_in_any_order(query: str, asked: ListOptions) -> None:
+    assert ListOptions.read(query) == asked
 
 
 @pytest.mark.parametrize(
@@ -100,4 +104,4 @@ def test_what_is_asked_for_is_read_in_any_order(query: str, asked: Asked) -> Non
 )
 def test_what_is_no_number_of_parameters_is_refused(query: str) -> None:
     with pytest.raises(ValueError, match="is not a number up to"):
-        Asked.read(query)
+        ListOptions.read(query)

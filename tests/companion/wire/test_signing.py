@@ -135,32 +135,32 @@ def test_of_10000_replayed_frames_none_is_believed() -> None:
 
 
 def test_a_new_stream_may_be_a_minute_behind_and_no_more() -> None:
-    assert Timestamps().hear(GROUND, NOW - MINUTE, NOW) == ""
-    assert Timestamps().hear(GROUND, NOW - MINUTE - 1, NOW) == REPLAY
-    assert Timestamps(last=NOW).hear(GROUND, NOW - MINUTE - 1, None) == REPLAY
+    assert Timestamps().check(GROUND, NOW - MINUTE, NOW) == ""
+    assert Timestamps().check(GROUND, NOW - MINUTE - 1, NOW) == REPLAY
+    assert Timestamps(last=NOW).check(GROUND, NOW - MINUTE - 1, None) == REPLAY
 
 
 def test_a_verified_time_ahead_of_ours_moves_ours_but_not_by_over_a_year() -> None:
     timestamps = Timestamps()
-    assert timestamps.hear(GROUND, NOW + FARTHEST_AHEAD, NOW) == ""
+    assert timestamps.check(GROUND, NOW + FARTHEST_AHEAD, NOW) == ""
     assert timestamps.next(Stream(1, 191, 0), NOW) == NOW + FARTHEST_AHEAD + 1
-    assert Timestamps().hear(GROUND, NOW + FARTHEST_AHEAD + 1, NOW) == AHEAD
+    assert Timestamps().check(GROUND, NOW + FARTHEST_AHEAD + 1, NOW) == AHEAD
 
 
 def test_our_timestamps_rise_though_the_clock_goes_back_and_our_own_frames_do_not_come_back_in() -> None:
     timestamps, own = Timestamps(), Stream(1, 191, 0)
     sent = [timestamps.next(own, clock) for clock in (NOW, NOW, NOW - 9_000, NOW + 5)]
     assert sent == [NOW, NOW + 1, NOW + 2, NOW + 5]
-    assert {timestamps.hear(own, timestamp, NOW) for timestamp in sent} == {REPLAY}
-    assert timestamps.hear(own, NOW + 6, NOW) == ""
+    assert {timestamps.check(own, timestamp, NOW) for timestamp in sent} == {REPLAY}
+    assert timestamps.check(own, NOW + 6, NOW) == ""
 
 
 def test_the_table_of_streams_is_bounded_and_forgets_none_that_could_be_replayed() -> None:
     timestamps = Timestamps()
     heard = [(Stream(1 + count // 200, 1 + count % 200, 0), NOW + count) for count in range(300)]
-    assert all(timestamps.hear(stream, at, NOW) == "" for stream, at in heard)
+    assert all(timestamps.check(stream, at, NOW) == "" for stream, at in heard)
     assert len(timestamps.streams) == MAX_STREAMS
-    assert {timestamps.hear(stream, at, NOW) for stream, at in heard} == {REPLAY}
+    assert {timestamps.check(stream, at, NOW) for stream, at in heard} == {REPLAY}
 
 
 def key_file(folder: Path, content: bytes, mode: int = 0o600) -> Path:

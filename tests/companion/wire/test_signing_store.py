@@ -19,7 +19,7 @@ GROUND = Stream(255, 190, 0)
 
 
 def hear(file: TimestampFile, stream: Stream, timestamp: int, clock: int | None = NOW) -> str:
-    reason = file.timestamps.hear(stream, timestamp, clock)
+    reason = file.timestamps.check(stream, timestamp, clock)
     if not reason:
         file.keep(stream)
     return reason
@@ -43,7 +43,7 @@ from companion.wire.signing_store import TimestampFile
 from companion.wire.signing import Stream
 file = TimestampFile(Path(sys.argv[1]))
 for at in range(int(sys.argv[2]), 1 << 47):
-    file.timestamps.hear(Stream(255, 190, 0), at, None)
+    file.timestamps.check(Stream(255, 190, 0), at, None)
     file.keep(Stream(255, 190, 0))
     own = file.timestamps.next(Stream(1, 191, 0), 0)
     file.keep(Stream(1, 191, 0))
@@ -188,10 +188,10 @@ def test_a_clock_that_was_never_set_is_not_believed_until_a_verified_source_tell
     wall = [0.0]
     clock = SigningClock(0, lambda: wall[0])
     assert clock.now(5.0) is None
-    clock.tell(ticks(SOFTWARE_MADE) - 1, 6.0)
+    clock.update(ticks(SOFTWARE_MADE) - 1, 6.0)
     assert clock.now(6.0) is None
-    clock.tell(NOW, 10.0)
-    clock.tell(NOW - 50 * TICKS, 11.0)
+    clock.update(NOW, 10.0)
+    clock.update(NOW - 50 * TICKS, 11.0)
     assert clock.now(12.0) == NOW + 2 * TICKS
     wall[0] = WALL + 500
     assert clock.now(13.0) == NOW + 500 * TICKS

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.link.limits import SenderCache
+from companion.answers.store import SenderCache
 
 senders = st.tuples(st.integers(250, 253), st.just(1))
 

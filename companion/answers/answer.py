@@ -1,0 +1,72 @@
+"""Defines an operator's answer, whichever message it came by, and what it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from anytraverse.answers import Changes, Tap
+from anytraverse.regions import Box
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
+from companion.wire.ids import Motion, SenderId
+
+
+class Via(Enum):
+    """What an answer came by. Its acknowledgement goes back by the message that belongs to it."""
+
+    TUNNEL = "TUNNEL 45003"
+    COMMAND = "COMMAND_LONG 31010"
+    AT_ANSWER = "PARAM_SET AT_ANSWER"
+    TEXT = "PARAM_EXT_SET"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An operator's answer, complete and well-formed. Reply with `Link.acknowledge`.
+
+    target: id of the call or hold, 0 for the current one. transaction: of a TUNNEL, else 0. confirmation: of
+    a COMMAND, above 0 where its sender repeats it. name, raw: of a TEXT, which sets words without a call: the
+    extended parameter and its value as received.
+    """
+
+    sender: SenderId
+    via: Via
+    target: int
+    motion: Motion
+    operations: tuple[Operation, ...] = ()
+    transaction: int = 0
+    confirmation: int = 0
+    name: str = ""
+    raw: bytes = b""
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Equal for an answer and its repetitions. It begins with whose answers are bounded together."""
+        owner = self.sender, self.via
+        if self.via is Via.TUNNEL:
+            return owner, self.transaction
+        return owner, self.target, self.motion, self.operations, self.name, self.raw
+
+
+def changes_of(operations: Iterable[Operation]) -> Changes:
+    """Convert the operations of a payload to changes. Raises AnyTraverseError for an invalid box."""
+    weights: dict[str, float] = {}
+    taps: list[Tap] = []
+    words: list[str] = []
+    calls: list[int] = []
+    new_episode = False
+    for operation in operations:
+        match operation:
+            case SetWord(word, weight):
+                weights[word] = weight
+            case TapBox(frame_id, box, word, weight):
+                taps.append(Tap(frame_id, Box(*box), word, weight))
+            case ForgetWord(word):
+                words.append(word)
+            case ForgetCall(call_id):
+                calls.append(call_id)
+            case NewEpisode():
+                new_episode = True
+    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode)

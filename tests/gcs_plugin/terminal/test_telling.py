@@ -130,7 +130,7 @@ def test_that_the_companion_is_back_and_the_scripts_hold_stands_is_read_as_the_s
     page, rover = io.StringIO(), Rover(1)
     output = TextOutput(page, colours=False)
     for said in board.said:
-        for event in rover.hear_vehicle_text(said.severity, said.text, said.t):
+        for event in rover.handle_vehicle_text(said.severity, said.text, said.t):
             output.event(event, said.t, several=False)
     assert [line[10:] for line in page.getvalue().splitlines()] == [
         'autopilot says "HOLD: companion silent. AUTO again = go blind"',

@@ -15,6 +15,8 @@ from hypothesis import settings
 settings.register_profile("companion", deadline=None, derandomize=True)
 settings.load_profile("companion")
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's, which `pytest -n` would start on every core of each
+
 EXPORT = ("torch", "transformers", "onnx", "PIL")
 
 

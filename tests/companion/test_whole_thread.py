@@ -13,6 +13,7 @@ import pytest
 from companion.sim.demo.child import Child
 from companion.sim.demo.director import Stage
 from companion.sim.demo.main import set_stage
+from tests.waiting import wait_for
 
 PATIENCE = 30.0
 SPEED = 1.2
@@ -29,30 +30,28 @@ class Play:
 
     def wait_for(self, what: str, fits: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """The next event that fits; events before it count as read."""
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
+
+        def fitting() -> dict[str, Any] | None:
             self.events += [json.loads(line) for _, line in self.stage.operator.lines()]
             while self._read < len(self.events):
-                event = self.events[self._read]
                 self._read += 1
-                if fits(event):
-                    return event
-            time.sleep(0.05)
-        raise AssertionError(
-            f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
-        )
+                if fits(self.events[self._read - 1]):
+                    return self.events[self._read - 1]
+            return None
+
+        return wait_for(fitting, PATIENCE, lambda: self._never(what))
 
     def wait_until(self, what: str, fits: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """The field's status once it fits."""
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
+
+        def fitting() -> dict[str, Any] | None:
             status = self.stage.control.status()
-            if fits(status):
-                return status
-            time.sleep(0.05)
-        raise AssertionError(
-            f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
-        )
+            return status if fits(status) else None
+
+        return wait_for(fitting, PATIENCE, lambda: self._never(what))
+
+    def _never(self, what: str) -> str:
+        return f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
 
     def drive_to_the_drum(self) -> dict[str, Any]:
         """Start, and come to a stand before the drum; the call."""
@@ -72,9 +71,7 @@ class Play:
             elif time.monotonic() - since > 3.0:
                 return float(status["distance"])
             time.sleep(0.05)
-        raise AssertionError(
-            f"the rover never stood; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
-        )
+        raise AssertionError(self._never("its standing"))
 
     def restart_daemon(self) -> None:
         """Another daemon on the same configuration."""

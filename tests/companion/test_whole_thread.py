@@ -13,8 +13,13 @@ import pytest
 from companion.sim.demo.child import Child
 from companion.sim.demo.director import Stage
 from companion.sim.demo.main import set_stage
+from companion.sim.field.trail import Trail
 from tests.waiting import wait_for
 
+SEED = 1
+TRAIL = Trail(SEED)
+DRUM_AHEAD = 12.0
+"""m from the start: far enough to be driven up to, nearer than where the trail has it."""
 PATIENCE = 30.0
 SPEED = 1.2
 """m/s: slower than the demo's, so that a busy machine judges the drum before the rover is there."""
@@ -55,6 +60,8 @@ class Play:
 
     def drive_to_the_drum(self) -> dict[str, Any]:
         """Start, and come to a stand before the drum; the call."""
+        place = TRAIL.pose(TRAIL.start + DRUM_AHEAD)
+        self.stage.control.ask("move", id="drum-1", x=place.x, y=place.y)
         self.wait_for("an OK daemon", lambda event: event["event"] == "state" and event["state"] == "ok")
         self.stage.control.start()
         call = self.wait_for("a call", lambda event: event["event"] == "call" and event["kind"] == "call")
@@ -83,7 +90,7 @@ class Play:
 
 @pytest.fixture
 def play(tmp_path: Path) -> Iterator[Play]:
-    stage = set_stage(tmp_path, seed=1, auto=True, speed=SPEED)
+    stage = set_stage(tmp_path, seed=SEED, auto=True, speed=SPEED)
     try:
         yield Play(stage)
     finally:

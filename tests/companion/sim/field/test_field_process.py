@@ -22,7 +22,6 @@ from companion.cameras.frame_socket import FrameStream, FrameTimeout
 from companion.sim.field.__main__ import main
 from companion.sim.field.control import FieldControl
 from companion.sim.field.router import Parser
-from tests.waiting import wait_for
 
 pytest.importorskip("cv2", reason="the field draws with OpenCV")
 
@@ -149,45 +148,6 @@ def test_a_ground_station_that_never_spoke_is_sent_nothing() -> None:
             assert counts["gcs"] == {"in": 0, "out": 0, "from_companion": 0}
     finally:
         end(process)
-
-
-def test_text_from_the_companion_reaches_the_ground_byte_for_byte_and_is_counted(
-    rover: Peer, ground: Peer, control: FieldControl
-) -> None:
-    before = control.status()["bytes"]["gcs"]["from_companion"]
-    raw = rover.tell(mavlink.MAVLink_statustext_message(3, b"C7 unknown thing ahead 38%"))
-    got = ground.hear(kind("STATUSTEXT"))
-    assert bytes(got.get_msgbuf()) == raw
-    assert control.status()["bytes"]["gcs"]["from_companion"] == before + len(raw)
-
-
-def test_a_call_and_its_answer_pass_both_ways_by_target(rover: Peer, ground: Peer) -> None:
-    rover.tell(mavlink.MAVLink_tunnel_message(255, 190, 45002, 4, b"call".ljust(128, b"\0")))
-    assert ground.hear(kind("TUNNEL")).payload_type == 45002
-    ground.tell(mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 7, 1, 0, 0, 0, 0, 0))
-    assert rover.hear(kind("COMMAND_LONG")).param1 == 7
-    rover.tell(mavlink.MAVLink_command_ack_message(31010, 0, 0, 0, 255, 190))
-    assert ground.hear(kind("COMMAND_ACK")).command == 31010
-
-
-def test_it_drives_stops_at_the_companion_s_word_and_drives_on(
-    rover: Peer, ground: Peer, control: FieldControl
-) -> None:
-    control.start()
-    assert ground.hear(lambda f: f.get_type() == "HEARTBEAT" and f.custom_mode == 10 and f.base_mode & 0x80)
-    wait_for(lambda: control.status()["speed"] > 0.8)
-    asked_at = time.monotonic()
-    rover.tell(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 4, 0, 0, 0, 0, 0))
-    assert ground.hear(lambda f: f.get_type() == "HEARTBEAT" and f.custom_mode == 4)
-    assert time.monotonic() - asked_at < 0.5
-    wait_for(lambda: control.status()["speed"] == 0.0)
-    stood_at = control.status()["s"]
-    rover.tell(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 10, 0, 0, 0, 0, 0))
-    wait_for(lambda: control.status()["speed"] > 0.8)
-    status = control.status()
-    assert 0.0 < status["s"] - stood_at < 5.0
-    assert [entry["by"] for entry in status["mode_log"]] == ["hand", "companion", "companion"]
-    control.mode("HOLD")
 
 
 def test_rubbish_on_either_port_stops_nothing(rover: Peer, ground: Peer) -> None:

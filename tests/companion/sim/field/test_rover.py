@@ -91,15 +91,6 @@ def test_it_keeps_to_the_middle_of_the_path_for_a_whole_lap(trail: Trail) -> Non
     assert worst < 0.3
 
 
-def test_it_goes_on_after_a_stop_at_the_place_where_it_stood(trail: Trail) -> None:
-    rover = Rover(trail)
-    drive(rover, Drive.FOLLOW, 20.0)
-    drive(rover, Drive.BRAKE, 5.0)
-    stood_at, progress = rover.s, rover.distance
-    drive(rover, Drive.FOLLOW, 4.0)
-    assert (rover.s - stood_at) % trail.length == pytest.approx(rover.distance - progress, abs=0.2)
-
-
 def test_a_restarted_mission_leads_back_to_the_start_and_on_from_there(trail: Trail) -> None:
     rover = Rover(trail)
     drive(rover, Drive.FOLLOW, 15.0)

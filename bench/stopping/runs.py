@@ -226,7 +226,7 @@ def report(job: Job) -> Iterator[Run]:
             by_companion = [change for change in status["mode_log"] if change["by"] != "hand"]
             commanded = max(len(stage.wire.commands), len(by_companion))
             wrong = ", ".join(stage.wire.commands) or ("" if commanded == 0 else str(by_companion))
-            wrong = wrong or untested(stage.wire.told)
+            wrong = wrong or untested(stage.wire.reported)
             return Run("report", job.seed, wrong, None, commanded)
 
     yield _retried(job, "report", run)

@@ -92,15 +92,15 @@ def _count(
     outcome: Outcome, calls: CountedCalls, operator: Operator, number: int, opened: float, *, whole: bool
 ) -> None:
     applied = [one for one in calls.applied if one.target == number and one.result in _COUNTS]
-    told = operator.calls.get(number)
+    known = operator.calls.get(number)
     outcome.twice += len(applied) > 1
-    if told is None or told.known_at is None or not applied or not whole:
+    if known is None or known.answered_at is None or not applied or not whole:
         outcome.lost += 1
         return
-    outcome.anew += expired(told)
-    outcome.told.append(told.heard_at - opened)
+    outcome.anew += expired(known)
+    outcome.told.append(known.heard_at - opened)
     outcome.answered.append(applied[0].at - opened)
-    outcome.known.append(told.known_at - opened)
+    outcome.known.append(known.answered_at - opened)
 
 
 def _taught_twice(rover: Rover) -> int:

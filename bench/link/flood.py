@@ -120,7 +120,7 @@ def _run(name: str, seconds: float, key: Signing | None) -> Flooded:
         target=_live, args=(queue, udp.port, name, seconds, key is not None), daemon=True
     )
     outside.start()
-    told, turns = Flooded(), array("d", [0.0])
+    measured, turns = Flooded(), array("d", [0.0])
     began = cpu = math.inf
     blocks = 0
     with contextlib.suppress(OSError):
@@ -130,13 +130,13 @@ def _run(name: str, seconds: float, key: Signing | None) -> Flooded:
             for event in link.poll(now):
                 match event:
                     case Answer():
-                        told.granted += event.sender != OPERATOR
+                        measured.granted += event.sender != OPERATOR
                         link.acknowledge(event, _granted(event), now)
                     case VehicleUpdate(vehicle):
                         if began == math.inf:
                             began, cpu = now, time.process_time()
                         late = max(0, int(now * 1000) % (1 << 32) - vehicle.custom_mode) / 1000
-                        told.heard_max = max(told.heard_max, time.monotonic() - now + late)
+                        measured.heard_max = max(measured.heard_max, time.monotonic() - now + late)
             link.tick(now)
             if now > began:
                 turns.append(time.monotonic() - now)
@@ -145,17 +145,17 @@ def _run(name: str, seconds: float, key: Signing | None) -> Flooded:
                 blocks = sys.getallocatedblocks()
             if not queue.empty():
                 break
-    told.cpu = round((time.process_time() - cpu) / (time.monotonic() - began), 3)
+    measured.cpu = round((time.process_time() - cpu) / (time.monotonic() - began), 3)
     gc.collect()
-    told.blocks = sys.getallocatedblocks() - blocks
-    told.turn_p99 = sorted(turns)[int(0.99 * len(turns))]
-    told.turn_max = max(turns)
-    told.rejected = dict(link.counters.rejected)
+    measured.blocks = sys.getallocatedblocks() - blocks
+    measured.turn_p99 = sorted(turns)[int(0.99 * len(turns))]
+    measured.turn_max = max(turns)
+    measured.rejected = dict(link.counters.rejected)
     for figure, value in queue.get(timeout=10.0).items():
-        setattr(told, figure, value)
+        setattr(measured, figure, value)
     outside.join(10.0)
     link.close()
-    return told
+    return measured
 
 
 class Outside:
@@ -172,47 +172,47 @@ class Outside:
         self._transaction, self._pending = 0, False
         self._beat_at = self._operator_beat_at = -math.inf
         self._came_at: list[float] = []
-        self.told = Flooded()
+        self.measured = Flooded()
 
     def live(self, seconds: float) -> dict[str, Any]:
         """Runs the second process, and returns the figures that it measured."""
         began = time.monotonic()
         while (now := time.monotonic()) < began + ALONE + seconds:
-            self._autopilot_speaks(now)
-            self._operator_speaks(now)
-            self._pour(now - began - ALONE)
+            self._send_autopilots_heartbeat(now)
+            self._send_operators_requests(now)
+            self._send_flood(now - began - ALONE)
             self._listen(now)
             time.sleep(0.002)
         gaps = [b - a for a, b in zip(self._came_at, [*self._came_at[1:], now], strict=True)]
-        told = self.told
-        told.beat_max = max(gaps, default=math.inf)
+        measured = self.measured
+        measured.beat_max = max(gaps, default=math.inf)
         if self._pending:
-            told.told_max = max(told.told_max, now - self._first_asked)
-        return {name: getattr(told, name) for name in ("poured", "beat_max", "asked", "told", "told_max")}
+            measured.told_max = max(measured.told_max, now - self._first_asked)
+        return {name: getattr(measured, name) for name in ("poured", "beat_max", "asked", "told", "told_max")}
 
-    def _pour(self, elapsed: float) -> None:
-        due = int(elapsed * self._flood.rate) - self.told.poured
+    def _send_flood(self, elapsed: float) -> None:
+        due = int(elapsed * self._flood.rate) - self.measured.poured
         for datagram in islice(self._next, max(0, due)):
-            self._others[self.told.poured % PORTS].sendto(datagram, self._there)
-            self.told.poured += 1
+            self._others[self.measured.poured % PORTS].sendto(datagram, self._there)
+            self.measured.poured += 1
 
-    def _autopilot_speaks(self, now: float) -> None:
+    def _send_autopilots_heartbeat(self, now: float) -> None:
         if now - self._beat_at >= BEAT:
             self._beat_at = now
             mode = int(now * 1000) % (1 << 32)
-            self._say(self._autopilot, mavlink.MAVLink_heartbeat_message(10, 3, 129, mode, 4, 3), AUTOPILOT)
+            self._send(self._autopilot, mavlink.MAVLink_heartbeat_message(10, 3, 129, mode, 4, 3), AUTOPILOT)
 
-    def _operator_speaks(self, now: float) -> None:
+    def _send_operators_requests(self, now: float) -> None:
         if now - self._operator_beat_at >= 1.0:
             self._operator_beat_at = now
-            self._say(self._operator, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), OPERATOR)
+            self._send(self._operator, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), OPERATOR)
         if now - self._asked_at < (ASK_AGAIN if self._pending else ASK_EVERY):
             return
         self._asked_at = now
         if not self._pending:
             self._transaction, self._pending, self._first_asked = self._transaction + 1, True, now
-            self.told.asked += 1
-        self._say(self._operator, _answer(self._transaction), OPERATOR)
+            self.measured.asked += 1
+        self._send(self._operator, _answer(self._transaction), OPERATOR)
 
     def _listen(self, now: float) -> None:
         for frame in _received(self._autopilot):
@@ -225,10 +225,10 @@ class Outside:
                 ack = Acknowledgement.unpack(frame[15 : 15 + frame[14]].ljust(frame[14], b"\0"))
                 if self._pending and ack.transaction == self._transaction:
                     self._pending = False
-                    self.told.told += 1
-                    self.told.told_max = max(self.told.told_max, now - self._first_asked)
+                    self.measured.told += 1
+                    self.measured.told_max = max(self.measured.told_max, now - self._first_asked)
 
-    def _say(self, by: socket.socket, message: Any, ids: tuple[int, int]) -> None:
+    def _send(self, by: socket.socket, message: Any, ids: tuple[int, int]) -> None:
         frame = _frame(message, *ids)
         if self._key is not None:
             self._stamp += 1

@@ -22,12 +22,12 @@ _WORDS = 10
 
 
 @dataclass
-class Told:
+class KnownCall:
     """A call as the operator knows it, times in s. answers: what was sent for it, in order."""
 
     heard_at: float
     answers: list[Pending] = field(default_factory=list)
-    known_at: float | None = None
+    answered_at: float | None = None
     """When the operator knew that an answer had counted."""
 
 
@@ -37,7 +37,7 @@ class Operator:
     def __init__(self, connection: Connection, seed: str, shown: Callable[[], int]) -> None:
         random = Random(seed)
         self.client = OperatorClient(lambda: random.randrange(1, 1 << 32))
-        self.calls: dict[int, Told] = {}
+        self.calls: dict[int, KnownCall] = {}
         self._runner = Runner(connection, self.client)
         self._shown = shown
         self._number = 0
@@ -51,14 +51,16 @@ class Operator:
             return
         busy = {pending.target for pending in self.client.unsettled}
         for call in self.client.rovers[SYSTEM].open_calls():
-            told = self.calls.get(call.data.id)
-            if told is not None and told.known_at is None and call.data.id not in busy:
-                told.answers.append(self._answer(call.data, now))
+            known = self.calls.get(call.data.id)
+            if known is not None and known.answered_at is None and call.data.id not in busy:
+                known.answers.append(self._answer(call.data, now))
 
     def settled(self, number: int) -> bool:
         """Whether the operator knows that this call is answered, and nothing more is sent for it."""
-        told = self.calls.get(number)
-        return told is not None and told.known_at is not None and all(one.settled for one in told.answers)
+        known = self.calls.get(number)
+        return (
+            known is not None and known.answered_at is not None and all(one.settled for one in known.answers)
+        )
 
     def close(self) -> None:
         """Closes the link."""
@@ -69,7 +71,7 @@ class Operator:
             case ev.LinkChanged(up=True):
                 self.client.request_parameters(SYSTEM)
             case ev.CallOpened(call=call):
-                self.calls.setdefault(call.id, Told(now)).known_at = None
+                self.calls.setdefault(call.id, KnownCall(now)).answered_at = None
             case ev.Acknowledged(acknowledgement=ack) if ack.target in self.calls and ack.result in _FINAL:
                 self._known(ack.target, now)
             case ev.CallClosed(call=call) if call.id in self.calls:
@@ -78,9 +80,9 @@ class Operator:
                 pass
 
     def _known(self, number: int, now: float) -> None:
-        told = self.calls[number]
-        if told.known_at is None:
-            told.known_at = now
+        known = self.calls[number]
+        if known.answered_at is None:
+            known.answered_at = now
 
     def _answer(self, call: CallData, now: float) -> Pending:
         """Makes an answer, in turn: go; a word; a word and go; more words than one frame takes, and go."""
@@ -98,6 +100,6 @@ class Operator:
         return self.client.answer(SYSTEM, target, motion, operations, now)
 
 
-def expired(told: Told) -> int:
+def expired(known: KnownCall) -> int:
     """Counts the answers of a call that ran out of time."""
-    return sum(one.status is Status.EXPIRED for one in told.answers)
+    return sum(one.status is Status.EXPIRED for one in known.answers)

@@ -15,7 +15,7 @@ from companion.cameras.frame_socket import CapturedFrame, FrameError, FrameServe
 _PERIOD = 1.0 / 12.0
 
 
-class Lens:
+class CameraRelay:
     """Serves the field's frames until it is closed.
 
     frozen: serves the last frame again and again, as if just taken. clock: draws the time into each and
@@ -29,7 +29,7 @@ class Lens:
         self._stream = FrameStream(host, int(port))
         self._server = FrameServer()
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="lens", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="camera relay", daemon=True)
         self._thread.start()
 
     @property

@@ -41,13 +41,13 @@ def _mute(*, on: bool) -> Act:
 
 def _freeze(*, on: bool, clock: bool = False) -> Act:
     def act(stage: Stage) -> None:
-        stage.lens.clock, stage.lens.frozen = clock and on, on
+        stage.camera.clock, stage.camera.frozen = clock and on, on
 
     return act
 
 
 def _cover(*, on: bool) -> Act:
-    return lambda stage: stage.cover(on=on)
+    return lambda stage: stage.freeze_camera(on=on)
 
 
 def _break(how: str) -> Act:

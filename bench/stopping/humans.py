@@ -26,7 +26,7 @@ def _mode(stage: Stage) -> Any:
 def _requested(stage: Stage, random: Random) -> str:
     """Brings the companion to command a hold that the autopilot does not receive."""
     stage.wire.deaf = True
-    stage.cover(on=True)
+    stage.freeze_camera(on=True)
     stage.wait("a hold that is asked for", lambda: bool(stage.wire.commands), SOON)
     _pass(stage, random.uniform(0.0, 4.0))
     return random.choice(["MANUAL", "RTL"])
@@ -34,10 +34,10 @@ def _requested(stage: Stage, random: Random) -> str:
 
 def _standing(stage: Stage, random: Random) -> str:
     """Brings the companion to hold: it sees again, but no go was given."""
-    stage.cover(on=True)
+    stage.freeze_camera(on=True)
     stage.wait("a hold", lambda: _mode(stage) == "HOLD", SOON)
     _pass(stage, random.uniform(0.0, 2.0))
-    stage.cover(on=False)
+    stage.freeze_camera(on=False)
     stage.wait_until_well()
     return random.choice(["MANUAL", "AUTO", "GUIDED", "RTL"])
 
@@ -48,7 +48,7 @@ def _resuming(stage: Stage, random: Random) -> str:
     _pass(stage, READ)
     stage.wire.deaf = True
     asked = len(stage.wire.commands)
-    stage.ground.go(int(stage.told()["current_id"]))
+    stage.ground.go(int(stage.read_status()["current_id"]))
     stage.wait("the way back", lambda: len(stage.wire.commands) > asked, SOON)
     _pass(stage, random.uniform(0.0, 1.5))
     return random.choice(["MANUAL", "RTL"])

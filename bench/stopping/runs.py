@@ -144,7 +144,7 @@ def _pressed(job: Job, kind: str, pressure: Pressure, random: Random) -> Run:
                 if change["by"] == "companion" and reasons and "fault" not in reasons:
                     raise Disturbed(f"it was held for {reasons}: {change}")
                 return Run(kind, job.seed, f"held for {reasons or 'nothing said'}: {change}")
-            stop = stage.measure(lambda: stage.cover(on=True))
+            stop = stage.measure(lambda: stage.freeze_camera(on=True))
             stop = replace(stop, gap=stage.wire.longest_gap(begun, time.monotonic()))
         return Run(kind, job.seed, _verdict(stop), stop)
 
@@ -161,10 +161,10 @@ def human(job: Job) -> Iterator[Run]:
             wrong = take_over(stage, state, random)
             if wrong:
                 return Run("human", job.seed, wrong)
-            stage.cover(on=False)
+            stage.freeze_camera(on=False)
             stage.wait_until_well()
             stage.drive()
-            stop = stage.measure(lambda: stage.cover(on=True))
+            stop = stage.measure(lambda: stage.freeze_camera(on=True))
             return Run("human", job.seed, _verdict(stop), stop)
 
     yield _retried(job, "human", run)
@@ -182,7 +182,7 @@ def alien(job: Job) -> Iterator[Run]:
         with job.stage(plan, out) as stage:
             stage.wait_until_well()
         with job.stage(replace(plan, at=there), out) as stage:
-            stage.wait("a companion that sees", lambda: stage.told().get("frames", {}) != {}, 60.0)
+            stage.wait("a companion that sees", lambda: stage.read_status().get("frames", {}) != {}, 60.0)
             return _asks(job, stage)
 
     yield _retried(job, "alien_place", run)
@@ -194,7 +194,7 @@ def _asks(job: Job, stage: Stage) -> Run:
     before = after = stage.status()
     asks = False
     while after["t"] - before["t"] < limit.seconds + BEYOND:
-        after, told = stage.status(), stage.told()
+        after, told = stage.status(), stage.read_status()
         asks = told.get("state") == "calling" and "unknown_scene" in told["reasons"]
         if asks and after["mode"] == "HOLD" and after["speed"] <= STANDSTILL:
             break
@@ -212,7 +212,7 @@ def report(job: Job) -> Iterator[Run]:
         )
         with job.stage(plan) as stage:
             stage.set_speed(random.uniform(0.8 * RUSH, RUSH))
-            stage.wait("a companion that sees", lambda: bool(stage.told()), 60.0)
+            stage.wait("a companion that sees", lambda: bool(stage.read_status()), 60.0)
             stage.control.start()
             doings = [*CAMERA.values(), SILENCE["dead_link"]]
             for part, fault in enumerate(doings, start=1):
@@ -226,7 +226,7 @@ def report(job: Job) -> Iterator[Run]:
             by_companion = [change for change in status["mode_log"] if change["by"] != "hand"]
             commanded = max(len(stage.wire.commands), len(by_companion))
             wrong = ", ".join(stage.wire.commands) or ("" if commanded == 0 else str(by_companion))
-            wrong = wrong or untested(stage.wire.told)
+            wrong = wrong or untested(stage.wire.reported)
             return Run("report", job.seed, wrong, None, commanded)
 
     yield _retried(job, "report", run)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.stopping import perceivers as eyes
-from bench.stopping.camera_relay import Lens
+from bench.stopping import perceivers
+from bench.stopping.camera_relay import CameraRelay
 from bench.stopping.ground import Ground
 from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.slow_disk import SlowDisk
@@ -131,10 +131,10 @@ class Stage:
         port = ports["companion"].rpartition(":")[2]
         self.wire = self._closing.enter_context(closing(Wire(int(port), calls=plan.listens)))
         self.disk = SlowDisk(self.out) if plan.slow_disk else None
-        self.lens = self._closing.enter_context(closing(Lens(ports["frames"])))
+        self.camera = self._closing.enter_context(closing(CameraRelay(ports["frames"])))
         self.ground = self._closing.enter_context(closing(Ground(ports["gcs"])))
-        self.config = self._write_config(self.lens.source, self.wire.url)
-        eyes.register()
+        self.config = self._write_config(self.camera.source, self.wire.url)
+        perceivers.register()
         self.freshness = load_config(str(self.config)).freshness
         self.start_daemon()
 
@@ -161,7 +161,7 @@ class Stage:
         part.write_text(how, encoding="utf-8")
         part.replace(self.out / "fault")
 
-    def cover(self, *, on: bool) -> None:
+    def freeze_camera(self, *, on: bool) -> None:
         """Makes the camera deliver nothing."""
         self.control.ask("freeze_camera", on=on)
 
@@ -174,7 +174,7 @@ class Stage:
         """Returns the field's status."""
         return self.control.status()
 
-    def told(self) -> dict[str, Any]:
+    def read_status(self) -> dict[str, Any]:
         """Reads the companion's status file; empty while there is none."""
         with contextlib.suppress(OSError, ValueError):
             return dict(json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8")))
@@ -212,7 +212,7 @@ class Stage:
     def _well_after(self, since: float) -> bool:
         path = self.out / "state" / "status.json"
         with contextlib.suppress(OSError):
-            return path.stat().st_mtime > since and self.told().get("state") in ("ok", "holding")
+            return path.stat().st_mtime > since and self.read_status().get("state") in ("ok", "holding")
         return False
 
     def drive(self, longer: float = 0.0) -> None:

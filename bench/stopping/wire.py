@@ -45,8 +45,8 @@ class Wire:
 
     cut: nothing passes. deaf: commands to the vehicle are lost. mute: nothing passes from the autopilot to
     the companion. commands: all commands that the companion sent to the vehicle, lost or not. well:
-    heartbeats that reached the autopilot and said neither starting nor fault. told: state and policy of every
-    heartbeat of the companion, lost or not. beats: when the newest heartbeats of the companion came,
+    heartbeats that reached the autopilot and said neither starting nor fault. reported: state and policy of
+    every heartbeat of the companion, lost or not. beats: when the newest heartbeats of the companion came,
     monotonic seconds, and their state.
     """
 
@@ -56,7 +56,7 @@ class Wire:
         self.beats: deque[tuple[float, State]] = deque(maxlen=_BEATS)
         self.commands: list[str] = []
         self.well = 0
-        self.told: set[tuple[State, Policy]] = set()
+        self.reported: set[tuple[State, Policy]] = set()
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._near.bind(("127.0.0.1", 0))
         self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -118,8 +118,8 @@ class Wire:
         frames = Parser().frames(datagram)
         orders = [order for frame in frames if (order := _ordered(frame))]
         self.commands += orders
-        beats = [_told(frame) for frame in frames if frame.get_type() == "HEARTBEAT"]
-        self.told |= set(beats)
+        beats = [_reported_by(frame) for frame in frames if frame.get_type() == "HEARTBEAT"]
+        self.reported |= set(beats)
         self.beats += [(time.monotonic(), state) for state, _ in beats]
         if not self.cut and not (self.deaf and orders):
             self._far.send(datagram)
@@ -131,7 +131,7 @@ class Wire:
             self._near.sendto(datagram, self._companion)
 
 
-def _told(frame: Any) -> tuple[State, Policy]:
+def _reported_by(frame: Any) -> tuple[State, Policy]:
     state, _, policy = read_heartbeat_mode(frame.custom_mode)
     return state, policy
 

@@ -32,7 +32,7 @@ import cv2
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.synthetic_frames import picture
-from bench.vision.painted import COMMAND, register
+from bench.vision.synthetic import COMMAND, register
 from companion import run
 from companion.config import load_config
 from companion.storage import Journal
@@ -125,7 +125,7 @@ def vision_pid() -> int | None:
     for task in Path("/proc/self/task").iterdir():
         with suppress(OSError, ValueError):
             for pid in (task / "children").read_text().split():
-                if "bench.vision.painted" in Path(f"/proc/{pid}/cmdline").read_text():
+                if "bench.vision.synthetic" in Path(f"/proc/{pid}/cmdline").read_text():
                     return int(pid)
     return None
 
@@ -141,7 +141,7 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
     path.write_text(
         f'[camera]\nsource = "folder:{frames}"\nloop = true\n[vehicle]\nfile = ""\n'
         f'[link]\nurl = "udpout:127.0.0.1:{operator.port}"\nbudget = 0\nasked_budget = 0\n'
-        f'[journal]\nfolder = "{folder / "state"}"\n[perceiver]\nname = "plates"\n[words]\ngrass = 1.0\n'
+        f'[journal]\nfolder = "{folder / "state"}"\n[perceiver]\nname = "synthetic"\n[words]\ngrass = 1.0\n'
     )
     over, results = threading.Event(), Counter[str]()
     told: dict[str, float] = {}

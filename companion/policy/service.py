@@ -22,7 +22,7 @@ from companion.wire.parameters import POLICY
 log = logging.getLogger(__name__)
 
 AfterWrite = Callable[[Callable[[bool, float], None]], None]
-"""Registers a callback for when this turn's changes are in the journal: see `Persistence.when_stored`."""
+"""Registers a callback for when this turn's changes are in the journal: see `Persistence.after_write`."""
 
 
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED

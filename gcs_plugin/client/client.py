@@ -86,9 +86,9 @@ class OperatorClient:
         if component == AUTOPILOT_COMPONENT_ID:
             if kind == "HEARTBEAT":
                 vehicle = read_vehicle(message.autopilot, message.base_mode, message.custom_mode)
-                self._events.extend(rover.hear_vehicle(vehicle))
+                self._events.extend(rover.handle_vehicle(vehicle))
             elif kind == "STATUSTEXT":
-                self._events.extend(rover.hear_vehicle_text(message.severity, message.text, now))
+                self._events.extend(rover.handle_vehicle_text(message.severity, message.text, now))
             return
         frame = bytes(message.get_msgbuf() or b"")
         rover.counters.bytes += len(frame)
@@ -159,20 +159,22 @@ class OperatorClient:
 
     def _dispatch(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
         if kind == "HEARTBEAT":
-            self._events.extend(rover.hear_alive(now))
-            return rover.hear_state(message.custom_mode, now)
+            self._events.extend(rover.handle_heartbeat(now))
+            return rover.handle_state(message.custom_mode, now)
         if kind == "STATUSTEXT":
-            return rover.hear_text(message.severity, message.text, now)
+            return rover.handle_text(message.severity, message.text, now)
         if kind == "PARAM_VALUE":
-            return rover.hear_parameter(message.param_id, message.param_value)
+            return rover.handle_parameter(message.param_id, message.param_value)
         if kind == "TUNNEL":
             return self._unwrap(rover, message, now)
         if kind in _ADDRESSED and not self._is_for_us(message):
             return []
         if kind == "FILE_TRANSFER_PROTOCOL":
-            self._outbox.hear_file(rover.system, bytes(message.payload), now)
+            self._outbox.handle_file(rover.system, bytes(message.payload), now)
         if kind == "COMMAND_ACK" and message.command == ANSWER_COMMAND:
-            self._outbox.hear_policy(rover.system, granted=message.result == mavlink.MAV_RESULT_ACCEPTED)
+            self._outbox.handle_policy_result(
+                rover.system, granted=message.result == mavlink.MAV_RESULT_ACCEPTED
+            )
         return []
 
     def _is_for_us(self, message: Any) -> bool:
@@ -185,9 +187,9 @@ class OperatorClient:
             raise PayloadError(f"payload length {message.payload_length} is over {MAX_PAYLOAD}")
         payload = bytes(message.payload[: message.payload_length])
         if message.payload_type == TUNNEL_SUMMARY:
-            return rover.hear_summary(Summary.unpack(payload), now)
+            return rover.handle_summary(Summary.unpack(payload), now)
         if message.payload_type == TUNNEL_CALL:
-            return rover.hear_call(CallData.unpack(payload), now)
+            return rover.handle_call(CallData.unpack(payload), now)
         if message.payload_type == TUNNEL_ACKNOWLEDGEMENT:
             return self._acknowledged(rover, Acknowledgement.unpack(payload), now)
         return []
@@ -202,10 +204,10 @@ class OperatorClient:
         if pending.settled and ack.result is Result.BUSY:
             return []  # it will not be sent again, so "busy, will be sent again" would be wrong
         pending.acknowledge(ack, final=ack.result is not Result.BUSY)
-        return [ev.Acknowledged(rover.system, ack), *rover.hear_acknowledgement(ack, now)]
+        return [ev.Acknowledged(rover.system, ack), *rover.handle_acknowledgement(ack, now)]
 
     def _not_understood(self, rover: Rover, problem: str) -> None:
-        rover.counters.rubbish += 1
+        rover.counters.unreadable += 1
         if (rover.system, problem) not in self._problems and len(self._problems) < MAX_PROBLEMS:
             self._problems.add((rover.system, problem))
             self._events.append(ev.NotUnderstood(rover.system, problem))

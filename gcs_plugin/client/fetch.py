@@ -94,7 +94,7 @@ class Fetch:
             return self._request(Opcode.BURST_READ_FILE, offset=gap, size=MAX_DATA)
         return self._request(Opcode.READ_FILE, offset=gap, size=min(MAX_DATA, end - gap))
 
-    def hear(self, reply: FtpPayload, now: float) -> None:
+    def receive(self, reply: FtpPayload, now: float) -> None:
         """Take in a file transfer message of this rover; those of other sessions are ignored."""
         if self.settled or reply.session != self.session or self.status is FetchStatus.WAITING:
             return

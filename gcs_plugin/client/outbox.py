@@ -93,12 +93,12 @@ class Outbox:
         pending = next((one for one in self._pending if (one.system, one.transaction) == asked), None)
         return None if pending is None or pending.first_sent is None else pending
 
-    def hear_file(self, system: int, payload: bytes, now: float) -> None:
+    def handle_file(self, system: int, payload: bytes, now: float) -> None:
         """Pass a file transfer payload to the rover's fetch. Raises PayloadError."""
         if system in self._fetches:
-            self._fetches[system].hear(FtpPayload.unpack(payload), now)
+            self._fetches[system].receive(FtpPayload.unpack(payload), now)
 
-    def hear_policy(self, system: int, *, granted: bool) -> None:
+    def handle_policy_result(self, system: int, *, granted: bool) -> None:
         """Take in the rover's acknowledgement of a policy request."""
         policy_request = self._policy_requests.get(system)
         if policy_request is not None and policy_request.acknowledge(granted=granted):

@@ -44,17 +44,17 @@ _HOLDS_STAGE = CHANGING_RESULTS | {Result.STALE}
 class Call:
     """Holds the newest data of a call or hold.
 
-    heard_at: when it was received. told_at: when the call was reported to the operator. Seconds, as `now`.
+    received_at: when it was received. reported_at: when it was reported to the operator. Seconds, as `now`.
     """
 
     data: CallData
     opened_at: float
-    heard_at: float
+    received_at: float
     serial: int = 0
     """Number of this call among all of this rover; unlike the id it is not used again after a restart."""
     presumed_closed: bool = False
     """It was closed without a closing message: a later message that says it is open opens it again."""
-    told_at: float = 0.0
+    reported_at: float = 0.0
 
     @property
     def open(self) -> bool:
@@ -62,15 +62,15 @@ class Call:
 
     def age(self, now: float) -> float:
         """Return the seconds since it was announced."""
-        return self.data.age_s + now - self.heard_at
+        return self.data.age_s + now - self.received_at
 
 
 @dataclass
 class Counters:
-    """Counts what was received from the companion. rubbish: the messages that could not be read."""
+    """Counts what was received from the companion. unreadable: the messages that could not be read."""
 
     bytes: int = 0
-    rubbish: int = 0
+    unreadable: int = 0
     summaries: int = 0
     summaries_lost: int = 0
     duplicate_acknowledgements: int = 0
@@ -83,7 +83,7 @@ class Counters:
 
 
 class Rover:
-    """Tracks one system. Every `hear_...` takes in a message's content, and returns the resulting events."""
+    """Tracks one system. Every `handle_...` takes a message's content and returns the resulting events."""
 
     def __init__(self, system: int) -> None:
         self.system = system
@@ -98,7 +98,7 @@ class Rover:
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
         self.parameters: dict[str, float] = {}
         self.counters = Counters()
-        self._heard_at: float | None = None
+        self._heartbeat_at: float | None = None
         self._up = False
         self._current_since = 0.0
         self._idle_since: float | None = None
@@ -107,25 +107,25 @@ class Rover:
 
     def alive(self, now: float) -> bool:
         """Return whether the last heartbeat of its companion is younger than 3 s."""
-        return self._heard_at is not None and now - self._heard_at < FRESH_S
+        return self._heartbeat_at is not None and now - self._heartbeat_at < FRESH_S
 
     @property
     def known(self) -> bool:
         """Whether a heartbeat of its companion was ever received."""
-        return self._heard_at is not None
+        return self._heartbeat_at is not None
 
     def silence(self, now: float) -> float:
         """Return the seconds since the companion's last heartbeat; infinity before the first."""
-        return math.inf if self._heard_at is None else now - self._heard_at
+        return math.inf if self._heartbeat_at is None else now - self._heartbeat_at
 
     def open_calls(self) -> list[Call]:
         """Return the open calls and holds in the order of their ids."""
         return [call for _, call in sorted(self.calls.items()) if call.open]
 
-    def told_for(self, number: int, now: float) -> float:
+    def reported_for(self, number: int, now: float) -> float:
         """Return the seconds since this call or hold was reported to the operator."""
         call = self.calls.get(number)
-        return now - (self._current_since if call is None else call.told_at)
+        return now - (self._current_since if call is None else call.reported_at)
 
     def words(self) -> dict[str, float]:
         """Return the words in use with their weights, as far as parameter names can spell them."""
@@ -136,16 +136,16 @@ class Rover:
             if name.startswith(WORD_PREFIX) and -1.0 <= value <= 1.0
         }
 
-    def hear_vehicle(self, vehicle: Vehicle) -> list[ev.Event]:
+    def handle_vehicle(self, vehicle: Vehicle) -> list[ev.Event]:
         """Take in the autopilot's mode and arming."""
         if vehicle == self.vehicle:
             return []
         self.vehicle = vehicle
         return [ev.VehicleChanged(self.system, vehicle.mode, vehicle.armed)]
 
-    def hear_alive(self, now: float) -> list[ev.Event]:
+    def handle_heartbeat(self, now: float) -> list[ev.Event]:
         """Take in a heartbeat of the companion, whatever its content."""
-        self._heard_at = now
+        self._heartbeat_at = now
         return self.check_link(now)
 
     def check_link(self, now: float) -> list[ev.Event]:
@@ -155,7 +155,7 @@ class Rover:
         self._up = not self._up
         return [ev.LinkChanged(self.system, self._up)]
 
-    def hear_state(self, custom_mode: int, now: float) -> list[ev.Event]:
+    def handle_state(self, custom_mode: int, now: float) -> list[ev.Event]:
         """Take in the heartbeat's custom_mode. Raises ValueError for a state unknown to this version."""
         state, current_id, self.policy = read_heartbeat_mode(custom_mode)
         new_events: list[ev.Event] = []
@@ -166,7 +166,7 @@ class Rover:
         self.state, self.current_id = state, current_id
         return new_events + self._close_missed(now)
 
-    def hear_summary(self, summary: Summary, now: float) -> list[ev.Event]:
+    def handle_summary(self, summary: Summary, now: float) -> list[ev.Event]:
         """Take in a summary, and count lost ones by the gap in the sequence.
 
         A gap too large for the time since the last summary is a restart of the companion, not a loss.
@@ -183,17 +183,17 @@ class Rover:
         self.summary, self._summary_at = summary, now
         return [ev.SummaryReceived(self.system, summary)]
 
-    def hear_call(self, data: CallData, now: float) -> list[ev.Event]:
+    def handle_call(self, data: CallData, now: float) -> list[ev.Event]:
         """Take in the data of a call or hold; a mere repeat makes no event."""
         known = self.calls.get(data.id)
         if known is not None and not _is_another_call(known, data, now):
             return self._update_call(known, data, now)
         self._make_room()
         self._serial += 1
-        self.calls[data.id] = Call(data, now - data.age_s, now, self._serial, told_at=now)
+        self.calls[data.id] = Call(data, now - data.age_s, now, self._serial, reported_at=now)
         return [] if data.stage is Stage.CLOSED else [ev.CallOpened(self.system, data)]
 
-    def hear_acknowledgement(self, ack: Acknowledgement, now: float) -> list[ev.Event]:
+    def handle_acknowledgement(self, ack: Acknowledgement, now: float) -> list[ev.Event]:
         """Update the call's stage from an answer's acknowledgement, before the call's own next message.
 
         The acknowledgement of a refused answer holds no stage; a stale answer means that the call is closed.
@@ -209,19 +209,19 @@ class Rover:
             return [self._close(call, ack.outcome, now)]
         return []
 
-    def hear_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
+    def handle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         """Take in a STATUSTEXT of the companion."""
         self.texts.append((now, severity, text))
         return [ev.TextReceived(self.system, severity, text)]
 
-    def hear_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
+    def handle_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         """Report the autopilot's texts of WARNING or worse, except repeats of the companion's texts."""
         echo = any(new_events == text and now - at < ECHO_S for at, _, new_events in self.texts)
         if severity > MAV_SEVERITY_WARNING or echo:
             return []
         return [ev.VehicleTextReceived(self.system, severity, text)]
 
-    def hear_parameter(self, name: str, value: float) -> list[ev.Event]:
+    def handle_parameter(self, name: str, value: float) -> list[ev.Event]:
         """Take in a parameter; invalid names, values that are not finite, and names too many are dropped."""
         if not _NAME.match(name) or not math.isfinite(value) or self.parameters.get(name) == value:
             return []
@@ -233,9 +233,9 @@ class Rover:
     def _update_call(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
         if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):
             return []
-        before, known.data, known.heard_at = known.data, data, now
+        before, known.data, known.received_at = known.data, data, now
         if known.presumed_closed:
-            known.presumed_closed, known.told_at = False, now
+            known.presumed_closed, known.reported_at = False, now
             return [ev.CallOpened(self.system, data)]
         if data.stage is Stage.CLOSED:
             return [ev.CallClosed(self.system, data, now - known.opened_at)]
@@ -252,7 +252,7 @@ class Rover:
             self._idle_since = now
         new_events: list[ev.Event] = []
         for call in self.open_calls():
-            if call.heard_at < self._idle_since <= now - FRESH_S:
+            if call.received_at < self._idle_since <= now - FRESH_S:
                 call.presumed_closed = True
                 new_events.append(self._close(call, Outcome.NONE, now))
         return new_events
@@ -263,7 +263,7 @@ class Rover:
 
     def _make_room(self) -> None:
         if len(self.calls) >= MAX_CALLS:
-            by_use = sorted(self.calls.values(), key=lambda call: (call.open, call.heard_at))
+            by_use = sorted(self.calls.values(), key=lambda call: (call.open, call.received_at))
             del self.calls[by_use[0].data.id]
 
 

@@ -80,7 +80,7 @@ def address(reply: Reply, rover: Rover, now: float) -> Addressed:
     call = rover.calls.get(target)
     if reply.call_id is not None and call is not None and not call.open:
         raise CommandError(f"call {target} is closed already: type `calls` for what is open")
-    if reply.call_id is None and target and rover.told_for(target, now) < READ_S:
+    if reply.call_id is None and target and rover.reported_for(target, now) < READ_S:
         raise CommandError(f"{target} is new, so nothing was sent: read it, then type that again")
     if not target and reply.motion is not Motion.NONE:
         raise CommandError("no call is open, so nothing waits for this; words alone are taken: `bush: -1`")

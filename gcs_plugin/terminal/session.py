@@ -61,7 +61,7 @@ class SessionStatistics:
             "answers_acknowledged": self._acknowledged,
             "closed_by_outcome": dict(self._by_outcome),
             "bytes_from_companion": sum(counter.bytes for counter in counters),
-            "not_understood": sum(counter.rubbish for counter in counters),
+            "not_understood": sum(counter.unreadable for counter in counters),
             "latency_ms": {
                 "p50": median(latencies) if latencies else None,
                 "max": max((counter.latency_max_ms for counter in counters if latencies), default=None),

@@ -76,7 +76,7 @@ class Signing:
         self._reported: set[tuple[str, str]] = set()
         self._problems: list[str] = []
 
-    def hears(self, message: Any) -> bool:
+    def accepts(self, message: Any) -> bool:
         """Return whether a decoded message is signed with our key and is not a replay."""
         frame = bytes(message.get_msgbuf())
         reason = wire.refusal(frame, self._key, self._timestamps, self._clock())

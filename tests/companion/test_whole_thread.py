@@ -13,7 +13,13 @@ import pytest
 from companion.sim.demo.child import Child
 from companion.sim.demo.director import Stage
 from companion.sim.demo.main import set_stage
+from companion.sim.field.trail import Trail
+from tests.waiting import wait_for
 
+SEED = 1
+TRAIL = Trail(SEED)
+DRUM_AHEAD = 12.0
+"""m from the start: far enough to be driven up to, nearer than where the trail has it."""
 PATIENCE = 30.0
 SPEED = 1.2
 """m/s: slower than the demo's, so that a busy machine judges the drum before the rover is there."""
@@ -29,33 +35,33 @@ class Play:
 
     def wait_for(self, what: str, fits: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """The next event that fits; events before it count as read."""
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
+
+        def fitting() -> dict[str, Any] | None:
             self.events += [json.loads(line) for _, line in self.stage.operator.lines()]
             while self._read < len(self.events):
-                event = self.events[self._read]
                 self._read += 1
-                if fits(event):
-                    return event
-            time.sleep(0.05)
-        raise AssertionError(
-            f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
-        )
+                if fits(self.events[self._read - 1]):
+                    return self.events[self._read - 1]
+            return None
+
+        return wait_for(fitting, PATIENCE, lambda: self._never(what))
 
     def wait_until(self, what: str, fits: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """The field's status once it fits."""
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
+
+        def fitting() -> dict[str, Any] | None:
             status = self.stage.control.status()
-            if fits(status):
-                return status
-            time.sleep(0.05)
-        raise AssertionError(
-            f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
-        )
+            return status if fits(status) else None
+
+        return wait_for(fitting, PATIENCE, lambda: self._never(what))
+
+    def _never(self, what: str) -> str:
+        return f"{what} never came; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
 
     def drive_to_the_drum(self) -> dict[str, Any]:
         """Start, and come to a stand before the drum; the call."""
+        place = TRAIL.pose(TRAIL.start + DRUM_AHEAD)
+        self.stage.control.ask("move", id="drum-1", x=place.x, y=place.y)
         self.wait_for("an OK daemon", lambda event: event["event"] == "state" and event["state"] == "ok")
         self.stage.control.start()
         call = self.wait_for("a call", lambda event: event["event"] == "call" and event["kind"] == "call")
@@ -72,9 +78,7 @@ class Play:
             elif time.monotonic() - since > 3.0:
                 return float(status["distance"])
             time.sleep(0.05)
-        raise AssertionError(
-            f"the rover never stood; the daemon said:\n{self.stage.daemon.log.read_text()[-2000:]}"
-        )
+        raise AssertionError(self._never("its standing"))
 
     def restart_daemon(self) -> None:
         """Another daemon on the same configuration."""
@@ -86,7 +90,7 @@ class Play:
 
 @pytest.fixture
 def play(tmp_path: Path) -> Iterator[Play]:
-    stage = set_stage(tmp_path, seed=1, auto=True, speed=SPEED)
+    stage = set_stage(tmp_path, seed=SEED, auto=True, speed=SPEED)
     try:
         yield Play(stage)
     finally:

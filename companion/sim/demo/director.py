@@ -146,7 +146,7 @@ class Director:
         kind = str(thing["kind"]) if thing is not None else None
         line = operator.answer(call, str(self.status["zone"]), kind, now)
         if line is not None:
-            self._story.tell(self._clock(now), f"operator types: {call['id']} {line}")
+            self._story.log(self._clock(now), f"operator types: {call['id']} {line}")
             self._tally.typed(line)
             self._stage.operator.type(f"{call['id']} {line}")
 
@@ -179,7 +179,7 @@ class Director:
             self._stage.control.remove(thing["id"])
             self._tally.kept_off += 1
             self._blocked_since = None
-            self._story.tell(
+            self._story.log(
                 self._clock(now),
                 f"somebody takes the {thing['kind']} away, {thing['distance']:.1f} m before the rover",
             )
@@ -188,7 +188,7 @@ class Director:
         self._stage.control.mode("AUTO")
         self._tally.taken_over += 1
         self._blocked_since = None
-        self._story.tell(self._clock(now), "nothing is in the way: a human takes over and sets AUTO by hand")
+        self._story.log(self._clock(now), "nothing is in the way: a human takes over and sets AUTO by hand")
 
     def _watch_return(self) -> None:
         status = self.status
@@ -203,7 +203,7 @@ class Director:
             return
         if status["distance"] - self._returned_at >= BEYOND_RETURN and self._tally.history_matches:
             if not self._tally.returned_without_call:
-                self._story.tell(
+                self._story.log(
                     self._clock(time.monotonic()), "back in the meadow, and nobody was asked about it"
                 )
             self._tally.returned_without_call = True

@@ -90,7 +90,7 @@ class _Rehearsal:
             if self._auto:
                 self._answer()
             if self._over():
-                self._story.tell(self._seconds, "the drive is over")
+                self._story.log(self._seconds, "the drive is over")
                 break
 
     @property
@@ -114,14 +114,14 @@ class _Rehearsal:
         elif name == "closed":
             self._asked_at.pop(event["id"], None)
         elif name == "text" and " would hold: " in event["text"] and self._auto:
-            self._story.tell(self._seconds, event["text"])
+            self._story.log(self._seconds, event["text"])
 
     def _answer(self) -> None:
         now = time.monotonic()
         for call, since in self._asked_at.items():
             if now - since > THINK:
                 self._asked_at[call] = now
-                self._story.tell(self._seconds, f"operator types: {call} go")
+                self._story.log(self._seconds, f"operator types: {call} go")
                 self._operator.type(f"{call} go")
 
     def _over(self) -> bool:

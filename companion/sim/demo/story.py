@@ -28,7 +28,7 @@ class Story:
         self._contacts = 0
         self.where = ""
 
-    def tell(self, seconds: float, text: str) -> None:
+    def log(self, seconds: float, text: str) -> None:
         """Prints one line. seconds: since the start."""
         line = f"{seconds:6.1f} s  {self.where:<14} {text}"
         if self._clock:
@@ -44,35 +44,35 @@ class Story:
         name = event.get("event")
         if name == "call" and event["kind"] == "call":
             why = " and ".join(_REASONS[reason] for reason in event["reasons"])
-            self.tell(seconds, f"CALL {event['id']}: {why} ({_figures(event)}, frame {event['frame_id']})")
+            self.log(seconds, f"CALL {event['id']}: {why} ({_figures(event)}, frame {event['frame_id']})")
         elif name == "call":
-            self.tell(seconds, f"HOLD {event['id']}: {_REASONS.get(_first(event), 'not OK')}")
+            self.log(seconds, f"HOLD {event['id']}: {_REASONS.get(_first(event), 'not OK')}")
         elif name == "call_changed" and event["stage"] == "clear":
-            self.tell(seconds, f"{event['id']}: the way is clear now; it asks for a go")
+            self.log(seconds, f"{event['id']}: the way is clear now; it asks for a go")
         elif name == "closed" and event["kind"] == "call":
-            self.tell(seconds, f"call {event['id']} is closed: {event['outcome'].replace('_', ' ')}")
+            self.log(seconds, f"call {event['id']} is closed: {event['outcome'].replace('_', ' ')}")
         elif name == "ack":
-            self.tell(seconds, f"answer {event['result'].replace('_', ' ')}: {event['text']}")
+            self.log(seconds, f"answer {event['result'].replace('_', ' ')}: {event['text']}")
         elif name == "text" and event["text"].startswith("Known place again"):
-            self.tell(seconds, f"no call: {event['text']}")
+            self.log(seconds, f"no call: {event['text']}")
         elif name == "state" and event["state"] in {"blocked", "fault"}:
-            self.tell(seconds, f"state {event['state'].upper()}: {_REASONS[event['state']]}")
+            self.log(seconds, f"state {event['state'].upper()}: {_REASONS[event['state']]}")
 
     def picture(self, event: dict[str, Any], out: Path, seconds: float) -> None:
         """Prints where a call's large picture is on this computer."""
         if event.get("event") == "call" and event.get("picture"):
             name = Path(str(event["picture"])).stem
-            self.tell(seconds, f"picture: {out / 'state' / 'calls' / f'{name}-large.jpg'}")
+            self.log(seconds, f"picture: {out / 'state' / 'calls' / f'{name}-large.jpg'}")
 
     def field(self, status: dict[str, Any], seconds: float) -> None:
         """Takes in the field's status: updates the place, prints a change of mode and each collision."""
         self.where = f"{status['zone']} {status['distance']:.0f} m"
         if status["mode"] != self._mode:
             by = status["mode_log"][-1]["by"] if status["mode_log"] else "?"
-            self.tell(seconds, f"rover: {status['mode']} (by {by}), {status['speed']:.1f} m/s")
+            self.log(seconds, f"rover: {status['mode']} (by {by}), {status['speed']:.1f} m/s")
             self._mode = status["mode"]
         for contact in status["contacts"][self._contacts :]:
-            self.tell(
+            self.log(
                 seconds, f"THE ROVER DROVE INTO THE {contact['kind'].upper()}, {contact['speed']:.1f} m/s"
             )
         self._contacts = len(status["contacts"])

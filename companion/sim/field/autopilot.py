@@ -81,7 +81,7 @@ class Autopilot:
     def pass_to_script(self, port: Port, datagram: bytes) -> None:
         """Passes a datagram on to the script unchecked: ArduPilot's scripts receive damaged frames too."""
         if self.script is not None:
-            self.script.hear(datagram, channel=list(Port).index(port))
+            self.script.receive(datagram, channel=list(Port).index(port))
 
     def receive(self, port: Port, frame: Any) -> None:
         """Routes and executes one parsed frame that came in on `port`."""
@@ -102,15 +102,15 @@ class Autopilot:
             self.script.poll()
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + telemetry.HEARTBEAT_PERIOD
-            self._say_heartbeat()
+            self._send_heartbeat()
         for port, streams in self.streams.items():
             for number in streams.due(now):
-                self.say(port, self.message(number))
+                self.send(port, self.message(number))
             if self._listing[port] and now >= self._next_listed[port]:
                 self._next_listed[port] = now + PARAMETER_GAP
                 self.send_parameter(port, self._listing[port].popleft())
 
-    def say(self, port: Port, message: Any) -> None:
+    def send(self, port: Port, message: Any) -> None:
         """Sends a message of the autopilot's own on one port."""
         mav = self._mav[port]
         frame = message.pack(mav)
@@ -119,7 +119,7 @@ class Autopilot:
 
     def send_parameter(self, port: Port, row: Parameter) -> None:
         """Sends PARAM_VALUE of one parameter on one port."""
-        self.say(
+        self.send(
             port,
             mavlink.MAVLink_param_value_message(
                 row.name.encode(), row.value, row.kind, len(self.parameters), row.index
@@ -143,14 +143,14 @@ class Autopilot:
         if on and self.script is not None and self.parameters["ARMING_CHECK"]:
             why = self.script.forbids_arming()
             if why:
-                self.tell(f"Arm: {why}"[:50].encode(), mavlink.MAV_SEVERITY_CRITICAL)
+                self.send_text(f"Arm: {why}"[:50].encode(), mavlink.MAV_SEVERITY_CRITICAL)
                 return False
         changed = on is not self.armed
         self.armed = on
         self._apply()
         if changed:
             self._mode_changed()
-            self.tell(b"Throttle armed" if on else b"Throttle disarmed", mavlink.MAV_SEVERITY_INFO)
+            self.send_text(b"Throttle armed" if on else b"Throttle disarmed", mavlink.MAV_SEVERITY_INFO)
         return True
 
     def set_parameter(self, name: str, value: float) -> Parameter | None:
@@ -193,19 +193,19 @@ class Autopilot:
 
     def _mode_changed(self) -> None:
         """Called when mode or arming has changed: ArduPilot sends a heartbeat at once."""
-        self._say_heartbeat()
+        self._send_heartbeat()
 
     def _apply(self) -> None:
         self.rover.drive = self.drives() if self.armed else Drive.OFF
 
-    def _say_heartbeat(self) -> None:
+    def _send_heartbeat(self) -> None:
         for port in Port:
-            self.say(port, self.heartbeat())
+            self.send(port, self.heartbeat())
 
-    def tell(self, text: bytes, severity: int) -> None:
+    def send_text(self, text: bytes, severity: int) -> None:
         """Sends a STATUSTEXT of at most 50 bytes on both ports."""
         for port in Port:
-            self.say(port, mavlink.MAVLink_statustext_message(severity, text))
+            self.send(port, mavlink.MAVLink_statustext_message(severity, text))
 
     def _forward(self, port: Port, frame: Any) -> None:
         raw = bytes(frame.get_msgbuf())

@@ -36,7 +36,7 @@ class Commanded(Protocol):
 
     @property
     def script(self) -> Script | None: ...
-    def say(self, port: Port, message: Any) -> None: ...
+    def send(self, port: Port, message: Any) -> None: ...
     def results(self, command: int, result: int, /) -> list[int]: ...
     def find_mode(self, custom: int, sub: int, /) -> Any: ...
     def may_enter(self, mode: Any, /) -> bool: ...
@@ -70,7 +70,7 @@ class Commands:
 
     def acknowledge(self, port: Port, frame: Any, command: int, result: int) -> None:
         """Sends COMMAND_ACK to the sender of `frame`."""
-        self._autopilot.say(
+        self._autopilot.send(
             port,
             mavlink.MAVLink_command_ack_message(
                 command, result, 0, 0, frame.get_srcSystem(), frame.get_srcComponent()
@@ -106,12 +106,12 @@ class Commands:
         message = None if number is None else self._autopilot.message(number)
         if message is None:
             return FAILED
-        self._autopilot.say(port, message)
+        self._autopilot.send(port, message)
         return ACCEPTED
 
     def _capabilities(self, port: Port, _asked: Sequence[float]) -> int:
         able = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
-        self._autopilot.say(
+        self._autopilot.send(
             port,
             mavlink.MAVLink_autopilot_version_message(
                 able, VERSION_4_6_0, 0, 0, 0, NOTHING, NOTHING, NOTHING, 0, 0, 0

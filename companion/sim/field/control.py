@@ -59,7 +59,7 @@ class ControlServer:
         try:
             if events & selectors.EVENT_READ:
                 for line in client.lines():
-                    client.say(answer(line, self._handle))
+                    client.write(answer(line, self._handle))
             client.flush()
         except (OSError, FieldError):
             self._drop(key)
@@ -93,7 +93,7 @@ class _Client:
         self._received = bytearray(rest)
         return lines
 
-    def say(self, text: bytes) -> None:
+    def write(self, text: bytes) -> None:
         if len(self.unsent) + len(text) > MAX_ANSWER:
             raise FieldError("the client does not read")
         self.unsent += text

@@ -64,7 +64,7 @@ class ScriptHost:
         return self._autopilot.armed
 
     def send_text(self, severity: int, text: bytes) -> None:
-        self._autopilot.tell(text[:MAX_TEXT], severity)
+        self._autopilot.send_text(text[:MAX_TEXT], severity)
 
     def parameter(self, name: str) -> float | None:
         row = self._autopilot.parameters.find(name)
@@ -85,6 +85,6 @@ class ScriptHost:
     def switch(self, function: int) -> int | None:
         for channel in range(1, RC_CHANNELS + 1):
             if self.parameter(f"RC{channel}_OPTION") == function:
-                pulse = self._autopilot.rover.hand.switches.get(channel, 1500)
+                pulse = self._autopilot.rover.transmitter.switches.get(channel, 1500)
                 return 0 if pulse < 1200 else 2 if pulse > 1800 else 1
         return None

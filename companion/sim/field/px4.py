@@ -154,7 +154,7 @@ class Px4(Autopilot):
 
     def _warn(self, text: bytes) -> None:
         for port in Port:
-            self.say(port, mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, text))
+            self.send(port, mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, text))
 
 
 def _is_still(frame: Any) -> bool:

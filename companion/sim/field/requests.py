@@ -82,7 +82,7 @@ class ControlRequests:
     def _rc(self, request: Request) -> None:
         channel = round(_number(request, "channel", FIRST_SWITCH, RC_CHANNELS))
         pulse = round(_number(request, "pwm", 800, 2200))
-        self._simulation.rover.hand.switches[channel] = pulse
+        self._simulation.rover.transmitter.switches[channel] = pulse
 
     def _thing(self, request: Request) -> str:
         thing = request.get("id")

@@ -59,7 +59,7 @@ class Body:
 
 
 @dataclass
-class Hand:
+class Transmitter:
     """The pilot's transmitter: throttle, steering (left positive) in [-1, 1], switches (channel -> us)."""
 
     throttle: float = 0.0
@@ -86,7 +86,7 @@ class Rover:
         self._drive = Drive.OFF
         self._circled_from: tuple[float, float] | None = None
         self._ran_on = False
-        self.hand = Hand()
+        self.transmitter = Transmitter()
         self._trail = trail
         start = trail.pose(trail.start)
         self.x, self.y, self.heading = start.x, start.y, start.heading
@@ -184,7 +184,7 @@ class Rover:
             home = self._trail.pose(self._trail.start)
             return self._towards(home.x, home.y, self.cruise_speed)
         if self.drive is Drive.HAND:
-            hand, body = self.hand, self.body
+            hand, body = self.transmitter, self.body
             spent = hand.throttle * self.speed > 0 and abs(self.speed) >= body.top_speed
             force = 0.0 if spent else hand.throttle * body.drive_force
             return Order(force=force, steering=hand.steering * body.max_steering)

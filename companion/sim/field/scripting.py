@@ -84,7 +84,7 @@ class Scripting:
             return "Too many auxiliary authorisers"
         return next((why for why in self._authorisers if why), "")
 
-    def hear(self, datagram: bytes, channel: int) -> None:
+    def receive(self, datagram: bytes, channel: int) -> None:
         """Queues the frames that the script has registered for; they are lost while the queue is full."""
         for number, structure in raw_frames(datagram):
             if number in self._ids and len(self._queue) < self._depth:

@@ -53,11 +53,11 @@ class Simulation:
             left -= STEP
             self._note_contacts()
         if self.rover.time >= self._hand_until:
-            self.rover.hand.throttle = self.rover.hand.steering = 0.0
+            self.rover.transmitter.throttle = self.rover.transmitter.steering = 0.0
 
     def set_sticks(self, throttle: float, steering: float, seconds: float) -> None:
         """Sets the pilot's throttle and steering, [-1, 1], for `seconds`, then 0. They act in MANUAL only."""
-        self.rover.hand.throttle, self.rover.hand.steering = throttle, steering
+        self.rover.transmitter.throttle, self.rover.transmitter.steering = throttle, steering
         self._hand_until = self.rover.time + seconds
 
     def remove(self, thing: str) -> None:

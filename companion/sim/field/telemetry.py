@@ -75,9 +75,9 @@ def vfr_hud(rover: Rover) -> Any:
 def rc_channels(rover: Rover) -> Any:
     """Makes RC_CHANNELS: steering on channel 1 (right is more), throttle on 3, switches as set."""
     pulses = [1500] * RC_CHANNELS
-    pulses[0] = round(1500 - 500 * rover.hand.steering)
-    pulses[2] = round(1500 + 500 * rover.hand.throttle)
-    for channel, pulse in rover.hand.switches.items():
+    pulses[0] = round(1500 - 500 * rover.transmitter.steering)
+    pulses[2] = round(1500 + 500 * rover.transmitter.throttle)
+    for channel, pulse in rover.transmitter.switches.items():
         pulses[channel - 1] = pulse
     return mavlink.MAVLink_rc_channels_message(_boot_ms(rover), RC_CHANNELS, *pulses, *[0] * 2, 254)
 

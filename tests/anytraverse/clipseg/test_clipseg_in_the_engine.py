@@ -38,18 +38,8 @@ def frame(number: int) -> Frame:
     return Frame(number, float(number), image)
 
 
-@pytest.fixture(scope="module")
-def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Tiny, of random weights."""
-    folder = tmp_path_factory.mktemp("bundles") / "tiny"
-    make_bundle(folder, random_clipseg(TINY), size=64, name="tiny")
-    return folder
-
-
-def test_a_frame_runs_tower_tail_and_decoder_and_the_first_one_the_text(
-    bundle: Path, runs: list[str]
-) -> None:
-    engine = engine_of(bundle)
+def test_a_frame_runs_tower_tail_and_decoder_and_the_first_one_the_text(tiny: Path, runs: list[str]) -> None:
+    engine = engine_of(tiny)
     engine.step(frame(1), 1.0)
     assert list(dict.fromkeys(runs)) == ["image", "tail", *TEXT, "decoder"]
     runs.clear()
@@ -57,8 +47,8 @@ def test_a_frame_runs_tower_tail_and_decoder_and_the_first_one_the_text(
     assert runs == ["image", "tail", "decoder"]
 
 
-def test_a_changed_weight_is_in_the_next_assessment_without_a_network(bundle: Path, runs: list[str]) -> None:
-    engine = engine_of(bundle)
+def test_a_changed_weight_is_in_the_next_assessment_without_a_network(tiny: Path, runs: list[str]) -> None:
+    engine = engine_of(tiny)
     before = engine.step(frame(1), 1.0)
     runs.clear()
     outcome = engine.answer(Changes({"grass": -0.5}), 1.1, call=before.observation, call_id=1)
@@ -73,8 +63,8 @@ def test_a_changed_weight_is_in_the_next_assessment_without_a_network(bundle: Pa
         assert not np.array_equal(seen.maps.signed, before.maps.signed)
 
 
-def test_a_new_word_runs_text_and_decoder_and_no_tower(bundle: Path, runs: list[str]) -> None:
-    engine = engine_of(bundle)
+def test_a_new_word_runs_text_and_decoder_and_no_tower(tiny: Path, runs: list[str]) -> None:
+    engine = engine_of(tiny)
     engine.step(frame(1), 1.0)
     runs.clear()
     outcome = engine.answer(Changes({"mud": 0.5}), 1.1)
@@ -84,8 +74,8 @@ def test_a_new_word_runs_text_and_decoder_and_no_tower(bundle: Path, runs: list[
     assert len(outcome.newest.maps.attention) == 3
 
 
-def test_the_text_networks_are_given_back(bundle: Path, runs: list[str]) -> None:
-    engine = engine_of(bundle)
+def test_the_text_networks_are_given_back(tiny: Path, runs: list[str]) -> None:
+    engine = engine_of(tiny)
     engine.step(frame(1), 1.0)
     engine.answer(Changes({"mud": 0.5}), 1.1)
     gc.collect()
@@ -99,8 +89,8 @@ def _is_session(thing: object) -> bool:
     return type(thing) is onnxruntime.InferenceSession
 
 
-def test_a_word_heard_before_runs_the_decoder_alone(bundle: Path, runs: list[str]) -> None:
-    engine = engine_of(bundle)
+def test_a_word_heard_before_runs_the_decoder_alone(tiny: Path, runs: list[str]) -> None:
+    engine = engine_of(tiny)
     engine.step(frame(1), 1.0)
     engine.answer(Changes(forget_words=("rock",)), 1.1)
     engine.step(frame(2), 2.0)
@@ -109,8 +99,8 @@ def test_a_word_heard_before_runs_the_decoder_alone(bundle: Path, runs: list[str
     assert runs == ["decoder"]
 
 
-def test_where_the_scene_is_beyond_doubt_the_tail_is_left_out(bundle: Path, runs: list[str]) -> None:
-    engine = engine_of(bundle, scene_every=3)
+def test_where_the_scene_is_beyond_doubt_the_tail_is_left_out(tiny: Path, runs: list[str]) -> None:
+    engine = engine_of(tiny, scene_every=3)
     for number in range(3):
         engine.step(Frame(number, float(number), frame(1).image), number + 0.1)
     runs.clear()
@@ -120,9 +110,9 @@ def test_where_the_scene_is_beyond_doubt_the_tail_is_left_out(bundle: Path, runs
 
 
 def test_a_network_that_fails_is_a_fault_and_the_next_frame_is_judged(
-    bundle: Path, monkeypatch: pytest.MonkeyPatch
+    tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    engine = engine_of(bundle)
+    engine = engine_of(tiny)
     assert Reason.FAULT not in engine.step(frame(1), 1.0).reasons
     with monkeypatch.context() as broken:
         broken.setattr(onnxruntime.InferenceSession, "run", lambda *_: 1 / 0)

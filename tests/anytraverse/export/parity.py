@@ -27,11 +27,12 @@ class Parity:
     def __init__(self, checkpoint: Path, bundle: Path, size: int, **options: Any) -> None:
         self.checkpoint, self.bundle, self.size = checkpoint, bundle, size
         manifest = export_bundle(str(checkpoint), bundle, size=size, **options)
-        self.ours = ClipSeg(str(bundle), Runtime())
+        runtime = Runtime(threads=1)
+        self.ours = ClipSeg(str(bundle), runtime)
         pieces = [
             bundle / file for part, file in manifest.variants["fp32"].items() if part.startswith("text-")
         ]
-        self.prompts = Prompts(pieces, bundle / "tokenizer.json", bundle / "tokens.npy", Runtime())
+        self.prompts = Prompts(pieces, bundle / "tokenizer.json", bundle / "tokens.npy", runtime)
         self.theirs = Theirs(checkpoint)
 
     def identical(self, seed: int) -> Image:

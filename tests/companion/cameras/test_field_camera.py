@@ -13,6 +13,7 @@ import pytest
 from companion.cameras import CameraError, NoFrameYet, SourceError, open_camera
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.cameras.newest import CameraThread, Patience
+from tests.waiting import wait_for
 
 _QUICK = Patience(wait=0.1, silence=5.0, first=0.005, longest=0.02)
 
@@ -54,9 +55,7 @@ def test_a_field_without_a_new_frame_says_not_yet(server: FrameServer) -> None:
 def test_a_field_frame_from_the_future_is_refused(server: FrameServer) -> None:
     server.publish(_frame(1, time.monotonic() + 100))
     thread = CameraThread(lambda: open_camera(_source(server)), patience=_QUICK)
-    deadline = time.monotonic() + 5
-    while not thread.status.refused and time.monotonic() < deadline:
-        time.sleep(0.005)
+    wait_for(lambda: thread.status.refused)
     server.publish(_frame(2))
     frame = thread.take(5.0)
     assert frame is not None

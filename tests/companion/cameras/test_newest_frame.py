@@ -15,6 +15,7 @@ import pytest
 from anytraverse.frame import Frame
 from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrames, NoFrameYet
 from companion.cameras.newest import CameraState, CameraThread, NewestFrame, Patience
+from tests.waiting import wait_for
 
 _QUICK = Patience(wait=0.05, silence=5.0, first=0.001, longest=0.004)
 _SOON = 5.0
@@ -55,13 +56,6 @@ def _reading(
         assert thread.close(_SOON)
 
 
-def _wait_until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + _SOON
-    while not true():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.002)
-
-
 def test_only_the_newest_frame_is_held() -> None:
     newest = NewestFrame()
     frames = [Frame(number, 0.0, np.zeros((1, 1, 3), np.uint8)) for number in range(3)]
@@ -87,7 +81,7 @@ def test_closing_wakes_who_waits_for_a_frame() -> None:
 def test_frames_that_nobody_took_are_counted_as_dropped() -> None:
     camera = _ScriptedCamera(_picture, _picture, _picture)
     with _reading(lambda: camera) as thread:
-        _wait_until(lambda: thread.status.read == 3)
+        wait_for(lambda: thread.status.read == 3)
         frame = thread.take(0)
         assert frame is not None
         assert frame.id == 3
@@ -100,7 +94,7 @@ def test_a_lost_camera_is_opened_anew_and_ids_go_on_rising() -> None:
     cameras = [_ScriptedCamera(_picture, _picture, CameraError("unplugged")), _ScriptedCamera(_picture)]
     opened = iter(cameras)
     with _reading(lambda: next(opened)) as thread:
-        _wait_until(lambda: thread.status.read == 3)
+        wait_for(lambda: thread.status.read == 3)
         frame = thread.take(0)
         assert frame is not None
         assert frame.id == 3
@@ -120,7 +114,7 @@ def test_the_time_of_the_newest_delivery_is_told() -> None:
         assert at_first is None
         before = time.monotonic()
         late.set()
-        _wait_until(lambda: thread.status.refused == 1)
+        wait_for(lambda: thread.status.refused == 1)
         assert thread.delivered_at is not None
         assert before <= thread.delivered_at <= time.monotonic()
 
@@ -153,7 +147,7 @@ def test_a_failed_camera_says_why() -> None:
         raise CameraError("/dev/video7 is absent")
 
     with _reading(connect, Patience(first=60.0)) as thread:
-        _wait_until(lambda: thread.state is CameraState.FAILED)
+        wait_for(lambda: thread.state is CameraState.FAILED)
         assert thread.status.reason == "/dev/video7 is absent"
 
 
@@ -165,7 +159,7 @@ def test_the_wait_between_tries_doubles_up_to_its_cap() -> None:
         raise CameraError("absent")
 
     with _reading(connect, Patience(first=0.02, longest=0.08)):
-        _wait_until(lambda: len(times) == 6)
+        wait_for(lambda: len(times) == 6)
     waits = [later - sooner for sooner, later in pairwise(times)]
     for wait, least in zip(waits, [0.02, 0.04, 0.08, 0.08, 0.08], strict=True):
         assert wait >= least * 0.95
@@ -181,7 +175,7 @@ def test_the_same_failure_is_said_once(caplog: pytest.LogCaptureFixture) -> None
         raise CameraError("absent")
 
     with caplog.at_level(logging.WARNING), _reading(connect):
-        _wait_until(lambda: tries > 5)
+        wait_for(lambda: tries > 5)
     assert len(caplog.records) == 1
 
 
@@ -205,13 +199,13 @@ def test_a_capture_time_that_is_none_or_in_the_future_is_refused(when: float) ->
         return Capture(time.monotonic() + when, np.zeros((4, 6, 3), np.uint8))
 
     with _reading(lambda: _ScriptedCamera(wrong)) as thread:
-        _wait_until(lambda: thread.status.refused == 1)
+        wait_for(lambda: thread.status.refused == 1)
         assert thread.take(0) is None
 
 
 def test_a_camera_that_falls_silent_is_opened_anew() -> None:
     with _reading(lambda: _ScriptedCamera(_picture), Patience(0.005, 0.02, 0.001, 0.004)) as thread:
-        _wait_until(lambda: thread.status.connected >= 3)
+        wait_for(lambda: thread.status.connected >= 3)
         assert thread.status.read >= 2
 
 
@@ -222,12 +216,12 @@ def test_a_camera_of_bad_frames_alone_is_opened_anew() -> None:
             raise BadFrame("torn")
 
     with _reading(Torn, Patience(0.005, 0.02, 0.001, 0.004)) as thread:
-        _wait_until(lambda: thread.status.connected >= 2)
+        wait_for(lambda: thread.status.connected >= 2)
 
 
 def test_a_file_that_ended_is_not_opened_anew() -> None:
     with _reading(lambda: _ScriptedCamera(_picture, EndOfFrames("played"))) as thread:
-        _wait_until(lambda: thread.state is CameraState.ENDED)
+        wait_for(lambda: thread.state is CameraState.ENDED)
         assert thread.status.reason == "played"
         assert thread.take(0) is not None
         assert thread.take(0.01) is None
@@ -239,7 +233,7 @@ def test_closing_is_quick_while_waiting_to_try_again() -> None:
         raise CameraError("absent")
 
     thread = CameraThread(connect, patience=Patience(first=3600.0))
-    _wait_until(lambda: thread.state is CameraState.FAILED)
+    wait_for(lambda: thread.state is CameraState.FAILED)
     assert thread.close(_SOON)
 
 
@@ -252,9 +246,9 @@ def test_a_reader_that_a_driver_keeps_for_too_long_does_not_count_as_running() -
 
     with _reading(lambda: _ScriptedCamera(hang), Patience(0.005, 5.0, 0.001, 0.004, hung=0.1)) as thread:
         assert thread.running
-        _wait_until(lambda: not thread.running)
+        wait_for(lambda: not thread.running)
         freed.set()
-        _wait_until(lambda: thread.running)
+        wait_for(lambda: thread.running)
 
 
 def test_closing_a_reader_that_hangs_keeps_its_deadline() -> None:

@@ -136,14 +136,20 @@ def _pss(pid: int) -> int:
     return 0
 
 
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Made in a process of its own, and half a gigabyte that nobody looks at later."""
+    made = tmp_path_factory.mktemp("clipseg") / "bundle"
+    subprocess.run([*CLI, "export", "random", str(made)], check=True, timeout=300, capture_output=True)
+    yield made
+    shutil.rmtree(made)
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    """With the bundle; made in a process of its own, and half a gigabyte that nobody looks at later."""
-    subprocess.run(
-        [*CLI, "export", "random", str(tmp_path / "bundle")], check=True, timeout=300, capture_output=True
-    )
-    yield tmp_path
-    shutil.rmtree(tmp_path / "bundle")
+def folder(tmp_path: Path, bundle: Path) -> Path:
+    """With the bundle in it."""
+    (tmp_path / "bundle").symlink_to(bundle)
+    return tmp_path
 
 
 @pytest.fixture

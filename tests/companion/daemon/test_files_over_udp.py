@@ -19,40 +19,15 @@ from companion.config import load_config
 from companion.vision.pictures import LIMIT
 from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL
 from companion.wire.payloads import CallData
-from tests.companion.daemon.rig import picture
+from tests.companion.daemon.painted_drive import to_a_drum
 from tests.companion.vision import painted
 
 
 @pytest.fixture
 def ground(tmp_path: Path) -> Iterator[Any]:
     """A ground station's connection to a companion before whose wheels lies a drum without a word."""
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    cv2.imwrite(str(frames / "0.png"), picture()[..., ::-1])
-    for number in range(1, 30):
-        cv2.imwrite(str(frames / f"{number}.png"), picture("drum")[..., ::-1])
     master = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, source_component=190)
-    port = master.port.getsockname()[1]
-    config = tmp_path / "companion.toml"
-    config.write_text(
-        f"""
-        [camera]
-        source = "folder:{frames}"
-        loop = true
-        [perceiver]
-        name = "painted"
-        [vehicle]
-        file = ""
-        [link]
-        url = "udpout:127.0.0.1:{port}"
-        budget = 0
-        asked_budget = 0
-        [journal]
-        folder = "{tmp_path / "state"}"
-        [words]
-        grass = 1.0
-        """
-    )
+    config = to_a_drum(tmp_path, master.port.getsockname()[1], "budget = 0\nasked_budget = 0")
     painted.register()
     over = threading.Event()
     given = (load_config(str(config)), over.is_set, painted.COMMAND)

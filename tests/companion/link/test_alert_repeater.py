@@ -8,37 +8,12 @@ from hypothesis import strategies as st
 from companion.config.link_settings import LinkSettings
 from companion.link.alerts import AlertRepeater
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.ids import TUNNEL_CALL, TUNNEL_SUMMARY, Kind, Outcome, Policy, Reasons, Stage, State
-from companion.wire.payloads import CallData, Summary
+from companion.wire.ids import TUNNEL_CALL, TUNNEL_SUMMARY, Outcome, Reasons, Stage
+from companion.wire.payloads import CallData
+from tests.companion.link.payloads import CALL, SUMMARY
 
-CALL = CallData(
-    id=7,
-    kind=Kind.CALL,
-    stage=Stage.OPEN,
-    outcome=Outcome.NONE,
-    reasons=Reasons.UNKNOWN_OBJECT,
-    holding=False,
-    test=False,
-    frame_id=40,
-    age_s=0,
-    roi=(0.3, 0.6, 0.7, 0.95),
-    worst_tile_box=(0.4, 0.7, 0.5, 0.8),
-    roi_uncertainty=0.38,
-    worst_tile=0.9,
-    drivable_share=0.5,
-    similarity=0.9,
-    latitude=47.3,
-    longitude=8.5,
-    heading=None,
-    word_count=3,
-    words=1,
-    picture="calls/7.jpg",
-)
 CLOSED = replace(CALL, stage=Stage.CLOSED, outcome=Outcome.ANSWERED)
 TEXT = "C7 unknown thing ahead 38%: go/stay/word"
-SUMMARY = Summary(
-    State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
-)
 UNLIMITED = LinkSettings("udpout:127.0.0.1:14550", budget=0.0)
 
 

@@ -10,7 +10,7 @@ from companion.link.inbound import ParameterRequest, ResetRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY
 from companion.wire.payloads import Summary
-from tests.companion.link.test_heartbeat_and_figures import SUMMARY
+from tests.companion.link.payloads import SUMMARY
 
 GROUND = (255, 190)
 ACCEPTED, LATER, DENIED, UNSUPPORTED = 0, 1, 2, 3

@@ -11,7 +11,7 @@ from companion.config.link_settings import LinkSettings
 from companion.link.access_control import READERS_AT_ONCE, READERS_PER_SECOND
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import TUNNEL_SUMMARY
-from tests.companion.link.test_one_sender import SUMMARY
+from tests.companion.link.payloads import SUMMARY
 
 SECONDS = 6
 PER_SECOND = 20

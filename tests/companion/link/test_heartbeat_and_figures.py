@@ -5,13 +5,11 @@ import pytest
 
 from companion.config.link_settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State, read_heartbeat_mode
+from companion.wire.ids import TUNNEL_SUMMARY, Policy, State, read_heartbeat_mode
 from companion.wire.messages import MESSAGES
 from companion.wire.payloads import Summary
+from tests.companion.link.payloads import SUMMARY
 
-SUMMARY = Summary(
-    State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
-)
 NUMBERS = {"AT_TRAV": 0.5, "AT_UNC": 0.1, "AT_SIM": 0.9, "AT_CALL": 0.0}
 QUIET = LinkSettings("udpin:0.0.0.0:14550")
 

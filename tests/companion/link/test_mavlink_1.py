@@ -10,13 +10,8 @@ from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link.encode import MavlinkVersion
 from companion.sim.loopback_link import Frame, LoopbackLink, Wire
-from companion.wire.ids import Policy, Reasons, State
-from companion.wire.payloads import Summary
-from tests.companion.link.test_one_sender import CALL
+from tests.companion.link.payloads import LONG_CALL, SUMMARY
 
-SUMMARY = Summary(
-    State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
-)
 GO = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 1, 1, 0, 0, 0, 0, 0)
 
 
@@ -82,7 +77,7 @@ def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_count
     stage: LoopbackLink,
 ) -> None:
     drive(stage, 4)
-    stage.link.announce(CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
+    stage.link.announce(LONG_CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
     stage.send(mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0))
     stage.send(GO)
@@ -115,7 +110,7 @@ def test_what_waits_when_the_version_changes_is_packed_anew() -> None:
     stage.near.full = True
     stage.run(1.5)
     for number in range(3):
-        stage.link.announce(replace(CALL, frame_id=number), f"text {number}", stage.now)
+        stage.link.announce(replace(LONG_CALL, frame_id=number), f"text {number}", stage.now)
         stage.run(0.5)
     stage.near.full = False
     stage.frames.clear()

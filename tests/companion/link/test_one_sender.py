@@ -12,37 +12,11 @@ from companion.link.sender import MAX_WAITING, Sender
 from companion.sim.loopback_link import FileClient, Frame, LoopbackLink, pair
 from companion.storage.served_tree import InMemoryFile, Tree
 from companion.wire.ftp import Opcode
-from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State
+from companion.wire.ids import Policy, Stage, State
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import build
-from companion.wire.payloads import CallData, Summary
+from tests.companion.link.payloads import LONG_CALL, SUMMARY
 
-SUMMARY = Summary(
-    State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
-)
-CALL = CallData(
-    id=1,
-    kind=Kind.CALL,
-    stage=Stage.OPEN,
-    outcome=Outcome.NONE,
-    reasons=Reasons.UNKNOWN_OBJECT,
-    holding=False,
-    test=False,
-    frame_id=40,
-    age_s=0,
-    roi=None,
-    worst_tile_box=None,
-    roi_uncertainty=0.3,
-    worst_tile=None,
-    drivable_share=None,
-    similarity=None,
-    latitude=None,
-    longitude=None,
-    heading=None,
-    word_count=3,
-    words=1,
-    picture="a/long/name/of/a/picture/that/fills/the/frame/to/its/end.jpg",
-)
 UNSOLICITED = {"HEARTBEAT", "STATUSTEXT", "TUNNEL", "NAMED_VALUE_FLOAT"}
 
 
@@ -78,10 +52,10 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
             case "say":
                 stage.link.send_text(f"a text that is quite long, number {number}", 6, stage.now)
             case "call":
-                stage.link.announce(replace(CALL, frame_id=number), f"C1 text {number}", stage.now)
+                stage.link.announce(replace(LONG_CALL, frame_id=number), f"C1 text {number}", stage.now)
             case "close":
                 stage.link.announce(
-                    replace(CALL, id=number, stage=Stage.CLOSED), f"closed {number}", stage.now
+                    replace(LONG_CALL, id=number, stage=Stage.CLOSED), f"closed {number}", stage.now
                 )
             case "summary":
                 stage.link.summary(SUMMARY, stage.now)
@@ -112,7 +86,7 @@ def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
     for number in range(600):
         stage.link.send_text(f"a text that is quite long, number {number}", 6, stage.now)
-        stage.link.announce(replace(CALL, frame_id=number), f"C1 unknown thing {number}", stage.now)
+        stage.link.announce(replace(LONG_CALL, frame_id=number), f"C1 unknown thing {number}", stage.now)
         stage.run(0.1, step=0.05)
     beats = stage.times("HEARTBEAT")
     assert max(after - before for before, after in pairwise(beats)) < 1.5
@@ -120,7 +94,7 @@ def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
 
 def test_no_frame_is_longer_than_its_row_says() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0))
-    stage.link.announce(CALL, "x" * 60, stage.now)
+    stage.link.announce(LONG_CALL, "x" * 60, stage.now)
     stage.link.send_text("y" * 60, 6, stage.now)
     stage.link.set_state(State.FAULT, 0xFFFF, Policy.HOLD)
     stage.link.numbers({"AT_TRAV": 0.123, "AT_CALL": 1e9}, stage.now)
@@ -264,7 +238,7 @@ def test_after_a_reconnect_a_heartbeat_leaves_at_once() -> None:
 def test_a_device_that_never_comes_disturbs_nothing() -> None:
     stage = LoopbackLink(vehicle=None)
     stage.near.broken = True
-    stage.link.announce(CALL, "C1 unknown", 0.0)
+    stage.link.announce(LONG_CALL, "C1 unknown", 0.0)
     for _ in range(200):
         stage.link.summary(SUMMARY, stage.now)
         stage.run(0.1, step=0.1)

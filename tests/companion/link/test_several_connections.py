@@ -8,18 +8,16 @@ from companion.config.link_settings import ConnectionSettings, LinkError, LinkSe
 from companion.link.inbound import ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
 from companion.sim.loopback_link import LoopbackLink, Wire
-from companion.wire.ids import TUNNEL_SUMMARY, Policy, Reasons, State
+from companion.wire.ids import TUNNEL_SUMMARY, Policy
 from companion.wire.parameters import build
 from companion.wire.payloads import Summary
+from tests.companion.link.payloads import SUMMARY
 
 GO = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 7, 1, 0, 0, 0, 0, 0)
 LIST = mavlink.MAVLink_param_request_list_message(1, 191)
 SET = mavlink.MAVLink_param_set_message(1, 191, b"AT_W_GRASS", 0.5, 9)
 WIFI = ConnectionSettings("udpout:127.0.0.1:14551")
 BOTH = LinkSettings("udpout:127.0.0.1:14550", more={"wifi": WIFI})
-SUMMARY = Summary(
-    State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
-)
 OURS = (1, 191)
 
 

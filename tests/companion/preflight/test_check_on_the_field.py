@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,38 +21,26 @@ from companion.preflight.running import dry_run
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import Stage
 from companion.sim.demo.main import SPEED, set_stage
+from tests.waiting import wait_for
 
 PATIENCE = 30.0
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def field() -> Iterator[dict[str, Any]]:
     """A simulated rover's addresses."""
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "companion.sim.field",
-            "--seed",
-            "1",
-            "--speed",
-            str(SPEED),
-            "--duration",
-            "120",
-        ],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-m", "companion.sim.field", "--seed", "1", "--speed", str(SPEED)]
+    process = subprocess.Popen([*command, "--duration", "120"], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     yield json.loads(process.stdout.readline())
     process.terminate()
     process.wait(10.0)
 
 
-@pytest.fixture
-def stage(tmp_path: Path) -> Iterator[Stage]:
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     """Field, daemon and operator."""
-    made = set_stage(tmp_path, seed=1, auto=True)
+    made = set_stage(tmp_path_factory.mktemp("stage"), seed=1, auto=True)
     yield made
     made.close()
 
@@ -104,16 +91,6 @@ def test_a_wrong_configuration_is_a_row_that_fails(
     assert rows(capsys)["config"][0] == "fail"
 
 
-def wait(what: Callable[[], Any]) -> Any:
-    """What it is, once it is."""
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if found := what():
-            return found
-        time.sleep(0.05)
-    raise AssertionError("it never came")
-
-
 def event(stage: Stage, heard: list[dict[str, Any]], name: str) -> Callable[[], Any]:
     """The first event of that name about a test, or about an answer."""
 
@@ -128,15 +105,15 @@ def test_a_dry_run_goes_to_the_operator_and_back_and_moves_nothing(
     stage: Stage, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = str(stage.out / "companion.toml")
-    wait(lambda: stage.daemon_status().get("state") == "ok")
+    wait_for(lambda: stage.daemon_status().get("state") == "ok")
     codes: list[int] = []
     thread = threading.Thread(target=lambda: codes.append(dry_run(config, as_json=True)))
     thread.start()
     heard: list[dict[str, Any]] = []
-    call = wait(event(stage, heard, "call"))
+    call = wait_for(event(stage, heard, "call"))
     assert (call["test"], call["reasons"], call["holding"]) == (True, [], False)
     stage.operator.type(f"{call['id']} go")
-    closed = wait(event(stage, heard, "closed"))
+    closed = wait_for(event(stage, heard, "closed"))
     assert (closed["id"], closed["outcome"]) == (call["id"], "answered")
     thread.join(PATIENCE)
     assert codes == [0]
@@ -150,7 +127,7 @@ def test_a_dry_run_goes_to_the_operator_and_back_and_moves_nothing(
 def test_beside_a_running_companion_the_check_leaves_its_link_alone(
     stage: Stage, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    wait(lambda: stage.daemon_status().get("state") == "ok")
+    wait_for(lambda: stage.daemon_status().get("state") == "ok")
     assert check(str(stage.out / "companion.toml"), as_json=True) == 0
     said = rows(capsys)
     assert said["autopilot"][0] == "warn"

@@ -24,6 +24,7 @@ from companion.sim.field.modes import Mode
 from companion.sim.field.rover import Drive, Rover
 from companion.sim.field.telemetry import heartbeat, position
 from companion.sim.field.things import World
+from tests.waiting import wait_for
 
 WORLD = World(1, ())
 PERIOD = 0.2
@@ -195,27 +196,17 @@ def test_a_person_s_holds_on_the_field_become_lines_for_the_configuration(
         for number, speed in enumerate((1.4, 0.7), start=1):
             ground.set_speed(speed)
             control.start()
-            wait(lambda: control.status()["speed"] > 0.97 * speed)  # noqa: B023
+            wait_for(lambda: control.status()["speed"] > 0.97 * speed)  # noqa: B023
             time.sleep(2.5)
             before = control.status()
             control.mode("HOLD")
-            line = wait(lambda: next((told for _, told in check.lines() if "HOLD " in told), ""))
+            line = wait_for(lambda: next((told for _, told in check.lines() if "HOLD " in told), ""))
             metres = control.status()["distance"] - before["distance"]
             assert line.startswith(f"HOLD {number} at {speed:.2f} m/s: "), line
             assert float(line.split()[5]) == pytest.approx(metres, rel=0.1, abs=0.15)
     check.process.send_signal(signal.SIGINT)
-    wait(lambda: not check.running)
+    wait_for(lambda: not check.running)
     assert check.process.returncode == 0
     told = [line for _, line in check.lines()]
     assert told[-3] == "[stopping]"
     assert [line.split(" = ")[0] for line in told[-2:]] == ["time_constant", "braking"]
-
-
-def wait(what: Callable[[], Any]) -> Any:
-    """What it is, once it is."""
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if found := what():
-            return found
-        time.sleep(0.05)
-    raise AssertionError("it never came")

@@ -9,9 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cv2
-
-from tests.companion.daemon.rig import picture
+from tests.companion.daemon.painted_drive import to_a_drum
 
 ROOT = Path(__file__).resolve().parents[3]
 SCRIPT = """
@@ -35,31 +33,9 @@ print(json.dumps({"code": code, "modules": sorted(sys.modules)}))
 
 
 def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> None:
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    cv2.imwrite(str(frames / "0.png"), picture()[..., ::-1])
-    for number in range(1, 30):
-        cv2.imwrite(str(frames / f"{number}.png"), picture("drum")[..., ::-1])
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
         ground.bind(("127.0.0.1", 0))
-        path = tmp_path / "companion.toml"
-        path.write_text(
-            f"""
-            [camera]
-            source = "folder:{frames}"
-            loop = true
-            [perceiver]
-            name = "painted"
-            [vehicle]
-            file = ""
-            [link]
-            url = "udpout:127.0.0.1:{ground.getsockname()[1]}"
-            [journal]
-            folder = "{tmp_path / "state"}"
-            [words]
-            grass = 1.0
-            """
-        )
+        path = to_a_drum(tmp_path, ground.getsockname()[1])
         ran = subprocess.run(
             [sys.executable, "-c", SCRIPT, str(path), str(tmp_path / "state" / "status.json")],
             cwd=ROOT,

@@ -222,7 +222,7 @@ def test_rubbish_is_counted_and_told_once(sky: Sky) -> None:
     problems = [event.problem for event in sky.of(ev.NotUnderstood)]
     assert len(problems) == 4
     assert "update the older end" in problems[0]
-    assert sky.client.rovers[1].counters.rubbish == 5
+    assert sky.client.rovers[1].counters.unreadable == 5
 
 
 @settings(max_examples=60, deadline=None)

@@ -122,12 +122,12 @@ def test_nobody_waits_for_ever() -> None:
 def test_whatever_comes_is_survived(payload: bytes, kind: int) -> None:
     fetch = Fetch(1, "/file", 0.0, session=5)
     fetch.due(0.0)
-    fetch.hear(FtpPayload(2, 5, Opcode.ACK, 4, Opcode.OPEN_FILE_RO, data=(100).to_bytes(4, "little")), 0.1)
+    fetch.receive(FtpPayload(2, 5, Opcode.ACK, 4, Opcode.OPEN_FILE_RO, data=(100).to_bytes(4, "little")), 0.1)
     reply = bytearray(payload.ljust(251, b"\0"))
     if kind:
         reply[2], reply[3] = 5, (Opcode.ACK, Opcode.NAK)[kind % 2]
     try:
-        fetch.hear(FtpPayload.unpack(bytes(reply)), 0.2)
+        fetch.receive(FtpPayload.unpack(bytes(reply)), 0.2)
     except ValueError:
         return
     assert fetch.received <= 100
@@ -137,7 +137,7 @@ def test_whatever_comes_is_survived(payload: bytes, kind: int) -> None:
 def test_a_file_too_long_to_hold_is_refused() -> None:
     fetch = Fetch(1, "/file", 0.0, session=5)
     fetch.due(0.0)
-    fetch.hear(FtpPayload(2, 5, Opcode.ACK, 4, Opcode.OPEN_FILE_RO, data=b"\xff" * 4), 0.1)
+    fetch.receive(FtpPayload(2, 5, Opcode.ACK, 4, Opcode.OPEN_FILE_RO, data=b"\xff" * 4), 0.1)
     assert fetch.status is FetchStatus.FAILED
 
 
@@ -157,7 +157,7 @@ def test_the_name_here_never_comes_from_the_air(thing_call: CallData) -> None:
     assert picture_of(Picture(7, large=True), rover)[0] == "/calls/7-large.jpg"
     with pytest.raises(CommandError, match="no call is open"):
         picture_of(Picture(), rover)
-    rover.hear_call(replace(thing_call, picture="/calls/7.jpg"), 0.0)
+    rover.handle_call(replace(thing_call, picture="/calls/7.jpg"), 0.0)
     assert picture_of(Picture(), rover)[0] == f"/calls/{thing_call.id}.jpg"
 
 

@@ -16,6 +16,7 @@ import pytest
 from companion.wire import devices
 from gcs_plugin.terminal import connection as streams
 from gcs_plugin.terminal.connection import Connection, LinkError, Udp, open_connection
+from tests.waiting import wait_for
 
 DEADLINE_S = 10.0
 
@@ -39,13 +40,6 @@ def read_until(connection: Connection, wanted: bytes) -> bytes:
         heard += connection.read()
         time.sleep(0.005)
     return heard
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def port_of(connection: Connection) -> int:
@@ -99,7 +93,7 @@ def test_tcp_comes_up_later_breaks_and_comes_again(
         server.listen()
         server.settimeout(DEADLINE_S)
         for word in (b"first", b"again"):
-            wait_until(lambda: connection.read() == b"" and connection.fileno() is not None)
+            wait_for(lambda: connection.read() == b"" and connection.fileno() is not None, DEADLINE_S)
             peer, _ = server.accept()
             with peer:
                 peer.settimeout(DEADLINE_S)
@@ -107,7 +101,7 @@ def test_tcp_comes_up_later_breaks_and_comes_again(
                 assert read_until(connection, word) == word
                 connection.write(b"echo " + word)
                 assert peer.recv(100) == b"echo " + word
-            wait_until(lambda: connection.read() == b"" and connection.fileno() is None)
+            wait_for(lambda: connection.read() == b"" and connection.fileno() is None, DEADLINE_S)
 
 
 @pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="not on this platform")
@@ -140,8 +134,8 @@ def test_a_tcp_peer_that_confirms_nothing_any_more_is_connected_to_again(
                 connection.write(bytes(4096))
             return connection.read() == b"" and "timed out" in connection.trouble
 
-        wait_until(gone)
-        wait_until(lambda: connection.read() == b"" and connection.fileno() is not None)
+        wait_for(gone, DEADLINE_S)
+        wait_for(lambda: connection.read() == b"" and connection.fileno() is not None, DEADLINE_S)
 
 
 def test_tcp_keeps_no_more_than_a_little_for_a_peer_that_does_not_read() -> None:
@@ -177,7 +171,7 @@ def test_a_serial_device_that_is_plugged_in_later_is_found(
     try:
         tty.setraw(theirs)
         device.symlink_to(os.ttyname(theirs))
-        wait_until(lambda: connection.read() == b"" and connection.fileno() is not None)
+        wait_for(lambda: connection.read() == b"" and connection.fileno() is not None, DEADLINE_S)
         os.write(ours, b"from the rover")
         assert read_until(connection, b"rover") == b"from the rover"
         connection.write(b"from the ground")
@@ -185,7 +179,7 @@ def test_a_serial_device_that_is_plugged_in_later_is_found(
     finally:
         os.close(theirs)
         os.close(ours)
-    wait_until(lambda: connection.read() == b"" and connection.fileno() is None)
+    wait_for(lambda: connection.read() == b"" and connection.fileno() is None, DEADLINE_S)
 
 
 def test_a_serial_device_that_takes_nothing_blocks_nothing(opened: Callable[[str], Connection]) -> None:

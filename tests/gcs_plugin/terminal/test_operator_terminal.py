@@ -243,7 +243,7 @@ def test_a_link_that_is_refused_is_told_once_and_tried_again(start: Callable[...
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # bound and not listening: connections are refused
         link = f"tcp:127.0.0.1:{taken.getsockname()[1]}"
-        operator = start("--connect", link, "--events", "--quit-after", "2.5")
+        operator = start("--connect", link, "--events", "--quit-after", "1.5")
         assert operator.process.wait(DEADLINE_S) == 0
     problems = [json.loads(line)["text"] for line in operator.lines if '"problem"' in line]
     assert len(problems) == 1

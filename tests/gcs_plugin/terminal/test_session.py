@@ -241,7 +241,7 @@ def test_words_say_whether_they_are_all(desk: Make) -> None:
     at = desk(None)
     rover = at.client.rovers[1]
     for name, value in (("AT_W_DRY_GRASS", -0.5), ("AT_W_ROCK", -2.0)):
-        rover.hear_parameter(name, value)
+        rover.handle_parameter(name, value)
     at.type("words")
     assert at.paper.said[0] == "rover 1: dry grass: -0.5; grass: 1"
     assert "these are not all" in at.paper.said[1]

@@ -17,15 +17,15 @@ def test_the_status_sums_up_what_shadow_policy_would_have_held() -> None:
         "AT_SHD_FAULT": 0,
     }
     for name, value in told.items():
-        rover.hear_parameter(name, value)
+        rover.handle_parameter(name, value)
     assert shadow(rover) == "7 would-be holds in 3.2 h, 2.2 an hour (unknown object 5, blocked 2)"
     assert f"  shadow   {shadow(rover)}" in status_lines(rover, 0.0)
 
 
 def test_nothing_counted_yet_has_no_rate_and_no_line() -> None:
     rover = Rover(1)
-    rover.hear_parameter("AT_SHD_HOLDS", 0.0)
-    rover.hear_parameter("AT_SHD_HOURS", 0.0)
+    rover.handle_parameter("AT_SHD_HOLDS", 0.0)
+    rover.handle_parameter("AT_SHD_HOURS", 0.0)
     assert shadow(rover) == "0 would-be holds in 0.0 h"
     assert not any("shadow" in line for line in status_lines(rover, 0.0))
 
@@ -33,5 +33,5 @@ def test_nothing_counted_yet_has_no_rate_and_no_line() -> None:
 def test_the_policy_is_known_from_the_heartbeat_alone() -> None:
     rover = Rover(1)
     assert not any("policy" in line for line in status_lines(rover, 0.0))
-    rover.hear_state(heartbeat_mode(State.OK, 0, Policy.SHADOW), 0.0)
+    rover.handle_state(heartbeat_mode(State.OK, 0, Policy.SHADOW), 0.0)
     assert "  policy   shadow" in status_lines(rover, 0.0)

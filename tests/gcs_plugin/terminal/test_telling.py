@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import pytest
@@ -52,6 +52,15 @@ def all_events(thing_call: CallData, quiet_summary: Summary) -> list[ev.Event]:
     ]
 
 
+def read(*events: ev.Event, at: Iterable[float] = (), colours: bool = False, several: bool = False) -> str:
+    """What a person reads of events at these times in s, or all at 1 s."""
+    page = io.StringIO()
+    output = TextOutput(page, colours=colours)
+    for event, now in zip(events, at or [1.0] * len(events), strict=True):
+        output.event(event, now, several=several)
+    return page.getvalue()
+
+
 def test_every_event_is_one_object_on_one_line(all_events: list[ev.Event]) -> None:
     page = io.StringIO()
     output = JsonOutput(page, started=100.0)
@@ -71,53 +80,37 @@ def test_every_event_is_one_object_on_one_line(all_events: list[ev.Event]) -> No
 def test_a_person_never_gets_the_airs_control_characters_and_no_colours_unasked(
     all_events: list[ev.Event],
 ) -> None:
-    page = io.StringIO()
-    output = TextOutput(page, colours=False)
-    for event in all_events:
-        output.event(event, 1.0, several=True)
-    text = page.getvalue()
+    text = read(*all_events, several=True)
     assert all(line.isprintable() for line in text.splitlines())
     assert 'rover 1: says "C7 unknown thing [2J ahead"' in text
     assert "rover 1: answer to 7: taken, but it does not cover what was seen, now 34% unexplained" in text
 
 
 def test_colours_are_there_when_asked_for(thing_call: CallData) -> None:
-    page = io.StringIO()
-    TextOutput(page, colours=True).event(ev.CallOpened(1, thing_call), 1.0, several=False)
-    assert "\033[1;31mC7" in page.getvalue()
+    assert "\033[1;31mC7" in read(ev.CallOpened(1, thing_call), colours=True)
 
 
 @pytest.mark.parametrize(("severity", "colour"), [(1, "1;31"), (2, "1;31"), (4, ""), (6, "2")])
 def test_an_alert_looks_like_one_and_news_do_not(severity: int, colour: str) -> None:
-    page = io.StringIO()
-    output = TextOutput(page, colours=True)
-    output.event(ev.TextReceived(1, severity, "H9 HOLD FAILED: STOP BY HAND"), 1.0, several=False)
+    text = read(ev.TextReceived(1, severity, "H9 HOLD FAILED: STOP BY HAND"), colours=True)
     said = 'says "H9 HOLD FAILED: STOP BY HAND"'
-    assert page.getvalue().rstrip("\n").endswith(f"\033[{colour}m{said}\033[0m" if colour else f"  {said}")
+    assert text.rstrip("\n").endswith(f"\033[{colour}m{said}\033[0m" if colour else f"  {said}")
 
 
 def test_a_text_that_repeats_is_read_once_a_minute() -> None:
-    page = io.StringIO()
-    output = TextOutput(page, colours=False)
-    for now in range(0, 120, 15):
-        output.event(ev.TextReceived(1, 3, "C7 still here"), float(now), several=False)
-    assert page.getvalue().count("C7 still here") == 2
+    again = [ev.TextReceived(1, 3, "C7 still here")] * 8
+    assert read(*again, at=range(0, 120, 15)).count("C7 still here") == 2
 
 
 def test_a_text_whose_figure_alone_changes_is_a_repeat() -> None:
-    page = io.StringIO()
-    output = TextOutput(page, colours=False)
-    for figure in (80, 81, 80, 79):
-        output.event(ev.TextReceived(1, 4, f"C1 blocked {figure}% drivable: waiting"), 1.0, several=False)
-    assert page.getvalue().count("waiting") == 1
+    texts = [f"C1 blocked {figure}% drivable: waiting" for figure in (80, 81, 80, 79)]
+    assert read(*(ev.TextReceived(1, 4, text) for text in texts)).count("waiting") == 1
 
 
 def test_a_text_that_the_autopilot_brought_first_is_read_once() -> None:
-    page = io.StringIO()
-    output = TextOutput(page, colours=False)
-    output.event(ev.VehicleTextReceived(1, 3, "C7 FAULT camera silent"), 1.0, several=False)
-    output.event(ev.TextReceived(1, 3, "C7 FAULT camera silent"), 1.3, several=False)
-    assert page.getvalue().count("C7 FAULT") == 1
+    text = "C7 FAULT camera silent"
+    brought, own = ev.VehicleTextReceived(1, 3, text), ev.TextReceived(1, 3, text)
+    assert read(brought, own, at=(1.0, 1.3)).count("C7 FAULT") == 1
 
 
 def test_that_the_companion_is_back_and_the_scripts_hold_stands_is_read_as_the_script_says_it() -> None:
@@ -127,12 +120,14 @@ def test_that_the_companion_is_back_and_the_scripts_hold_stands_is_read_as_the_s
     board = driving()
     board.pass_time(3.0)
     board.pass_time(25.0, state=ids.State.OK)
-    page, rover = io.StringIO(), Rover(1)
-    output = TextOutput(page, colours=False)
-    for said in board.said:
-        for event in rover.hear_vehicle_text(said.severity, said.text, said.t):
-            output.event(event, said.t, several=False)
-    assert [line[10:] for line in page.getvalue().splitlines()] == [
+    rover = Rover(1)
+    heard = [
+        (event, said.t)
+        for said in board.said
+        for event in rover.handle_vehicle_text(said.severity, said.text, said.t)
+    ]
+    text = read(*(event for event, _ in heard), at=[at for _, at in heard])
+    assert [line[10:] for line in text.splitlines()] == [
         'autopilot says "HOLD: companion silent. AUTO again = go blind"',
         'autopilot says "Companion is back: nothing resumes by itself"',
         'autopilot says "HOLD since companion silent: set AUTO by hand"',
@@ -155,30 +150,22 @@ def test_that_the_companion_is_back_and_the_scripts_hold_stands_is_read_as_the_s
 def test_a_hold_that_is_not_the_companions_is_never_told_as_ok(
     state: ids.State, number: int, told: str | None
 ) -> None:
-    page = io.StringIO()
-    TextOutput(page, colours=False).event(ev.StateChanged(1, state, number), 1.0, several=False)
-    assert [line[10:] for line in page.getvalue().splitlines()] == ([] if told is None else [told])
+    text = read(ev.StateChanged(1, state, number))
+    assert [line[10:] for line in text.splitlines()] == ([] if told is None else [told])
 
 
 def test_that_the_vehicle_is_held_now_is_told_without_the_rest(thing_call: CallData) -> None:
-    page = io.StringIO()
-    output = TextOutput(page, colours=False)
-    output.event(ev.CallOpened(1, replace(thing_call, holding=False)), 1.0, several=False)
-    before = len(page.getvalue().splitlines())
-    output.event(ev.CallChanged(1, thing_call), 2.0, several=False)
-    told = page.getvalue().splitlines()[before:]
+    opened = ev.CallOpened(1, replace(thing_call, holding=False))
+    told = read(opened, ev.CallChanged(1, thing_call)).splitlines()[len(read(opened).splitlines()) :]
     assert [line.split("  ")[1] for line in told] == ["C7 vehicle held"]
 
 
 def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallData) -> None:
-    page = io.StringIO()
-    output = TextOutput(page, colours=False)
-    output.event(ev.CallOpened(1, thing_call), 1.0, several=False)
-    before = len(page.getvalue().splitlines())
+    opened = ev.CallOpened(1, thing_call)
     both = replace(thing_call, reasons=ids.Reasons.UNKNOWN_OBJECT | ids.Reasons.BLOCKED)
-    for call in (both, thing_call, both, thing_call, replace(both, stage=ids.Stage.CLEAR)):
-        output.event(ev.CallChanged(1, call), 2.0, several=False)
-    told = page.getvalue().splitlines()[before:]
+    calls = (both, thing_call, both, thing_call, replace(both, stage=ids.Stage.CLEAR))
+    text = read(opened, *(ev.CallChanged(1, call) for call in calls))
+    told = text.splitlines()[len(read(opened).splitlines()) :]
     assert ["blocked" in told[0], "clear now" in told[1], len(told)] == [True, True, 2]
 
 

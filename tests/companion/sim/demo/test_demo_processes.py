@@ -6,7 +6,6 @@ import io
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from companion.sim.demo.main import set_stage
 from companion.sim.demo.rehearsal import run_camera_demo
 from companion.sim.demo.sheet import write_sheet
 from companion.sim.demo.story import Story
+from tests.waiting import wait_for
 
 
 @pytest.mark.parametrize("name", ["plain", 'with "quotes" and \\ and ä'])
@@ -94,10 +94,7 @@ def test_a_child_that_was_stopped_does_not_outlive_a_parent_that_was_killed(
     orphan = Path("/proc", killed.stdout.readline().strip())
     killed.kill()
     killed.wait(10.0)
-    deadline = time.monotonic() + 10.0
-    while (alive := _runs(orphan)) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert not alive
+    wait_for(lambda: not _runs(orphan))
 
 
 def _runs(process: Path) -> bool:

@@ -110,7 +110,7 @@ class Board:
         self.hear(mavlink.MAVLink_statustext_message(severity, text).pack(mav or self.companion))
 
     def hear(self, datagram: Any) -> None:
-        self.scripting.hear(bytes(datagram), 0)
+        self.scripting.receive(bytes(datagram), 0)
 
     def pass_time(self, seconds: float, *, state: int | None = None) -> None:
         """Let time pass, with a heartbeat a second where a state is given."""

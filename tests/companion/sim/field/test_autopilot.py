@@ -331,7 +331,7 @@ def test_positions_and_attitude_agree_with_the_rover(bench: Bench) -> None:
 
 
 def test_the_switches_of_the_hand_are_seen_in_rc_channels(bench: Bench) -> None:
-    bench.rover.hand.switches[7] = 1900
+    bench.rover.transmitter.switches[7] = 1900
     bench.pass_time(1.5)
     assert bench.heard(Port.COMPANION, "RC_CHANNELS")[-1].chan7_raw == 1900
 

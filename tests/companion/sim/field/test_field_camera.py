@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 import pytest
@@ -18,6 +19,13 @@ DRUM, ROCK, GRASS, TREE, SKY, PUDDLE = (
 PATH = {LABELS.index("dirt path"), LABELS.index("gravel")}
 WORLD = World(1)
 CAMERA = Camera(WORLD)
+
+
+def _another() -> Camera:
+    """CAMERA in a world of its own, to change things in."""
+    camera = copy(CAMERA)
+    camera.world = World(1)
+    return camera
 
 
 def _before(world: World, thing_id: str, distance: float) -> Pose:
@@ -120,8 +128,8 @@ def test_a_surprise_is_labelled_where_it_stands(thing_id: str) -> None:
 
 
 def test_the_nearer_thing_hides_the_farther_one() -> None:
-    world = World(1)
-    camera, pose = Camera(world), world.trail.pose(20.0)
+    camera = _another()
+    world, pose = camera.world, camera.world.trail.pose(20.0)
     world.move("drum-1", *_beside(pose, 3.0, 0.0))
     world.move("rock-1", *_beside(pose, 6.0, 0.0))
     _, labels = camera.render(pose, 0.0)
@@ -133,8 +141,8 @@ def test_the_nearer_thing_hides_the_farther_one() -> None:
 
 
 def test_a_removed_thing_vanishes_from_picture_and_labels() -> None:
-    world = World(1)
-    camera, pose = Camera(world), _before(world, "drum-1", 4.0)
+    camera = _another()
+    world, pose = camera.world, _before(camera.world, "drum-1", 4.0)
     frame, labels = camera.render(pose, 3.0)
     world.remove("drum-1")
     bare, bare_labels = camera.render(pose, 3.0)
@@ -146,8 +154,8 @@ def test_a_removed_thing_vanishes_from_picture_and_labels() -> None:
 
 
 def test_a_moved_thing_shows_where_it_went() -> None:
-    world = World(1)
-    camera, pose = Camera(world), _before(world, "drum-1", 4.0)
+    camera = _another()
+    world, pose = camera.world, _before(camera.world, "drum-1", 4.0)
     world.move("drum-1", *_beside(pose, 4.0, 1.5))
     _, labels = camera.render(pose, 0.0)
     row, column = _pixel(camera, pose, *_beside(pose, 4.0, 1.5), 0.4)
@@ -156,8 +164,8 @@ def test_a_moved_thing_shows_where_it_went() -> None:
 
 
 def test_light_scales_brightness_and_not_labels() -> None:
-    world = World(1)
-    camera, pose = Camera(world), world.trail.pose(20.0)
+    camera = _another()
+    world, pose = camera.world, camera.world.trail.pose(20.0)
     means, seen = [], []
     for light in (0.4, 0.7, 1.0, 1.6):
         world.light = light

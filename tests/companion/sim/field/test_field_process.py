@@ -19,6 +19,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.cameras.frame_socket import FrameStream, FrameTimeout
+from companion.sim.field.__main__ import main
 from companion.sim.field.control import FieldControl
 from companion.sim.field.router import Parser
 
@@ -149,54 +150,6 @@ def test_a_ground_station_that_never_spoke_is_sent_nothing() -> None:
         end(process)
 
 
-def test_text_from_the_companion_reaches_the_ground_byte_for_byte_and_is_counted(
-    rover: Peer, ground: Peer, control: FieldControl
-) -> None:
-    before = control.status()["bytes"]["gcs"]["from_companion"]
-    raw = rover.tell(mavlink.MAVLink_statustext_message(3, b"C7 unknown thing ahead 38%"))
-    got = ground.hear(kind("STATUSTEXT"))
-    assert bytes(got.get_msgbuf()) == raw
-    assert control.status()["bytes"]["gcs"]["from_companion"] == before + len(raw)
-
-
-def test_a_call_and_its_answer_pass_both_ways_by_target(rover: Peer, ground: Peer) -> None:
-    rover.tell(mavlink.MAVLink_tunnel_message(255, 190, 45002, 4, b"call".ljust(128, b"\0")))
-    assert ground.hear(kind("TUNNEL")).payload_type == 45002
-    ground.tell(mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 7, 1, 0, 0, 0, 0, 0))
-    assert rover.hear(kind("COMMAND_LONG")).param1 == 7
-    rover.tell(mavlink.MAVLink_command_ack_message(31010, 0, 0, 0, 255, 190))
-    assert ground.hear(kind("COMMAND_ACK")).command == 31010
-
-
-def test_it_drives_stops_at_the_companion_s_word_and_drives_on(
-    rover: Peer, ground: Peer, control: FieldControl
-) -> None:
-    control.start()
-    assert ground.hear(lambda f: f.get_type() == "HEARTBEAT" and f.custom_mode == 10 and f.base_mode & 0x80)
-    assert moves(control, lambda speed: speed > 0.8)
-    asked_at = time.monotonic()
-    rover.tell(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 4, 0, 0, 0, 0, 0))
-    assert ground.hear(lambda f: f.get_type() == "HEARTBEAT" and f.custom_mode == 4)
-    assert time.monotonic() - asked_at < 0.5
-    assert moves(control, lambda speed: speed == 0.0)
-    stood_at = control.status()["s"]
-    rover.tell(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 10, 0, 0, 0, 0, 0))
-    assert moves(control, lambda speed: speed > 0.8)
-    status = control.status()
-    assert 0.0 < status["s"] - stood_at < 5.0
-    assert [entry["by"] for entry in status["mode_log"]] == ["hand", "companion", "companion"]
-    control.mode("HOLD")
-
-
-def moves(control: FieldControl, as_wanted: Callable[[float], bool]) -> bool:
-    deadline = time.monotonic() + 10.0
-    while time.monotonic() < deadline:
-        if as_wanted(control.status()["speed"]):
-            return True
-        time.sleep(0.02)
-    return False
-
-
 def test_rubbish_on_either_port_stops_nothing(rover: Peer, ground: Peer) -> None:
     noise = bytes(range(256)) * 4
     for peer in (rover, ground):
@@ -285,23 +238,19 @@ def test_it_runs_for_its_time_even_when_nobody_reads_what_it_says() -> None:
 
 
 @pytest.mark.parametrize("option", [("--fps", "0"), ("--speed", "-1"), ("--width", "1"), ("--seed", "x")])
-def test_an_option_out_of_range_is_refused_by_name(option: tuple[str, str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "companion.sim.field", *option],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert option[0] in done.stderr
+def test_an_option_out_of_range_is_refused_by_name(
+    option: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(option)
+    assert option[0] in capsys.readouterr().err
 
 
-def test_it_says_whether_the_script_for_the_autopilot_runs() -> None:
+def test_it_says_whether_the_script_for_the_autopilot_runs(addresses: dict[str, Any]) -> None:
     pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
-    for options, said in (((), "running"), (("--no-script",), "not running: --no-script")):
-        process = start(*options)
-        try:
-            assert first_line(process)["script"] == said
-        finally:
-            end(process)
+    assert addresses["script"] == "not running: --no-script"
+    process = start()
+    try:
+        assert first_line(process)["script"] == "running"
+    finally:
+        end(process)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.sim.field.render import LABELS, Camera
-from companion.sim.field.things import Thing, World
+from companion.sim.field.things import World
 
 Labels = NDArray[np.uint8]
 
@@ -25,21 +26,27 @@ DRIVABLE = [LABELS.index(name) for name in LABELS if name in {"grass", "dirt pat
 
 
 @pytest.fixture(scope="module")
-def eyes() -> GroundNetwork:
+def network() -> GroundNetwork:
     """The network that ships."""
     return GroundNetwork(SHIPPED, Runtime(threads=1))
 
 
-def before(kind: str, seed: int, distance: float, *, light: float = 1.0) -> tuple[Image, Labels, Thing]:
-    """What the camera sees `distance` metres before a surprise, its labels, and the surprise."""
-    world = World(seed)
+@cache
+def camera(seed: int) -> Camera:
+    """The camera of a world; painting what it shows takes a second."""
+    return Camera(World(seed), 320, 240)
+
+
+def before(kind: str, seed: int, distance: float, *, light: float = 1.0) -> tuple[Image, Labels]:
+    """What the camera sees `distance` metres before a surprise, and its labels."""
+    seen = camera(seed)
+    world = seen.world
     world.light = light
     thing = next(each for each in world.things.values() if each.surprise and each.kind == kind)
     along = np.linspace(0.0, world.trail.length, 2000)
     gaps = [math.hypot(thing.x - p.x, thing.y - p.y) for p in map(world.trail.pose, along)]
     place = float(along[int(np.argmin(gaps))]) - distance
-    image, labels = Camera(world, 320, 240).render(world.trail.pose(place), 0.0)
-    return image, labels, thing
+    return seen.render(world.trail.pose(place), 0.0)
 
 
 def thing_box(labels: Labels, kind: str) -> Box:
@@ -59,29 +66,29 @@ def parts(values: NDArray[np.float32], labels: Labels, kind: str) -> tuple[float
     return float(big[thing].mean()), float(big[np.isin(labels, DRIVABLE)].mean())
 
 
-def asked(eyes: GroundNetwork, image: Image, *more: Prompt) -> NDArray[np.float32]:
-    return eyes.attend(eyes.encode(image), [*map(Prompt, WORDS), *more])
+def asked(network: GroundNetwork, image: Image, *more: Prompt) -> NDArray[np.float32]:
+    return network.attend(network.encode(image), [*map(Prompt, WORDS), *more])
 
 
 @pytest.mark.parametrize("kind", ["drum", "rock", "log"])
 @pytest.mark.parametrize("light", [0.6, 1.5])
 def test_a_thing_without_a_word_is_uncertain_and_the_trail_is_not(
-    eyes: GroundNetwork, kind: str, light: float
+    network: GroundNetwork, kind: str, light: float
 ) -> None:
     for seed in (31, 32):
-        image, labels, _ = before(kind, seed, 4.0, light=light)
-        thing, ground = parts(1 - asked(eyes, image).max(axis=0), labels, kind)
+        image, labels = before(kind, seed, 4.0, light=light)
+        thing, ground = parts(1 - asked(network, image).max(axis=0), labels, kind)
         assert thing > 0.4
         assert ground < 0.15
 
 
 @pytest.mark.parametrize("kind", ["drum", "rock", "log"])
-def test_a_tapped_thing_is_found_nearer_and_in_other_light(eyes: GroundNetwork, kind: str) -> None:
-    image, labels, _ = before(kind, 31, 4.5)
-    example = eyes.example(eyes.encode(image), thing_box(labels, kind))
+def test_a_tapped_thing_is_found_nearer_and_in_other_light(network: GroundNetwork, kind: str) -> None:
+    image, labels = before(kind, 31, 4.5)
+    example = network.example(network.encode(image), thing_box(labels, kind))
     for distance, light in ((4.5, 1.0), (3.5, 0.7), (3.0, 1.4)):
-        image, labels, _ = before(kind, 31, distance, light=light)
-        found = asked(eyes, image, Prompt("named", (example,)))[-1]
+        image, labels = before(kind, 31, distance, light=light)
+        found = asked(network, image, Prompt("named", (example,)))[-1]
         thing, ground = parts(found, labels, kind)
         assert thing > 0.5
         assert ground < 0.05
@@ -89,71 +96,74 @@ def test_a_tapped_thing_is_found_nearer_and_in_other_light(eyes: GroundNetwork, 
 
 @pytest.mark.parametrize(("tapped", "other"), [("drum", "log"), ("drum", "rock"), ("log", "drum")])
 def test_a_tapped_thing_is_not_found_in_another_strange_thing(
-    eyes: GroundNetwork, tapped: str, other: str
+    network: GroundNetwork, tapped: str, other: str
 ) -> None:
-    image, labels, _ = before(tapped, 31, 4.0)
-    example = eyes.example(eyes.encode(image), thing_box(labels, tapped))
+    image, labels = before(tapped, 31, 4.0)
+    example = network.example(network.encode(image), thing_box(labels, tapped))
     for seed in (31, 32):
-        image, labels, _ = before(other, seed, 3.5)
-        found = eyes.attend(eyes.encode(image), [Prompt("named", (example,))])[0]
+        image, labels = before(other, seed, 3.5)
+        found = network.attend(network.encode(image), [Prompt("named", (example,))])[0]
         assert parts(found, labels, other)[0] < 0.3
 
 
-def test_a_weak_word_that_was_tapped_means_what_was_tapped(eyes: GroundNetwork) -> None:
-    image, labels, _ = before("log", 31, 4.0)
-    example = eyes.example(eyes.encode(image), thing_box(labels, "log"))
-    image, labels, _ = before("rock", 31, 3.5)
-    uncertain = 1 - asked(eyes, image, Prompt("obstacle", (example,))).max(axis=0)
-    assert parts(1 - asked(eyes, image, Prompt("obstacle")).max(axis=0), labels, "rock")[0] < 0.5
+def test_a_weak_word_that_was_tapped_means_what_was_tapped(network: GroundNetwork) -> None:
+    image, labels = before("log", 31, 4.0)
+    example = network.example(network.encode(image), thing_box(labels, "log"))
+    image, labels = before("rock", 31, 3.5)
+    uncertain = 1 - asked(network, image, Prompt("obstacle", (example,))).max(axis=0)
+    assert parts(1 - asked(network, image, Prompt("obstacle")).max(axis=0), labels, "rock")[0] < 0.5
     assert parts(uncertain, labels, "rock")[0] > 0.4
 
 
-def test_several_taps_of_one_word_add_up(eyes: GroundNetwork) -> None:
+def test_several_taps_of_one_word_add_up(network: GroundNetwork) -> None:
     examples = []
     for kind in ("drum", "log"):
-        image, labels, _ = before(kind, 31, 4.0)
-        examples.append(eyes.example(eyes.encode(image), thing_box(labels, kind)))
+        image, labels = before(kind, 31, 4.0)
+        examples.append(network.example(network.encode(image), thing_box(labels, kind)))
     both = Prompt("thing", tuple(examples))
     for kind, own in zip(("drum", "log"), examples, strict=True):
-        image, labels, _ = before(kind, 31, 3.5)
-        seen = eyes.encode(image)
-        alone, together = eyes.attend(seen, [Prompt("named", (own,)), both])
+        image, labels = before(kind, 31, 3.5)
+        seen = network.encode(image)
+        alone, together = network.attend(seen, [Prompt("named", (own,)), both])
         assert (together >= alone).all()
         assert parts(together, labels, kind)[0] > 0.5
 
 
-def test_a_known_word_keeps_what_it_names_beside_its_taps(eyes: GroundNetwork) -> None:
-    image, labels, _ = before("drum", 31, 4.0)
-    seen = eyes.encode(image)
-    example = eyes.example(seen, thing_box(labels, "drum"))
-    word, both = eyes.attend(seen, [Prompt("grass")])[0], eyes.attend(seen, [Prompt("grass", (example,))])[0]
+def test_a_known_word_keeps_what_it_names_beside_its_taps(network: GroundNetwork) -> None:
+    image, labels = before("drum", 31, 4.0)
+    seen = network.encode(image)
+    example = network.example(seen, thing_box(labels, "drum"))
+    word, both = (
+        network.attend(seen, [Prompt("grass")])[0],
+        network.attend(seen, [Prompt("grass", (example,))])[0],
+    )
     assert (both >= word).all()
     assert parts(both, labels, "drum")[0] > 0.5
 
 
-def test_an_example_survives_being_stored_as_bytes(eyes: GroundNetwork) -> None:
-    image, labels, _ = before("drum", 31, 4.0)
-    seen = eyes.encode(image)
-    example = eyes.example(seen, thing_box(labels, "drum"))
+def test_an_example_survives_being_stored_as_bytes(network: GroundNetwork) -> None:
+    image, labels = before("drum", 31, 4.0)
+    seen = network.encode(image)
+    example = network.example(seen, thing_box(labels, "drum"))
     blob = np.ascontiguousarray(example.vector, "<f4").tobytes()
     again = Example(example.model_id, np.frombuffer(blob, "<f4").astype(np.float32))
-    one, two = eyes.attend(seen, [Prompt("drum", (example,)), Prompt("barrel", (again,))])
+    one, two = network.attend(seen, [Prompt("drum", (example,)), Prompt("barrel", (again,))])
     np.testing.assert_array_equal(one, two)
 
 
-def test_a_box_too_small_and_an_example_cut_short_are_refused(eyes: GroundNetwork) -> None:
-    image, labels, _ = before("drum", 31, 4.0)
-    seen = eyes.encode(image)
+def test_a_box_too_small_and_an_example_cut_short_are_refused(network: GroundNetwork) -> None:
+    image, labels = before("drum", 31, 4.0)
+    seen = network.encode(image)
     with pytest.raises(ExampleError, match="too small"):
-        eyes.example(seen, Box(0.5, 0.5, 0.505, 0.505))
-    whole = eyes.example(seen, thing_box(labels, "drum"))
+        network.example(seen, Box(0.5, 0.5, 0.505, 0.505))
+    whole = network.example(seen, thing_box(labels, "drum"))
     short = Example(whole.model_id, whole.vector[:-1])
     with pytest.raises(ExampleError, match="not whole"):
-        eyes.attend(seen, [Prompt("drum", (short,))])
+        network.attend(seen, [Prompt("drum", (short,))])
 
 
-def test_a_box_over_the_whole_picture_teaches_something_finite(eyes: GroundNetwork) -> None:
-    image, _, _ = before("rock", 31, 4.0)
-    example = eyes.example(eyes.encode(image), Box(0.0, 0.0, 1.0, 1.0))
-    assert example.model_id == eyes.model_id
+def test_a_box_over_the_whole_picture_teaches_something_finite(network: GroundNetwork) -> None:
+    image, _ = before("rock", 31, 4.0)
+    example = network.example(network.encode(image), Box(0.0, 0.0, 1.0, 1.0))
+    assert example.model_id == network.model_id
     assert example.vector.dtype == np.float32

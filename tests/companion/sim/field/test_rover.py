@@ -91,15 +91,6 @@ def test_it_keeps_to_the_middle_of_the_path_for_a_whole_lap(trail: Trail) -> Non
     assert worst < 0.3
 
 
-def test_it_goes_on_after_a_stop_at_the_place_where_it_stood(trail: Trail) -> None:
-    rover = Rover(trail)
-    drive(rover, Drive.FOLLOW, 20.0)
-    drive(rover, Drive.BRAKE, 5.0)
-    stood_at, progress = rover.s, rover.distance
-    drive(rover, Drive.FOLLOW, 4.0)
-    assert (rover.s - stood_at) % trail.length == pytest.approx(rover.distance - progress, abs=0.2)
-
-
 def test_a_restarted_mission_leads_back_to_the_start_and_on_from_there(trail: Trail) -> None:
     rover = Rover(trail)
     drive(rover, Drive.FOLLOW, 15.0)
@@ -127,14 +118,14 @@ def test_a_rover_left_alone_by_the_hand_coasts_to_a_stop_farther_than_its_brakes
 @pytest.mark.parametrize(("throttle", "sign"), [(0.6, 1.0), (-0.6, -1.0)])
 def test_the_hand_drives_forwards_and_backwards(trail: Trail, throttle: float, sign: float) -> None:
     rover = Rover(trail)
-    rover.hand.throttle = throttle
+    rover.transmitter.throttle = throttle
     drive(rover, Drive.HAND, 2.0)
     assert sign * rover.speed > 0.3
 
 
 def test_the_hand_never_exceeds_the_top_speed_and_steers_left_with_positive_steering(trail: Trail) -> None:
     rover = Rover(trail)
-    rover.hand.throttle, rover.hand.steering = 1.0, 0.05
+    rover.transmitter.throttle, rover.transmitter.steering = 1.0, 0.05
     before = rover.heading
     drive(rover, Drive.HAND, 0.8)
     assert rover.heading > before

@@ -124,30 +124,6 @@ def test_a_fault_of_the_companion_stops_sooner(scene: Scene) -> None:
     assert metres < braked_by + 0.4
 
 
-@pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW, Policy.OFF])
-def test_a_rover_whose_companion_may_not_hold_it_drives_on_when_that_dies(
-    scene: Scene, policy: Policy
-) -> None:
-    scene.policy = policy
-    scene.drive()
-    scene.state = State.FAULT
-    scene.pass_time(3.0)
-    scene.state = None
-    scene.pass_time(20.0)
-    assert scene.is_in(Mode.AUTO)
-    assert not [change for change in scene.autopilot.mode_log if change.by == "script"]
-
-
-def test_one_that_is_told_to_hold_while_it_drives_is_guarded_from_then_on(scene: Scene) -> None:
-    scene.policy = Policy.SHADOW
-    scene.drive()
-    scene.policy = Policy.HOLD
-    scene.pass_time(1.1)
-    scene.state = None
-    scene.standstill()
-    assert scene.is_in(Mode.HOLD)
-
-
 def test_damaged_heartbeats_and_rubbish_do_not_keep_it_driving(scene: Scene) -> None:
     scene.drive()
     scene.state = None

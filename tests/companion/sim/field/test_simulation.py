@@ -145,7 +145,7 @@ def test_light_camera_switches_and_the_end_are_at_the_onlooker_s_hand(scene: Sce
     scene.ask("rc", channel=7, pwm=1900)
     scene.ask("stop")
     assert (scene.world.light, scene.frozen, scene.stopped) == (0.4, True, True)
-    assert scene.simulation.rover.hand.switches == {7: 1900}
+    assert scene.simulation.rover.transmitter.switches == {7: 1900}
 
 
 @pytest.mark.parametrize(

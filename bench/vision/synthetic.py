@@ -1,4 +1,4 @@
-"""Runs a vision process that starts at once: `python -m bench.vision.painted DESCRIPTOR PARENT`."""
+"""Runs a vision process that starts at once: `python -m bench.vision.synthetic DESCRIPTOR PARENT`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from anytraverse.perception import KINDS
 from anytraverse.perception.runtime import Runtime
 from bench.link.synthetic_frames import NumberPerceiver
 
-COMMAND = (sys.executable, "-m", "bench.vision.painted")
+COMMAND = (sys.executable, "-m", "bench.vision.synthetic")
 
 
 def make(_: str, __: Runtime) -> NumberPerceiver:
@@ -17,8 +17,8 @@ def make(_: str, __: Runtime) -> NumberPerceiver:
 
 
 def register() -> None:
-    """Registers "plates" as a kind of perceiver in this process."""
-    KINDS["plates"] = ("bench.vision.painted", "make")
+    """Registers "synthetic" as a kind of perceiver in this process."""
+    KINDS["synthetic"] = ("bench.vision.synthetic", "make")
 
 
 if __name__ == "__main__":

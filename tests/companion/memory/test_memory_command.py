@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -252,13 +253,19 @@ def test_a_wrong_configuration_is_told(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can own files as somebody else")
-def test_what_root_changes_stays_the_folder_s_owner_s(rover: Rover, other: Rover, tmp_path: Path) -> None:
+def test_what_root_changes_stays_the_folder_s_owner_s(
+    rover: Rover, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with TemporaryDirectory() as opened:  # unlike pytest's own folder, others may enter it
+        Path(opened).chmod(0o755)
+        _import_as_root(rover, Rover(Path(opened) / "other", capsys), tmp_path)
+
+
+def _import_as_root(rover: Rover, other: Rover, tmp_path: Path) -> None:
     rover.taught(7)
     rover.type("export", str(tmp_path / "scenes"))
     other.state.mkdir()
     os.chown(other.state, 65534, 65534)
-    for folder in (tmp_path, *tmp_path.parents[:2]):
-        folder.chmod(0o755)
     other.state.rename(tmp_path / "away")
     assert "is not there: start the companion once" in other.type("import", str(tmp_path / "scenes"))[2]
     (tmp_path / "away").rename(other.state)

@@ -109,7 +109,9 @@ def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     forget.add_argument("which", nargs="+", metavar="N", help='as listed, or "all"')
     to = actions.add_parser("export", parents=[shared], help="write all scenes to a new file")
     to.add_argument("file", metavar="FILE")
-    source = actions.add_parser("import", parents=[shared], help="add an exported file's scenes; the companion is stopped")
+    source = actions.add_parser(
+        "import", parents=[shared], help="add an exported file's scenes; the companion is stopped"
+    )
     source.add_argument("file", metavar="FILE")
     memory.set_defaults(run=_memory)
 

@@ -122,9 +122,16 @@ def check_rights(rover: Rover) -> list[Finding]:
     bad = [
         _refused(user, path, rights)
         for path, rights in _used(rover)
-        if path.exists() and not _may(user, path, rights)
+        if not _is_absent(path) and not _may(user, path, rights)
     ]
     return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices")]
+
+
+def _is_absent(path: Path) -> bool:
+    try:
+        return not path.exists()
+    except OSError:  # a folder above it may not be entered, which is told
+        return False
 
 
 def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
@@ -138,7 +145,7 @@ def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
     try:
         place = Path(split_source(config.camera.source)[1])
         if place.is_absolute():
-            yield place, _READ | (_ENTER if place.is_dir() else 0)
+            yield place, _READ | (_ENTER if _is_dir(place) else 0)
         for one in config.link.settings().connections().values():
             if one.address().scheme == "serial":
                 yield Path(one.address().place), _READ | _WRITE
@@ -201,7 +208,14 @@ _LEAST, _LITTLE = 50 << 20, 500 << 20
 
 def existing(folder: Path) -> Path:
     """Return the folder, or the nearest folder above it that exists."""
-    return next((path for path in (folder, *folder.parents) if path.is_dir()), Path("/"))
+    return next((path for path in (folder, *folder.parents) if _is_dir(path)), Path("/"))
+
+
+def _is_dir(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # a folder above it may not be entered
+        return False
 
 
 def check_space(folder: Path) -> Finding:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 from statistics import median
 
 from anytraverse.frame import Image, is_image
-from companion.cameras import BadFrame, CameraError, EndOfFrames, NoFrameYet, Playback, open_camera
+from companion.cameras import BadFrame, Camera, CameraError, EndOfFrames, NoFrameYet, Playback, open_camera
 from companion.config import Config
 
 SEEN_WITHIN = 5.0
@@ -39,45 +40,69 @@ class Seen:
     white: float = 0.0
 
 
+@dataclass
+class _Watched:
+    """Collects what the camera delivers. why: why no picture came so far. ended: no more will come."""
+
+    why: str = f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address"
+    arrived: list[float] = field(default_factory=list)
+    ages: list[float] = field(default_factory=list)
+    bad: int = 0
+    ended: bool = False
+    newest: Image | None = None
+
+    def read(self, camera: Camera) -> None:
+        """Wait for the next picture, 0.5 s at most. Raises CameraError when the camera is lost."""
+        try:
+            capture = camera.read(0.5)
+            if not is_image(capture.image):
+                raise BadFrame("not an RGB picture of 8 bits a channel: check the camera's pixel format")
+        except NoFrameYet:
+            return
+        except BadFrame as error:
+            self.why, self.bad = str(error), self.bad + 1
+            return
+        except EndOfFrames as error:
+            self.why, self.ended = self.why if self.bad else str(error), True
+            return
+        now = time.monotonic()
+        self.arrived.append(now)
+        self.ages.append(now - capture.captured_at)
+        self.newest = capture.image
+
+
 def watch(config: Config) -> Seen:
     """Open the camera, wait up to 5 s for a first picture, and watch it for 2 to 8 s."""
+    watched = _Watched()
     try:
         camera = open_camera(config.camera.source, Playback(config.camera.playback, config.camera.loop))
+        try:
+            until = time.monotonic() + SEEN_WITHIN
+            while time.monotonic() < until and not watched.ended:
+                first = not watched.arrived
+                watched.read(camera)
+                if first and watched.arrived:
+                    until = watched.arrived[0] + min(LONGEST, max(WATCHED, 4.0 / config.camera.rate))
+        finally:
+            camera.close()
     except CameraError as error:
         return Seen(str(error))
-    why = f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address"
-    arrived, ages, bad, newest = list[float](), list[float](), 0, None
-    until = time.monotonic() + SEEN_WITHIN
-    try:
-        while time.monotonic() < until:
-            try:
-                captured_at, image = camera.read(0.5)
-                if not is_image(image):
-                    raise BadFrame("not an RGB picture of 8 bits a channel: check the camera's pixel format")
-            except NoFrameYet:
-                continue
-            except BadFrame as error:
-                why, bad = str(error), bad + 1
-                continue
-            except EndOfFrames as error:
-                why = why if bad else str(error)
-                break
-            now = time.monotonic()
-            if newest is None:
-                until = now + min(LONGEST, max(WATCHED, 4.0 / config.camera.rate))
-            arrived.append(now)
-            ages.append(now - captured_at)
-            newest = image
-    except CameraError as error:
-        if newest is None:
-            return Seen(str(error))
-    finally:
-        camera.close()
-    if newest is None:
-        return Seen(why)
-    seconds = arrived[-1] - arrived[0]
-    rate = (len(arrived) - 1) / seconds if seconds > 0.0 else None
-    return _exposed(newest, rate, median(ages), bad)
+    if watched.newest is None:
+        return Seen(watched.why)
+    silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]
+    return _exposed(watched.newest, _rate(watched.arrived, silence), median(watched.ages), watched.bad)
+
+
+def _rate(arrived: list[float], silence: float) -> float | None:
+    """Calculate pictures a second; None where only one came and no more will. arrived: seconds of each.
+
+    silence: seconds without a picture after the last one. They count if that is over twice the longest gap.
+    """
+    gaps = [after - before for before, after in pairwise(arrived)]
+    if not gaps:
+        return 0.0 if silence > 0.0 else None
+    seconds = sum(gaps) + (silence if silence > 2.0 * max(gaps) else 0.0)
+    return len(gaps) / seconds if seconds > 0.0 else None
 
 
 def _exposed(image: Image, rate: float | None, age: float, bad: int) -> Seen:

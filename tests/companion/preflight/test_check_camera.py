@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.cameras import BadFrame, Capture
+from companion.cameras import BadFrame, CameraError, Capture, NoFrameYet
 from companion.config import load_config
 from companion.preflight import watching
 from companion.preflight.camera import check_camera, check_exposure, check_frames
@@ -97,17 +97,26 @@ def test_a_running_companion_s_camera_is_left_to_it(
 
 
 class Played:
-    """A camera and its clock: a picture every `period` seconds, `age` old; every `bad`th one is damaged."""
+    """A camera and its clock: a picture every `period` seconds, `age` old; every `bad`th one is damaged.
 
-    def __init__(self, period: float, age: float, bad: int = 0) -> None:
+    pictures: after so many none comes any more. lost: then it fails.
+    """
+
+    def __init__(
+        self, period: float, age: float, bad: int = 0, pictures: int = 999, *, lost: bool = False
+    ) -> None:
         self.now, self._period, self._age, self._bad, self._reads = 50.0, period, age, bad, 0
+        self._pictures, self._lost = pictures, lost
 
     def monotonic(self) -> float:
         """As time.monotonic."""
         return self.now
 
-    def read(self, _: float) -> Capture:
+    def read(self, timeout: float) -> Capture:
         """As of any camera."""
+        if self._reads >= self._pictures:
+            self.now += timeout
+            raise CameraError("unplugged") if self._lost else NoFrameYet("none")
         self.now += self._period
         self._reads += 1
         if self._bad and self._reads % self._bad == 0:
@@ -126,6 +135,8 @@ class Played:
         (Played(0.1, 2.0), [Verdict.FAIL], "more than T, 1 s"),
         (Played(0.1, 0.03, bad=3), [Verdict.WARN, Verdict.WARN], "6.7 frames/s"),
         (Played(0.04, 0.03, bad=5), [Verdict.PASS, Verdict.WARN], "20.1 frames/s"),
+        (Played(0.1, 0.03, pictures=1), [Verdict.FAIL], "0.0 frames/s"),
+        (Played(0.1, 0.03, pictures=3), [Verdict.FAIL], "0.6 frames/s"),
     ],
 )
 def test_rate_and_age_are_measured(
@@ -140,6 +151,15 @@ def test_rate_and_age_are_measured(
     assert told in found[0].text
     if len(found) > 1:
         assert "pictures were damaged: check cable and supply" in found[1].text
+
+
+def test_a_camera_that_is_lost_while_it_is_watched_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played = Played(0.1, 0.03, pictures=2, lost=True)
+    monkeypatch.setattr(watching, "time", played)
+    monkeypatch.setattr(watching, "open_camera", lambda *_: played)
+    assert only(check_camera(rover(tmp_path))) == (Verdict.FAIL, "unplugged")
 
 
 def test_of_one_picture_no_rate_is_known(tmp_path: Path) -> None:

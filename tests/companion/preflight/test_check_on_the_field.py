@@ -139,7 +139,8 @@ def test_beside_a_running_companion_the_check_leaves_its_link_alone(
     assert said["autopilot"][0] == "skip"
     assert "owns the link" in said["autopilot"][1]
     assert said["link"] == ("pass", "the companion that runs hears the autopilot on main")
-    assert said["exposure"][0] == said["forwarding"][0] == "skip"
+    assert said["exposure"][0] == "skip"
+    assert said["forwarding"][0] in ("skip", "pass"), "pass: a test call was answered before"
     assert said["versions"][0] == said["disk speed"][0] == said["stopping"][0] == "pass"
     assert list(said) == [check.name for check in CHECKS], "a row for each check, in order"
     assert "in use by the companion" in said["journal"][1]

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +20,7 @@ from anytraverse.perception import Prompt
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
 from companion.config import Config, load_config
+from companion.memory import listing
 from companion.memory.pictures import delete_unused, picture_of, read_picture, store_picture
 from companion.memory.scene_file import Expected, Scene, SceneFileError, read_scenes, write_scenes
 from companion.preflight.here import state_folder
@@ -29,7 +28,6 @@ from companion.storage.batch import Batch
 from companion.storage.database import JournalError
 from companion.storage.journal import Journal
 from companion.storage.journal_copy import read_stored_memory
-from companion.vehicle.position import place_figures
 
 ALL = "all"
 
@@ -49,11 +47,11 @@ def show_list(file: str, *, as_json: bool = False) -> int:
         limit = config.journal.scenes
         print(f"{len(memory.history)} of at most {limit} scenes, learnt with model {memory.model_id}")
         if memory.history:
-            print(f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  {'picture':<7}  words")
+            print(listing.HEAD)
         for entry in memory.history:
-            print(_row(folder, entry))
+            print(listing.row(folder, entry))
     if as_json:
-        scenes = [] if memory is None else [_figures(folder, entry) for entry in memory.history]
+        scenes = [] if memory is None else [listing.figures(folder, entry) for entry in memory.history]
         print(json.dumps({"model": None if memory is None else memory.model_id, "scenes": scenes}))
     return 0
 
@@ -63,9 +61,9 @@ def show_scene(file: str, number: int, out: str | None = None) -> int:
     folder = state_folder(load_config(file))
     entry = _entry(read_stored_memory(folder), number)
     print(f"scene     {number}")
-    print(f"call      {_call(entry)}")
-    print(f"answered  {_time(entry)}")
-    print(f"place     {_place(entry)}")
+    print(f"call      {listing.call_text(entry)}")
+    print(f"answered  {listing.time_text(entry)}")
+    print(f"place     {listing.place_text(entry)}")
     for word, weight in entry.preferences.items():
         taps = len(entry.examples.get(word, ()))
         print(f"word      {word}: {weight:g}{f', tapped {taps} x' if taps else ''}")
@@ -291,42 +289,3 @@ def _entry(memory: Memory | None, number: int) -> Entry:
     if found is None:
         raise MemoryCommandError(f"no scene {number} is remembered: `companion memory list` numbers them")
     return found
-
-
-def _row(folder: Path, entry: Entry) -> str:
-    picture = "yes" if picture_of(folder, entry) is not None else "no"
-    words = "; ".join(
-        f"{word}: {weight:g}{' (tapped)' if word in entry.examples else ''}"
-        for word, weight in entry.preferences.items()
-    )
-    columns = f"{entry.order:>5}  {_call(entry):<6}  {_time(entry):<16}  {_place(entry):<20}"
-    return f"{columns}  {picture:<7}  {words}"
-
-
-def _call(entry: Entry) -> str:
-    return f"C{entry.call_id}" if entry.call_id else "none"
-
-
-def _time(entry: Entry) -> str:
-    if entry.place.time is None:
-        return "unknown"
-    return time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.place.time))
-
-
-def _place(entry: Entry) -> str:
-    place = entry.place
-    if place.latitude is None or place.longitude is None:
-        return "unknown"
-    return f"{place.latitude:.5f}, {place.longitude:.5f}"
-
-
-def _figures(folder: Path, entry: Entry) -> dict[str, Any]:
-    picture = picture_of(folder, entry)
-    return {
-        "scene": entry.order,
-        "call": entry.call_id or None,
-        "place": place_figures(entry.place),
-        "words": dict(entry.preferences),
-        "tapped": {word: len(taps) for word, taps in entry.examples.items()},
-        "picture": None if picture is None else str(picture),
-    }

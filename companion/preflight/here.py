@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import Config
-from companion.preflight.computer import existing
+from companion.preflight.rights import existing
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, warned
 from companion.storage.database import JournalError

@@ -10,7 +10,6 @@ from companion.preflight.computer import (
     check_clock,
     check_heat,
     check_load,
-    check_rights,
     check_service,
     check_space,
     check_speed,
@@ -19,6 +18,7 @@ from companion.preflight.computer import (
 from companion.preflight.here import check_journal
 from companion.preflight.link import check_autopilot, check_forwarding, check_link, check_signing
 from companion.preflight.perceiver import check_perceiver
+from companion.preflight.rights import check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed
 from companion.preflight.stopping import check_stopping

@@ -14,18 +14,18 @@ import pytest
 
 from anytraverse.release import own_version
 from companion.config import load_config
-from companion.preflight import computer
+from companion.preflight import computer, rights
 from companion.preflight.computer import (
     check_clock,
     check_heat,
     check_load,
-    check_rights,
     check_service,
     check_space,
     check_speed,
     check_versions,
 )
 from companion.preflight.here import check_journal
+from companion.preflight.rights import check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, Verdict
 from companion.storage import Journal
@@ -152,17 +152,17 @@ def test_what_the_service_s_user_may_not_use_is_told_with_what_to_type(opened: P
 
 
 def test_a_serial_device_is_opened_by_its_group(opened: Path) -> None:
-    user = computer._User("rover", 12345, frozenset({54321}))
+    user = rights._User("rover", 12345, frozenset({54321}))
     device = opened / "ttyAMA0"
     device.touch()
     device.chmod(0o660)
-    assert not computer._may(user, device, 6)
+    assert not rights._may(user, device, 6)
     if os.geteuid() == 0:
         os.chown(device, 0, 54321)
-        assert computer._may(user, device, 6)
-        assert not computer._may(user._replace(groups=frozenset()), device, 4)
+        assert rights._may(user, device, 6)
+        assert not rights._may(user._replace(groups=frozenset()), device, 4)
     device.chmod(0o666)
-    assert computer._may(user._replace(groups=frozenset()), device, 6)
+    assert rights._may(user._replace(groups=frozenset()), device, 6)
 
 
 @pytest.mark.parametrize(("free", "verdict"), [(10, "fail"), (400, "warn"), (4000, "pass")])

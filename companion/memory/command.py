@@ -246,6 +246,8 @@ def _become_owner(folder: Path) -> None:
 @contextmanager
 def _stopped(folder: Path, otherwise: str) -> Iterator[Journal]:
     """Open the journal of a companion that is stopped. Raises MemoryCommandError while it runs."""
+    if folder.exists() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+        raise MemoryCommandError(f"{folder} may not be written: type this with sudo")
     try:
         journal = Journal(folder)
     except JournalError as error:

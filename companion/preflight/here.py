@@ -73,7 +73,8 @@ def check_journal(rover: Rover) -> list[Finding]:
             pass
     except OSError as error:
         why = (error.strerror or str(error)).lower()
-        return [failed(CHECK, f"{place} cannot be written ({why}): check [journal] folder, and who owns it")]
+        whose = "check [journal] folder, and who owns it"
+        return [failed(CHECK, f"{place} cannot be written ({why}): {whose}, or type this with sudo")]
     what = f"{folder} can be written" if place == folder else f"{folder} can be made"
     if os.geteuid() == 0 and place.stat().st_uid != 0:
         what += f" by root; the service runs as {_owner(place)}"

@@ -53,7 +53,7 @@ CHECKS = (
     Check("camera",     check_camera,     "whether a first picture comes, shaped as `[mount] aspect` says"),
     Check("frames",     check_frames,     "how many pictures a second come, and how old they are"),
     Check("exposure",   check_exposure,   "whether the picture is too dark, too bright, or of one colour"),
-    Check("perceiver",  check_perceiver,  "whether the model loads, and is fast enough for the limit T"),
+    Check("perceiver",  check_perceiver,  "whether the model loads, and keeps the freshness limit T"),
     Check("link",       check_link,       "whether an autopilot is heard within 10 s, on any connection"),
     Check("autopilot",  check_autopilot,  "its parameters that would make a hold unsafe or useless"),
     Check("forwarding", check_forwarding, "whether a ground station is heard, and may answer"),

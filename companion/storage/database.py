@@ -76,12 +76,12 @@ class Database:
     def __init__(self, path: Path, largest: int) -> None:
         """largest: bytes that the file may grow to. Beyond that, writing fails as on a full disk."""
         self.path = path
-        self._was_empty = path.is_file() and path.stat().st_size == 0
         try:
+            self._was_empty = path.is_file() and path.stat().st_size == 0
             self._connection = sqlite3.connect(
                 path, timeout=_WAIT, isolation_level=None, check_same_thread=False
             )
-        except sqlite3.Error as error:
+        except (OSError, sqlite3.Error) as error:
             raise JournalError(
                 f"{path} cannot be opened ({error}): check that the folder is writable"
             ) from error

@@ -25,7 +25,7 @@ from companion.cli import main
 from companion.config import load_config
 from companion.memory.command import merged
 from companion.memory.scene_file import Scene
-from companion.storage import Batch, Journal
+from companion.storage import Batch, Journal, JournalError
 from companion.vision.warm_up import load_engine
 from tests.companion.memory.test_scene_file import PICTURE
 
@@ -304,3 +304,28 @@ def test_merging_loses_nothing_that_was_here_keeps_to_the_limit_and_stamps_upwar
     contents = {(entry.embedding.tobytes(), entry.preferences) for entry in [*after.history][len(here) :]}
     assert len(contents) == len(added)
     assert after.history.limit >= len(after.history)
+
+
+def test_somebody_who_may_not_write_there_is_told_to_use_sudo(
+    rover: Rover, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rover.taught(7)
+    rover.type("export", str(tmp_path / "scenes"))
+    monkeypatch.setattr("companion.memory.command.os.access", lambda *_: False)
+    for words in (["forget", "all"], ["import", str(tmp_path / "scenes")]):
+        told = rover.type(*words)[2]
+        assert told == f"companion memory: {rover.state} may not be written: type this with sudo\n"
+
+
+def test_a_folder_that_may_not_be_entered_is_told(rover: Rover, monkeypatch: pytest.MonkeyPatch) -> None:
+    rover.taught(7)
+
+    def refused(_: Path) -> bool:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "exists", refused)
+    assert rover.type("list")[2].endswith("journal.db may not be read: type this with sudo\n")
+    monkeypatch.undo()
+    monkeypatch.setattr("companion.storage.database.Path.is_file", refused)
+    with pytest.raises(JournalError, match="check that the folder is writable"):
+        Journal(rover.state)

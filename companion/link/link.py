@@ -1,4 +1,4 @@
-"""Joins the parts of the link: what the daemon sends and receives by MAVLink. Everything takes `now` (s, monotonic); nothing here blocks."""
+"""Joins the parts of the link. Everything takes `now` (s, monotonic); nothing here blocks."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import json
 import logging
 import os
@@ -121,14 +122,22 @@ def _run(options: argparse.Namespace) -> int:
     from companion.config import ConfigError, load_config
     from companion.config.link_settings import LinkError
     from companion.storage import JournalError
+    from companion.system.service_manager import ServiceManager, stop_on_signals
     from companion.wire.parameters import ParameterError
 
     _log_to_stderr(logging.DEBUG if options.verbose else logging.INFO)
+    if sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)  # systemd's watchdog sends SIGABRT: the log shows what hung
+    stop, service = stop_on_signals(), ServiceManager()
+    service.pause(stop)
+    if stop():
+        service.stopping()
+        return 0
     try:
         config = load_config(options.config)
         from companion.run import main as run
 
-        return _leave(run(config, vision=options.vision))
+        return _leave(run(config, stop, options.vision, service))
     except ConfigError as error:
         raise UserError(_error_text(error)) from error
     except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:

@@ -21,7 +21,7 @@ from companion.daemon.composition import (
     open_id,
     stored_u32,
 )
-from companion.daemon.daemon import Daemon, stop_on_signals
+from companion.daemon.daemon import Daemon
 from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
@@ -33,6 +33,7 @@ from companion.storage.file_reader import Reader
 from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
+from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild
 from companion.vision.client import VisionClient
@@ -44,21 +45,34 @@ log = logging.getLogger(__name__)
 _STATUS_PERIOD = 1.0
 
 
-def main(config: Config, stop: Callable[[], bool] | None = None, vision: Sequence[str] | None = None) -> int:
+def main(
+    config: Config,
+    stop: Callable[[], bool] | None = None,
+    vision: Sequence[str] | None = None,
+    service: ServiceManager | None = None,
+) -> int:
     """Run the daemon until `stop()` is true (by default: on SIGTERM or SIGINT), and return the exit code.
 
-    vision: the command line of the vision process, for one that has other perceivers.
+    vision: the command line of the vision process, for one that has other perceivers. service: where systemd
+    is told how it goes.
     Raises AnyTraverseError, LinkError, ParameterError or JournalError for what a person must mend first.
     """
     require_checkable(config)
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
-        code = _main(config, stop, vision or COMMAND, closing)
+        service = service or ServiceManager()
+        code = _main(config, stop, vision or COMMAND, service, closing)
         log.info("told to stop, and stopped")
         return code
 
 
-def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], closing: ExitStack) -> int:
+def _main(
+    config: Config,
+    stop: Callable[[], bool],
+    command: Sequence[str],
+    service: ServiceManager,
+    closing: ExitStack,
+) -> int:
     journal = Journal(config.journal.path)
     writer = closing.enter_context(Writer(journal))
     closing.enter_context(log_to_file(config.journal.path, writer))
@@ -71,8 +85,9 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    ready = load(vision, link, stop)
+    ready = load(vision, link, stop, service)
     if ready is None:
+        service.stopping()
         return 0
     start_notices = list(ready.notices)
     daemon = compose(config, Resources(link, vision, journal, writer, served, saved), ready, start_notices)
@@ -85,7 +100,8 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
     report = CheckReport(config)
     served.show_checks(report.document)
-    _run(daemon, stop, writer, report)
+    service.ready(time.monotonic())
+    _run(daemon, stop, service, writer, report)
     return 0
 
 
@@ -116,13 +132,19 @@ def _signing(config: Config) -> Signing | None:
     return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
-def _run(daemon: Daemon, stop: Callable[[], bool], writer: Writer, report: CheckReport) -> None:
+def _run(
+    daemon: Daemon, stop: Callable[[], bool], service: ServiceManager, writer: Writer, report: CheckReport
+) -> None:
     status_at = checked_at = float("-inf")
     try:
         while not stop():
             daemon.turn()
-            if time.monotonic() - status_at >= _STATUS_PERIOD:
-                status_at, figures = time.monotonic(), daemon.write_status()
+            now = time.monotonic()
+            if daemon.sees_or_reports_fault(now):
+                service.alive(now)
+            if now - status_at >= _STATUS_PERIOD:
+                status_at, figures = now, daemon.write_status()
+                service.status(f"{figures['state']}, policy {figures['policy']}")
                 writer.queue_job("measure", daemon.computer.measure)
                 if status_at - checked_at >= EVERY:
                     checked_at = status_at
@@ -132,4 +154,5 @@ def _run(daemon: Daemon, stop: Callable[[], bool], writer: Writer, report: Check
         log.critical("the supervisor's main loop failed: the companion stops")
         daemon.report_death()
         raise
+    service.stopping()
     daemon.leave()

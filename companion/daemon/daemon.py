@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import signal
 import time
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -109,6 +107,7 @@ class Daemon:
         self._status = Status(link, vision, calls, settings, self._test_call, records, position, model)
         self._stall_detector = StallDetector(link, calls, now)
         self._turned_at = now
+        self._reported_state = State.STARTING
 
     def turn(self) -> None:
         """Handle everything that was received, decide, carry it out, queue it for the disk, and send.
@@ -145,6 +144,15 @@ class Daemon:
         self._report(now)
         self._stall_detector.check(time.monotonic())
         self._link.tick(now)
+
+    def sees_or_reports_fault(self, now: float) -> bool:
+        """Whether the turn was a sound one: the link sends, and what it reports of the view is true.
+
+        Without fresh judged frames the heartbeat must say fault or off. The watchdog counts on this.
+        """
+        if self._link.sent_at < self._turned_at:
+            return False
+        return self.calls.reason_filter.fresh(now) or self._reported_state in (State.FAULT, State.OFF)
 
     def leave(self) -> None:
         """End in good order: hand a hold that needs our setpoint stream over to the autopilot's own mode.
@@ -313,7 +321,8 @@ class Daemon:
         }
         self.persistence.save_calls(settings, now)
         open_id = self.calls.current_id or self._test_call.id
-        self._link.set_state(self.calls.state(now), open_id, self.calls.policy)
+        self._reported_state = self.calls.state(now)
+        self._link.set_state(self._reported_state, open_id, self.calls.policy)
         alert = self._active_alert.compose(
             self._vision.words,
             self.position.place(),
@@ -334,11 +343,3 @@ class Daemon:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
         if self.persistence.memory_stored(now):
             self.settings.send_changes(now)
-
-
-def stop_on_signals() -> Callable[[], bool]:
-    """Catch SIGTERM and SIGINT. The returned function says whether one of them came."""
-    signals_caught: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda caught, _: signals_caught.append(caught))
-    return lambda: bool(signals_caught)

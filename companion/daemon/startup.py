@@ -17,6 +17,7 @@ from companion.link.inbound import (
     ResetRequest,
 )
 from companion.link.link import Link
+from companion.system.service_manager import ServiceManager
 from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
@@ -27,13 +28,14 @@ _TICK = 0.02
 _AGAIN = "starting, send it again"
 
 
-def load(vision: VisionClient, link: Link, stop: Callable[[], bool]) -> Ready | None:
+def load(vision: VisionClient, link: Link, stop: Callable[[], bool], service: ServiceManager) -> Ready | None:
     """Wait for the vision process's `Ready`, and run the link meanwhile. None when `stop()` came first.
 
     A process that dies is started again. Raises AnyTraverseError when the perceiver cannot be loaded.
     """
     while not stop():
         now = time.monotonic()
+        service.starting(now)
         for event in link.poll(now):
             _refuse(event, link, now)
         vision.poll(now)

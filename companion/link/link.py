@@ -103,6 +103,8 @@ class Link:
         self._intervals = MessageIntervals(self._outbox, self._router.remote_control)
         self.modes = ModeCommands(self._outbox, self._access, self._tracker)
         self._setpoints = Setpoints(self._outbox, now)
+        self.sent_at = now
+        """When `tick` last sent on every connection without an error."""
 
     @property
     def vehicle(self) -> Vehicle | None:
@@ -186,9 +188,13 @@ class Link:
             self._returns_seen = returns
             for channel in sending:
                 channel.periodic.send_heartbeat_now()
+        sound = 0
         for channel in self._channels:
             with self._error_guard.survived(channel.label, now):
                 channel.tick(now, calling=self._alerts.is_open)
+                sound += 1
+        if sound == len(self._channels):
+            self.sent_at = now
         with self._error_guard.survived("files", now):
             self._files.tick(now)
 

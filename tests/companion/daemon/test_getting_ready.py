@@ -36,6 +36,7 @@ from companion.config.link_settings import LinkSettings
 from companion.config.schema import Mount, Stopping
 from companion.daemon.startup import load
 from companion.sim.loopback_link import LoopbackLink
+from companion.system.service_manager import ServiceManager
 from companion.vision import process
 from companion.vision import warm_up as warm_up_module
 from companion.vision.codec import Splitter, decode, encode
@@ -136,7 +137,7 @@ def test_what_cannot_be_loaded_is_told_with_what_to_do(
         assert isinstance(failed, Failed)
         child.report(failed)
         with pytest.raises(AnyTraverseError, match=told):
-            load(vision, LoopbackLink().link, lambda: False)
+            load(vision, LoopbackLink().link, lambda: False, ServiceManager({}))
 
 
 def test_whoever_wants_something_while_it_loads_is_told_to_ask_again() -> None:
@@ -150,7 +151,7 @@ def test_whoever_wants_something_while_it_loads_is_told_to_ask_again() -> None:
         stage.send(wish)
     with loading() as (vision, _):
         turns = iter(range(10))
-        assert load(vision, stage.link, lambda: next(turns) == 9) is None
+        assert load(vision, stage.link, lambda: next(turns) == 9, ServiceManager({})) is None
     stage.collect(0.0)
     assert [(m.command, m.result) for m in stage.sent("COMMAND_ACK")] == [(31010, 1), (245, 1)]
     assert [(m.param_id, m.param_value) for m in stage.sent("PARAM_VALUE")] == [("AT_W_GRASS", 1.0)]

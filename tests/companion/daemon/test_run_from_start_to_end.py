@@ -30,6 +30,7 @@ from companion.sim.loopback_link import LoopbackLink
 from companion.storage import Batch, Journal
 from companion.storage.batch import as_json
 from companion.storage.writer import SLOW
+from companion.system.service_manager import ServiceManager
 from companion.tasks import VISION
 from companion.vision.client import MAX_JOBS
 from companion.wire.answers import Acknowledgement, AnswerMessage
@@ -319,6 +320,48 @@ def test_a_signal_while_loading_ends_it_and_the_vision_process(config: Config) -
     assert (children(), threads()) == ([], set())
 
 
+def test_the_service_manager_is_told_from_the_start_to_the_end(config: Config, tmp_path: Path) -> None:
+    address, path = tmp_path / "notify", tmp_path / "state" / "status.json"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(address))
+        systemd.settimeout(0)
+        environment = {
+            "NOTIFY_SOCKET": str(address),
+            "WATCHDOG_USEC": "200000",
+            "RUNTIME_DIRECTORY": str(tmp_path),
+        }
+        heard: list[str] = []
+
+        def watched() -> bool:
+            with suppress(BlockingIOError):
+                heard.append(systemd.recv(4096).decode())
+            return heard.count("WATCHDOG=1") >= 5 and "STATUS=ok, policy report" in heard
+
+        service = ServiceManager(environment)
+        service.pause(lambda: True)
+        assert (tmp_path / "failures").read_text() == "1"
+        assert run.main(config, until(watched), painted.COMMAND, service) == 0
+        with suppress(BlockingIOError):
+            while True:
+                heard.append(systemd.recv(4096).decode())
+    assert path.is_file()
+    assert heard[0] == "STATUS=starting: the perceiver is loading"
+    assert heard.index("EXTEND_TIMEOUT_USEC=30000000") < heard.index("READY=1") < heard.index("WATCHDOG=1")
+    assert heard[-1].startswith("STOPPING=1")
+    assert (tmp_path / "failures").read_text() == "0"
+
+
+def test_an_end_that_nobody_asked_for_counts_as_a_failure(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.calls.machine.OperatorCalls.tick", lambda *_: 1 / 0)
+    service = ServiceManager({"RUNTIME_DIRECTORY": str(tmp_path)})
+    service.pause(lambda: True)
+    with pytest.raises(ZeroDivisionError):
+        run.main(config, until(lambda: False), painted.COMMAND, service)
+    assert (tmp_path / "failures").read_text() == "1"
+
+
 def test_a_supervision_that_makes_no_sense_is_left_aside(config: Config, tmp_path: Path) -> None:
     journal = Journal(tmp_path / "state")
     journal.commit(
@@ -347,7 +390,7 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
                 child.work()
             return False
 
-        ready = load(vision, stage.link, stop)
+        ready = load(vision, stage.link, stop, ServiceManager({}))
     assert ready is not None
     assert ready.model.id == "painted-1"
     stage.collect(stage.now)

@@ -2,22 +2,101 @@
 # Installs the companion as a service of this rover: sudo sh systemd/install.sh [SOURCE]
 #
 # SOURCE is what pip installs: a checkout (default: the one this file is in), a wheel or a requirement.
-# Run it again to update: the program and the unit are replaced; files in /etc/anytraverse are not.
-# DESTDIR=folder is for packagers: the files go there, no user is created and systemctl is not called.
+# Run it again to update: program, unit and device rules are replaced; /etc/anytraverse and /var/lib/anytraverse are not.
+# --uninstall removes the service; --uninstall --purge removes settings, memory and user, too.
+# --configure makes the user and reloads systemd and udev, for packages. DESTDIR=folder is for packagers: the files go
+# there, no user is created and systemctl is not called.
 set -eu
 umask 022
 
 here=$(cd -- "$(dirname -- "$0")" && pwd -P)
 destination=${DESTDIR:-}
 python=${PYTHON:-/usr/bin/python3}
-venv=$destination/opt/anytraverse
+opt=$destination/opt
 config=$destination/etc/anytraverse
+state=/var/lib/anytraverse
 units=$destination/etc/systemd/system
+rules=$destination/etc/udev/rules.d
+package=/var/lib/dpkg/info/anytraverse-companion.list
+room_needed=700 # MB: the old program stays until the new one is complete
+
+say() {
+    printf 'install: %s\n' "$*"
+}
 
 fail() {
-    printf 'install: %s\n' "$*" >&2
+    say "$*" >&2
     exit 1
 }
+
+booted() {
+    [ -z "$destination" ] && [ -d /run/systemd/system ] # absent while an SD card image is built
+}
+
+reload() {
+    booted || return 0
+    systemctl daemon-reload
+    if [ -S /run/udev/control ]; then # a container has no udev
+        udevadm control --reload
+        udevadm trigger --subsystem-match=tty --subsystem-match=video4linux --subsystem-match=usb || true
+    fi
+}
+
+configure() {
+    for group in video dialout; do
+        getent group "$group" >/dev/null || groupadd --system "$group"
+    done
+    id anytraverse >/dev/null 2>&1 ||
+        useradd --system --user-group --home-dir "$state" --shell /usr/sbin/nologin anytraverse
+    usermod --append --groups video,dialout anytraverse # cameras and serial ports
+    for word in $(cat /proc/cmdline 2>/dev/null || true); do
+        case $word in
+        console=serial* | console=ttyAMA* | console=ttyS* | console=ttyTHS*)
+            console=${word#console=}
+            say "note: ${console%%,*} is this system's console: an autopilot needs another port, or turn the console off (raspi-config: Interface Options, Serial Port)"
+            ;;
+        esac
+    done
+    reload
+}
+
+uninstall() {
+    [ ! -e "$package" ] || fail "a Debian package installed it: type: sudo apt remove anytraverse-companion"
+    ! booted || systemctl disable --now companion 2>/dev/null || true
+    rm -f "$units/companion.service" "$rules/70-anytraverse.rules"
+    rm -rf "$opt/anytraverse" "$opt/anytraverse-a" "$opt/anytraverse-b"
+    reload
+    if [ "$1" != --purge ]; then
+        say "removed. Your settings in $config and what it was taught in $state are kept"
+        say "to remove them, too, type: sudo sh $0 --uninstall --purge"
+        return
+    fi
+    rm -rf "$config" "${state:?}"
+    ! id anytraverse >/dev/null 2>&1 || userdel anytraverse
+    say "removed, with settings, memory and user"
+}
+
+check_computer() {
+    "$python" -c 'import ensurepip, struct, sys, venv
+sys.exit(sys.version_info < (3, 10) or struct.calcsize("P") != 8)' 2>/dev/null ||
+        fail "$python is no 64-bit Python 3.10 or newer with venv: sudo apt install python3-venv, or PYTHON=/path/to/python3"
+    place=$opt
+    while [ ! -d "$place" ]; do place=$(dirname -- "$place"); done
+    # shellcheck disable=SC2046 # the words of df's last line: device, blocks, used, available
+    set -- $(df -Pk -- "$place" | tail -n 1)
+    free=$(($4 / 1024))
+    [ "$free" -ge "$room_needed" ] || fail "$place has $free MB free, and $room_needed MB are needed: make room"
+}
+
+case ${1:-} in
+--uninstall | --configure)
+    [ -z "$destination" ] || fail "$1 works on this computer only: leave DESTDIR out"
+    [ "$(id -u)" -eq 0 ] || fail "this needs root: type: sudo sh $0 $*"
+    if [ "$1" = --configure ]; then configure; else uninstall "${2:-}"; fi
+    exit 0
+    ;;
+-*) fail "what is $1? Type: sudo sh $0 [SOURCE], or --uninstall, or --uninstall --purge" ;;
+esac
 
 if [ -f "$here/../pyproject.toml" ]; then
     source=${1:-$(dirname -- "$here")}
@@ -33,19 +112,28 @@ else
     /* | ./* | ../* | *.whl) fail "there is no $source: name a checkout or a wheel" ;;
     esac
 fi
-
 [ -n "$destination" ] || [ "$(id -u)" -eq 0 ] || fail "this needs root: type: sudo sh $0 $*"
-"$python" -c 'import ensurepip, struct, sys, venv
-sys.exit(sys.version_info < (3, 10) or struct.calcsize("P") != 8)' 2>/dev/null ||
-    fail "$python is no 64-bit Python 3.10 or newer with venv: sudo apt install python3-venv, or PYTHON=/path/to/python3"
+[ -n "$destination" ] || [ ! -e "$package" ] || fail "a Debian package installed it: type: sudo apt remove anytraverse-companion"
 
-mkdir -p "$venv" "$config" "$units"
-# The environment is made anew only if its pip does not run: a failed download leaves the old program there.
-"$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$python" -m venv --clear "$venv"
-echo "install: $source into $venv"
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --upgrade "$source" ||
+say "1/4 check this computer"
+check_computer
+
+# The new program is made beside the old one, which runs on meanwhile and stays if anything fails.
+new=anytraverse
+if [ -z "$destination" ]; then
+    new=anytraverse-a
+    [ "$(readlink "$opt/anytraverse" || true)" != "$new" ] || new=anytraverse-b
+fi
+say "2/4 install $source into $opt/$new: this takes a minute or more"
+mkdir -p "$opt" "$config" "$units" "$rules"
+rm -rf "${opt:?}/$new"
+"$python" -m venv "$opt/$new"
+"$opt/$new/bin/python" -m pip install --quiet --disable-pip-version-check "$source" || {
+    rm -rf "${opt:?}/$new"
     fail "pip could not install $source: check the network and type it again"
+}
 
+say "3/4 write settings, unit and device rules; what is in $config stays as it is"
 (cd -- "$here/../config" && find . -type f ! -name '.*') | while IFS= read -r file; do
     [ -e "$config/$file" ] || {
         mkdir -p "$(dirname -- "$config/$file")"
@@ -53,14 +141,32 @@ echo "install: $source into $venv"
     }
 done
 cp -- "$here/companion.service" "$units/companion.service"
+cp -- "$here/70-anytraverse.rules" "$rules/70-anytraverse.rules"
+if [ -n "$destination" ]; then
+    # Programs and byte code name the folder they will be in.
+    for program in "$opt/$new"/bin/*; do
+        [ ! -f "$program" ] || [ -L "$program" ] || sed -i "s|$destination/opt|/opt|g" "$program"
+    done
+    [ ! -f "$opt/$new/pyvenv.cfg" ] || sed -i "s|$destination/opt|/opt|g" "$opt/$new/pyvenv.cfg"
+    exit 0
+fi
 
-[ -z "$destination" ] || exit 0
+say "4/4 make user, groups and devices known"
+configure
+old=$(readlink "$opt/anytraverse" || true)
+[ -n "$old" ] || rm -rf "$opt/anytraverse" # earlier releases made a folder
+ln -sfn "$new" "$opt/anytraverse.new"
+mv -T "$opt/anytraverse.new" "$opt/anytraverse"
+! booted || systemctl try-restart companion || say "it does not start: see journalctl -u companion"
+[ -z "$old" ] || rm -rf "${opt:?}/$old"
 
-for group in video dialout; do
-    getent group "$group" >/dev/null || groupadd --system "$group"
-done
-id anytraverse >/dev/null 2>&1 ||
-    useradd --system --user-group --home-dir /var/lib/anytraverse --shell /usr/sbin/nologin anytraverse
-usermod --append --groups video,dialout anytraverse # cameras and serial ports
-[ ! -d /run/systemd/system ] || systemctl daemon-reload # absent while an SD card image is built
-echo "install: done. Edit /etc/anytraverse/companion.toml, then type: sudo systemctl enable companion && sudo systemctl restart companion"
+release=$("$opt/anytraverse/bin/companion" --version)
+if booted && systemctl --quiet is-active companion; then
+    say "done: $release runs, with your settings of before. To see what it does, type:"
+    say "  $opt/anytraverse/bin/companion status $config/companion.toml"
+else
+    say "done: $release is installed and does not run yet. Name your camera and your autopilot, then start it. Type:"
+    say "  sudoedit $config/companion.toml"
+    say "  sudo systemctl enable --now companion"
+    say "  $opt/anytraverse/bin/companion status $config/companion.toml"
+fi

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-TOOLS = ["basename", "cat", "cksum", "cp", "dirname", "env", "find", "grep", "make", "mkdir"]
+TOOLS = ["basename", "cat", "cksum", "cp", "df", "dirname", "env", "find", "grep", "make", "mkdir"]
 TOOLS += ["paste", "rm", "sed", "sh", "tail", "tr"]
 
 # Answers the script's questions with the facts of its own JSON file, and notes every call of venv and pip.
@@ -36,6 +36,9 @@ if what == ["-m", "venv"]:
     os.makedirs(sys.argv[-1] + "/bin")
     shutil.copy(here, sys.argv[-1] + "/bin/python")
     shutil.copy(here, sys.argv[-1] + "/bin/companion")
+    for name, content in facts.get("makes", {{}}).items():
+        with open(sys.argv[-1] + "/" + name, "w") as made:
+            made.write(content)
 if what == ["-m", "pip"]:
     print(facts["pip_says"])
     if facts["pip_kills_the_script"]:

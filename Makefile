@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-mutants house clean
+.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-mutants house service deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -46,6 +46,12 @@ bench-mutants: ready-dev ## put faults into the safety path, 200 one at a time: 
 
 house: ready-dev ## how simple the code is: lines, files, floors of imports, and how many files an event passes
 	@$(PYTHON_IN_VENV) -m bench.house
+
+service: ready-dev ## prove the installed service in a booted Debian container (ten minutes, root)
+	@$(PYTHON_IN_VENV) -m bench.service $(ARGS)
+
+deb: ## build a Debian package of the service in dist/, for this system's Python
+	@sh .ci/deb.sh
 
 clean: ## remove both .venv, caches and builds (what a demo or a bench wrote stays)
 	@rm -rf .venv .venv-interop build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -220,12 +220,13 @@ def _called(status: Figures) -> bool:
 def upgrade(service: Service, wheel: Path) -> Figures:
     """Install a wheel over it while a call is open: call, words and configuration are as before."""
     # In the steps before, the autopilot's script held the rover: a new one drives from the trail's beginning.
+    # The companion is stopped meanwhile: a fault's hold would come first.
+    service.sh("systemctl stop companion")
     service.field.close()
     service.field = Field()
     service.configure()
-    old = service.pid
-    service.sh("systemctl restart companion")
-    service.until("it judges", lambda: service.judges(since=old), 20.0)
+    service.sh("systemctl start companion")
+    service.until("it judges", service.judges, 20.0)
     service.until("a call holds the rover", lambda: _called(service.status()), 120.0)
     before, old = service.status(), service.pid
     settings = (service.container.root / CONFIG).read_bytes()

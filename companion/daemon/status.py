@@ -91,6 +91,9 @@ class Status:
                 "reason": camera.reason,
                 "read": camera.read,
                 "dropped": camera.dropped,
+                "width": camera.width,
+                "height": camera.height,
+                "timed_by": camera.timed_by,
             },
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
         }

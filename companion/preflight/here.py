@@ -13,7 +13,14 @@ from typing import Any, NamedTuple
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.pace import Pace
-from companion.cameras import BadFrame, CameraError, EndOfFrames, NoFrameYet, Playback, open_camera
+from companion.cameras import (
+    BadFrame,
+    CameraError,
+    EndOfFrames,
+    NoFrameYet,
+    open_camera,
+    without_credentials,
+)
 from companion.config import Config
 from companion.preflight.rules import Finding, failed, passed, warned
 
@@ -32,8 +39,8 @@ def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
     try:
         width, height = _first_picture_size(config)
     except CameraError as error:
-        return failed(CHECK, str(error))
-    what = f"{config.camera.source}, {width} x {height}"
+        return failed(CHECK, without_credentials(str(error)))
+    what = f"{without_credentials(config.camera.source)}, {width} x {height}"
     aspect = config.mount.aspect
     if config.mount.height is not None and abs(width / height / aspect - 1.0) > _ASPECT_OFF:
         return warned(
@@ -46,9 +53,9 @@ def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
 
 def _first_picture_size(config: Config) -> tuple[int, int]:
     """Return width and height of the first picture. Raises CameraError."""
-    deadline = time.monotonic() + SEEN_WITHIN
     why: CameraError = CameraError(f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address")
-    camera = open_camera(config.camera.source, Playback(config.camera.playback, config.camera.loop))
+    camera = open_camera(config.camera.source, config.camera_options)
+    deadline = time.monotonic() + SEEN_WITHIN
     try:
         while time.monotonic() < deadline:
             try:

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from anytraverse.errors import AnyTraverseError
-from companion.cameras import Playback, open_camera
-from companion.cameras.newest import CameraThread
+from companion.cameras import open_camera
+from companion.cameras.newest import CameraThread, Patience
 from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -133,8 +133,12 @@ def step_back() -> None:
 def _serve(port: Port) -> None:
     start = _receive_start(port)
     camera = start.config.camera
-    playback = Playback(camera.playback, camera.loop)
-    reader = CameraThread(partial(open_camera, camera.source, playback), first_id=start.first_frame)
+    reader = CameraThread(
+        partial(open_camera, camera.source, start.config.camera_options),
+        first_id=start.first_frame,
+        patience=Patience(late=start.config.freshness),
+        size=(camera.width, camera.height),
+    )
     try:
         ready = load_and_warm_up(start.config, start.memory)
     except AnyTraverseError as error:

@@ -16,9 +16,9 @@ from companion.cameras import (
     BadFrame,
     Camera,
     CameraError,
+    CameraOptions,
     EndOfFrames,
     NoFrameYet,
-    Playback,
     SourceError,
     open_camera,
     split_source,
@@ -26,7 +26,7 @@ from companion.cameras import (
 from companion.cameras.folder import pictures
 from companion.cameras.playback import Pace
 
-_FAST = Playback(rate=1000.0)
+_FAST = CameraOptions(playback=1000.0)
 
 
 def _paint(path: Path, level: int, *, red: bool = False) -> None:
@@ -105,7 +105,7 @@ def test_pictures_come_as_rgb(tmp_path: Path) -> None:
 
 def test_a_looping_folder_starts_again_and_sees_new_pictures(tmp_path: Path) -> None:
     _paint(tmp_path / "a.png", 10)
-    camera = open_camera(f"folder:{tmp_path}", Playback(1000.0, loop=True))
+    camera = open_camera(f"folder:{tmp_path}", CameraOptions(1000.0, loop=True))
     assert _levels(camera, 2) == [10, 10]
     _paint(tmp_path / "b.png", 20)
     assert _levels(camera, 3) == [10, 20, 10]
@@ -151,7 +151,7 @@ def test_a_video_is_played_to_its_end(tmp_path: Path) -> None:
 
 def test_a_looping_video_starts_again(tmp_path: Path) -> None:
     _film(tmp_path / "drive.avi", [40, 120])
-    camera = open_camera(f"video:{tmp_path / 'drive.avi'}", Playback(1000.0, loop=True))
+    camera = open_camera(f"video:{tmp_path / 'drive.avi'}", CameraOptions(1000.0, loop=True))
     assert _levels(camera, 5) == pytest.approx([40, 120, 40, 120, 40], abs=4)
 
 

@@ -215,7 +215,7 @@ def test_a_camera_of_bad_frames_alone_is_opened_anew() -> None:
             time.sleep(timeout / 10)
             raise BadFrame("torn")
 
-    with _reading(Torn, Patience(0.005, 0.02, 0.001, 0.004)) as thread:
+    with _reading(Torn, Patience(0.005, 0.02, 0.001, 0.004, opening=0.02)) as thread:
         wait_for(lambda: thread.status.connected >= 2)
 
 

@@ -124,6 +124,11 @@ class Pipe:
             assert stream is not None
             stream.close()
 
+    @property
+    def pid(self) -> int:
+        """The program's process id, which is its group's, too."""
+        return self._process.pid
+
     def _obituary(self) -> str:
         """Say how the program ended, and its last line."""
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -166,27 +171,30 @@ class Pipe:
 class _WrongSize:
     """Notices pictures of another size than configured.
 
-    A program writes a picture at once and then waits for the next one. With the right size that longest wait
-    is always after the same number of bytes.
+    A program writes a picture at once and then waits for the next one. With the right size these long waits
+    are all after the same number of bytes of a picture.
     """
 
     def __init__(self) -> None:
-        self._longest = (0.0, 0)
-        self._place = self._moved = 0
+        self._waits: list[tuple[float, int]] = []
+        self._places = set[int]()
+        self._moved = 0
         self._done_at: float | None = None
 
     def waited(self, filled: int, seconds: float) -> None:
         """Take note of a wait for data, in s, after `filled` bytes of a picture."""
-        self._longest = max(self._longest, (seconds, filled))
+        self._waits.append((seconds, filled))
 
     def is_wrong(self, now: float) -> bool:
         """Whether the size is wrong, as far as the pictures up to the one that is complete `now` show."""
-        (seconds, place), self._longest = self._longest, (0.0, 0)
+        waits, self._waits = self._waits, []
         period = now - self._done_at if self._done_at is not None else 0.0
         self._done_at = now
-        if 2.0 * seconds > period > 0.0:
-            self._moved = self._moved + 1 if place != self._place else 0
-            self._place = place
+        long = [(seconds, place) for seconds, place in waits if 2.0 * seconds >= max(waits)[0]]
+        if 2.0 * sum(seconds for seconds, _ in long) > period > 0.0:  # else we are what it waits for
+            places = {place for _, place in long}
+            self._moved = self._moved + 1 if len(places) > 1 or places != self._places else 0
+            self._places = places
         return self._moved >= _WRONG_SIZE_AFTER
 
 

@@ -18,6 +18,8 @@ _MANUAL = 1
 _EXPOSURE_UNIT = 1e-4
 _OLDEST = 10.0
 """Seconds of age up to which a time stamp is believed to be of the monotonic clock."""
+_AHEAD = 0.05
+"""Seconds by which the kernel's estimate of the capture time may be too late."""
 
 
 class V4l2Device:
@@ -51,7 +53,7 @@ class V4l2Device:
         if not grabbed:
             raise NoFrameYet(f"{self._path} sent no picture in {self._timeout} s: read again")
         stamp = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1e3
-        from_sensor = now - _OLDEST < stamp <= now
+        from_sensor = now - _OLDEST < stamp < now + _AHEAD
         if self._late.is_late(now) and not from_sensor:
             raise NoFrameYet("a picture that came late was dropped: read again")
         ok, picture = self._video.retrieve()
@@ -60,7 +62,7 @@ class V4l2Device:
         colour = cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB
         image = np.asarray(cv2.cvtColor(picture, colour), np.uint8)
         if from_sensor:
-            return Capture(stamp, image, "sensor")
+            return Capture(min(stamp, now), image, "sensor")
         return Capture(now - self._latency, image, "arrival")
 
     def close(self) -> None:

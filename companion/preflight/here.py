@@ -13,19 +13,12 @@ from typing import Any, NamedTuple
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.pace import Pace
-from companion.cameras import (
-    BadFrame,
-    CameraError,
-    EndOfFrames,
-    NoFrameYet,
-    open_camera,
-    without_credentials,
-)
+from companion.cameras import CameraError, without_credentials
 from companion.config import Config
+from companion.preflight.cameras import newest_capture
 from companion.preflight.rules import Finding, failed, passed, warned
 
 CHECK = "camera"
-SEEN_WITHIN = 5.0
 _ASPECT_OFF = 0.02
 
 
@@ -37,7 +30,7 @@ def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
     if running is not None:
         return _camera_of_running(running.get("camera") or {})
     try:
-        width, height = _first_picture_size(config)
+        height, width, _ = newest_capture(config.camera.source, config.camera_options).image.shape
     except CameraError as error:
         return failed(CHECK, without_credentials(str(error)))
     what = f"{without_credentials(config.camera.source)}, {width} x {height}"
@@ -49,28 +42,6 @@ def check_camera(config: Config, running: Mapping[str, Any] | None) -> Finding:
             f"set it to {width / height:.3f}, or the row stopping is wrong",
         )
     return passed(CHECK, what)
-
-
-def _first_picture_size(config: Config) -> tuple[int, int]:
-    """Return width and height of the first picture. Raises CameraError."""
-    why: CameraError = CameraError(f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address")
-    camera = open_camera(config.camera.source, config.camera_options)
-    deadline = time.monotonic() + SEEN_WITHIN
-    try:
-        while time.monotonic() < deadline:
-            try:
-                image = camera.read(0.5).image
-            except NoFrameYet:
-                continue
-            except BadFrame as bad:
-                why = bad
-                continue
-            except EndOfFrames as end:
-                raise (why if isinstance(why, BadFrame) else end) from end
-            return int(image.shape[1]), int(image.shape[0])
-        raise why
-    finally:
-        camera.close()
 
 
 def _camera_of_running(camera: Mapping[str, Any]) -> Finding:

@@ -38,7 +38,7 @@ T = 1.0
 BACK_WITHIN = 10.0
 _PATIENCE = 30.0
 _LEAST, _LONGEST = 0.2, 3.0
-_SCRIPTS = {"http": "mjpeg_server.py", "rtsp": "rtsp_server.py"}
+_SCRIPTS = {"http": "mjpeg_server", "rtsp": "rtsp_server"}
 _OPTIONS = CameraOptions(width=640, height=480, pixel_format="gray", latency=0.0, freshness=T)
 
 

@@ -16,8 +16,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import cv2
 import numpy as np
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stamps import stamped
+from bench.cameras.stamps import stamped
 
 
 def main(port: str, width: str = "640", height: str = "480", rate: str = "15") -> None:

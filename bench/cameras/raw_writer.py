@@ -6,8 +6,7 @@ import os
 import sys
 import time
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stamps import stamped
+from bench.cameras.stamps import stamped
 
 
 def main(width: str, height: str, rate: str, frames: str = "0") -> None:

@@ -13,34 +13,23 @@ import time
 from typing import Any
 
 import gi
-from stamps import stamped
+
+from bench.cameras.stamps import stamped
 
 gi.require_version("Gst", "1.0")
 gi.require_version("GstRtspServer", "1.0")
 from gi.repository import GLib, Gst, GstRtspServer  # noqa: E402
 
 
-class Factory(GstRtspServer.RTSPMediaFactory):
-    """Makes a pipeline whose pictures this program draws when they are due."""
+def feed(media: Any, width: int, height: int, rate: int) -> None:
+    """Give a stream's pipeline its pictures when they are due."""
+    source = media.get_element().get_child_by_name("pictures")
 
-    def __init__(self, width: int, height: int, rate: int) -> None:
-        super().__init__()
-        self._size, self._rate = (width, height), rate
-        self.set_launch(
-            "( appsrc name=pictures is-live=true do-timestamp=true format=time "
-            f"caps=video/x-raw,format=GRAY8,width={width},height={height},framerate={rate}/1 "
-            "! videoconvert ! video/x-raw,format=I420 ! x264enc tune=zerolatency speed-preset=ultrafast "
-            f"bitrate=1500 key-int-max={rate} ! rtph264pay name=pay0 pt=96 config-interval=1 )"
-        )
-        self.set_shared(True)
+    def push() -> bool:
+        picture = Gst.Buffer.new_wrapped(stamped(width, height, time.monotonic()))
+        return bool(source.emit("push-buffer", picture) == Gst.FlowReturn.OK)
 
-    def feed(self, _: Any, media: Any) -> None:
-        source = media.get_element().get_child_by_name("pictures")
-        GLib.timeout_add(1000 // self._rate, self._push, source)
-
-    def _push(self, source: Any) -> bool:
-        picture = stamped(*self._size, time.monotonic())
-        return bool(source.emit("push-buffer", Gst.Buffer.new_wrapped(picture)) == Gst.FlowReturn.OK)
+    GLib.timeout_add(1000 // rate, push)
 
 
 def main(port: str, width: str = "640", height: str = "480", rate: str = "15") -> None:
@@ -49,8 +38,16 @@ def main(port: str, width: str = "640", height: str = "480", rate: str = "15") -
     server = GstRtspServer.RTSPServer()
     server.set_address("127.0.0.1")
     server.set_service(port)
-    factory = Factory(int(width), int(height), int(rate))
-    factory.connect("media-configure", factory.feed)
+    factory = GstRtspServer.RTSPMediaFactory()
+    factory.set_launch(
+        "( appsrc name=pictures is-live=true do-timestamp=true format=time "
+        f"caps=video/x-raw,format=GRAY8,width={width},height={height},framerate={rate}/1 "
+        "! videoconvert ! video/x-raw,format=I420 ! x264enc tune=zerolatency speed-preset=ultrafast "
+        f"bitrate=1500 key-int-max={rate} ! rtph264pay name=pay0 pt=96 config-interval=1 )"
+    )
+    factory.set_shared(True)
+    size = int(width), int(height), int(rate)
+    factory.connect("media-configure", lambda _, media: feed(media, *size))
     if "USER_NAME" in os.environ:
         auth = GstRtspServer.RTSPAuth()
         token = GstRtspServer.RTSPToken()

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[2]
 SYSTEM_PYTHON = "/usr/bin/python3"
 STARTS_WITHIN = 20.0
 _NEEDS = """
@@ -38,8 +38,8 @@ class Server:
 
     def __init__(self, script: str, *arguments: str, env: Mapping[str, str] | None = None) -> None:
         python = SYSTEM_PYTHON if script.startswith("rtsp") else sys.executable
-        self._command = (python, str(HERE / script))
-        self._arguments, self._env = arguments, {**os.environ, **(env or {})}
+        self._command = (python, "-m", f"bench.cameras.{script}")
+        self._arguments, self._env = arguments, {**os.environ, "PYTHONPATH": str(ROOT), **(env or {})}
         self.port = 0
         self.start()
 
@@ -82,8 +82,10 @@ def serving(script: str, *arguments: str, env: Mapping[str, str] | None = None) 
 
 
 def writer(*arguments: object) -> str:
-    """Return the command of a program that writes raw pictures; arguments: see raw_writer.py."""
-    return " ".join([sys.executable, str(HERE / "raw_writer.py"), *map(str, arguments)])
+    """Return the command of a program that writes raw pictures; arguments: see raw_writer."""
+    return " ".join(
+        ["env", f"PYTHONPATH={ROOT}", sys.executable, "-m", "bench.cameras.raw_writer", *map(str, arguments)]
+    )
 
 
 def installed(*programs: str) -> bool:

@@ -96,7 +96,7 @@ class Pipe:
                 self._read_errors()
             if self._out in readable:
                 self._sizes.waited(self._filled, time.monotonic() - began)
-                count = os.readv(self._out, [memoryview(self._raw)[self._filled :]])
+                count = os.readv(self._out, [self._raw.data[self._filled :]])
                 if count == 0:
                     raise CameraError(self._obituary())
                 self._filled += count

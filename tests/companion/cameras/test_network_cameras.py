@@ -33,7 +33,7 @@ def scheme(request: pytest.FixtureRequest) -> str:
 
 
 def _script(scheme: str) -> str:
-    return {"http": "mjpeg_server.py", "rtsp": "rtsp_server.py"}[scheme]
+    return {"http": "mjpeg_server", "rtsp": "rtsp_server"}[scheme]
 
 
 def _url(scheme: str, server: Server, login: str = "") -> str:

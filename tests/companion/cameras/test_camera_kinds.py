@@ -11,6 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.cameras import (
     BadFrame,
@@ -22,6 +24,7 @@ from companion.cameras import (
     SourceError,
     open_camera,
     split_source,
+    without_credentials,
 )
 from companion.cameras.folder import pictures
 from companion.cameras.playback import Pace
@@ -52,6 +55,29 @@ def _levels(camera: Camera, count: int) -> list[int]:
 def test_a_source_of_no_known_kind_is_refused_with_the_known_ones(source: str) -> None:
     with pytest.raises(SourceError, match=r"video:.*folder:.*field:"):
         split_source(source)
+
+
+def test_a_password_in_a_source_is_not_repeated() -> None:
+    with pytest.raises(SourceError) as refused:
+        split_source("rstp://me:secret@camera/1")
+    assert "secret" not in str(refused.value)
+    assert "***@camera/1" in str(refused.value)
+
+
+@given(
+    st.text("abc:/@ .?-", max_size=20),
+    st.text("abc0189!#%&=:", min_size=1, max_size=20),
+    st.text(max_size=20),
+)
+def test_no_password_of_a_url_survives(before: str, password: str, after: str) -> None:
+    told = without_credentials(f"{before} rtsp://user:{password}SECRET@camera/{after}")
+    assert "SECRET" not in told
+    assert "@camera/" in told
+
+
+@pytest.mark.parametrize("text", ["rtsp://camera:554/live", "http://camera/a@b", "mail me@here", ""])
+def test_a_text_without_a_password_stays_as_it_is(text: str) -> None:
+    assert without_credentials(text) == text
 
 
 def test_a_source_without_a_place_is_refused() -> None:

@@ -8,7 +8,7 @@ Errors:
 CameraError                 the camera must be opened again; the text says what to do
 ├── SourceError             this source can never be opened: correct the config
 ├── NoFrameYet              no frame came within the time-out; read again
-├── BadFrame                one frame is damaged or has a wrong shape; read again
+├── BadFrame                one frame is damaged, late or has a wrong shape; read again
 └── EndOfFrames             the file has ended; no more frames will come
 """
 
@@ -52,7 +52,7 @@ class NoFrameYet(CameraError):  # noqa: N818
 
 
 class BadFrame(CameraError):  # noqa: N818
-    """One frame was damaged, unreadable or had a wrong shape; the camera stays open."""
+    """One frame was damaged, unreadable, late or had a wrong shape; the camera stays open."""
 
 
 class EndOfFrames(CameraError):  # noqa: N818

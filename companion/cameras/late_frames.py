@@ -8,6 +8,7 @@ DROPPED_AFTER_A_GAP = 3
 """Frames after a gap that are dropped at least: a decoder still holds them from before it."""
 _USUAL_SHARE = 0.1
 _CATCHING_UP = 0.5
+CAME_LATE = "a picture came late: check cable or network, and the frames/s of the camera"
 DRIFT = 2e-4
 """s per s by which the clocks of a camera and of this computer may differ."""
 _JUMP = 5.0

@@ -20,10 +20,9 @@ from companion.cameras import (  # noqa: E402
     CameraError,
     CameraOptions,
     Capture,
-    NoFrameYet,
     SourceError,
 )
-from companion.cameras.late_frames import LateFrames, StreamClock  # noqa: E402
+from companion.cameras.late_frames import CAME_LATE, LateFrames, StreamClock  # noqa: E402
 
 OPENS_WITHIN = 3.0
 LEAST_READ_TIMEOUT = 2.0
@@ -78,7 +77,7 @@ class _Stream:
         position = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1e3
         delay = self._clock.delay(now, position) if self.TIMED else 0.0
         if self._late.is_late(now) or delay > self._freshness:
-            raise NoFrameYet("a picture that came late was dropped: read again")
+            raise BadFrame(CAME_LATE)
         ok, picture = self._video.retrieve()
         if not ok:
             raise BadFrame(f"a picture of {self._name} cannot be decoded: check the network for losses")

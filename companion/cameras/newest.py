@@ -132,7 +132,7 @@ class CameraThread:
         self._newest = NewestFrame()
         self._status = CameraStatus()
         self._delivered_at: float | None = None
-        self._turned_at = time.monotonic()
+        self._started_at = self._turned_at = time.monotonic()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
@@ -140,12 +140,11 @@ class CameraThread:
     @property
     def status(self) -> CameraStatus:
         """Return the newest status. Never blocks."""
-        status, delivered_at = self._status, self._delivered_at
-        if status.state is not CameraState.DELIVERING or delivered_at is None:
+        status, late = self._status, self._patience.late
+        silent = time.monotonic() - (self._delivered_at or self._started_at)
+        if status.reason or status.state is CameraState.ENDED or silent <= late:
             return status
-        if time.monotonic() - delivered_at <= self._patience.late:
-            return status
-        return replace(status, reason=self._why_silent(self._patience.late))
+        return replace(status, reason=self._why_silent(late))
 
     @property
     def delivered_at(self) -> float | None:

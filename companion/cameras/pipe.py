@@ -20,6 +20,7 @@ import numpy as np
 
 from anytraverse.decoding import check_size
 from companion.cameras import (
+    BadFrame,
     CameraError,
     CameraOptions,
     Capture,
@@ -27,7 +28,7 @@ from companion.cameras import (
     SourceError,
     without_credentials,
 )
-from companion.cameras.late_frames import LateFrames
+from companion.cameras.late_frames import CAME_LATE, LateFrames
 from companion.cameras.pixel_formats import PIXEL_FORMATS, frame_bytes, to_rgb
 
 _log = logging.getLogger(__name__)
@@ -108,7 +109,7 @@ class Pipe:
                 "make [camera] width, height and pixel_format those of the command"
             )
         if self._late.is_late(now):
-            raise NoFrameYet("a picture that came late was dropped: read again")
+            raise BadFrame(CAME_LATE)
         image = to_rgb(self._raw, self._format, self._width, self._height)
         if np.shares_memory(image, self._raw):
             self._raw = np.empty(self._size, np.uint8)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, NoFrameYet
-from companion.cameras.late_frames import LateFrames
+from companion.cameras.late_frames import CAME_LATE, LateFrames
 from companion.cameras.pixel_formats import MJPEG, PIXEL_FORMATS
 from companion.cameras.v4l2_devices import DeviceError, in_use, query
 
@@ -55,7 +55,7 @@ class V4l2Device:
         stamp = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1e3
         from_sensor = now - _OLDEST < stamp < now + _AHEAD
         if self._late.is_late(now) and not from_sensor:
-            raise NoFrameYet("a picture that came late was dropped: read again")
+            raise BadFrame(CAME_LATE)
         ok, picture = self._video.retrieve()
         if not ok or picture is None or picture.size == 0:
             raise BadFrame(f"a picture of {self._path} cannot be decoded: try another pixel_format or cable")

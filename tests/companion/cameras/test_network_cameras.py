@@ -14,7 +14,15 @@ import pytest
 
 from bench.cameras.servers import Server, rtsp_missing, serving
 from bench.cameras.stamps import age
-from companion.cameras import CameraError, CameraOptions, Capture, NoFrameYet, SourceError, open_camera
+from companion.cameras import (
+    BadFrame,
+    CameraError,
+    CameraOptions,
+    Capture,
+    NoFrameYet,
+    SourceError,
+    open_camera,
+)
 from companion.cameras.newest import CameraState, CameraThread, Patience
 
 _OPTIONS = CameraOptions(latency=0.0, freshness=1.0)
@@ -48,7 +56,7 @@ def _age(image: np.ndarray, at: float) -> float:
 def _next(read: Callable[[float], Capture]) -> Capture:
     deadline = time.monotonic() + _SOON
     while time.monotonic() < deadline:
-        with contextlib.suppress(NoFrameYet):
+        with contextlib.suppress(NoFrameYet, BadFrame):
             return read(0.5)
     raise AssertionError("no picture came in time")
 

@@ -14,6 +14,7 @@ import pytest
 
 from anytraverse.frame import Frame
 from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrames, NoFrameYet
+from companion.cameras.late_frames import CAME_LATE, LateFrames
 from companion.cameras.newest import CameraState, CameraThread, NewestFrame, Patience
 from tests.waiting import wait_for
 
@@ -308,3 +309,26 @@ def test_a_password_in_a_drivers_error_is_not_passed_on(caplog: pytest.LogCaptur
         _wait_until(lambda: thread.state is CameraState.FAILED)
         assert thread.status.reason == "cannot open rtsp://***@camera/1"
     assert "secret" not in caplog.text
+
+
+def test_a_camera_that_is_too_slow_for_t_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    late = LateFrames(0.01)
+    late.is_late(time.monotonic())
+
+    def slow() -> Capture:
+        time.sleep(0.02)
+        if late.is_late(time.monotonic()):
+            raise BadFrame(CAME_LATE)
+        return _picture()
+
+    with _reading(lambda: _ScriptedCamera(*[slow] * 500), Patience(opening=0.1, first=60.0)) as thread:
+        _wait_until(lambda: thread.state is CameraState.FAILED)
+        assert "the frames/s of the camera" in thread.status.reason
+    assert len(caplog.records) == 2
+
+
+def test_a_camera_that_never_delivers_gives_a_reason_after_t() -> None:
+    with _reading(_ScriptedCamera, Patience(late=0.05)) as thread:
+        _wait_until(lambda: thread.status.reason != "")
+        assert thread.status.state is CameraState.CONNECTING
+        assert "no good frame for 0.05 s" in thread.status.reason

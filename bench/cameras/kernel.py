@@ -4,9 +4,9 @@
     dpkg-deb -x linux-image*.deb kernel; dpkg-deb -x busybox*.deb kernel
     python -m bench.cameras.kernel kernel
 
-It needs qemu-system-x86. The guest sees this computer's files, read-only, and runs this module.
-The last line is JSON: what each way to open the camera gave; and of losses, in which the camera is unbound from
-its driver and bound again, the longest times in s until they were noticed and until pictures were back.
+It needs qemu-system-x86. The guest sees the files of this computer, read-only, and runs this module.
+The last line is JSON: what each way to open the camera gave; and of losses, in which the camera is unbound
+from its driver and bound again, the longest times in s until they were noticed and until pictures were back.
 """
 
 from __future__ import annotations

@@ -52,10 +52,11 @@ class _Stream:
             cv2.CAP_PROP_N_THREADS: 1,  # each further decoder thread holds a frame back
         }
         flat = [value for pair in settings.items() for value in pair]
+        began = time.monotonic()
         self._video = cv2.VideoCapture(self._url.geturl(), cv2.CAP_FFMPEG, flat)
         try:
             if not self._video.isOpened():
-                raise CameraError(self._why_not())
+                raise CameraError(self._why_not(time.monotonic() - began))
             width, height = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
             check_size(int(self._video.get(width)), int(self._video.get(height)))
         except PictureTooLargeError as error:
@@ -87,8 +88,8 @@ class _Stream:
     def close(self) -> None:
         self._video.release()
 
-    def _why_not(self) -> str:
-        """Say why the stream was not opened. OpenCV does not, so the server is asked once more."""
+    def _why_not(self, took: float) -> str:
+        """Say why the stream was not opened in `took` s. OpenCV does not, so the server is asked again."""
         host = self._url.hostname or ""
         try:
             with socket.create_connection((host, self._url.port or self.PORT), _PROBE_TIMEOUT) as plain:
@@ -101,6 +102,8 @@ class _Stream:
             return f"nothing listens at {self._name}: check the port, and whether the camera's server runs"
         except OSError as error:
             return f"{self._name} cannot be reached ({error}): check camera, power and network"
+        if took > 0.9 * OPENS_WITHIN:
+            return f"{self._name} gave no picture in {OPENS_WITHIN:.0f} s: let it start, or check the network"
         match code:
             case 401 | 403:
                 return f"{self._name} wants another user or password ({code}): check those in [camera] source"

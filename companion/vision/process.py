@@ -132,11 +132,12 @@ def step_back() -> None:
 
 def _serve(port: Port) -> None:
     start = _receive_start(port)
-    camera = start.config.camera
+    camera, freshness = start.config.camera, start.config.freshness
     reader = CameraThread(
         partial(open_camera, camera.source, start.config.camera_options),
         first_id=start.first_frame,
-        patience=Patience(late=start.config.freshness),
+        # Before T, so that the reason is there when the fault is, but not before the next frame is due.
+        patience=Patience(late=max(0.6 * freshness, 1.1 / camera.rate)),
         size=(camera.width, camera.height),
     )
     try:

@@ -68,6 +68,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "http": ("companion.cameras.network", "HttpStream"),
     "https": ("companion.cameras.network", "HttpsStream"),
     "v4l2": ("companion.cameras.v4l2", "V4l2Device"),
+    "oak": ("companion.cameras.oak", "OakCamera"),
 }
 """Kind -> (module, class). To add a kind, write one file and add one line here."""
 
@@ -136,7 +137,7 @@ def split_source(source: str) -> tuple[str, str]:
     if kind not in KINDS:
         known = ", ".join(f"{name}:..." for name in KINDS)
         raise SourceError(f'"{without_credentials(source)}" names no camera: begin with one of {known}')
-    if not place.strip():
+    if not place.strip() and kind != "oak":
         raise SourceError(f'"{source}" says what kind of camera but not where: write {kind}:PLACE')
     return kind, place
 
@@ -156,7 +157,8 @@ def open_camera(source: str, options: CameraOptions | None = None) -> Camera:
     try:
         maker: CameraMaker = getattr(importlib.import_module(module), name)
     except ImportError as error:
+        extra = "oak" if error.name == "depthai" else "rover"
         raise SourceError(
-            f'camera "{kind}" needs {error.name}: pip install "anytraverse-companion[rover]"'
+            f'camera "{kind}" needs {error.name}: pip install "anytraverse-companion[{extra}]"'
         ) from error
     return maker(place, options or CameraOptions())

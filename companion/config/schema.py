@@ -54,7 +54,7 @@ class Camera(Section):
         None, choice(*PIXEL_FORMATS, MJPEG), "what a pipe sends, or v4l2 is asked for; unset: as v4l2 says"
     )
     fps: float | None = setting(
-        None, number(0.5, 240), "frames/s that a v4l2 camera is asked for; unset: its own"
+        None, number(0.5, 240), "frames/s that a v4l2 or oak camera is asked for; unset: its own"
     )
     exposure: float | None = setting(
         None, number(0, 1, above=True), "exposure time of a v4l2 camera in s; unset: automatic"

@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from companion.cameras import (
@@ -83,7 +84,7 @@ def newest_capture(source: str, options: CameraOptions, settles: float = 0.0) ->
 
 def list_cameras(file: str, folder: str) -> int:
     """Print each camera and save its picture into `folder`. Returns 0 if there is a picture, else 1."""
-    found = [*_configured(file), *_of_the_kernel(), *_of_rpicam()]
+    found = [*_configured(file), *_of_the_kernel(), *_of_rpicam(), *_of_depthai()]
     saved = 0
     for number, camera in enumerate(found, 1):
         print(f"{number}  {camera.name}")
@@ -154,6 +155,16 @@ def _of_rpicam() -> Iterator[Found]:
         source = f"{_RPICAM_LINE.format(program)} --camera {number}"
         lines = (f'source = "{source}"', "width = 640", "height = 480", 'pixel_format = "yuv420p"')
         yield Found(name, source, lines, options)
+
+
+def _of_depthai() -> Iterator[Found]:
+    """Yield the OAKs, where DepthAI is installed."""
+    if find_spec("depthai") is None:
+        return
+    from companion.cameras.oak import oak_ids
+
+    for number in oak_ids():
+        yield Found(f"OAK {number}", f"oak:{number}", (f'source = "oak:{number}"',))
 
 
 def _save(capture: Capture, path: Path) -> Path:

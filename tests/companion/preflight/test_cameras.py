@@ -18,6 +18,7 @@ from companion.preflight import cameras
 def _no_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cameras, "devices", lambda: iter(()))
     monkeypatch.setattr(cameras, "_RPICAM", ())
+    monkeypatch.setattr(cameras, "_of_depthai", lambda: iter(()))
 
 
 def _config(folder: Path, source: str, more: str = "") -> Path:

@@ -98,7 +98,7 @@ def test_what_waited_while_nobody_read_is_dropped(scheme: str) -> None:
         try:
             for _ in range(15):
                 _next(camera.read)
-            time.sleep(2.0)
+            time.sleep(1.4)
             for _ in range(5):
                 capture = _next(camera.read)
                 assert _age(capture.image, capture.captured_at) < _FRESH

@@ -24,6 +24,7 @@ from companion.cameras import (
     open_camera,
 )
 from companion.cameras.newest import CameraState, CameraThread, Patience
+from tests.waiting import wait_for
 
 _OPTIONS = CameraOptions(latency=0.0, freshness=1.0)
 _LOGIN = {"USER_NAME": "rover", "PASSWORD": "top-secret"}
@@ -59,13 +60,6 @@ def _next(read: Callable[[float], Capture]) -> Capture:
         with contextlib.suppress(NoFrameYet, BadFrame):
             return read(0.5)
     raise AssertionError("no picture came in time")
-
-
-def _wait_until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + _SOON
-    while not true():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.01)
 
 
 @contextlib.contextmanager
@@ -112,7 +106,7 @@ def test_a_killed_server_is_noticed_and_comes_back(scheme: str) -> None:
         assert thread.take(_SOON) is not None
         for _ in range(2):
             server.kill()
-            _wait_until(lambda: thread.state is CameraState.FAILED)
+            wait_for(lambda: thread.state is CameraState.FAILED)
             assert f"{scheme}://127.0.0.1:{server.port}" in thread.status.reason
             while thread.take(0) is not None:
                 pass
@@ -128,7 +122,7 @@ def test_a_frozen_server_is_noticed_within_t_and_never_shows_an_old_picture(sche
         assert thread.take(_SOON) is not None
         server.freeze()
         frozen_at = time.monotonic()
-        _wait_until(lambda: thread.status.reason != "")
+        wait_for(lambda: thread.status.reason != "")
         assert 0.5 < time.monotonic() - frozen_at < 2.5
         while thread.take(0) is not None:
             pass
@@ -146,7 +140,7 @@ def test_a_wrong_password_is_told_and_never_shown(
 ) -> None:
     with serving(_script(scheme), env=_LOGIN) as server:
         with caplog.at_level(logging.DEBUG), _thread(_url(scheme, server, login)) as thread:
-            _wait_until(lambda: thread.state is CameraState.FAILED)
+            wait_for(lambda: thread.state is CameraState.FAILED)
             reason = thread.status.reason
         assert "user or password (401)" in reason
         assert "secret" not in caplog.text + reason + "".join(capfd.readouterr())

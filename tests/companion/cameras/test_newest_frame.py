@@ -276,7 +276,7 @@ def test_the_status_says_after_t_that_no_frame_comes_although_the_driver_blocks(
         raise NoFrameYet("freed")
 
     with _reading(lambda: _ScriptedCamera(_picture, block), Patience(silence=60.0, late=0.05)) as thread:
-        _wait_until(lambda: thread.status.reason != "")
+        wait_for(lambda: thread.status.reason != "")
         assert thread.status.state is CameraState.DELIVERING
         assert "no good frame for 0.05 s" in thread.status.reason
         freed.set()
@@ -286,7 +286,7 @@ def test_a_frame_of_another_size_than_configured_is_refused_and_told() -> None:
     with _reading(
         lambda: _ScriptedCamera(_picture), Patience(0.005, 5.0, 0.5, opening=0.05), size=(6, 5)
     ) as thread:
-        _wait_until(lambda: thread.state is CameraState.FAILED)
+        wait_for(lambda: thread.state is CameraState.FAILED)
         assert thread.take(0) is None
         assert "6 x 4: make [camera] width and height so" in thread.status.reason
 
@@ -296,7 +296,7 @@ def test_the_status_says_the_size_and_what_the_time_is_from(caplog: pytest.LogCa
         return Capture(time.monotonic(), np.zeros((4, 8, 3), np.uint8), "sensor")
 
     with caplog.at_level(logging.WARNING), _reading(lambda: _ScriptedCamera(_picture, wide)) as thread:
-        _wait_until(lambda: thread.status.read == 2)
+        wait_for(lambda: thread.status.read == 2)
         assert (thread.status.width, thread.status.height, thread.status.timed_by) == (8, 4, "sensor")
     assert "another size than before, 8 x 4" in caplog.text
 
@@ -306,7 +306,7 @@ def test_a_password_in_a_drivers_error_is_not_passed_on(caplog: pytest.LogCaptur
         raise RuntimeError("cannot open rtsp://me:secret@camera/1")
 
     with _reading(connect, Patience(first=60.0)) as thread:
-        _wait_until(lambda: thread.state is CameraState.FAILED)
+        wait_for(lambda: thread.state is CameraState.FAILED)
         assert thread.status.reason == "cannot open rtsp://***@camera/1"
     assert "secret" not in caplog.text
 
@@ -322,13 +322,13 @@ def test_a_camera_that_is_too_slow_for_t_says_so(caplog: pytest.LogCaptureFixtur
         return _picture()
 
     with _reading(lambda: _ScriptedCamera(*[slow] * 500), Patience(opening=0.1, first=60.0)) as thread:
-        _wait_until(lambda: thread.state is CameraState.FAILED)
+        wait_for(lambda: thread.state is CameraState.FAILED)
         assert "the frames/s of the camera" in thread.status.reason
     assert len(caplog.records) == 2
 
 
 def test_a_camera_that_never_delivers_gives_a_reason_after_t() -> None:
     with _reading(_ScriptedCamera, Patience(late=0.05)) as thread:
-        _wait_until(lambda: thread.status.reason != "")
+        wait_for(lambda: thread.status.reason != "")
         assert thread.status.state is CameraState.CONNECTING
         assert "no good frame for 0.05 s" in thread.status.reason

@@ -107,7 +107,7 @@ def test_badly_exposed_pictures_are_a_fault_after_t_and_said_once(
         now += 0.1
         white = np.full((120, 160, 3), 255, np.uint8)
         image = white if 3 < number < 30 else picture()
-        looked = stage.worker.look(Frame(number, now, image))
+        looked = stage.worker.judge(Frame(number, now, image))
         faults = [one.figure for one in looked.assessment.findings if one.reason is Reason.FAULT]
         found.append("picture overexposed" in faults)
     assert found == [False] * 14 + [True] * 15 + [False] * 10

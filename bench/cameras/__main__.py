@@ -1,11 +1,11 @@
 """Loses a camera again and again, and measures when that is noticed and when its pictures are back.
 
-`python -m bench.cameras --kind rtsp --losses 100`. Kinds: pipe, http, rtsp. Each loss is, at random, a server
-(for the pipe: its program) is killed or frozen, and comes back after 0.2 to 3 s. The camera's thread runs
-as in the vision process, with T = 1 s. The pictures show when they were made. A picture whose stated age is
-below T and whose true age is not counts as `stale`. The last line is JSON, in s: `noticed` is from the loss
-until the status gives a reason, of losses longer than T; `back` is from the return until the first picture
-made after it.
+`python -m bench.cameras --kind rtsp --losses 100`. Kinds: pipe, http, rtsp. In each loss, at random, a server
+(for the pipe: its program) is killed or frozen, and comes back after 0.2 to 3 s. The camera's thread runs as in
+the vision process, with T = 1 s and the usual latency of the configuration. The pictures show when they were
+made. A picture whose stated age is below T and whose true age is not counts as `stale`. The last line is JSON,
+in s: `noticed` is from the loss until the status gives a reason, of losses longer than T; `back` is from the
+return until the first picture made after it.
 """
 
 from __future__ import annotations
@@ -33,13 +33,14 @@ from bench.cameras.stamps import age
 from companion.cameras import CameraOptions, open_camera
 from companion.cameras.newest import CameraThread, Patience
 from companion.cameras.pipe import Pipe
+from companion.config.schema import Camera
 
 T = 1.0
 BACK_WITHIN = 10.0
 _PATIENCE = 30.0
 _LEAST, _LONGEST = 0.2, 3.0
 _SCRIPTS = {"http": "mjpeg_server", "rtsp": "rtsp_server"}
-_OPTIONS = CameraOptions(width=640, height=480, pixel_format="gray", latency=0.0, freshness=T)
+_OPTIONS = CameraOptions(width=640, height=480, pixel_format="gray", latency=Camera.latency, freshness=T)
 
 
 class Losable(Protocol):

@@ -3,9 +3,9 @@
 `python -m bench.cameras --kind rtsp --losses 100`. Kinds: pipe, http, rtsp. In each loss, at random, a server
 (for the pipe: its program) is killed or frozen, and comes back after 0.2 to 3 s. The camera's thread runs as
 in the vision process, with T = 1 s and the usual latency of the configuration. The pictures show when they
-were made. A picture whose stated age is below T and whose true age is not counts as `stale`. The last line is
-JSON, in s: `noticed` is from the loss until the status gives a reason, of losses longer than T; `back` is from
-the return until the first picture made after it.
+were made. A picture whose stated age is below T and whose true age is not counts as `stale`. The last line
+is JSON, in s: `noticed` is from the loss until the status gives a reason, of losses longer than T; `back` is
+from the return until the first picture made after it.
 """
 
 from __future__ import annotations

@@ -143,8 +143,11 @@ def split_source(source: str) -> tuple[str, str]:
 
 
 def without_credentials(text: str) -> str:
-    """Return a text with "***" for the user and password of each URL in it, for logs and people."""
-    return re.sub(r"(?<=://)[^/\s\"']*@", "***@", text)
+    """Return a text with "***" for the user and password of each URL in it, for logs and people.
+
+    Everything up to the last "@" of a URL goes, since a password may hold any sign.
+    """
+    return re.sub(r"(?<=://)\S*@", "***@", text)
 
 
 def open_camera(source: str, options: CameraOptions | None = None) -> Camera:

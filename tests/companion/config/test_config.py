@@ -431,3 +431,15 @@ def test_the_options_of_a_camera_are_those_of_the_file_and_t(tmp_path: Path) -> 
     assert load_config(path).camera_options == CameraOptions(
         width=640, height=480, pixel_format="mjpeg", fps=15.0, exposure=0.01, latency=0.1, freshness=1.5
     )
+
+
+@pytest.mark.parametrize(
+    "source", ["rstp://me:secret@camera/1", "rtsp://me:sec/ret@camera/1", "http://a:b@secret:x"]
+)
+def test_a_refused_source_does_not_show_its_password(tmp_path: Path, source: str) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text(f'[camera]\nsource = "{source}"\nrate = 0\n[vehicle]\nfile = ""\n')
+    with pytest.raises(ConfigError) as refused:
+        load_config(path)
+    assert "me:sec" not in str(refused.value)
+    assert "a:b" not in str(refused.value)

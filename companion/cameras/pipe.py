@@ -173,7 +173,7 @@ class _WrongSize:
     """Notices pictures of another size than configured.
 
     A program writes a picture at once and then waits for the next one. With the right size these long waits
-    are all after the same number of bytes of a picture.
+    are all after the same number of bytes of a picture. A whole multiple of the size is not always noticed.
     """
 
     def __init__(self) -> None:

@@ -86,6 +86,8 @@ def _parser() -> argparse.ArgumentParser:
     status.add_argument("--json", action="store_true", help="the last line is one JSON object")
     status.set_defaults(run=_status)
 
+    _add_memory(commands)
+
     config = commands.add_parser("config", help="check a configuration")
     actions = config.add_subparsers(dest="action", required=True, metavar="action")
     check = actions.add_parser("check", help="say what is wrong with it, or what is in force")
@@ -94,6 +96,29 @@ def _parser() -> argparse.ArgumentParser:
     schema = actions.add_parser("schema", help="print its JSON schema, by which editors complete and check")
     schema.set_defaults(run=_schema)
     return parser
+
+
+def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    memory = commands.add_parser("memory", help="list, show, forget, export or import the answered scenes")
+    shared = argparse.ArgumentParser(add_help=False)
+    shared.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    actions = memory.add_subparsers(dest="action", required=True, metavar="action")
+    each = actions.add_parser("list", parents=[shared], help="one line for each scene, with its number")
+    each.add_argument("--json", action="store_true", help="the last line is one JSON object")
+    show = actions.add_parser("show", parents=[shared], help="a scene's words, and where its picture is")
+    show.add_argument("number", type=int, metavar="N", help="as listed")
+    show.add_argument("--out", metavar="FILE", help="copy the picture to FILE")
+    forget = actions.add_parser("forget", parents=[shared], help="forget scenes; the companion is stopped")
+    forget.add_argument("which", nargs="+", metavar="N", help='as listed, or "all"')
+    to = actions.add_parser("export", parents=[shared], help="write all scenes to a new file")
+    to.add_argument("file", metavar="FILE")
+    source = actions.add_parser(
+        "import", parents=[shared], help="add an exported file's scenes; the companion is stopped"
+    )
+    source.add_argument("file", metavar="FILE")
+    memory.set_defaults(run=_memory)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -208,6 +233,30 @@ def _status(options: argparse.Namespace) -> int:
     from companion.preflight.running import print_status
 
     return print_status(options.file, as_json=options.json)
+
+
+def _memory(options: argparse.Namespace) -> int:
+    _log_to_stderr(logging.ERROR)
+    from companion.config import ConfigError
+    from companion.memory import command
+    from companion.storage import JournalError
+
+    try:
+        match options.action:
+            case "list":
+                return command.show_list(options.config, as_json=options.json)
+            case "show":
+                return command.show_scene(options.config, options.number, options.out)
+            case "forget":
+                return command.forget(options.config, options.which)
+            case "export":
+                return command.export(options.config, options.file)
+            case _:
+                return command.take_in(options.config, options.file)
+    except ConfigError as error:
+        raise UserError(_error_text(error)) from error
+    except (JournalError, command.MemoryCommandError) as error:
+        raise UserError(str(error)) from error
 
 
 def _try_perceiver(config: Config) -> str:

@@ -26,6 +26,7 @@ from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.policy.hold_gate import require_checkable
+from companion.preflight.report import EVERY, CheckReport
 from companion.settings.mapping import first_words, restored_policy
 from companion.storage import Journal
 from companion.storage.file_reader import Reader
@@ -82,7 +83,9 @@ def _main(config: Config, stop: Callable[[], bool], command: Sequence[str], clos
         link.send_text(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
-    _run(daemon, stop)
+    report = CheckReport(config)
+    served.show_checks(report.document)
+    _run(daemon, stop, writer, report)
     return 0
 
 
@@ -113,14 +116,18 @@ def _signing(config: Config) -> Signing | None:
     return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
-def _run(daemon: Daemon, stop: Callable[[], bool]) -> None:
-    status_at = float("-inf")
+def _run(daemon: Daemon, stop: Callable[[], bool], writer: Writer, report: CheckReport) -> None:
+    status_at = checked_at = float("-inf")
     try:
         while not stop():
             daemon.turn()
             if time.monotonic() - status_at >= _STATUS_PERIOD:
-                status_at = time.monotonic()
-                daemon.write_status()
+                status_at, figures = time.monotonic(), daemon.write_status()
+                writer.queue_job("measure", daemon.computer.measure)
+                if status_at - checked_at >= EVERY:
+                    checked_at = status_at
+                    found = {**figures, "disk": writer.figures()}
+                    writer.queue_job("check", partial(report.refresh, found))
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         daemon.report_death()

@@ -1,4 +1,4 @@
-"""Decides when the hold may start, what may be commanded for it, and when it may end.
+"""Commands the hold: what may be commanded for it, and when it may end.
 
 A human always wins. The vehicle is held only out of the autopilot's own driving modes, only when armed, and
 only while the autopilot's heartbeats come. Only a hold that the companion commanded is ended.

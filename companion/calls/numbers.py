@@ -1,4 +1,4 @@
-"""Defines the numbers of the operator-call state machine, with their defaults."""
+"""Defines the counts, times and distances of the operator-call state machine, with their defaults."""
 
 from __future__ import annotations
 

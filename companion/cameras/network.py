@@ -54,6 +54,8 @@ class _Stream:
         flat = [value for pair in settings.items() for value in pair]
         began = time.monotonic()
         self._video = cv2.VideoCapture(self._url.geturl(), cv2.CAP_FFMPEG, flat)
+        if _USERS_OPTIONS is None:  # OpenCV reads them for files, too
+            del os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"]
         try:
             if not self._video.isOpened():
                 raise CameraError(self._why_not(time.monotonic() - began))

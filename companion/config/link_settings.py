@@ -1,4 +1,4 @@
-"""Checks the settings of the link."""
+"""Holds and checks the settings of the open link: connections, rates, budgets, addresses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Defines and checks the settings of the MAVLink connections."""
+"""Reads the sections [link] and [link.more.NAME] of the file into the settings of the link."""
 
 from __future__ import annotations
 

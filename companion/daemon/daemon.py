@@ -32,6 +32,7 @@ from companion.link.inbound import (
 from companion.link.link import Link
 from companion.policy.shadow_reporter import ShadowReporter
 from companion.settings.service import SettingsService
+from companion.system.computer import Computer
 from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness, tasks
 from companion.telemetry.active_alert import ActiveAlert
@@ -158,9 +159,11 @@ class Daemon:
         self.persistence.leave()
         self.records.leave(self.status())
 
-    def write_status(self) -> None:
-        """Queue the status file."""
-        self.records.write_status(self.status())
+    def write_status(self) -> dict[str, Any]:
+        """Queue the status file, and return its figures."""
+        figures = self.status()
+        self.records.write_status(figures)
+        return figures
 
     def report_death(self) -> None:
         """Report at once that the daemon dies, to the autopilot's script and to the operator.
@@ -183,6 +186,11 @@ class Daemon:
     def status(self) -> dict[str, Any]:
         """Return the figures of the status file."""
         return self._status.figures(time.monotonic())
+
+    @property
+    def computer(self) -> Computer:
+        """The figures of this computer. Measure them in another thread: a sensor may take its time."""
+        return self._status.computer
 
     def state_file(self) -> dict[str, Any]:
         """Return the figures for /state.json."""

@@ -194,11 +194,10 @@ class Records:
 
     def write_status(self, figures: Mapping[str, Any]) -> None:
         """Queue the status file: figures, number of judged frames, process id and the state of the disk."""
-        writer = self._writer
-        disk = {"failing": writer.failing, "errors": dict(writer.errors), "dropped": dict(writer.dropped)}
+        disk = self._writer.figures()
         content = json.dumps({**figures, "frames": self._frames, "pid": os.getpid(), "disk": disk}).encode()
         # It is written again every second: a torn one lasts no longer.
-        writer.queue_job("status", partial(write_atomically, self._status, content, sync=False))
+        self._writer.queue_job("status", partial(write_atomically, self._status, content, sync=False))
 
     def leave(self, figures: Mapping[str, Any]) -> None:
         """Write everything that waits, within `SLOW` seconds, and last the status file.

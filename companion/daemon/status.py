@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from dataclasses import asdict
 from statistics import median
@@ -13,6 +14,7 @@ from companion.daemon.records import Records
 from companion.daemon.test_call import TestCall
 from companion.link.link import Link
 from companion.settings.service import SettingsService
+from companion.system.computer import Computer
 from companion.telemetry.summary import current_data
 from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition
@@ -27,8 +29,28 @@ _NEWEST = 25
 """Newest frames of which the median latency is reported."""
 
 
+_RATE_OVER, _SAMPLED_EVERY = 10, 0.9
+"""Samples, and seconds between two of them, over which the rate of the camera's frames is taken."""
+
+
+class FrameRate:
+    """Calculates frames a second from a counter that is looked at about once a second."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[float, int]] = deque(maxlen=_RATE_OVER)
+
+    def update(self, now: float, count: int) -> float | None:
+        """Take the counter, and return the rate; None while it is not known. now: monotonic seconds."""
+        if self._samples and count < self._samples[-1][1]:  # vision was started again, and counts from 0
+            self._samples.clear()
+        if not self._samples or now - self._samples[-1][0] >= _SAMPLED_EVERY:
+            self._samples.append((now, count))
+        (began, first), (ended, last) = self._samples[0], self._samples[-1]
+        return round((last - first) / (ended - began), 2) if ended > began else None
+
+
 class Status:
-    """Reads the parts and changes none."""
+    """Reads the parts and changes none. computer: is measured by the owner of this, in another thread."""
 
     def __init__(
         self,
@@ -50,6 +72,9 @@ class Status:
         self._position = position
         self._model = model
         self._release = own_version()
+        self._is_service = os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid())
+        self._frame_rate = FrameRate()
+        self.computer = Computer(records.folder)
         self._judging_s = 0.0
         """Seconds of judging the newest frame."""
         self._latencies: deque[float] = deque(maxlen=_NEWEST)
@@ -64,6 +89,8 @@ class Status:
         """Return all figures, for the status file: JSON values."""
         newest, camera = self._calls.reason_filter.newest, self._vision.camera
         return {
+            "version": self._release,
+            "service": self._is_service,
             "state": self._calls.state(now).name.lower(),
             "reasons": sorted(reason.value for reason in self._calls.reasons(now)),
             "current_id": self._calls.current_id,
@@ -91,10 +118,12 @@ class Status:
                 "reason": camera.reason,
                 "read": camera.read,
                 "dropped": camera.dropped,
+                "rate": self._frame_rate.update(now, camera.read),
                 "width": camera.width,
                 "height": camera.height,
                 "timed_by": camera.timed_by,
             },
+            "computer": self.computer.newest,
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
         }
 
@@ -119,6 +148,7 @@ class Status:
             "settings": {name: round(value, _DIGITS) for name, value in self._settings.settings.items()},
             "set_by_ground": sorted(status["set_by_ground"]),
             "place": place_figures(place),
+            "computer": status["computer"],
             "link": {name: status["link"][name] for name in _OF_THE_LINK},
         }
 

@@ -1,1 +1,1 @@
-"""`python -m companion.field`: the former name of `companion.sim.field`."""
+"""Stands for `companion.sim.field` under its former name: `python -m companion.field`."""

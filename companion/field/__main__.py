@@ -1,4 +1,4 @@
-"""`python -m companion.field`: the former name of `companion.sim.field`."""
+"""Stands for `companion.sim.field` under its former name: `python -m companion.field`."""
 
 from companion.sim.field.__main__ import main
 

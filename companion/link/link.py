@@ -1,4 +1,4 @@
-"""Owns the MAVLink connections. Everything takes `now` (s, monotonic); nothing here blocks."""
+"""Joins the parts of the link. Everything takes `now` (s, monotonic); nothing here blocks."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from companion.preflight.rules import Finding, Verdict, failed, warned
 from companion.vehicle import known_autopilot
 from companion.wire.ids import COMPONENT_ID
 
-CHECK = "autopilot"
+LINK, CHECK = "link", "autopilot"
 LIMIT = 40.0
 _TICK = 0.02
 _UNGUARDED = (
@@ -36,12 +36,15 @@ class Asked:
 
     findings: about autopilot and link. speed: name and m/s of the parameter that sets its speed.
     overrun: m that it drives on in the mode that holds it. heard: whether an autopilot was received.
+    url: of the connection on which it was. grounds: (system, component) of ground stations that were, too.
     """
 
     findings: list[Finding] = field(default_factory=list)
     speed: tuple[str, float] | None = None
     overrun: float = 0.0
     heard: bool = True
+    url: str = ""
+    grounds: tuple[tuple[int, int], ...] = ()
 
 
 def ask_first(config: Config, urls: Sequence[str]) -> Asked:
@@ -64,7 +67,7 @@ def ask(config: Config, url: str) -> Asked:
             while not turn() and time.monotonic() < until:
                 pass
     except LinkError as error:
-        return Asked([failed(CHECK, str(error))], heard=False)
+        return Asked([failed(LINK, str(error))], heard=False)
     return judged(config, url, interview)
 
 
@@ -106,19 +109,17 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     """Judge the results of an interview."""
     autopilot, values = interview.autopilot, interview.values
     if autopilot is None:
-        return Asked([failed(CHECK, silence(url, interview))], heard=False)
+        return Asked([failed(LINK, silence(url, interview))], heard=False)
     name = NAMES.get(autopilot.kind, f"autopilot of kind {autopilot.kind}")
     who = f"{name}, system {autopilot.system_id}"
     known = known_autopilot(autopilot.kind, autopilot.vehicle, config.call.px4_hold)
+    grounds = tuple(sorted(interview.grounds))
     if known is None:
-        return Asked(
-            [failed(CHECK, f"{who}, vehicle type {autopilot.vehicle}: no ArduPilot or PX4 rover, never held")]
-        )
+        never = f"{who}, vehicle type {autopilot.vehicle}: no ArduPilot or PX4 rover, never held"
+        return Asked([failed(CHECK, never)], url=url, grounds=grounds)
     if not values:
-        return Asked(
-            [failed(CHECK, f"{who}: it answers none of our questions: check that the link goes both ways")],
-            overrun=known.overrun,
-        )
+        mute = f"{who}: it answers none of our questions: check that the link goes both ways"
+        return Asked([failed(CHECK, mute)], overrun=known.overrun, url=url, grounds=grounds)
     offboard = config.call.px4_hold == "offboard"
     facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard, config.call.policy)
     wrong = judge(autopilot.kind, facts, holds=config.call.policy == "hold")
@@ -127,7 +128,7 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     wrong.insert(0, Finding(CHECK, worst, f"{who}: {len(values)} parameters told, {told}"))
     if autopilot.kind == PX4:
         wrong.append(warned(CHECK, _UNGUARDED))
-    return Asked(wrong, speed(autopilot.kind, values), known.overrun)
+    return Asked(wrong, speed(autopilot.kind, values), known.overrun, url=url, grounds=grounds)
 
 
 def silence(url: str, interview: Interview) -> str:

@@ -109,7 +109,8 @@ class Interview:
     names: gives the parameters to read from an autopilot of a kind. began: monotonic seconds of the start.
     signing: None without a key. sceptical: with a key, ignore messages that are not signed with it.
     listen: called with each message of the autopilot and the time. values: the parameters that came.
-    others: (system, component) of other senders. bytes: number received.
+    others: (system, component) of other senders; grounds: of those among them that are ground stations.
+    bytes: number received.
     """
 
     connection: Connection
@@ -122,6 +123,7 @@ class Interview:
     autopilot: Heartbeat | None = None
     values: dict[str, float] = field(default_factory=dict)
     others: set[tuple[int, int]] = field(default_factory=set)
+    grounds: set[tuple[int, int]] = field(default_factory=set)
     bytes: int = 0
 
     def __post_init__(self) -> None:
@@ -183,6 +185,8 @@ class Interview:
         kind = message.get_type()
         if sender[1] != AUTOPILOT_COMPONENT_ID or (self.autopilot and sender[0] != self.autopilot.system_id):
             self.others.add(sender)
+            if kind == "HEARTBEAT" and message.type == mavlink.MAV_TYPE_GCS:
+                self.grounds.add(sender)
             return
         if kind == "HEARTBEAT" and self.autopilot is None:
             self._take_autopilot(sender[0], message)

@@ -12,8 +12,10 @@ class Verdict(IntEnum):
     """Says how bad a finding is: the greater, the worse."""
 
     PASS = 0
-    WARN = 1
-    FAIL = 2
+    SKIP = 1
+    """It could not be checked now; the text says why."""
+    WARN = 2
+    FAIL = 3
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,11 @@ class Finding:
 def passed(check: str, text: str) -> Finding:
     """Make a finding that all is well."""
     return Finding(check, Verdict.PASS, text)
+
+
+def skipped(check: str, text: str) -> Finding:
+    """Make a finding of a check that was not possible now. The text says why, and how it is."""
+    return Finding(check, Verdict.SKIP, text)
 
 
 def warned(check: str, text: str) -> Finding:

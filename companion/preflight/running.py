@@ -12,7 +12,8 @@ from typing import Any
 
 from companion.config import ConfigError, Problem, load_config
 from companion.daemon.test_call import ANSWERED_WITHIN, REQUEST
-from companion.preflight.here import RUNNING, check_disk, is_alive, state_folder, status
+from companion.preflight.computer import check_space
+from companion.preflight.here import RUNNING, is_alive, state_folder, status
 
 WELL, FAULTY, NOT_RUNNING = 0, 1, 2
 _WIDTH = 10
@@ -97,12 +98,26 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         "link",
         str(link.get("trouble") or (f"autopilot on {heard}" if heard else "no autopilot is heard yet")),
     )
+    yield "computer", _computer(_table(said, "computer"))
     yield "words", str(said.get("words") or "none")
-    yield "disk", f"{'not written now; ' if written.get('failing') else ''}{check_disk(folder).text}"
+    yield "disk", f"{'not written now; ' if written.get('failing') else ''}{check_space(folder).text}"
     since = _started(said.get("pid"))
     if since is not None:
         at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(since))
         yield "since", f"{at}, for {_duration(time.time() - since)}"
+
+
+def _computer(told: Mapping[str, Any]) -> str:
+    """Return temperature, load and memory in one line; what the computer does not tell is left out."""
+    degrees, cpu, free, total = (told.get(name) for name in ("temperature", "cpu", "memory_free", "memory"))
+    parts = (
+        f"{degrees:.0f} C" if isinstance(degrees, float) else "no temperature told",
+        "slowed down" if told.get("throttled") else "",
+        "the supply's voltage is too low" if told.get("under_voltage") else "",
+        f"CPU {100 * cpu:.0f} %" if isinstance(cpu, float) else "",
+        f"{free} of {total} MiB memory free" if free is not None and total is not None else "",
+    )
+    return ", ".join(part for part in parts if part)
 
 
 def _picture(camera: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Maps the configuration to the numbers, parameters and policy of the first moment."""
+"""Maps configuration and journal to the numbers, parameters and policy with which the daemon starts."""
 
 from __future__ import annotations
 

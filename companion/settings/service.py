@@ -1,4 +1,4 @@
-"""Sets the parameters of component 191, and sends the ground each value that changes."""
+"""Sets the companion's parameters, and sends the ground each value that changes."""
 
 from __future__ import annotations
 

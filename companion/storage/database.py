@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+from companion.system.atomic_write import sync_folder
 
 
 class JournalError(Exception):
@@ -73,12 +76,12 @@ class Database:
     def __init__(self, path: Path, largest: int) -> None:
         """largest: bytes that the file may grow to. Beyond that, writing fails as on a full disk."""
         self.path = path
-        self._was_empty = path.is_file() and path.stat().st_size == 0
         try:
+            self._was_empty = path.is_file() and path.stat().st_size == 0
             self._connection = sqlite3.connect(
                 path, timeout=_WAIT, isolation_level=None, check_same_thread=False
             )
-        except sqlite3.Error as error:
+        except (OSError, sqlite3.Error) as error:
             raise JournalError(
                 f"{path} cannot be opened ({error}): check that the folder is writable"
             ) from error
@@ -187,11 +190,33 @@ class Database:
             connection.execute(f"PRAGMA user_version = {VERSION}")
 
     def _upgrade_from(self, version: int) -> None:
+        self._back_up(version)
         with self.writing() as connection:
             for newer in range(version + 1, VERSION + 1):
                 for statement in _UPGRADES.get(newer, ()):
                     connection.execute(statement)
             connection.execute(f"PRAGMA user_version = {VERSION}")
+
+    def _back_up(self, version: int) -> None:
+        """Copy the file to `journal.version-N.db` beside it, before its version N is upgraded."""
+        target = self.path.with_name(f"{self.path.stem}.version-{version}.db")
+        partial = target.with_name(f".{target.name}.part")
+        try:
+            partial.unlink(missing_ok=True)
+            copy = sqlite3.connect(partial)
+            try:
+                self._connection.backup(copy)
+            finally:
+                copy.close()
+            os.replace(partial, target)
+            sync_folder(target.parent)
+        except (OSError, sqlite3.Error) as error:
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
+            raise JournalError(
+                f"{self.path} is of an older version, and no copy of it can be made before it is upgraded "
+                f"({error}): make room on the disk"
+            ) from error
 
     def _as_journal_error(self, error: sqlite3.Error | UnicodeDecodeError) -> JournalError:
         # For damage SQLite raises DatabaseError itself, for all other errors a subclass of it.

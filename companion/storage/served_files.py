@@ -1,4 +1,4 @@
-"""Serves files to the ground: folders of the disk, the newest maps, and /state.json."""
+"""Serves files to the ground: folders of the disk, the newest maps, /state.json and /check.json."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def _png(grey: NDArray[np.uint8]) -> bytes:
 
 
 class ServedFiles:
-    """Serves /state.json, /calls, /maps and /logs."""
+    """Serves /state.json, /check.json, /calls, /maps and /logs."""
 
     def __init__(self, folder: Path, reader: Reader | None = None) -> None:
         """folder: the journal's. reader: reads what is on the disk."""
@@ -165,9 +165,11 @@ class ServedFiles:
             self.calls.mkdir(parents=True, exist_ok=True)
         self._figures: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
         self._newest: Callable[[], Assessment | None] = lambda: None
+        self._checks: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
         self.tree = Tree(
             {
-                "state.json": Document(self._state),
+                "state.json": Document(lambda: _as_json(self._figures())),
+                "check.json": Document(lambda: _as_json(self._checks())),
                 "calls": Folder(self.calls, PATTERN, reader),
                 "maps": NewestMaps(self._newest_frame).documents(),
                 "logs": Folder(folder / FOLDER, f"{NAME}*", reader),
@@ -183,8 +185,13 @@ class ServedFiles:
         """
         self._figures, self._newest = figures, newest
 
+    def show_checks(self, checks: Callable[[], Mapping[str, Any]]) -> None:
+        """Serve these as /check.json from now on. checks: makes its content."""
+        self._checks = checks
+
     def _newest_frame(self) -> Assessment | None:
         return self._newest()
 
-    def _state(self) -> bytes:
-        return json.dumps(self._figures(), separators=(",", ":")).encode()
+
+def _as_json(figures: Mapping[str, Any]) -> bytes:
+    return json.dumps(figures, separators=(",", ":")).encode()

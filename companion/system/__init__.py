@@ -1,1 +1,1 @@
-"""Helpers for every room: atomic file writes, an error guard, and the shipped files."""
+"""Helps all other packages: writes files whole, guards against errors, measures the computer."""

@@ -1,4 +1,4 @@
-"""Encodes pictures of judged frames: panels to look at later, thumbnails for a radio, and frames as PNG."""
+"""Draws and encodes pictures of judged frames: panels, thumbnails for a radio, and frames as PNG."""
 
 from __future__ import annotations
 

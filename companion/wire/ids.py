@@ -1,4 +1,4 @@
-"""Defines the numbers on the wire. A number never changes its meaning: a new meaning gets a new number."""
+"""Defines the ids and enums on the wire. A number keeps its meaning: a new meaning gets a new number."""
 
 from __future__ import annotations
 

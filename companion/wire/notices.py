@@ -150,8 +150,11 @@ def int8_idle() -> str:
 
 
 def known_place(call: int) -> str:
-    """Reports that the words of a remembered scene are in force. call: its call, 0 for the first scene."""
-    return fit(f"Known place again: words of C{call}" if call else "Known place again: words as at first")
+    """Reports that the words of a remembered scene are in force. call: its call, 0 without one.
+
+    Without one are the first scene, and those that were imported from another rover.
+    """
+    return fit(f"Known place again: words of C{call}" if call else "Known place again: words of that place")
 
 
 def vision_unreliable(*, hold: bool) -> str:

@@ -1,4 +1,4 @@
-"""Defines the parameters of component 191: names of at most 16 characters, fixed while the companion runs.
+"""Defines the parameters of the companion: names of at most 16 characters, fixed while it runs.
 
 No autopilot uses the prefix AT_. That matters, because ArduPilot executes a request for component 191 itself
 until it has received a message of that component.

@@ -1,4 +1,4 @@
-"""What the demo must prove, counted from what field and operator saw."""
+"""Counts from what field and operator saw whether the demo has shown all that it must."""
 
 from __future__ import annotations
 

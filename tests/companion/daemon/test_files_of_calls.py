@@ -16,6 +16,8 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.assessment import Assessment
+from companion.preflight.report import CheckReport
+from companion.preflight.table import CHECKS
 from companion.storage import Journal
 from companion.storage.call_files import ANSWERS, MAX_CALLS, CallFiles
 from companion.storage.log_file import log_to_file
@@ -72,6 +74,7 @@ def test_the_state_tells_what_counts_in_two_thousand_bytes(make_rig: MakeRig) ->
     rig.set("AT_W_ROCK", -0.5)
     place(rig)
     rig.see(3.0, "drum")
+    rig.daemon.computer.measure()
     content = fetched(rig, "/state.json")
     assert len(content) < 2000
     state = json.loads(content)
@@ -80,6 +83,7 @@ def test_the_state_tells_what_counts_in_two_thousand_bytes(make_rig: MakeRig) ->
     assert (state["open"]["id"], state["open"]["kind"], state["open"]["holding"]) == (1, "call", True)
     assert state["open"]["picture"] == "/calls/1.jpg"
     assert state["place"]["latitude"] == 47.0
+    assert state["computer"]["memory_free"] > 0
     assert (state["place"]["roll"], state["place"]["heading"]) == (5.73, 90.0)
 
 
@@ -125,14 +129,36 @@ def test_a_blocked_hold_has_a_picture_of_what_it_was_blocked_by_until_it_is_over
     assert (call.kind, call.picture) == (Kind.CALL, "/calls/2.jpg")
 
 
-def test_the_protocols_page_names_every_key_of_both_documents(make_rig: MakeRig) -> None:
+def test_the_checks_are_served_as_they_were_found_last(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    assert told(rig, "/check.json") == {"state": "starting"}
+    report = CheckReport(rig.config)
+    rig.served.show_checks(report.document)
+    rig.see(3.0)
+    report.refresh(rig.daemon.status())
+    content = fetched(rig, "/check.json")
+    assert len(content) < 3000
+    found = {row["check"]: (row["verdict"], row["text"]) for row in json.loads(content)["checks"]}
+    assert list(found) == [check.name for check in CHECKS]
+    assert found["camera"] == ("pass", "delivering, with the companion that runs")
+    assert found["perceiver"] == ("pass", "painted-1, 0 ms a frame")
+    assert found["link"] == ("pass", "the companion that runs hears the autopilot on main")
+    assert found["stopping"] == ("pass", "the companion that runs allows policy hold")
+    assert not any("itself fails" in text for _, text in found.values())
+
+
+def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) -> None:
     rig = make_rig(pictures=3)
     place(rig)
     rig.see(3.0, "drum")
     rig.answer(1, Motion.STAY)
     rig.see(0.5, "drum")
-    state, call = told(rig, "/state.json"), told(rig, "/calls/1.json")
-    inner = [state["open"], state["place"], state["link"], call["place"], *call["answers"]]
+    rig.daemon.computer.measure()
+    report = CheckReport(rig.config)
+    report.refresh(rig.daemon.status())
+    state, call, checks = told(rig, "/state.json"), told(rig, "/calls/1.json"), report.document()
+    inner = [state["open"], state["place"], state["link"], state["computer"], call["place"], *call["answers"]]
+    inner += [checks, *checks["checks"]]
     page = (Path(__file__).resolve().parents[3] / "docs" / "protocol.md").read_text()
     section = page.split("### What the documents say")[1].split("\n### ")[0]
     assert set().union(state, call, *inner) == set(re.findall(r"`([a-z][a-z_]*)`", section))

@@ -16,6 +16,7 @@ from pymavlink import mavftp, mavutil
 
 from companion import run
 from companion.config import load_config
+from companion.preflight.table import CHECKS
 from companion.vision.pictures import LIMIT
 from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL
 from companion.wire.payloads import CallData
@@ -64,7 +65,7 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
         assert client.process_ftp_reply("Get", timeout=20).error_code == 0
         return copy.read_bytes()
 
-    assert listed("/").keys() == {"@PARAM", "state.json", "calls", "maps", "logs"}
+    assert listed("/").keys() == {"@PARAM", "state.json", "check.json", "calls", "maps", "logs"}
     number = call.id
     wanted, deadline = {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg"}, time.monotonic() + 10.0
     while not listed("/calls").keys() >= wanted and time.monotonic() < deadline:
@@ -74,6 +75,7 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
     state = json.loads(fetched("/state.json"))
     assert (state["state"], state["open"]["id"], state["words"]) == ("calling", number, {"grass": 1.0})
     assert json.loads(fetched(f"/calls/{number}.json"))["reasons"] == ["unknown_object"]
+    assert len(json.loads(fetched("/check.json"))["checks"]) >= len(CHECKS)
     small = fetched(call.picture)
     assert len(small) <= LIMIT
     assert cv2.imdecode(np.frombuffer(small, np.uint8), cv2.IMREAD_COLOR) is not None

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from companion.calls.numbers import Numbers
+from companion.daemon.status import FrameRate
 from companion.storage.call_files import PictureArchive
 from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness, tasks
@@ -91,3 +92,16 @@ def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogC
     assert said == [0.0, 11.0, 11.0]
     assert error_guard.count == 5
     assert [record.levelno for record in caplog.records] == [logging.ERROR] * 3
+
+
+def test_the_camera_s_rate_is_counted_over_the_last_seconds_and_anew_after_a_restart_of_vision() -> None:
+    rate = FrameRate()
+    assert rate.update(10.0, 100) is None
+    assert rate.update(10.5, 105) is None
+    assert rate.update(11.0, 110) == 10.0
+    assert rate.update(11.2, 130) == 10.0, "asked twice in a second it says the same"
+    for second in range(12, 40):
+        counted = rate.update(float(second), 110 + 20 * (second - 11))
+    assert counted == 20.0
+    assert rate.update(41.0, 3) is None
+    assert rate.update(42.0, 8) == 5.0

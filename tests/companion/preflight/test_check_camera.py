@@ -1,4 +1,4 @@
-"""The camera's row: real folders of pictures, and what a companion that runs says of its camera."""
+"""The camera's rows: real folders of pictures, and what a companion that runs says of its camera."""
 
 from __future__ import annotations
 
@@ -8,53 +8,74 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.config import Config, load_config
-from companion.preflight.here import check_camera
-from companion.preflight.rules import Verdict
+from companion.cameras import BadFrame, CameraError, Capture, NoFrameYet
+from companion.config import load_config
+from companion.preflight import watching
+from companion.preflight.camera import check_camera, check_exposure, check_frames
+from companion.preflight.rover import Rover
+from companion.preflight.rules import Finding, Verdict
 
 cv2 = pytest.importorskip("cv2")
 
 
-def config(folder: Path, mount: str = "") -> Config:
+def rover(folder: Path, more: str = "", camera: str = "", running: dict[str, Any] | None = None) -> Rover:
     path = folder / "companion.toml"
-    path.write_text(f'[vehicle]\nfile = ""\n[camera]\nsource = "folder:{folder}/pictures"\n{mount}')
-    return load_config(str(path))
+    path.write_text(f'[vehicle]\nfile = ""\n[camera]\nsource = "folder:{folder}/pictures"\n{camera}\n{more}')
+    return Rover(load_config(str(path)), str(path), folder, running)
 
 
-def pictures(folder: Path, width: int = 64, height: int = 36) -> None:
+def pictures(folder: Path, *images: Any) -> None:
     (folder / "pictures").mkdir()
-    cv2.imwrite(str(folder / "pictures/1.png"), np.zeros((height, width, 3), np.uint8))
+    for number, image in enumerate(images or (painted(120),)):
+        cv2.imwrite(str(folder / f"pictures/{number}.png"), image)
+
+
+def painted(level: int, noise: int = 60) -> Any:
+    """A picture of 64 x 36 pixels around a brightness, of 255."""
+    drawn = np.random.default_rng(0).integers(-noise, noise + 1, (36, 64, 3))
+    return np.clip(drawn + level, 0, 255).astype(np.uint8)
+
+
+def only(findings: list[Finding]) -> tuple[Verdict, str]:
+    (finding,) = findings
+    return finding.verdict, finding.text
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watching, "WATCHED", 0.3)
+    monkeypatch.setattr(watching, "LONGEST", 0.3)
 
 
 def test_a_camera_that_is_not_there_fails_and_says_where_it_was_looked_for(tmp_path: Path) -> None:
-    found = check_camera(config(tmp_path), None)
-    assert found.verdict is Verdict.FAIL
-    assert f"{tmp_path}/pictures cannot be read" in found.text
-    assert "[camera] source" in found.text
+    verdict, text = only(check_camera(rover(tmp_path)))
+    assert verdict is Verdict.FAIL
+    assert f"{tmp_path}/pictures cannot be read" in text
+    assert "[camera] source" in text
 
 
 def test_a_first_picture_passes(tmp_path: Path) -> None:
     pictures(tmp_path)
-    found = check_camera(config(tmp_path), None)
-    assert found.verdict is Verdict.PASS
-    assert "64 x 36" in found.text
+    verdict, text = only(check_camera(rover(tmp_path)))
+    assert verdict is Verdict.PASS
+    assert "64 x 36" in text
 
 
 def test_pictures_that_are_all_torn_fail(tmp_path: Path) -> None:
     (tmp_path / "pictures").mkdir()
     (tmp_path / "pictures/1.jpg").write_bytes(b"torn")
-    found = check_camera(config(tmp_path), None)
-    assert found.verdict is Verdict.FAIL
-    assert "torn or no picture" in found.text
+    verdict, text = only(check_camera(rover(tmp_path)))
+    assert verdict is Verdict.FAIL
+    assert "torn or no picture" in text
 
 
 def test_a_picture_of_another_shape_than_the_mount_s_is_told_with_the_figure_to_set(tmp_path: Path) -> None:
     pictures(tmp_path)
     mount = "[mount]\nheight = 1.0\ntilt = 10.0\n"
-    found = check_camera(config(tmp_path, mount), None)
-    assert found.verdict is Verdict.WARN
-    assert "aspect is 1.333: set it to 1.778" in found.text
-    assert check_camera(config(tmp_path, mount + "aspect = 1.778\n"), None).verdict is Verdict.PASS
+    verdict, text = only(check_camera(rover(tmp_path, mount)))
+    assert verdict is Verdict.WARN
+    assert "aspect is 1.333: set it to 1.778" in text
+    assert only(check_camera(rover(tmp_path, mount + "aspect = 1.778\n")))[0] is Verdict.PASS
 
 
 @pytest.mark.parametrize(
@@ -70,5 +91,122 @@ def test_a_picture_of_another_shape_than_the_mount_s_is_told_with_the_figure_to_
 def test_a_running_companion_s_camera_is_left_to_it(
     tmp_path: Path, said: dict[str, Any], verdict: Verdict, text: str
 ) -> None:
-    found = check_camera(config(tmp_path), said)
-    assert (found.verdict, text in found.text) == (verdict, True)
+    found = only(check_camera(rover(tmp_path, running=said)))
+    assert (found[0], text in found[1]) == (verdict, True)
+    assert only(check_exposure(rover(tmp_path, running=said)))[0] is Verdict.SKIP
+
+
+class Played:
+    """A camera and its clock: a picture every `period` seconds, `age` old; every `bad`th one is damaged.
+
+    pictures: after so many none comes any more. lost: then it fails.
+    """
+
+    def __init__(
+        self, period: float, age: float, bad: int = 0, pictures: int = 999, *, lost: bool = False
+    ) -> None:
+        self.now, self._period, self._age, self._bad, self._reads = 50.0, period, age, bad, 0
+        self._pictures, self._lost = pictures, lost
+
+    def monotonic(self) -> float:
+        """As time.monotonic."""
+        return self.now
+
+    def read(self, timeout: float) -> Capture:
+        """As of any camera."""
+        if self._reads >= self._pictures:
+            self.now += timeout
+            raise CameraError("unplugged") if self._lost else NoFrameYet("none")
+        self.now += self._period
+        self._reads += 1
+        if self._bad and self._reads % self._bad == 0:
+            raise BadFrame("torn")
+        return Capture(self.now - self._age, painted(120))
+
+    def close(self) -> None:
+        """As of any camera."""
+
+
+@pytest.mark.parametrize(
+    ("played", "verdicts", "told"),
+    [
+        (Played(0.1, 0.03), [Verdict.PASS], "10.0 frames/s, 30 ms old when they come"),
+        (Played(0.2, 0.03), [Verdict.WARN], "5.0 frames/s, 30 ms old when they come: [camera] rate is 10: "),
+        (Played(0.1, 2.0), [Verdict.FAIL], "more than T, 1 s"),
+        (Played(0.1, 0.03, bad=3), [Verdict.WARN, Verdict.WARN], "6.7 frames/s"),
+        (Played(0.04, 0.03, bad=5), [Verdict.PASS, Verdict.WARN], "20.1 frames/s"),
+        (Played(0.1, 0.03, pictures=1), [Verdict.FAIL], "0.0 frames/s"),
+        (Played(0.1, 0.03, pictures=3), [Verdict.FAIL], "0.6 frames/s"),
+    ],
+)
+def test_rate_and_age_are_measured(
+    tmp_path: Path, played: Played, verdicts: list[Verdict], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watching, "WATCHED", 3.0)
+    monkeypatch.setattr(watching, "LONGEST", 3.0)
+    monkeypatch.setattr(watching, "time", played)
+    monkeypatch.setattr(watching, "open_camera", lambda *_: played)
+    found = check_frames(rover(tmp_path, '[call]\npolicy = "hold"'))
+    assert [finding.verdict for finding in found] == verdicts
+    assert told in found[0].text
+    if len(found) > 1:
+        assert "pictures were damaged: check cable and supply" in found[1].text
+
+
+def test_a_camera_that_is_lost_while_it_is_watched_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played = Played(0.1, 0.03, pictures=2, lost=True)
+    monkeypatch.setattr(watching, "time", played)
+    monkeypatch.setattr(watching, "open_camera", lambda *_: played)
+    assert only(check_camera(rover(tmp_path))) == (Verdict.FAIL, "unplugged")
+
+
+def test_of_one_picture_no_rate_is_known(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    assert only(check_frames(rover(tmp_path)))[0] is Verdict.SKIP
+
+
+@pytest.mark.parametrize(
+    ("policy", "rate", "latency", "verdict", "told"),
+    [
+        ("hold", 10.0, 90.0, Verdict.PASS, "10.0 frames/s, 90 ms old when judged"),
+        ("hold", 0.4, 90.0, Verdict.FAIL, "T is 1 s, so that each is too old before the next one comes"),
+        ("report", 0.4, 90.0, Verdict.WARN, "T is 1 s, so that each is too old"),
+        ("hold", 0.0, 90.0, Verdict.FAIL, "too old"),
+        ("hold", 10.0, 1200.0, Verdict.FAIL, "more than T, 1 s: find what delays them"),
+        ("hold", 10.0, 600.0, Verdict.WARN, "over half of T, 1 s"),
+        ("hold", 5.0, 90.0, Verdict.WARN, "or set rate = 5.0"),
+        ("hold", None, 90.0, Verdict.SKIP, "not known yet"),
+        ("hold", 10.0, None, Verdict.SKIP, "not known yet"),
+    ],
+)
+def test_the_frames_of_a_companion_that_runs_are_judged_by_what_it_says(
+    tmp_path: Path, policy: str, rate: float | None, latency: float | None, verdict: Verdict, told: str
+) -> None:
+    said = {"camera": {"rate": rate}, "latency_ms": latency}
+    found = only(check_frames(rover(tmp_path, f'[call]\npolicy = "{policy}"', running=said)))
+    assert (found[0], told in found[1]) == (verdict, True), found
+
+
+@pytest.mark.parametrize(
+    ("image", "verdict", "told"),
+    [
+        (painted(120), Verdict.PASS, "brightness 120 of 255, 0 % white"),
+        (painted(12, 14), Verdict.WARN, "more light, or a longer exposure"),
+        (painted(280), Verdict.WARN, "a shorter exposure"),
+        (painted(120, 0), Verdict.WARN, "is the lens covered?"),
+    ],
+)
+def test_dark_white_and_plain_pictures_are_told(
+    tmp_path: Path, image: Any, verdict: Verdict, told: str
+) -> None:
+    pictures(tmp_path, image)
+    found = only(check_exposure(rover(tmp_path)))
+    assert (found[0], told in found[1]) == (verdict, True), found
+
+
+def test_of_a_camera_that_is_not_there_nothing_more_is_told(tmp_path: Path) -> None:
+    absent = rover(tmp_path)
+    assert only(check_camera(absent))[0] is Verdict.FAIL
+    assert [only(check(absent))[0] for check in (check_frames, check_exposure)] == [Verdict.SKIP] * 2

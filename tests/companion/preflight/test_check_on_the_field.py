@@ -18,6 +18,7 @@ from companion.daemon.test_call import REQUEST
 from companion.preflight import here
 from companion.preflight.main import check
 from companion.preflight.running import dry_run
+from companion.preflight.table import CHECKS
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import Stage
 from companion.sim.demo.main import SPEED, set_stage
@@ -64,7 +65,9 @@ def test_the_demo_s_rover_stops_before_what_it_sees_and_its_autopilot_is_asked(
     check(str(config), link=field["companion"], as_json=True)
     said = rows(capsys)
     assert said["stopping"][0] == "pass", said["stopping"]
-    assert [said[name][0] for name in ("config", "perceiver", "camera", "journal", "disk")] == ["pass"] * 5
+    sound = ("config", "versions", "disk", "journal", "clock", "camera", "exposure", "perceiver", "link")
+    assert [said[name] for name in sound if said[name][0] != "pass"] == []
+    assert said["forwarding"][0] == "warn", "no ground station is connected"
     assert not any(name.startswith(("MIS_RESTART", "FS_ACTION", "SYSID")) for name in said)
     assert not (tmp_path / "state").exists(), "a check leaves nothing behind"
 
@@ -78,7 +81,10 @@ def test_an_autopilot_is_asked_where_it_is_heard_and_its_faster_cruise_counts(
     config.write_text(f'{config.read_text()}\n[link.more.wire]\nurl = "{field["companion"]}"\n')
     check(str(config), as_json=True)
     said = [row for row in capsys.readouterr().out.splitlines() if row]
-    assert any(row.startswith("warn  autopilot") and f"not here: {nobody}" in row for row in said)
+    assert any(row.startswith("warn  link") and f"not here: {nobody}" in row for row in said)
+    assert any(
+        row.startswith("pass  link") and f"{field['companion']}: an autopilot is heard" in row for row in said
+    )
     assert any(f"CRUISE_SPEED says {SPEED:g} m/s" in row for row in said if "stopping" in row)
 
 
@@ -130,8 +136,13 @@ def test_beside_a_running_companion_the_check_leaves_its_link_alone(
     wait_for(lambda: stage.daemon_status().get("state") == "ok")
     assert check(str(stage.out / "companion.toml"), as_json=True) == 0
     said = rows(capsys)
-    assert said["autopilot"][0] == "warn"
+    assert said["autopilot"][0] == "skip"
     assert "owns the link" in said["autopilot"][1]
+    assert said["link"] == ("pass", "the companion that runs hears the autopilot on main")
+    assert said["exposure"][0] == "skip"
+    assert said["forwarding"][0] in ("skip", "pass"), "pass: a test call was answered before"
+    assert said["versions"][0] == said["disk speed"][0] == said["stopping"][0] == "pass"
+    assert list(said) == [check.name for check in CHECKS], "a row for each check, in order"
     assert "in use by the companion" in said["journal"][1]
     assert said["camera"] == ("pass", "delivering, with the companion that runs")
 

@@ -209,6 +209,7 @@ def test_others_on_the_link_are_no_autopilot(sender: tuple[int, int], told: str)
     talk.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     talk.run()
     assert told in found(talk)[0].text
+    assert talk.interview.grounds == {sender}, "its heartbeat is a ground station's"
 
 
 def test_a_port_that_is_in_use_says_that_the_companion_may_be_running() -> None:

@@ -26,6 +26,7 @@ WELL: dict[str, Any] = {
     "perceiver": {"model": "builtin/1", "step_ms": 41.0},
     "camera": {"state": "delivering", "reason": "", "read": 120, "dropped": 3},
     "link": {"trouble": None, "autopilot": "main"},
+    "computer": {"temperature": 61.2, "throttled": True, "cpu": 0.43, "memory": 1994, "memory_free": 512},
     "frames": 100,
 }
 
@@ -76,6 +77,7 @@ def test_a_companion_that_is_well_says_what_it_does(
         "perceiver   builtin/1, 41.0 ms a frame",
         "vision      running\n",
         "link        autopilot on main",
+        "computer    61 C, slowed down, CPU 43 %, 512 of 1994 MiB memory free\n",
         "words       grass: 1",
     ):
         assert row in told

@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from anytraverse.history import Entry, History, Place
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
-from companion.storage import Batch, Journal
+from companion.storage import Batch, Journal, JournalError
 from companion.storage.batch import as_json
 
 WORDS = Preferences.parse("grass: 1")
@@ -78,3 +79,50 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
     assert (journal.load_frame(41), journal.load_frame(42)) == (None, b"another")
     assert not (tmp_path / "call.png").exists()
     journal.close()
+
+
+def test_an_older_journal_is_copied_before_it_is_upgraded_and_the_copy_opens(tmp_path: Path) -> None:
+    memory = replace(first_memory("m", WORDS), history=History([entry(1, OLD)]), clock=5)
+    journal = Journal(tmp_path)
+    journal.commit(Batch(memory=memory))
+    journal.close()
+    made_old(tmp_path)
+    Journal(tmp_path).close()
+    backup = tmp_path / "journal.version-1.db"
+    with sqlite3.connect(f"file:{backup}?mode=ro", uri=True) as connection:
+        assert connection.execute("PRAGMA user_version").fetchone() == (1,)
+        columns = [name for name, *_ in connection.execute("SELECT * FROM entries").description]
+        assert "heading" in columns
+        assert "roll" not in columns
+    connection.close()
+    written = backup.read_bytes()
+    Journal(tmp_path).close()
+    assert backup.read_bytes() == written, "an upgraded journal is not copied again"
+    restored = tmp_path / "restored"
+    restored.mkdir()
+    (restored / "journal.db").write_bytes(written)
+    journal = Journal(restored)
+    found = journal.load_memory()
+    journal.close()
+    assert found is not None
+    assert [one.place for one in found.history] == [OLD]
+
+
+def test_a_journal_of_which_no_copy_can_be_made_is_not_upgraded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Journal(tmp_path).close()
+    made_old(tmp_path)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("companion.storage.database.os.replace", full)
+        with pytest.raises(JournalError, match=r"no copy of it can be made .* make room on the disk"):
+            Journal(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["journal.db"]
+    with sqlite3.connect(tmp_path / "journal.db") as connection:
+        assert connection.execute("PRAGMA user_version").fetchone() == (1,)
+    connection.close()
+    Journal(tmp_path).close()

@@ -1,0 +1,1 @@
+"""Implements `companion memory`: lists, shows, forgets, exports and imports the answered scenes."""

@@ -1,0 +1,78 @@
+"""Lists all checks of `companion check`, in the order in which a person mends what they find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+from companion.preflight.camera import check_camera, check_exposure, check_frames
+from companion.preflight.computer import (
+    check_clock,
+    check_heat,
+    check_load,
+    check_service,
+    check_space,
+    check_speed,
+    check_versions,
+)
+from companion.preflight.here import check_journal
+from companion.preflight.link import check_autopilot, check_forwarding, check_link, check_signing
+from companion.preflight.perceiver import check_perceiver
+from companion.preflight.rights import check_rights
+from companion.preflight.rover import Rover
+from companion.preflight.rules import Finding, failed, passed
+from companion.preflight.stopping import check_stopping
+
+
+class Check(NamedTuple):
+    """One row of the table. look: checks, and returns one finding or more. what: what it checks."""
+
+    name: str
+    look: Callable[[Rover], Iterable[Finding]]
+    what: str
+
+
+def _config(rover: Rover) -> list[Finding]:
+    where = f"{rover.file}, " if rover.file else ""
+    return [passed("config", f"{where}policy {rover.config.call.policy}")]
+
+
+# fmt: off
+CHECKS = (
+    Check("config",     _config,          "whether the configuration is sound"),
+    Check("versions",   check_versions,   "whether all packages are there, and the installed release runs"),
+    Check("service",    check_service,    "whether systemd starts the companion at boot"),
+    Check("rights",     check_rights,     "whether the service's user may use its files and devices"),
+    Check("disk",       lambda rover: [check_space(rover.folder)],
+                                          "whether there is room for journal, pictures and logs"),
+    Check("disk speed", check_speed,      "how long a write takes until it is on the disk"),
+    Check("journal",    check_journal,    "whether what is learnt can be stored, and what is stored be read"),
+    Check("clock",      check_clock,      "whether the clock was set, and runs on without power"),
+    Check("heat",       check_heat,       "temperature, throttling, and the supply's voltage"),
+    Check("load",       check_load,       "CPU and memory in use"),
+    Check("camera",     check_camera,     "whether a first picture comes, shaped as `[mount] aspect` says"),
+    Check("frames",     check_frames,     "how many pictures a second come, and how old they are"),
+    Check("exposure",   check_exposure,   "whether the picture is too dark, too bright, or of one colour"),
+    Check("perceiver",  check_perceiver,  "whether the model loads, and keeps the freshness limit T"),
+    Check("link",       check_link,       "whether an autopilot is heard within 10 s, on any connection"),
+    Check("autopilot",  check_autopilot,  "its parameters that would make a hold unsafe or useless"),
+    Check("forwarding", check_forwarding, "whether a ground station is heard, and may answer"),
+    Check("signing",    check_signing,    "whether frames are signed, and the key fits"),
+    Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
+)
+# fmt: on
+WIDTH = 24
+
+
+def findings(rover: Rover) -> Iterator[Finding]:
+    """Run all checks in order. A check that fails in an unforeseen way is a finding, too."""
+    for check in CHECKS:
+        yield from _survived(check, rover)
+
+
+def _survived(check: Check, rover: Rover) -> Iterator[Finding]:
+    try:
+        yield from check.look(rover)
+    except Exception as error:  # the other checks still count
+        what = f"{type(error).__name__}: {error}"
+        yield failed(check.name, f"this check itself fails ({what[:200]}): report that")

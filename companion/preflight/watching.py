@@ -1,0 +1,127 @@
+"""Watches the camera for some seconds, and measures what it delivers."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import median
+
+from anytraverse.frame import Image, is_image
+from companion.cameras import (
+    BadFrame,
+    Camera,
+    CameraError,
+    EndOfFrames,
+    NoFrameYet,
+    open_camera,
+    without_credentials,
+)
+from companion.config import Config
+
+SEEN_WITHIN = 5.0
+"""Seconds to wait for the first picture."""
+WATCHED, LONGEST = 2.0, 8.0
+"""Seconds for which pictures are counted: at least, and at most; in between, as long as four should take."""
+_WHITE = 250
+"""Brightness, of 255, from which on a pixel counts as white."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Holds what the camera delivered.
+
+    trouble: why no picture came; then nothing else counts. width, height: pixels. rate: pictures a second,
+    None where too few came. age: seconds from capture to arrival, the median. bad: damaged pictures.
+    brightness, contrast: mean and standard deviation of the newest picture, of 255. white: share of its
+    pixels that are white.
+    """
+
+    trouble: str = ""
+    width: int = 0
+    height: int = 0
+    rate: float | None = None
+    age: float = 0.0
+    bad: int = 0
+    brightness: float = 0.0
+    contrast: float = 0.0
+    white: float = 0.0
+
+
+@dataclass
+class _Watched:
+    """Collects what the camera delivers. why: why no picture came so far. ended: no more will come."""
+
+    why: str = f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address"
+    arrived: list[float] = field(default_factory=list)
+    ages: list[float] = field(default_factory=list)
+    bad: int = 0
+    ended: bool = False
+    newest: Image | None = None
+
+    def read(self, camera: Camera) -> None:
+        """Wait for the next picture, 0.5 s at most. Raises CameraError when the camera is lost."""
+        try:
+            capture = camera.read(0.5)
+            if not is_image(capture.image):
+                raise BadFrame("not an RGB picture of 8 bits a channel: check the camera's pixel format")
+        except NoFrameYet:
+            return
+        except BadFrame as error:
+            self.why, self.bad = str(error), self.bad + 1
+            return
+        except EndOfFrames as error:
+            self.why, self.ended = self.why if self.bad else str(error), True
+            return
+        now = time.monotonic()
+        self.arrived.append(now)
+        self.ages.append(now - capture.captured_at)
+        self.newest = capture.image
+
+
+def watch(config: Config) -> Seen:
+    """Open the camera, wait up to 5 s for a first picture, and watch it for 2 to 8 s."""
+    watched = _Watched()
+    try:
+        camera = open_camera(config.camera.source, config.camera_options)
+        try:
+            until = time.monotonic() + SEEN_WITHIN
+            while time.monotonic() < until and not watched.ended:
+                first = not watched.arrived
+                watched.read(camera)
+                if first and watched.arrived:
+                    until = watched.arrived[0] + min(LONGEST, max(WATCHED, 4.0 / config.camera.rate))
+        finally:
+            camera.close()
+    except CameraError as error:
+        return Seen(without_credentials(str(error)))
+    if watched.newest is None:
+        return Seen(watched.why)
+    silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]
+    return _exposed(watched.newest, _rate(watched.arrived, silence), median(watched.ages), watched.bad)
+
+
+def _rate(arrived: list[float], silence: float) -> float | None:
+    """Calculate pictures a second; None where only one came and no more will. arrived: seconds of each.
+
+    silence: seconds without a picture after the last one. They count if that is over twice the longest gap.
+    """
+    gaps = [after - before for before, after in pairwise(arrived)]
+    if not gaps:
+        return 0.0 if silence > 0.0 else None
+    seconds = sum(gaps) + (silence if silence > 2.0 * max(gaps) else 0.0)
+    return len(gaps) / seconds if seconds > 0.0 else None
+
+
+def _exposed(image: Image, rate: float | None, age: float, bad: int) -> Seen:
+    grey = image.mean(axis=2)
+    return Seen(
+        width=int(image.shape[1]),
+        height=int(image.shape[0]),
+        rate=rate,
+        age=age,
+        bad=bad,
+        brightness=float(grey.mean()),
+        contrast=float(grey.std()),
+        white=float((grey >= _WHITE).mean()),
+    )

@@ -1,0 +1,87 @@
+"""Reads the memory from a copy of the journal, since a companion that runs locks the journal itself."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from anytraverse.memory import Memory
+from companion.storage.database import Damaged, Database, JournalError
+from companion.storage.journal import LARGEST
+from companion.storage.memory_rows import read_memory
+
+_TRIES = 5
+_PAUSE = 0.2
+"""Seconds between two tries to copy a journal that is being written."""
+_LONGEST_LOG = 2 * LARGEST
+"""Bytes of the write-ahead log that are copied at most."""
+_CHUNK = 1 << 20
+
+
+def read_stored_memory(folder: Path) -> Memory | None:
+    """Return the memory in the journal of `folder`, None without one. Changes nothing there.
+
+    Raises JournalError.
+    """
+    path = folder / "journal.db"
+    try:
+        if not path.exists():
+            return None
+        with TemporaryDirectory(prefix="companion-") as temporary:
+            copy = _copied(path, Path(temporary))
+            try:
+                return _read(copy)
+            except Damaged as error:
+                raise JournalError(f"{path} is damaged: start the companion, which sets it aside") from error
+            except JournalError as error:
+                raise JournalError(str(error).replace(str(copy), str(path))) from error
+    except PermissionError as error:
+        raise JournalError(f"{path} may not be read: type this with sudo") from error
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise JournalError(
+            f"{path} cannot be copied ({why}): check the disk, and the room in /tmp"
+        ) from error
+
+
+def _read(path: Path) -> Memory | None:
+    database = Database(path, 2 * LARGEST)
+    try:
+        return read_memory(database.rows)
+    finally:
+        database.close()
+
+
+def _copied(path: Path, to: Path) -> Path:
+    """Copy the file and its write-ahead log as they were at one moment. Raises OSError, JournalError.
+
+    SQLite appends commits to the log, and now and then writes the log into the file. If the file was the same
+    before and after its log was copied, both fit together as after a loss of power.
+    """
+    copy = to / path.name
+    for attempt in range(_TRIES):
+        if attempt:
+            time.sleep(_PAUSE)
+        before = _copy(path, copy, LARGEST)
+        try:
+            _copy(Path(f"{path}-wal"), Path(f"{copy}-wal"), _LONGEST_LOG)
+        except FileNotFoundError:
+            Path(f"{copy}-wal").unlink(missing_ok=True)
+        if _copy(path, None, LARGEST) == before:
+            return copy
+    raise JournalError(f"{path} is being written: try again")
+
+
+def _copy(path: Path, to: Path | None, most: int) -> bytes:
+    """Copy a file, and return the checksum of its content. to: None only reads it."""
+    checksum, left = hashlib.sha256(), most
+    with path.open("rb") as source, (to or Path("/dev/null")).open("wb") as target:
+        while chunk := source.read(min(_CHUNK, left + 1)):
+            left -= len(chunk)
+            if left < 0:
+                raise JournalError(f"{path} is larger than {most >> 20} MiB: check what wrote it")
+            checksum.update(chunk)
+            target.write(chunk)
+    return checksum.digest()

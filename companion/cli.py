@@ -77,6 +77,11 @@ def _parser() -> argparse.ArgumentParser:
     whole.add_argument("--measure", action="store_true", help="you drive and set HOLD; it fits the brakes")
     whole.set_defaults(run=_check_rover)
 
+    cameras = commands.add_parser("cameras", help="list the cameras that are there, with a picture of each")
+    cameras.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
+    cameras.add_argument("--out", default=".", metavar="FOLDER", help="for the pictures, by default here")
+    cameras.set_defaults(run=_cameras)
+
     status = commands.add_parser("status", help="say what the companion that runs says of itself")
     status.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
     status.add_argument("--json", action="store_true", help="the last line is one JSON object")
@@ -225,6 +230,12 @@ def _check_rover(options: argparse.Namespace) -> int:
     from companion.preflight.main import check
 
     return check(options.file, link=options.link, as_json=options.json)
+
+
+def _cameras(options: argparse.Namespace) -> int:
+    from companion.preflight.cameras import list_cameras
+
+    return list_cameras(options.file, options.out)
 
 
 def _status(options: argparse.Namespace) -> int:

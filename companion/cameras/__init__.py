@@ -1,6 +1,6 @@
 """Opens the camera that a source names: the `Camera` protocol, and one file for each kind of camera.
 
-A source is named like a URL, `kind:place`: `video:drive.mp4`, `folder:pictures`, `field:127.0.0.1:5600`.
+A source is named like a URL, `kind:place`: `video:drive.mp4`, `rtsp://camera/stream`, `pipe:COMMAND`.
 A kind's module, and the vendor's software that it needs, is imported only when the kind is chosen.
 
 Errors:
@@ -8,13 +8,14 @@ Errors:
 CameraError                 the camera must be opened again; the text says what to do
 ├── SourceError             this source can never be opened: correct the config
 ├── NoFrameYet              no frame came within the time-out; read again
-├── BadFrame                one frame is damaged or has a wrong shape; read again
+├── BadFrame                one frame is damaged, late or has a wrong shape; read again
 └── EndOfFrames             the file has ended; no more frames will come
 """
 
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -27,13 +28,14 @@ __all__ = [
     "BadFrame",
     "Camera",
     "CameraError",
+    "CameraOptions",
     "Capture",
     "EndOfFrames",
     "NoFrameYet",
-    "Playback",
     "SourceError",
     "open_camera",
     "split_source",
+    "without_credentials",
 ]
 
 
@@ -50,7 +52,7 @@ class NoFrameYet(CameraError):  # noqa: N818
 
 
 class BadFrame(CameraError):  # noqa: N818
-    """One frame was damaged, unreadable or had a wrong shape; the camera stays open."""
+    """One frame was damaged, unreadable, late or had a wrong shape; the camera stays open."""
 
 
 class EndOfFrames(CameraError):  # noqa: N818
@@ -61,6 +63,12 @@ KINDS: dict[str, tuple[str, str]] = {
     "video": ("companion.cameras.video", "VideoFile"),
     "folder": ("companion.cameras.folder", "PictureFolder"),
     "field": ("companion.cameras.field", "FieldCamera"),
+    "pipe": ("companion.cameras.pipe", "Pipe"),
+    "rtsp": ("companion.cameras.network", "RtspStream"),
+    "http": ("companion.cameras.network", "HttpStream"),
+    "https": ("companion.cameras.network", "HttpsStream"),
+    "v4l2": ("companion.cameras.v4l2", "V4l2Device"),
+    "oak": ("companion.cameras.oak", "OakCamera"),
 }
 """Kind -> (module, class). To add a kind, write one file and add one line here."""
 
@@ -70,18 +78,34 @@ class Capture(NamedTuple):
 
     captured_at: seconds of time.monotonic() when the picture was taken, as exactly as the camera knows it.
     image: RGB, (height, width, 3) uint8; the camera never writes to it again.
+    timed_by: what captured_at is from: "sensor"; "arrival", less the configured latency; "stream", the same
+    less the delay that the stream's own time stamps show; "player" for files.
     """
 
     captured_at: float
     image: Image
+    timed_by: str = "player"
 
 
 @dataclass(frozen=True)
-class Playback:
-    """Says how files are played. rate: frames/s, None: the video's own. loop: start again at the end."""
+class CameraOptions:
+    """Says how a camera is opened. None: as the camera or the file itself says.
 
-    rate: float | None = None
+    playback: frames/s of a video or folder. loop: whether it starts again at its end. width, height: pixels.
+    pixel_format: a name in `PIXEL_FORMATS`. fps: frames/s that the camera is asked for. exposure: s, instead
+    of the camera's automatic exposure. latency: s from exposure to arrival, where the camera does not report
+    it. freshness: the limit T in s; a frame that was delayed for longer is dropped.
+    """
+
+    playback: float | None = None
     loop: bool = False
+    width: int | None = None
+    height: int | None = None
+    pixel_format: str | None = None
+    fps: float | None = None
+    exposure: float | None = None
+    latency: float = 0.0
+    freshness: float = 2.0
 
 
 class Camera(Protocol):
@@ -104,7 +128,7 @@ class Camera(Protocol):
         """Release the device at once. May be called more than once."""
 
 
-CameraMaker = Callable[[str, Playback], Camera]
+CameraMaker = Callable[[str, CameraOptions], Camera]
 
 
 def split_source(source: str) -> tuple[str, str]:
@@ -112,13 +136,21 @@ def split_source(source: str) -> tuple[str, str]:
     kind, _, place = source.partition(":")
     if kind not in KINDS:
         known = ", ".join(f"{name}:..." for name in KINDS)
-        raise SourceError(f'"{source}" names no camera: begin with one of {known}')
-    if not place:
+        raise SourceError(f'"{without_credentials(source)}" names no camera: begin with one of {known}')
+    if not place.strip() and kind != "oak":
         raise SourceError(f'"{source}" says what kind of camera but not where: write {kind}:PLACE')
     return kind, place
 
 
-def open_camera(source: str, playback: Playback | None = None) -> Camera:
+def without_credentials(text: str) -> str:
+    """Return a text with "***" for the user and password of each URL in it, for logs and people.
+
+    Everything up to the last "@" of a URL goes, since a password may hold any sign.
+    """
+    return re.sub(r"(?<=://)\S*@", "***@", text)
+
+
+def open_camera(source: str, options: CameraOptions | None = None) -> Camera:
     """Open the camera that `source` names; may block for some seconds.
 
     Raises SourceError when the source can never work, another CameraError when the camera is absent now.
@@ -128,7 +160,8 @@ def open_camera(source: str, playback: Playback | None = None) -> Camera:
     try:
         maker: CameraMaker = getattr(importlib.import_module(module), name)
     except ImportError as error:
+        extra = "oak" if error.name == "depthai" else "rover"
         raise SourceError(
-            f'camera "{kind}" needs {error.name}: pip install "anytraverse-companion[rover]"'
+            f'camera "{kind}" needs {error.name}: pip install "anytraverse-companion[{extra}]"'
         ) from error
-    return maker(place, playback or Playback())
+    return maker(place, options or CameraOptions())

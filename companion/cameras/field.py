@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 
-from companion.cameras import CameraError, Capture, NoFrameYet, Playback, SourceError
+from companion.cameras import CameraError, CameraOptions, Capture, NoFrameYet, SourceError
 from companion.cameras.frame_socket import FrameError, FrameStream, FrameTimeout
 
 
@@ -14,7 +14,7 @@ class FieldCamera:
     The capture times are of this computer's monotonic clock, so the address must be a loopback address.
     """
 
-    def __init__(self, place: str, _: Playback) -> None:
+    def __init__(self, place: str, _: CameraOptions) -> None:
         host, port = _address(place)
         try:
             self._stream = FrameStream(host, port)
@@ -28,7 +28,7 @@ class FieldCamera:
             raise NoFrameYet(str(error)) from error
         except FrameError as error:
             raise CameraError(str(error)) from error
-        return Capture(frame.captured_at, frame.rgb)
+        return Capture(frame.captured_at, frame.rgb, "sensor")
 
     def close(self) -> None:
         self._stream.close()

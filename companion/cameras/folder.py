@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
-from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
+from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames
 from companion.cameras.playback import Pace
 
 _PHOTOS = {".jpg", ".jpeg"}
@@ -44,10 +44,10 @@ class PictureFolder:
     With `loop`, the folder is listed again at the start of each lap.
     """
 
-    def __init__(self, place: str, playback: Playback) -> None:
+    def __init__(self, place: str, options: CameraOptions) -> None:
         self._folder = Path(os.path.expanduser(place)).absolute()
-        self._loop = playback.loop
-        self._pace = Pace(playback.rate or _USUAL_RATE)
+        self._loop = options.loop
+        self._pace = Pace(options.playback or _USUAL_RATE)
         self._frames: Iterator[Path] = iter(pictures(self._folder))
 
     def read(self, timeout: float) -> Capture:

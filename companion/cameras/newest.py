@@ -11,7 +11,15 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from anytraverse.frame import Frame, is_image
-from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrames, NoFrameYet
+from companion.cameras import (
+    BadFrame,
+    Camera,
+    CameraError,
+    Capture,
+    EndOfFrames,
+    NoFrameYet,
+    without_credentials,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -34,9 +42,10 @@ class CameraState(Enum):
 class CameraStatus:
     """Describes the camera thread at one moment. Counts are since the start.
 
-    reason: why the camera failed or ended; "" again once a frame comes. read: good frames. dropped: good
-    frames that a newer one replaced before they were taken. refused: bad frames. connected: how often the
-    camera was opened.
+    reason: why the camera failed or ended, or why no good frame comes; "" again once one comes. read: good
+    frames. dropped: good frames that a newer one replaced before they were taken. refused: bad frames.
+    connected: how often the camera was opened. width, height: pixels of the newest good frame, 0 before the
+    first. timed_by: what its capture time is from, as in `Capture`.
     """
 
     state: CameraState = CameraState.CONNECTING
@@ -45,22 +54,28 @@ class CameraStatus:
     dropped: int = 0
     refused: int = 0
     connected: int = 0
+    width: int = 0
+    height: int = 0
+    timed_by: str = ""
 
 
 @dataclass(frozen=True)
 class Patience:
     """Holds the camera thread's time limits, in seconds.
 
-    wait: time-out of one read. silence: time without a good frame after which the camera is opened again.
-    first, longest: the wait before connecting again, which doubles from failure to failure. hung: time in one
-    call of the camera's driver after which the thread counts as hung for good.
+    wait: time-out of one read. silence: time without a good frame after which the camera is opened again;
+    opening counts instead before the first frame. first, longest: the wait before connecting again, which
+    doubles from failure to failure. hung: time in one call of the camera's driver after which the thread
+    counts as hung for good. late: time without a good frame after which the status gives a reason, T.
     """
 
     wait: float = 0.5
     silence: float = 5.0
     first: float = 0.25
-    longest: float = 5.0
+    longest: float = 3.0
     hung: float = 60.0
+    opening: float = 6.0
+    late: float = 2.0
 
 
 class NewestFrame:
@@ -101,15 +116,23 @@ class CameraThread:
     """
 
     def __init__(
-        self, connect: Callable[[], Camera], *, first_id: int = 1, patience: Patience | None = None
+        self,
+        connect: Callable[[], Camera],
+        *,
+        first_id: int = 1,
+        patience: Patience | None = None,
+        size: tuple[int | None, int | None] = (None, None),
     ) -> None:
+        """size: width and height in pixels, None: any. A frame of another size is a bad frame."""
         self._connect = connect
+        self._size = size
+        self._bad = ""
         self._next_id = first_id
         self._patience = patience or Patience()
         self._newest = NewestFrame()
         self._status = CameraStatus()
         self._delivered_at: float | None = None
-        self._turned_at = time.monotonic()
+        self._started_at = self._turned_at = time.monotonic()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
@@ -117,7 +140,11 @@ class CameraThread:
     @property
     def status(self) -> CameraStatus:
         """Return the newest status. Never blocks."""
-        return self._status
+        status, late = self._status, self._patience.late
+        silent = time.monotonic() - (self._delivered_at or self._started_at)
+        if status.reason or status.state is CameraState.ENDED or silent <= late:
+            return status
+        return replace(status, reason=self._why_silent(late))
 
     @property
     def delivered_at(self) -> float | None:
@@ -163,7 +190,7 @@ class CameraThread:
                 self._set(state=CameraState.ENDED, reason=str(end))
                 return
             except Exception as failure:  # a driver may raise anything, and the rover still needs its camera
-                reason = (str(failure) or type(failure).__name__)[:_LONGEST_REASON]
+                reason = without_credentials(str(failure) or type(failure).__name__)[:_LONGEST_REASON]
             if self._status.read > read_before:
                 pause = self._patience.first
             if reason != self._status.reason:
@@ -179,50 +206,68 @@ class CameraThread:
         try:
             self._set(connected=self._status.connected + 1)
             last = time.monotonic()
+            limit = self._patience.opening
+            self._bad = ""
             warned = False
             while not self._closing.is_set():
                 self._turned_at = time.monotonic()
                 try:
                     capture = camera.read(self._patience.wait)
-                    _check(capture)
+                    _check(capture, self._size)
                 except NoFrameYet:
                     pass
                 except BadFrame as bad:
+                    self._bad = without_credentials(str(bad))[:_LONGEST_REASON]
                     self._set(refused=self._status.refused + 1)
                     if not warned:
-                        _log.warning("frame refused: %s (further ones are only counted)", bad)
+                        _log.warning("frame refused: %s (further ones are only counted)", self._bad)
                         warned = True
                 else:
                     last = time.monotonic()
+                    limit, self._bad = self._patience.silence, ""
                     self._keep(capture)
-                if time.monotonic() - last > self._patience.silence:
-                    raise CameraError(
-                        f"no good frame for {self._patience.silence:g} s: check cable, light and address"
-                    )
+                if time.monotonic() - last > limit:
+                    raise CameraError(self._why_silent(limit))
         finally:
             camera.close()
 
+    def _why_silent(self, seconds: float) -> str:
+        return f"no good frame for {seconds:g} s: {self._bad or 'check cable, light and address'}"
+
     def _keep(self, capture: Capture) -> None:
+        height, width, _ = capture.image.shape
         frame = Frame(self._next_id, capture.captured_at, capture.image)
         self._next_id += 1
         self._delivered_at = time.monotonic()
         if self._status.state is not CameraState.DELIVERING:
-            _log.info("camera delivers %d x %d pixels", capture.image.shape[1], capture.image.shape[0])
+            _log.info("camera delivers %d x %d pixels", width, height)
+        if self._status.width and (width, height) != (self._status.width, self._status.height):
+            _log.warning(
+                "the pictures have another size than before, %d x %d: look whether [mount] aspect still fits",
+                width,
+                height,
+            )
         dropped = self._newest.put(frame)
         self._set(
             state=CameraState.DELIVERING,
             reason="",
             read=self._status.read + 1,
             dropped=self._status.dropped + dropped,
+            width=width,
+            height=height,
+            timed_by=capture.timed_by,
         )
 
     def _set(self, **changes: object) -> None:
         self._status = replace(self._status, **changes)  # type: ignore[arg-type]
 
 
-def _check(capture: Capture) -> None:
+def _check(capture: Capture, size: tuple[int | None, int | None]) -> None:
     """Raise BadFrame for an image or a capture time that the algorithm must not get."""
     if not is_image(capture.image):
         raise BadFrame("not an RGB picture of 8 bits a channel: check the camera's pixel format")
+    height, width, _ = capture.image.shape
+    if size[0] not in (None, width) or size[1] not in (None, height):
+        raise BadFrame(f"the pictures are {width} x {height}: make [camera] width and height so")
     if not math.isfinite(capture.captured_at) or capture.captured_at > time.monotonic():
         raise BadFrame(f"captured at {capture.captured_at}, which is not in the past: check its clock")

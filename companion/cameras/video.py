@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 
 from anytraverse.decoding import PictureTooLargeError, check_size
-from companion.cameras import BadFrame, CameraError, Capture, EndOfFrames, Playback
+from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames
 from companion.cameras.playback import Pace
 
 _USUAL_RATE = 30.0
@@ -19,12 +19,12 @@ _HIGHEST_RATE = 240.0
 class VideoFile:
     """Delivers the frames of a video that OpenCV can decode. `captured_at` is when a frame was due."""
 
-    def __init__(self, place: str, playback: Playback) -> None:
+    def __init__(self, place: str, options: CameraOptions) -> None:
         self._path = Path(os.path.expanduser(place)).absolute()
-        self._loop = playback.loop
+        self._loop = options.loop
         self._video = self._open()
         self._read_in_lap = 0
-        self._pace = Pace(playback.rate or self._own_rate())
+        self._pace = Pace(options.playback or self._own_rate())
 
     def read(self, timeout: float) -> Capture:
         now = self._pace.wait(timeout)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
+from companion.cameras import without_credentials
 from companion.config.checks import Check, Section, number, section_schema, text
 from companion.config.schema import SECTIONS, Config
 from companion.config.words import WORDS_OFFERED
@@ -66,7 +67,9 @@ def _section(name: str, section: Section) -> Iterator[str]:
         elif field.metadata["tables"]:
             tables += [(f"{name}.{field.name}.{key}", table) for key, table in value]
         else:
-            yield f"{field.name} = {toml_value(value)}  # {meaning}"
+            # A person shows this to others: the password of a camera's URL is not theirs.
+            shown = without_credentials(value) if isinstance(value, str) else value
+            yield f"{field.name} = {toml_value(shown)}  # {meaning}"
     for inner, table in tables:
         yield from _section(inner, table)
 

@@ -14,7 +14,8 @@ from typing import Literal
 from anytraverse.perception import KINDS, NAMED
 from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
-from companion.cameras import split_source
+from companion.cameras import CameraOptions, split_source
+from companion.cameras.pixel_formats import MJPEG, PIXEL_FORMATS, frame_bytes
 from companion.config.checks import (
     Conflict,
     Section,
@@ -47,6 +48,31 @@ class Camera(Section):
     latency: float = setting(
         0.15, number(0, 5), "s from exposure to arrival of a frame, where the camera does not report it"
     )
+    width: int | None = setting(None, whole(16, 8192), "pixels of a picture; unset: as the camera says")
+    height: int | None = setting(None, whole(16, 8192), "pixels of a picture; unset: as the camera says")
+    pixel_format: str | None = setting(
+        None, choice(*PIXEL_FORMATS, MJPEG), "what a pipe sends, or v4l2 is asked for; unset: as v4l2 says"
+    )
+    fps: float | None = setting(
+        None, number(0.5, 240), "frames/s that a v4l2 or oak camera is asked for; unset: its own"
+    )
+    exposure: float | None = setting(
+        None, number(0, 1, above=True), "exposure time of a v4l2 camera in s; unset: automatic"
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        if (self.width is None) != (self.height is None):
+            yield ("width", "height"), "width and height go together: give both"
+        if not self.source.startswith("pipe:"):
+            return
+        if self.width is None or self.height is None or self.pixel_format in (None, MJPEG):
+            known = ", ".join(PIXEL_FORMATS)
+            yield ("source",), f"a pipe needs width, height and pixel_format, one of {known}"
+            return
+        try:
+            frame_bytes(self.pixel_format or "", self.width, self.height)
+        except ValueError as error:
+            yield ("width", "height"), str(error)
 
 
 def _known_perceiver(name: str) -> None:
@@ -284,6 +310,22 @@ class Config:
     def preferences(self) -> Preferences:
         """The configured words."""
         return Preferences.of(self.words)
+
+    @property
+    def camera_options(self) -> CameraOptions:
+        """How the camera is opened."""
+        camera = self.camera
+        return CameraOptions(
+            playback=camera.playback,
+            loop=camera.loop,
+            width=camera.width,
+            height=camera.height,
+            pixel_format=camera.pixel_format,
+            fps=camera.fps,
+            exposure=camera.exposure,
+            latency=camera.latency,
+            freshness=self.freshness,
+        )
 
     @property
     def freshness(self) -> float:

@@ -83,7 +83,7 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield (
         "camera",
         (
-            f"{camera.get('state', 'unknown')}{f': {why}' if why else ''}, "
+            f"{camera.get('state', 'unknown')}{f': {why}' if why else ''}, {_picture(camera)}"
             f"{camera.get('read', 0)} frames read, {said.get('frames', 0)} judged"
         ),
     )
@@ -118,6 +118,13 @@ def _computer(told: Mapping[str, Any]) -> str:
         f"{free} of {total} MiB memory free" if free is not None and total is not None else "",
     )
     return ", ".join(part for part in parts if part)
+
+
+def _picture(camera: Mapping[str, Any]) -> str:
+    """Say the size of the pictures, and what their capture times are from."""
+    if not camera.get("width"):
+        return ""
+    return f"{camera['width']} x {camera.get('height')}, time from {camera.get('timed_by') or 'nothing'}, "
 
 
 def _table(said: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -8,7 +8,15 @@ from itertools import pairwise
 from statistics import median
 
 from anytraverse.frame import Image, is_image
-from companion.cameras import BadFrame, Camera, CameraError, EndOfFrames, NoFrameYet, Playback, open_camera
+from companion.cameras import (
+    BadFrame,
+    Camera,
+    CameraError,
+    EndOfFrames,
+    NoFrameYet,
+    open_camera,
+    without_credentials,
+)
 from companion.config import Config
 
 SEEN_WITHIN = 5.0
@@ -75,7 +83,7 @@ def watch(config: Config) -> Seen:
     """Open the camera, wait up to 5 s for a first picture, and watch it for 2 to 8 s."""
     watched = _Watched()
     try:
-        camera = open_camera(config.camera.source, Playback(config.camera.playback, config.camera.loop))
+        camera = open_camera(config.camera.source, config.camera_options)
         try:
             until = time.monotonic() + SEEN_WITHIN
             while time.monotonic() < until and not watched.ended:
@@ -86,7 +94,7 @@ def watch(config: Config) -> Seen:
         finally:
             camera.close()
     except CameraError as error:
-        return Seen(str(error))
+        return Seen(without_credentials(str(error)))
     if watched.newest is None:
         return Seen(watched.why)
     silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]

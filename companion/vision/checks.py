@@ -88,6 +88,8 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             right = isinstance(camera, CameraStatus) and isinstance(camera.state, CameraState)
             counts = camera.read, camera.dropped, camera.refused, camera.connected
             _need(right and _text(camera.reason) and all(map(_whole, counts)), "the state of a camera")
+            _need(_whole(camera.width) and _whole(camera.height), "the size of a camera's pictures")
+            _need(_text(camera.timed_by), "what capture times are from")
             _need(delivered_at is None or _past(delivered_at, now), "when a frame came")
         case Drawn():
             texts_fit = _text(message.title) and _whole(message.number) and _whole(message.frame_id)

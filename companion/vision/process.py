@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from anytraverse.errors import AnyTraverseError
-from companion.cameras import Playback, open_camera
-from companion.cameras.newest import CameraThread
+from companion.cameras import open_camera
+from companion.cameras.newest import CameraThread, Patience
 from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -132,9 +132,14 @@ def step_back() -> None:
 
 def _serve(port: Port) -> None:
     start = _receive_start(port)
-    camera = start.config.camera
-    playback = Playback(camera.playback, camera.loop)
-    reader = CameraThread(partial(open_camera, camera.source, playback), first_id=start.first_frame)
+    camera, freshness = start.config.camera, start.config.freshness
+    reader = CameraThread(
+        partial(open_camera, camera.source, start.config.camera_options),
+        first_id=start.first_frame,
+        # Before T, so that the reason is there when the fault is, but not before the next frame is due.
+        patience=Patience(late=max(0.6 * freshness, 1.1 / camera.rate)),
+        size=(camera.width, camera.height),
+    )
     try:
         ready = load_and_warm_up(start.config, start.memory)
     except AnyTraverseError as error:

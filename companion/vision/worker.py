@@ -18,6 +18,7 @@ from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
 from companion.vision import pictures
+from companion.vision.exposure import ADVICE, ExposureDetector
 from companion.vision.freeze_detector import FreezeDetector
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -54,6 +55,8 @@ class Worker:
         self.revision = revision
         self._situation = Situation(Place(), moving=False)
         self._freeze_detector = FreezeDetector()
+        self._exposure_detector = ExposureDetector()
+        self._badly_exposed = ""
         self._recent: OrderedDict[int, Assessment] = OrderedDict()
         self._stored: OrderedDict[int, Assessment] = OrderedDict()
         self._logged_at = float("-inf")
@@ -82,8 +85,7 @@ class Worker:
             self._log_failure(frame)
             seen = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
         now = time.monotonic()
-        still = self._freeze_detector.seconds(frame.image, started, moving=self._situation.moving)
-        seen = self._with_age(seen, now, still)
+        seen = self._with_age(seen, now, self._camera_faults(frame, started))
         self._recent[frame.id] = seen
         while len(self._recent) > RECENT:
             self._recent.popitem(last=False)
@@ -92,17 +94,26 @@ class Worker:
         update = self._update()
         return FrameJudged(seen, self.revision, now, now - started, shares, update)
 
-    def _with_age(self, seen: Assessment, now: float, still: float) -> Assessment:
-        """Set the age to that after judging. Add a fault when it, or `still`, is greater than T.
+    def _camera_faults(self, frame: Frame, now: float) -> list[Finding]:
+        """Return what has been wrong with the pictures for longer than T: frozen, or badly exposed."""
+        freshness, region = self._engine.settings.freshness, self._engine.settings.region
+        still = self._freeze_detector.seconds(frame.image, now, moving=self._situation.moving)
+        name, seconds = self._exposure_detector.check(frame.image, region, now)
+        name = name if seconds > freshness else ""
+        if name != self._badly_exposed:
+            self._badly_exposed = name
+            log.warning("%s", f"{name}: {ADVICE[name]}" if name else "the picture is well exposed again")
+        faults = ["camera frozen"] if still > freshness else []
+        return [Finding.fault(fault) for fault in (*faults, *filter(None, [name]))]
+
+    def _with_age(self, seen: Assessment, now: float, faults: list[Finding]) -> Assessment:
+        """Set the age to that after judging. Add these faults, and one when the age is greater than T.
 
         The time of judging counts, since a view that took long to judge is old when it is used.
-        still: seconds for which the picture has not changed while the vehicle moved.
         """
         age, freshness = now - seen.frame.captured_at, self._engine.settings.freshness
         late = [] if Reason.FAULT in seen.reasons else check_age(age, freshness)
-        if still > freshness:
-            late.append(Finding.fault("camera frozen"))
-        return replace(seen, age=age, findings=(*seen.findings, *late))
+        return replace(seen, age=age, findings=(*seen.findings, *late, *faults))
 
     def _answer(self, request: Answer) -> Done:
         subject = self._stored.get(request.frame_id)

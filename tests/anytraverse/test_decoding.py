@@ -17,7 +17,7 @@ from anytraverse.decoding import MAX_PIXELS, PictureTooLargeError, decode, pictu
 from anytraverse.evaluation.datasets import _decoded
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.look import PictureError, read_picture
-from companion.cameras import BadFrame, CameraError, Playback, open_camera
+from companion.cameras import BadFrame, CameraError, CameraOptions, open_camera
 from companion.vision.pictures import from_png
 
 KINDS = (".png", ".jpg", ".bmp", ".webp", ".tiff")
@@ -104,4 +104,4 @@ def test_a_video_of_frames_too_large_is_refused(tmp_path: Path, monkeypatch: pyt
     writer.release()
     monkeypatch.setattr(decoding, "MAX_PIXELS", 3000)
     with pytest.raises(CameraError, match=r"a\.avi: 64 x 48 pixels"):
-        open_camera(f"video:{path}", Playback())
+        open_camera(f"video:{path}", CameraOptions())

@@ -11,22 +11,25 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.cameras import (
     BadFrame,
     Camera,
     CameraError,
+    CameraOptions,
     EndOfFrames,
     NoFrameYet,
-    Playback,
     SourceError,
     open_camera,
     split_source,
+    without_credentials,
 )
 from companion.cameras.folder import pictures
 from companion.cameras.playback import Pace
 
-_FAST = Playback(rate=1000.0)
+_FAST = CameraOptions(playback=1000.0)
 
 
 def _paint(path: Path, level: int, *, red: bool = False) -> None:
@@ -52,6 +55,28 @@ def _levels(camera: Camera, count: int) -> list[int]:
 def test_a_source_of_no_known_kind_is_refused_with_the_known_ones(source: str) -> None:
     with pytest.raises(SourceError, match=r"video:.*folder:.*field:"):
         split_source(source)
+
+
+def test_a_password_in_a_source_is_not_repeated() -> None:
+    with pytest.raises(SourceError) as refused:
+        split_source("rstp://me:secret@camera/1")
+    assert "secret" not in str(refused.value)
+    assert "***@camera/1" in str(refused.value)
+
+
+@given(
+    st.text("abc:/@ .?-", max_size=20),
+    st.text("abc0189!#%&=:/@\"'", min_size=1, max_size=20),
+    st.text(max_size=20),
+)
+def test_no_password_of_a_url_survives(before: str, password: str, after: str) -> None:
+    told = without_credentials(f"{before} rtsp://user:{password}SECRET@camera/{after}")
+    assert "SECRET" not in told
+
+
+@pytest.mark.parametrize("text", ["rtsp://camera:554/live", "mail me@here", ""])
+def test_a_text_without_a_password_stays_as_it_is(text: str) -> None:
+    assert without_credentials(text) == text
 
 
 def test_a_source_without_a_place_is_refused() -> None:
@@ -105,7 +130,7 @@ def test_pictures_come_as_rgb(tmp_path: Path) -> None:
 
 def test_a_looping_folder_starts_again_and_sees_new_pictures(tmp_path: Path) -> None:
     _paint(tmp_path / "a.png", 10)
-    camera = open_camera(f"folder:{tmp_path}", Playback(1000.0, loop=True))
+    camera = open_camera(f"folder:{tmp_path}", CameraOptions(1000.0, loop=True))
     assert _levels(camera, 2) == [10, 10]
     _paint(tmp_path / "b.png", 20)
     assert _levels(camera, 3) == [10, 20, 10]
@@ -151,7 +176,7 @@ def test_a_video_is_played_to_its_end(tmp_path: Path) -> None:
 
 def test_a_looping_video_starts_again(tmp_path: Path) -> None:
     _film(tmp_path / "drive.avi", [40, 120])
-    camera = open_camera(f"video:{tmp_path / 'drive.avi'}", Playback(1000.0, loop=True))
+    camera = open_camera(f"video:{tmp_path / 'drive.avi'}", CameraOptions(1000.0, loop=True))
     assert _levels(camera, 5) == pytest.approx([40, 120, 40, 120, 40], abs=4)
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from anytraverse.frame import Frame
 from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrames, NoFrameYet
+from companion.cameras.late_frames import CAME_LATE, LateFrames
 from companion.cameras.newest import CameraState, CameraThread, NewestFrame, Patience
 from tests.waiting import wait_for
 
@@ -47,9 +48,12 @@ class _ScriptedCamera:
 
 @contextmanager
 def _reading(
-    connect: Callable[[], Camera], patience: Patience = _QUICK, first_id: int = 1
+    connect: Callable[[], Camera],
+    patience: Patience = _QUICK,
+    first_id: int = 1,
+    size: tuple[int | None, int | None] = (None, None),
 ) -> Iterator[CameraThread]:
-    thread = CameraThread(connect, first_id=first_id, patience=patience)
+    thread = CameraThread(connect, first_id=first_id, patience=patience, size=size)
     try:
         yield thread
     finally:
@@ -215,7 +219,7 @@ def test_a_camera_of_bad_frames_alone_is_opened_anew() -> None:
             time.sleep(timeout / 10)
             raise BadFrame("torn")
 
-    with _reading(Torn, Patience(0.005, 0.02, 0.001, 0.004)) as thread:
+    with _reading(Torn, Patience(0.005, 0.02, 0.001, 0.004, opening=0.02)) as thread:
         wait_for(lambda: thread.status.connected >= 2)
 
 
@@ -262,3 +266,69 @@ def test_closing_a_reader_that_hangs_keeps_its_deadline() -> None:
     assert not thread.close(0.02)
     freed.set()
     assert thread.close(_SOON)
+
+
+def test_the_status_says_after_t_that_no_frame_comes_although_the_driver_blocks() -> None:
+    freed = threading.Event()
+
+    def block() -> Capture:
+        freed.wait(_SOON)
+        raise NoFrameYet("freed")
+
+    with _reading(lambda: _ScriptedCamera(_picture, block), Patience(silence=60.0, late=0.05)) as thread:
+        wait_for(lambda: thread.status.reason != "")
+        assert thread.status.state is CameraState.DELIVERING
+        assert "no good frame for 0.05 s" in thread.status.reason
+        freed.set()
+
+
+def test_a_frame_of_another_size_than_configured_is_refused_and_told() -> None:
+    with _reading(
+        lambda: _ScriptedCamera(_picture), Patience(0.005, 5.0, 0.5, opening=0.05), size=(6, 5)
+    ) as thread:
+        wait_for(lambda: thread.state is CameraState.FAILED)
+        assert thread.take(0) is None
+        assert "6 x 4: make [camera] width and height so" in thread.status.reason
+
+
+def test_the_status_says_the_size_and_what_the_time_is_from(caplog: pytest.LogCaptureFixture) -> None:
+    def wide() -> Capture:
+        return Capture(time.monotonic(), np.zeros((4, 8, 3), np.uint8), "sensor")
+
+    with caplog.at_level(logging.WARNING), _reading(lambda: _ScriptedCamera(_picture, wide)) as thread:
+        wait_for(lambda: thread.status.read == 2)
+        assert (thread.status.width, thread.status.height, thread.status.timed_by) == (8, 4, "sensor")
+    assert "another size than before, 8 x 4" in caplog.text
+
+
+def test_a_password_in_a_drivers_error_is_not_passed_on(caplog: pytest.LogCaptureFixture) -> None:
+    def connect() -> Camera:
+        raise RuntimeError("cannot open rtsp://me:secret@camera/1")
+
+    with _reading(connect, Patience(first=60.0)) as thread:
+        wait_for(lambda: thread.state is CameraState.FAILED)
+        assert thread.status.reason == "cannot open rtsp://***@camera/1"
+    assert "secret" not in caplog.text
+
+
+def test_a_camera_that_is_too_slow_for_t_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    late = LateFrames(0.01)
+    late.is_late(time.monotonic())
+
+    def slow() -> Capture:
+        time.sleep(0.02)
+        if late.is_late(time.monotonic()):
+            raise BadFrame(CAME_LATE)
+        return _picture()
+
+    with _reading(lambda: _ScriptedCamera(*[slow] * 500), Patience(opening=0.1, first=60.0)) as thread:
+        wait_for(lambda: thread.state is CameraState.FAILED)
+        assert "the frames/s of the camera" in thread.status.reason
+    assert len(caplog.records) == 2
+
+
+def test_a_camera_that_never_delivers_gives_a_reason_after_t() -> None:
+    with _reading(_ScriptedCamera, Patience(late=0.05)) as thread:
+        wait_for(lambda: thread.status.reason != "")
+        assert thread.status.state is CameraState.CONNECTING
+        assert "no good frame for 0.05 s" in thread.status.reason

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from anytraverse.perception import DefaultThresholds, Perceiver
 from anytraverse.perception.runtime import Runtime
+from companion.cameras import CameraOptions
 from companion.config import Config, ConfigError, Problem, format_config, load_config
 from companion.config.schema import SECTIONS
 from companion.settings.mapping import call_numbers, restored_policy
@@ -402,3 +403,43 @@ def test_connections_are_read_printed_and_read_again_with_budgets_of_their_own(t
     assert (connections["main"].budget, connections["wifi"].budget) == (300.0, 0.0)
     path.write_text(format_config(config))
     assert load_config(path).link == config.link
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ("", "a pipe needs width, height and pixel_format"),
+        ("width = 640\nheight = 480", "a pipe needs width, height and pixel_format"),
+        ('width = 640\nheight = 480\npixel_format = "mjpeg"', "a pipe needs width, height and pixel_format"),
+        ('width = 641\nheight = 480\npixel_format = "nv12"', "an even width and height"),
+        ('width = 640\npixel_format = "nv12"', "width and height go together"),
+    ],
+)
+def test_a_pipe_without_its_size_and_format_is_refused(tmp_path: Path, more: str, why: str) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text(f'[camera]\nsource = "pipe:true"\n{more}\n[vehicle]\nfile = ""\n')
+    with pytest.raises(ConfigError, match=why):
+        load_config(path)
+
+
+def test_the_options_of_a_camera_are_those_of_the_file_and_t(tmp_path: Path) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text(
+        '[camera]\nsource = "v4l2:0"\nwidth = 640\nheight = 480\npixel_format = "mjpeg"\nfps = 15\n'
+        'exposure = 0.01\nlatency = 0.1\nrate = 2\n[vehicle]\nfile = ""\n'
+    )
+    assert load_config(path).camera_options == CameraOptions(
+        width=640, height=480, pixel_format="mjpeg", fps=15.0, exposure=0.01, latency=0.1, freshness=1.5
+    )
+
+
+@pytest.mark.parametrize(
+    "source", ["rstp://me:secret@camera/1", "rtsp://me:sec/ret@camera/1", "http://a:b@secret:x"]
+)
+def test_a_refused_source_does_not_show_its_password(tmp_path: Path, source: str) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text(f'[camera]\nsource = "{source}"\nrate = 0\n[vehicle]\nfile = ""\n')
+    with pytest.raises(ConfigError) as refused:
+        load_config(path)
+    assert "me:sec" not in str(refused.value)
+    assert "a:b" not in str(refused.value)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -92,6 +94,28 @@ def test_a_frame_that_changes_nothing_is_told_under_the_revision_that_stands(sta
     stage.look()
     again = stage.look()
     assert (again.revision, again.update) == (8, None)
+
+
+def test_badly_exposed_pictures_are_a_fault_after_t_and_said_once(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("companion.vision.worker.time", SimpleNamespace(monotonic=lambda: now))
+    stage.engine.settings = replace(Settings(), freshness=1.0)
+    found = []
+    for number in range(1, 40):
+        now += 0.1
+        white = np.full((120, 160, 3), 255, np.uint8)
+        image = white if 3 < number < 30 else picture()
+        looked = stage.worker.judge(Frame(number, now, image))
+        faults = [one.figure for one in looked.assessment.findings if one.reason is Reason.FAULT]
+        found.append("picture overexposed" in faults)
+    assert found == [False] * 14 + [True] * 15 + [False] * 10
+    told = [record.getMessage() for record in caplog.records]
+    assert told == [
+        "picture overexposed: turn the camera out of the sun, or let it expose shorter",
+        "the picture is well exposed again",
+    ]
 
 
 def test_an_answer_in_words_tells_the_change_of_the_memory(stage: Stage) -> None:

@@ -1,0 +1,163 @@
+"""Reads network cameras by OpenCV's FFmpeg: `rtsp://...` and `http://...`, such as MJPEG."""
+
+from __future__ import annotations
+
+import os
+import socket
+import ssl
+import time
+from typing import ClassVar
+from urllib.parse import SplitResult, urlsplit
+
+_USERS_OPTIONS = os.environ.get("OPENCV_FFMPEG_CAPTURE_OPTIONS")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: what FFmpeg prints may hold a password
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+
+from anytraverse.decoding import PictureTooLargeError, check_size  # noqa: E402
+from companion.cameras import (  # noqa: E402
+    BadFrame,
+    CameraError,
+    CameraOptions,
+    Capture,
+    SourceError,
+)
+from companion.cameras.late_frames import CAME_LATE, LateFrames, StreamClock  # noqa: E402
+
+OPENS_WITHIN = 3.0
+LEAST_READ_TIMEOUT = 2.0
+_PROBE_TIMEOUT = 1.0
+
+
+class _Stream:
+    """Reads one connection. `read` blocks for up to T, at least 2 s, whatever `timeout` says."""
+
+    SCHEME: ClassVar[str]
+    PORT: ClassVar[int]
+    OPTIONS: ClassVar[str] = "fflags;nobuffer|flags;low_delay"
+    TIMED: ClassVar[bool] = False
+    """Whether the stream has time stamps of the camera."""
+
+    def __init__(self, place: str, options: CameraOptions) -> None:
+        self._url = _checked(f"{self.SCHEME}:{place}")
+        self._name = f"{self.SCHEME}://{self._url.hostname}:{self._url.port or self.PORT}"
+        self._latency, self._freshness = options.latency, options.freshness
+        self._late, self._clock = LateFrames(options.freshness), StreamClock()
+        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = _USERS_OPTIONS or self.OPTIONS
+        # OpenCV's warnings hold the URL with its password.
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        settings = {
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: round(1e3 * OPENS_WITHIN),
+            cv2.CAP_PROP_READ_TIMEOUT_MSEC: round(1e3 * max(LEAST_READ_TIMEOUT, options.freshness)),
+            cv2.CAP_PROP_N_THREADS: 1,  # each further decoder thread holds a frame back
+        }
+        flat = [value for pair in settings.items() for value in pair]
+        began = time.monotonic()
+        self._video = cv2.VideoCapture(self._url.geturl(), cv2.CAP_FFMPEG, flat)
+        if _USERS_OPTIONS is None:  # OpenCV reads them for files, too
+            del os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"]
+        try:
+            if not self._video.isOpened():
+                raise CameraError(self._why_not(time.monotonic() - began))
+            width, height = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
+            check_size(int(self._video.get(width)), int(self._video.get(height)))
+        except PictureTooLargeError as error:
+            self.close()
+            raise CameraError(f"{self._name}: {error}") from error
+        except CameraError:
+            self.close()
+            raise
+
+    def read(self, timeout: float) -> Capture:  # noqa: ARG002
+        began = time.monotonic()
+        grabbed = self._video.grab()
+        now = time.monotonic()
+        if not grabbed:
+            raise CameraError(
+                f"{self._name} sends no more pictures{' (time-out)' if now - began > 1.0 else ''}: "
+                "check camera, power and network"
+            )
+        position = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+        delay = self._clock.delay(now, position) if self.TIMED else 0.0
+        if self._late.is_late(now) or delay > self._freshness:
+            raise BadFrame(CAME_LATE)
+        ok, picture = self._video.retrieve()
+        if not ok:
+            raise BadFrame(f"a picture of {self._name} cannot be decoded: check the network for losses")
+        image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+        return Capture(now - self._latency - delay, image, "stream" if self.TIMED else "arrival")
+
+    def close(self) -> None:
+        self._video.release()
+
+    def _why_not(self, took: float) -> str:
+        """Say why the stream was not opened in `took` s. OpenCV does not, so the server is asked again."""
+        host = self._url.hostname or ""
+        try:
+            with socket.create_connection((host, self._url.port or self.PORT), _PROBE_TIMEOUT) as plain:
+                code = self._status_code(plain)
+        except socket.gaierror:
+            return f"the name {host} is not known: check [camera] source and the network"
+        except TimeoutError:
+            return f"{self._name} does not answer: check camera, power and network"
+        except ConnectionRefusedError:
+            return f"nothing listens at {self._name}: check the port, and whether the camera's server runs"
+        except OSError as error:
+            return f"{self._name} cannot be reached ({error}): check camera, power and network"
+        if took > 0.9 * OPENS_WITHIN:
+            return f"{self._name} gave no picture in {OPENS_WITHIN:.0f} s: let it start, or check the network"
+        match code:
+            case 401 | 403:
+                return f"{self._name} wants another user or password ({code}): check those in [camera] source"
+            case 404:
+                return f"{self._name} has no such stream (404): check the path in [camera] source"
+            case 0:
+                return f"{self._name} answers nothing that is known: check port and path in [camera] source"
+            case _:
+                return f"{self._name} answers ({code}), but sends no video that can be decoded: try it in VLC"
+
+    def _status_code(self, plain: socket.socket) -> int:
+        """Ask for the stream without user and password, and return the answer's code; 0 for none."""
+        plain.settimeout(_PROBE_TIMEOUT)
+        bare = self._url._replace(netloc=self._url.netloc.rpartition("@")[2])
+        if self.SCHEME == "rtsp":
+            request = f"DESCRIBE {bare.geturl()} RTSP/1.0\r\nCSeq: 1\r\nAccept: application/sdp\r\n\r\n"
+        else:
+            place = bare._replace(scheme="", netloc="").geturl() or "/"
+            request = f"GET {place} HTTP/1.0\r\nHost: {bare.netloc}\r\n\r\n"
+        if self.SCHEME == "https":
+            plain = ssl._create_unverified_context().wrap_socket(plain, server_hostname=self._url.hostname)
+        plain.sendall(request.encode())
+        words = plain.recv(64).split(None, 2)
+        return int(words[1]) if len(words) > 1 and words[1].isdigit() else 0
+
+
+class RtspStream(_Stream):
+    """Reads RTSP over TCP. Its time stamps show by how much a frame was delayed."""
+
+    SCHEME, PORT, TIMED = "rtsp", 554, True
+    OPTIONS = f"rtsp_transport;tcp|allowed_media_types;video|analyzeduration;500000|{_Stream.OPTIONS}"
+
+
+class HttpStream(_Stream):
+    """Reads a stream over HTTP, which has no time stamps of the camera's."""
+
+    SCHEME, PORT = "http", 80
+
+
+class HttpsStream(_Stream):
+    """Reads a stream over HTTPS. The camera's certificate is not verified."""
+
+    SCHEME, PORT = "https", 443
+
+
+def _checked(url: str) -> SplitResult:
+    """Split a URL. Raises SourceError when it names no host."""
+    try:
+        split = urlsplit(url)
+        if split.hostname and split.port != 0 and url.isascii() and " " not in url:
+            return split
+    except ValueError:  # a wrong port
+        pass
+    scheme = url.partition(":")[0]
+    raise SourceError(f"the source is no address: write {scheme}://USER:PASSWORD@HOST:PORT/PATH")

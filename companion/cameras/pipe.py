@@ -1,0 +1,229 @@
+"""Reads raw pictures from a program's standard output: `pipe:COMMAND`, for CSI cameras and many others."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import logging
+import os
+import re
+import select
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+
+import numpy as np
+
+from anytraverse.decoding import check_size
+from companion.cameras import (
+    BadFrame,
+    CameraError,
+    CameraOptions,
+    Capture,
+    NoFrameYet,
+    SourceError,
+    without_credentials,
+)
+from companion.cameras.late_frames import CAME_LATE, LateFrames
+from companion.cameras.pixel_formats import PIXEL_FORMATS, frame_bytes, to_rgb
+
+_log = logging.getLogger(__name__)
+
+_PIPE_BYTES = 1 << 18
+_LONGEST_LINE = 300
+_LINES_LOGGED = 20
+"""Lines of the program's standard error that are logged at each start, at most."""
+_KNOWN_LINES = deque[str](maxlen=200)
+"""Lines that were logged, without their numbers: a program that is started again says them again."""
+_TERM_GRACE = 0.5
+"""Seconds for the program to end by SIGTERM, so that it can release its camera; then SIGKILL."""
+_WRONG_SIZE_AFTER = 10
+"""Frames in a row whose longest pause was at another place, after which the configured size is wrong."""
+
+_RUN = """
+import ctypes, os, signal, sys
+ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+if os.getppid() == int(sys.argv[1]):
+    os.execvp(sys.argv[2], sys.argv[2:])
+"""
+"""Has the kernel kill the program when the camera's thread ends, then becomes the program."""
+
+
+class Pipe:
+    """Runs a program in a process group of its own, and reads pictures of a fixed size from its output."""
+
+    def __init__(self, place: str, options: CameraOptions) -> None:
+        self._width, self._height, self._format, self._size = _layout(options)
+        command = _split(place)
+        self._name = os.path.basename(command[0])
+        self._latency = options.latency
+        self._late = LateFrames(options.freshness)
+        self._sizes = _WrongSize()
+        self._last_words = ""
+        self._lines_left = _LINES_LOGGED
+        self._error_text = b""
+        self._filled = 0
+        self._raw = np.empty(self._size, np.uint8)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-S", "-c", _RUN, str(os.getpid()), *command],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise CameraError(f"{self._name} cannot be started ({error.strerror}): try again") from error
+        assert self._process.stdout is not None
+        assert self._process.stderr is not None
+        self._out, self._err = self._process.stdout.fileno(), self._process.stderr.fileno()
+        os.set_blocking(self._err, False)
+        with contextlib.suppress(OSError):  # more than the user's share of pipe memory: slower, but it works
+            fcntl.fcntl(self._out, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+
+    def read(self, timeout: float) -> Capture:
+        deadline = time.monotonic() + timeout
+        while self._filled < self._size:
+            began = time.monotonic()
+            if began >= deadline:
+                raise NoFrameYet(f"{self._name} has sent no whole picture in {timeout:g} s: read again")
+            streams = [self._out] if self._err < 0 else [self._out, self._err]
+            readable = select.select(streams, [], [], deadline - began)[0]
+            if self._err in readable:
+                self._read_errors()
+            if self._out in readable:
+                self._sizes.waited(self._filled, time.monotonic() - began)
+                count = os.readv(self._out, [self._raw.data[self._filled :]])
+                if count == 0:
+                    raise CameraError(self._why_ended())
+                self._filled += count
+        now = time.monotonic()
+        self._filled = 0
+        if self._sizes.is_wrong(now):
+            raise CameraError(
+                f"{self._name} does not send pictures of {self._width} x {self._height} {self._format}: "
+                "make [camera] width, height and pixel_format those of the command"
+            )
+        if self._late.is_late(now):
+            raise BadFrame(CAME_LATE)
+        image = to_rgb(self._raw, self._format, self._width, self._height)
+        if np.shares_memory(image, self._raw):
+            self._raw = np.empty(self._size, np.uint8)
+        return Capture(now - self._latency, image, "arrival")
+
+    def close(self) -> None:
+        for number, grace in ((signal.SIGTERM, _TERM_GRACE), (signal.SIGKILL, _TERM_GRACE)):
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):  # a driver may delay its end
+                self._process.wait(grace)
+        for stream in (self._process.stdout, self._process.stderr):
+            assert stream is not None
+            stream.close()
+
+    @property
+    def pid(self) -> int:
+        """The program's process id, which is its group's, too."""
+        return self._process.pid
+
+    def _why_ended(self) -> str:
+        """Say how the program ended, and its last line."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_TERM_GRACE)
+        self._read_errors()
+        code = self._process.returncode
+        how = "closed its output" if code is None else f"ended with exit code {code}"
+        if code is not None and code < 0:
+            how = f"was killed by signal {-code}"
+        said = f": {self._last_words}" if self._last_words else ""
+        return f"{self._name} {how}{said}; try the command of [camera] source in a shell"
+
+    def _read_errors(self) -> None:
+        if self._err < 0:
+            return
+        try:
+            data = os.read(self._err, 1 << 16)
+        except BlockingIOError:
+            return
+        if not data:
+            self._err = -1  # closed, and would be readable for ever
+        *lines, rest = (self._error_text + data).replace(b"\r", b"\n").split(b"\n")
+        self._error_text = rest[-_LONGEST_LINE:]
+        for line in lines if data else [*lines, rest]:
+            self._log_line(without_credentials(line.decode(errors="replace"))[:_LONGEST_LINE].strip())
+
+    def _log_line(self, line: str) -> None:
+        line = "".join(letter if letter.isprintable() else " " for letter in line)
+        if not line:
+            return
+        self._last_words = re.sub(r" @ 0x[0-9a-f]+", "", line)
+        shape = re.sub(r"[0-9a-fx.]+", "0", line)
+        if shape in _KNOWN_LINES or self._lines_left <= 0:
+            return
+        _KNOWN_LINES.append(shape)
+        self._lines_left -= 1
+        _log.info("%s: %s", self._name, line)
+
+
+class _WrongSize:
+    """Notices pictures of another size than configured.
+
+    A program writes a picture at once and then waits for the next one. With the right size these long waits
+    are all after the same number of bytes of a picture. A whole multiple of the size is not always noticed.
+    """
+
+    def __init__(self) -> None:
+        self._waits: list[tuple[float, int]] = []
+        self._places = set[int]()
+        self._moved = 0
+        self._done_at: float | None = None
+
+    def waited(self, filled: int, seconds: float) -> None:
+        """Take note of a wait for data, in s, after `filled` bytes of a picture."""
+        self._waits.append((seconds, filled))
+
+    def is_wrong(self, now: float) -> bool:
+        """Whether the size is wrong, as far as the pictures up to the one that is complete `now` show."""
+        waits, self._waits = self._waits, []
+        period = now - self._done_at if self._done_at is not None else 0.0
+        self._done_at = now
+        long = [(seconds, place) for seconds, place in waits if 2.0 * seconds >= max(waits)[0]]
+        if 2.0 * sum(seconds for seconds, _ in long) > period > 0.0:  # else we are what it waits for
+            places = {place for _, place in long}
+            self._moved = self._moved + 1 if len(places) > 1 or places != self._places else 0
+            self._places = places
+        return self._moved >= _WRONG_SIZE_AFTER
+
+
+def _layout(options: CameraOptions) -> tuple[int, int, str, int]:
+    """Return width, height, pixel format and bytes of a picture. Raises SourceError."""
+    width, height, name = options.width, options.height, options.pixel_format
+    if width is None or height is None or name not in PIXEL_FORMATS:
+        known = ", ".join(PIXEL_FORMATS)
+        raise SourceError(f"a pipe needs [camera] width, height and pixel_format, one of {known}")
+    try:
+        check_size(width, height)
+        return width, height, name, frame_bytes(name, width, height)
+    except ValueError as error:
+        raise SourceError(f"{error}: correct [camera]") from error
+
+
+def _split(place: str) -> list[str]:
+    """Split a command like a shell does. Raises SourceError when there is no such program."""
+    try:
+        command = shlex.split(place)
+    except ValueError as error:
+        raise SourceError(
+            f"the command of [camera] source cannot be read ({error}): check its quotes"
+        ) from error
+    if not command:
+        raise SourceError("the source pipe: names no command: write pipe:COMMAND")
+    if shutil.which(command[0]) is None:
+        raise CameraError(
+            f"{command[0]} is not installed, or not executable: install it, or write its full path"
+        )
+    return command

@@ -166,7 +166,9 @@ class Daemon:
         """Report at once that the daemon dies, to the autopilot's script and to the operator.
 
         Under the hold policy a vehicle that drives by itself is held: nobody watches the trail from now on.
+        A mode that waits to be sent is dropped: it may be a resume.
         """
+        self._link.modes.cancel()
         now, report, vehicle = time.monotonic(), self.calls.monitor.newest, self._link.vehicle
         # The error may have kept a report from the state machine: a human may have taken over.
         current = vehicle is not None and (vehicle.custom_mode, vehicle.armed) == (report.mode, report.armed)

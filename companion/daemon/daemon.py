@@ -326,7 +326,7 @@ class Daemon:
             self._link.announce(None, reminder, now)
         else:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
-        if self.persistence.memory_stored(now):
+        if self.persistence.memory_stored(now, self._vision.memory):
             self.settings.send_changes(now)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
+from companion.calls.hold import HoldState
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
 from companion.daemon.executor import DecisionExecutor
@@ -176,12 +177,16 @@ class Daemon:
     def report_death(self) -> None:
         """Report at once that the daemon dies, to the autopilot's script and to the operator.
 
-        Under the hold policy a vehicle that drives by itself is held: nobody watches the trail from now on.
+        Under the hold policy a vehicle that drives by itself, or was told to drive on, is held: nobody
+        watches the trail from now on. A mode that waits to be sent is dropped: it may be a resume.
         """
+        self._link.modes.cancel()
         now, report, vehicle = time.monotonic(), self.calls.monitor.newest, self._link.vehicle
         # The error may have kept a report from the state machine: a human may have taken over.
         current = vehicle is not None and (vehicle.custom_mode, vehicle.armed) == (report.mode, report.armed)
-        drives = self.calls.policy is Policy.HOLD and current and self.calls.monitor.drives_itself(now)
+        hold, known = self.calls.hold, current and self.calls.monitor.known(now)
+        drives = report.drives_itself or (hold is not None and hold.state is HoldState.RESUMING)
+        drives = drives and known and self.calls.policy is Policy.HOLD
         if report.autopilot is not None and (drives or self.calls.holding.streams):
             self._link.modes.command(report.autopilot.rest_mode, now)
         self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
@@ -341,5 +346,5 @@ class Daemon:
             self._link.announce(None, reminder, now)
         else:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
-        if self.persistence.memory_stored(now):
+        if self.persistence.memory_stored(now, self._vision.memory):
             self.settings.send_changes(now)

@@ -68,9 +68,10 @@ class Persistence:
 
         They may once that memory is on disk. They may, too, when it could not be written within `SLOW`
         seconds: a full disk alone must not hold the vehicle for ever.
-        memory: the one by which a frame was judged; False when it is not the newest.
+        memory: the one by which a frame was judged, or which is in use; False when a different one was queued
+        last.
         """
-        if memory is not None and memory is not self._memory:
+        if memory is not None and self._memory is not None and memory is not self._memory:
             return False
         return (
             self._changes.memory is None

@@ -55,7 +55,7 @@ class TextSender:
         self._outbox.push("call text" if severity <= ALERT else "text", encode.text(text, severity), now)
 
     def send_result(self, text: str, now: float, *, accepted: bool) -> None:
-        """Send the result of an answer: as INFO when it was accepted , else as a refusal."""
+        """Send the result of an answer: as INFO when it was accepted, else as a refusal."""
         if accepted:
             self.send(text, INFO, now)
         else:

@@ -62,7 +62,7 @@ class Deduplicator:
 
 
 def _key(message: Any) -> tuple[int, int, int, bytes]:
-    """SenderId, message id and payload, without the zeros at its end that only MAVLink 2 leaves out."""
+    """Sender, message id and payload, without the zeros at its end that only MAVLink 2 leaves out."""
     frame = message.get_msgbuf()
     start = _HEADER_1 if frame[0] == mavlink.PROTOCOL_MARKER_V1 else _HEADER_2
     payload = bytes(frame[start : start + frame[1]]).rstrip(b"\0")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.calls.decisions import Decision
 from companion.cameras.newest import CameraState
 from companion.system.error_guard import FatalError
 from companion.wire import notices
@@ -312,4 +313,55 @@ def test_a_dying_daemon_commands_nothing_without_the_hold_policy_or_over_a_human
     rig.stage.mode = mode
     rig.see(1.5)
     monkeypatch.setattr("time.sleep", rig.clock.sleep)
+    assert commands_of_death(rig) == []
+
+
+def test_a_dying_daemon_sends_no_resume_that_waits(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    link, tick = held.stage.link, held.calls.tick
+    monkeypatch.setattr(
+        held.calls, "tick", lambda now: 1 / 0 if link._outbox.waiting("resume") else tick(now)
+    )
+    monkeypatch.setattr("time.sleep", held.clock.sleep)
+    held.answer(0, Motion.GO)
+    with pytest.raises(ZeroDivisionError):
+        held.see(3.0)
+    assert AUTO not in commands_of_death(held)
+    assert held.stage.mode == HOLD
+
+
+def test_a_dying_daemon_holds_a_rover_that_was_just_told_to_drive_on(
+    held: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("time.sleep", held.clock.sleep)
+    turn, tick = held._turn, held.calls.tick
+
+    def slow_autopilot() -> None:
+        turn()
+        held.stage.mode = HOLD
+
+    def told_to_drive_on(now: float) -> list[Decision]:
+        told = any(frame.message.get_type() == "COMMAND_LONG" for frame in held.stage.frames[before:])
+        assert not told
+        return tick(now)
+
+    monkeypatch.setattr(held, "_turn", slow_autopilot)
+    monkeypatch.setattr(held.calls, "tick", told_to_drive_on)
+    before = len(held.stage.frames)
+    held.answer(0, Motion.GO)
+    with pytest.raises(AssertionError):
+        held.see(3.0)
+    assert commands_of_death(held) == [HOLD]
+
+
+def test_a_hold_that_waits_is_not_sent_by_a_daemon_that_dies_as_the_policy_leaves_hold(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("time.sleep", rig.clock.sleep)
+    while rig.calls.hold is None:
+        rig.stage.near.full = True
+        rig.see(0.1, "drum")
+    monkeypatch.setattr(rig.calls.holding, "release", lambda *_: 1 / 0)
+    with pytest.raises(FatalError):
+        rig.settings.policy.set(Policy.REPORT, (255, 190), rig.clock.now)
+    rig.stage.near.full = False
     assert commands_of_death(rig) == []

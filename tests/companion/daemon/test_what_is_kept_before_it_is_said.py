@@ -10,6 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.storage import Batch, Journal, JournalError
+from companion.vision.checks import BadReportError
+from companion.vision.client import Result as VisionResult
+from companion.vision.messages import Done
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Clock, Rig, spoil
@@ -482,3 +485,24 @@ def test_whatever_the_disk_does_nothing_is_acknowledged_unkept_and_nobody_drives
         if GO not in newest:
             assert rig.stage.mode == HOLD
         rig.kill()
+
+
+def test_words_of_a_change_that_vision_did_not_report_are_not_told(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = rig.vision._take_report
+
+    def torn(report: object, now: float) -> list[VisionResult]:
+        results = take(report, now)
+        if isinstance(report, Done):
+            raise BadReportError("torn after its change of the memory")
+        return results
+
+    monkeypatch.setattr(rig.vision, "_take_report", torn)
+    rig.word(0, "drum", 1.0)
+    rig.wait(1.0)
+    assert rig.vision.words["drum"] == 1.0
+    assert 1.0 not in rig.echoes("AT_W_DRUM"), "they are not on disk"
+    rig.see(2.0)
+    assert rig.echoes("AT_W_DRUM")[-1] == 1.0
+    assert "drum: 1" in rig.daemon.status()["words"]

@@ -122,6 +122,19 @@ def test_a_switch_that_falls_silent_changes_nothing_and_is_said_again_and_again(
     assert switched.stage.mode == HOLD, "what was allowed stays allowed"
 
 
+def test_a_switch_is_said_only_when_it_falls_silent_and_when_it_is_back(switched: Rig) -> None:
+    switched.see(10.0)
+    assert not [text for text in switched.texts if text.startswith("Off switch")]
+    switched.switch = NO_PULSE
+    switched.see(8.0)
+    switched.switch = ON
+    switched.see(8.0)
+    said = [text for text in switched.texts if text.startswith("Off switch")]
+    assert said[-1] == "Off switch RC7 heard: on"
+    assert said.count("Off switch RC7 heard: on") == 1
+    assert set(said[:-1]) == {"Off switch RC7 not heard: stays on"}
+
+
 def test_a_switch_that_falls_silent_while_off_stays_off(switched: Rig) -> None:
     switched.switch = OFF
     switched.see(2.0)

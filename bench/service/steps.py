@@ -297,7 +297,7 @@ def package(service: Service) -> Figures:
     kept = (service.container.root / CONFIG).read_bytes() == settings
     service.sh("dpkg --remove anytraverse-companion", timeout=_INSTALLS_WITHIN)
     kept = kept and (service.container.root / STATE / "journal.db").exists()
-    program = service.sh("ls /opt; ps -eo args | grep '[c]ompanion run'", check=False).split()
+    program = service.sh("ls /opt 2>/dev/null; ps -eo args | grep '[c]ompanion run'", check=False).split()
     service.sh("dpkg --purge anytraverse-companion")
     left = service.sh(_LEFT, check=False).split()
     if not kept or program or left or any(CONFIG not in line for line in changed):

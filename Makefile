@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-mutants house service deb clean
+.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-mutants house service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -52,6 +52,10 @@ house: ready-dev ## how simple the code is: lines, files, floors of imports, and
 
 service: ready-dev ## prove the installed service in a booted Debian container (ten minutes, root)
 	@$(PYTHON_IN_VENV) -m bench.service $(ARGS)
+
+vm: ready-dev ## as root: cameras, autopilot and OAK in an emulated machine, each pulled and plugged in ten times
+	@$(PYTHON_IN_VENV) -m bench.service --only devices
+	@$(PYTHON_IN_VENV) -m bench.cameras.kernel "$${XDG_CACHE_HOME:-$$HOME/.cache}/anytraverse-service/vm"
 
 deb: ## build a Debian package of the service in dist/, for this system's Python
 	@sh .ci/deb.sh

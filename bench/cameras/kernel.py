@@ -1,10 +1,8 @@
 """Tries V4L2 in a real kernel without a camera: Debian's, with its virtual camera vivid, in an emulator.
 
-    apt-get download linux-image-6.1.0-50-amd64 busybox-static     # as root, or any other kernel of Debian's
-    dpkg-deb -x linux-image*.deb kernel; dpkg-deb -x busybox*.deb kernel
-    python -m bench.cameras.kernel kernel
-
-It needs qemu-system-x86. The guest sees the files of this computer, read-only, and runs this module.
+`sudo make vm` runs it with the system that `bench.service` makes: `python -m bench.cameras.kernel FOLDER`,
+with a folder that has boot/vmlinuz-*, lib/modules and a static bin/busybox. It needs qemu-system-x86. The
+guest sees the files of this computer, read-only, and runs this module.
 The last line is JSON: what each way to open the camera gave; and of losses, in which the camera is unbound
 from its driver and bound again, the longest times in s until they were noticed and until pictures were back.
 """

@@ -19,6 +19,7 @@ GADGETS = Path("/sys/kernel/config/usb_gadget")
 PROBE = Path("/run/anytraverse-probe/probe")
 AUTOPILOT = Path("/dev/anytraverse-autopilot")
 WITHIN = 60.0
+LOSSES = 10
 PLAY = """
 import os, sys, time, tty
 from pymavlink.dialects.v20 import common as m
@@ -58,10 +59,9 @@ def main() -> None:
     found["autopilot_name_s"] = until("its stable name", AUTOPILOT.exists)
     found["autopilot_group"] = AUTOPILOT.group()
     found["hears_companion_s"] = exchange()
-    (GADGETS / "autopilot" / "UDC").write_text("\n")
-    found["loss_reported_s"] = until("the loss", lambda: "lost" in trouble())
-    (GADGETS / "autopilot" / "UDC").write_text(udcs[0])
-    found["hears_it_again_s"] = exchange()
+    found["losses"] = LOSSES
+    lost, back = zip(*(lose_autopilot(udcs[0]) for _ in range(LOSSES)), strict=True)
+    found["loss_reported_s"], found["hears_it_again_s"] = max(lost), max(back)
     until("the probe", PROBE.exists)
     found["probe"] = json.loads(PROBE.read_text())
     found["same_process"] = pid == sh("systemctl show --property=MainPID --value companion")
@@ -81,6 +81,14 @@ def plug(name: str, vendor: str, product: str, maker: str, udc: str) -> None:
     (strings / "product").write_text(name)
     (configuration / "acm.0").symlink_to(gadget / "functions" / "acm.0")
     (gadget / "UDC").write_text(udc)
+
+
+def lose_autopilot(udc: str) -> tuple[float, float]:
+    """Pull the autopilot and plug it in again; return the seconds until each was noticed."""
+    (GADGETS / "autopilot" / "UDC").write_text("\n")
+    lost = until("the loss", lambda: "lost" in trouble())
+    (GADGETS / "autopilot" / "UDC").write_text(udc)
+    return lost, exchange()
 
 
 def exchange() -> float:

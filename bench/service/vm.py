@@ -12,7 +12,7 @@ from typing import Any
 
 from bench.service.container import ROOT, ContainerError, base, run
 
-PACKAGES = "linux-image-amd64 initramfs-tools zstd"
+PACKAGES = "linux-image-amd64 initramfs-tools zstd busybox-static"
 _MACHINE = """qemu-system-x86_64 -accel tcg,thread=multi -cpu max -m 2048 -smp 2 -display none -no-reboot
 -net none -rtc base=1970-01-01T00:00:00"""
 _BOOTS_WITHIN = 300.0

@@ -33,6 +33,7 @@ from companion.storage.file_reader import Reader
 from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
+from companion.system.aside import Aside
 from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild
@@ -101,7 +102,7 @@ def _main(
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
-    _run(daemon, stop, service, writer, report)
+    _run(daemon, stop, service, writer, report, closing.enter_context(Aside()))
     return 0
 
 
@@ -133,7 +134,12 @@ def _signing(config: Config) -> Signing | None:
 
 
 def _run(
-    daemon: Daemon, stop: Callable[[], bool], service: ServiceManager, writer: Writer, report: CheckReport
+    daemon: Daemon,
+    stop: Callable[[], bool],
+    service: ServiceManager,
+    writer: Writer,
+    report: CheckReport,
+    aside: Aside,
 ) -> None:
     status_at = checked_at = float("-inf")
     try:
@@ -145,11 +151,10 @@ def _run(
             if now - status_at >= _STATUS_PERIOD:
                 status_at, figures = now, daemon.write_status()
                 service.status(f"{figures['state']}, policy {figures['policy']}")
-                writer.queue_job("measure", daemon.computer.measure)
-                if status_at - checked_at >= EVERY:
+                if status_at - checked_at < EVERY:
+                    aside.run(daemon.computer.measure)
+                elif aside.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
                     checked_at = status_at
-                    found = {**figures, "disk": writer.figures()}
-                    writer.queue_job("check", partial(report.refresh, found))
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         daemon.report_death()

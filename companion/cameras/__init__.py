@@ -145,9 +145,11 @@ def split_source(source: str) -> tuple[str, str]:
 def without_credentials(text: str) -> str:
     """Return a text with "***" for the user and password of each URL in it, for logs and people.
 
-    Everything up to the last "@" of a URL goes, since a password may hold any sign.
+    Everything up to the last "@" of a URL goes, since a password may hold any sign, even if its "://" is
+    mistyped. Of a query goes what is called a password or token.
     """
-    return re.sub(r"(?<=://)\S*@", "***@", text)
+    text = re.sub(r"((?://|\b(?:rtsp|https?):)/*)[^\s/]\S*@", r"\1***@", text)
+    return re.sub(r"((?:passw(?:or)?d|pwd|pass|token)=)[^&\s\"']+", r"\1***", text, flags=re.IGNORECASE)
 
 
 def open_camera(source: str, options: CameraOptions | None = None) -> Camera:

@@ -40,7 +40,7 @@ class LateFrames:
         if self._suspect > 0:
             self._suspect -= 1
             return True
-        if now < self._until and self._usual is not None and interval < _CATCHING_UP * self._usual:
+        if now < self._until and (self._usual is None or interval < _CATCHING_UP * self._usual):
             return True
         self._until = -math.inf
         usual = interval if self._usual is None else self._usual

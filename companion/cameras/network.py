@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import socket
 import ssl
+import sys
+import termios
 import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import ClassVar
 from urllib.parse import SplitResult, urlsplit
 
@@ -27,6 +33,10 @@ from companion.cameras.late_frames import CAME_LATE, LateFrames, StreamClock  # 
 OPENS_WITHIN = 3.0
 LEAST_READ_TIMEOUT = 2.0
 _PROBE_TIMEOUT = 1.0
+_NEXT_HEADER = 1024
+"""Bytes that may wait behind a picture although it is the newest: the header of the next one."""
+_IDLE_SHARE = 0.25
+"""Share of its time for which a reader waits that keeps up with its stream."""
 
 
 class _Stream:
@@ -52,8 +62,11 @@ class _Stream:
             cv2.CAP_PROP_N_THREADS: 1,  # each further decoder thread holds a frame back
         }
         flat = [value for pair in settings.items() for value in pair]
-        began = time.monotonic()
+        began = self._caught_up_at = self._read_at = time.monotonic()
+        others = _open_sockets()
         self._video = cv2.VideoCapture(self._url.geturl(), cv2.CAP_FFMPEG, flat)
+        opened = {name: one for name, one in _open_sockets().items() if name not in others}
+        self._sockets = list(_copies(opened.values()))
         if _USERS_OPTIONS is None:  # OpenCV reads them for files, too
             del os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"]
         try:
@@ -69,7 +82,7 @@ class _Stream:
             raise
 
     def read(self, timeout: float) -> Capture:  # noqa: ARG002
-        began = time.monotonic()
+        began, busy = time.monotonic(), _busy()
         grabbed = self._video.grab()
         now = time.monotonic()
         if not grabbed:
@@ -78,7 +91,8 @@ class _Stream:
                 "check camera, power and network"
             )
         position = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1e3
-        delay = self._clock.delay(now, position) if self.TIMED else 0.0
+        behind = self._behind(now, now - began - (_busy() - busy))
+        delay = self._clock.delay(now, position) if self.TIMED else behind
         if self._late.is_late(now) or delay > self._freshness:
             raise BadFrame(CAME_LATE)
         ok, picture = self._video.retrieve()
@@ -89,6 +103,20 @@ class _Stream:
 
     def close(self) -> None:
         self._video.release()
+        while self._sockets:
+            self._sockets.pop().close()
+
+    def _behind(self, now: float, idle: float) -> float:
+        """Return the s by which the picture read `now` may be old since others wait behind it.
+
+        Where this computer reads more slowly than the camera sends, pictures wait in the sockets. When none
+        waited, or the reader was `idle` (s), a picture was the newest: all later ones were sent after it.
+        """
+        waits = any(_unread(one) > _NEXT_HEADER for one in self._sockets)
+        if not waits or idle > _IDLE_SHARE * (now - self._read_at):
+            self._caught_up_at = now
+        self._read_at = now
+        return now - self._caught_up_at
 
     def _why_not(self, took: float) -> str:
         """Say why the stream was not opened in `took` s. OpenCV does not, so the server is asked again."""
@@ -149,6 +177,40 @@ class HttpsStream(_Stream):
     """Reads a stream over HTTPS. The camera's certificate is not verified."""
 
     SCHEME, PORT = "https", 443
+
+
+def _open_sockets() -> dict[str, int]:
+    """Return this process's sockets: their names, which are not used again, and descriptors."""
+    found = {}
+    for name in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):  # the listing's own is closed by now
+            link = os.readlink(f"/proc/self/fd/{name}")
+            if link.startswith("socket:"):
+                found[link] = int(name)
+    return found
+
+
+def _copies(descriptors: Iterable[int]) -> Iterator[socket.socket]:
+    """Yield a copy of each that is of TCP."""
+    for descriptor in descriptors:
+        copy = socket.socket(fileno=os.dup(descriptor))
+        if copy.type == socket.SOCK_STREAM and copy.family in (socket.AF_INET, socket.AF_INET6):
+            yield copy
+        else:
+            copy.close()
+
+
+def _unread(stream: socket.socket) -> int:
+    """Return the bytes that have come and were not read."""
+    return int.from_bytes(fcntl.ioctl(stream, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+
+def _busy() -> float:
+    """Return the s for which this thread has run, or was ready to run and had no CPU."""
+    waited = 0
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        waited = int(Path("/proc/thread-self/schedstat").read_text(encoding="ascii").split()[1])
+    return time.thread_time() + waited / 1e9
 
 
 def _checked(url: str) -> SplitResult:

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 
@@ -42,7 +43,9 @@ _KNOWN_LINES = deque[str](maxlen=200)
 _TERM_GRACE = 0.5
 """Seconds for the program to end by SIGTERM, so that it can release its camera; then SIGKILL."""
 _WRONG_SIZE_AFTER = 10
-"""Frames in a row whose longest pause was at another place, after which the configured size is wrong."""
+"""Long waits in a row that are equally many bytes apart, after which the configured size is wrong."""
+_WAITS = 1000
+"""Waits that are looked at."""
 
 _RUN = """
 import ctypes, os, signal, sys
@@ -62,7 +65,7 @@ class Pipe:
         self._name = os.path.basename(command[0])
         self._latency = options.latency
         self._late = LateFrames(options.freshness)
-        self._sizes = _WrongSize()
+        self._sizes = _WrongSize(self._size)
         self._last_words = ""
         self._lines_left = _LINES_LOGGED
         self._error_text = b""
@@ -103,7 +106,7 @@ class Pipe:
                 self._filled += count
         now = time.monotonic()
         self._filled = 0
-        if self._sizes.is_wrong(now):
+        if self._sizes.is_wrong():
             raise CameraError(
                 f"{self._name} does not send pictures of {self._width} x {self._height} {self._format}: "
                 "make [camera] width, height and pixel_format those of the command"
@@ -172,31 +175,33 @@ class Pipe:
 class _WrongSize:
     """Notices pictures of another size than configured.
 
-    A program writes a picture at once and then waits for the next one. With the right size these long waits
-    are all after the same number of bytes of a picture. A whole multiple of the size is not always noticed.
+    A program writes a picture at once and then waits for the next one. So its long waits are all equally many
+    bytes apart, and that is the size. A whole multiple of the size is not noticed. Waits that are not equally
+    far apart, or by a power of two, are of what carries the pictures, such as a slow network.
     """
 
-    def __init__(self) -> None:
-        self._waits: list[tuple[float, int]] = []
-        self._places = set[int]()
-        self._moved = 0
-        self._done_at: float | None = None
+    def __init__(self, size: int) -> None:
+        """size: bytes of a picture, as configured."""
+        self._size = size
+        self._pictures = 0
+        self._waits: deque[tuple[float, int]] = deque(maxlen=_WAITS)
 
     def waited(self, filled: int, seconds: float) -> None:
         """Take note of a wait for data, in s, after `filled` bytes of a picture."""
-        self._waits.append((seconds, filled))
+        place = self._pictures * self._size + filled
+        if place:  # else it is the program's start
+            self._waits.append((seconds, place))
 
-    def is_wrong(self, now: float) -> bool:
-        """Whether the size is wrong, as far as the pictures up to the one that is complete `now` show."""
-        waits, self._waits = self._waits, []
-        period = now - self._done_at if self._done_at is not None else 0.0
-        self._done_at = now
-        long = [(seconds, place) for seconds, place in waits if 2.0 * seconds >= max(waits)[0]]
-        if 2.0 * sum(seconds for seconds, _ in long) > period > 0.0:  # else we are what it waits for
-            places = {place for _, place in long}
-            self._moved = self._moved + 1 if len(places) > 1 or places != self._places else 0
-            self._places = places
-        return self._moved >= _WRONG_SIZE_AFTER
+    def is_wrong(self) -> bool:
+        """Whether the size is wrong, as far as the pictures up to the one that is complete now show."""
+        self._pictures += 1
+        longest = max(self._waits, default=(0.0, 0))[0]
+        long = [(seconds, place) for seconds, place in self._waits if 2.0 * seconds >= longest]
+        apart = {after - before for (_, before), (_, after) in pairwise(long[-_WRONG_SIZE_AFTER - 1 :])}
+        if len(long) <= _WRONG_SIZE_AFTER or len(apart) != 1:
+            return False
+        (size,) = apart
+        return size % self._size != 0 and size & (size - 1) != 0
 
 
 def _layout(options: CameraOptions) -> tuple[int, int, str, int]:

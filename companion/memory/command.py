@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -74,7 +73,9 @@ def show_scene(file: str, number: int, out: str | None = None) -> int:
     print(f"picture   {picture}")
     if out is not None:
         with _naming(out):
-            shutil.copyfile(picture, out)
+            with _as_owner(folder):
+                content = picture.read_bytes()
+            Path(out).write_bytes(content)
         print(f"copied to {out}")
     return 0
 
@@ -108,7 +109,8 @@ def export(file: str, to: str) -> int:
     if memory is None or not memory.history:
         raise MemoryCommandError(f"nothing is remembered in {folder}: there is nothing to export")
     with _naming(to):
-        scenes = [Scene(entry, read_picture(folder, entry)) for entry in memory.history]
+        with _as_owner(folder):
+            scenes = [Scene(entry, read_picture(folder, entry)) for entry in memory.history]
         left_out = write_scenes(Path(to), memory.model_id, scenes)
     pictures = sum(bool(scene.picture) for scene in scenes) - left_out
     print(f"{to}: {len(scenes)} scenes of model {memory.model_id}, {pictures} with a picture")
@@ -241,6 +243,24 @@ def _become_owner(folder: Path) -> None:
         os.setgroups([])
         os.setgid(owner.st_gid)
         os.setuid(owner.st_uid)
+
+
+@contextmanager
+def _as_owner(folder: Path) -> Iterator[None]:
+    """As root, read with the rights of the folder's owner, who may have put links there to others' files."""
+    owner, groups = folder.stat(), os.getgroups()
+    if os.geteuid() != 0 or owner.st_uid == 0:
+        yield
+        return
+    os.setgroups([])
+    os.setegid(owner.st_gid)
+    os.seteuid(owner.st_uid)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+        os.setegid(0)
+        os.setgroups(groups)
 
 
 @contextmanager

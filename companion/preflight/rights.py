@@ -24,6 +24,8 @@ class _User(NamedTuple):
 
 
 _READ, _WRITE, _ENTER = 4, 2, 1
+_PATHS = ("v4l2", "video", "folder")
+"""Kinds of camera whose place is a path. Others may hold a password, which must not be shown."""
 
 
 def check_rights(rover: Rover) -> list[Finding]:
@@ -56,8 +58,9 @@ def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
     if config.link.signing_key is not None:
         yield Path(config.link.signing_key), _READ
     try:
-        place = Path(split_source(config.camera.source)[1])
-        if place.is_absolute():
+        kind, where = split_source(config.camera.source)
+        place = Path(where)
+        if kind in _PATHS and place.is_absolute():
             yield place, _READ | (_ENTER if is_folder(place) else 0)
         for one in config.link.settings().connections().values():
             if one.address().scheme == "serial":

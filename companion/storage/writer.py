@@ -23,7 +23,7 @@ SLOW = 2.0
 """Seconds after which a write counts as failed for its caller. It is finished all the same."""
 PATIENCE = 0.5
 """Seconds before a failed journal write is tried again."""
-BOUNDS = {"status": 1, "measure": 1, "check": 1, "picture": 8, "record": 32, "log": 1000}
+BOUNDS = {"status": 1, "picture": 8, "record": 32, "log": 1000}
 """Kind -> jobs that may wait. Beyond that the oldest job of the kind is dropped and counted."""
 _JOURNAL = "journal"
 _SLOW_AGAIN = 10.0
@@ -105,7 +105,7 @@ class Writer:
             waiting = [number for number, one in enumerate(self._jobs) if one.kind == kind]
             if len(waiting) >= BOUNDS[kind]:
                 del self._jobs[waiting[0]]
-                self.dropped[kind] += BOUNDS[kind] > 1  # a newer status replaces the older one
+                self.dropped[kind] += kind != "status"  # a newer status replaces the older one
             self._jobs.append(_Job(kind, job))
             self._changed.notify_all()
 

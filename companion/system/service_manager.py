@@ -43,6 +43,7 @@ class ServiceManager:
         self._due = float("-inf")
         self._steady_at = float("inf")
         self._status = ""
+        self._ready_sent = True
         self._send_failed = False
 
     def pause(self, stop: Callable[[], bool]) -> None:
@@ -71,7 +72,7 @@ class ServiceManager:
 
     def ready(self, now: float) -> None:
         """Report that the start is over: the watchdog counts from now on."""
-        self._send("READY=1")
+        self._ready_sent = self._send("READY=1")
         self._due = now
         self._steady_at = now + STEADY_AFTER
 
@@ -79,6 +80,7 @@ class ServiceManager:
         """Keep the watchdog from killing this process. Call it only if all is well or a fault is reported."""
         if self._period is not None and now >= self._due:
             self._due = now + self._period / 4
+            self._ready_sent = self._ready_sent or self._send("READY=1")
             self._send("WATCHDOG=1")
         if now >= self._steady_at:
             self._steady_at = float("inf")
@@ -95,9 +97,9 @@ class ServiceManager:
         self._send(f"STOPPING=1\nWATCHDOG=1\nWATCHDOG_USEC={_microseconds(_LEAVE_WITHIN)}")
         self._write_failures(0)
 
-    def _send(self, line: str) -> None:
+    def _send(self, line: str) -> bool:
         if self._socket is None:
-            return
+            return True
         try:
             self._socket.sendto(line.encode(), self._address)
             self._send_failed = False
@@ -105,6 +107,7 @@ class ServiceManager:
             if not self._send_failed:
                 log.warning("systemd does not take %s: %s", line, error)
             self._send_failed = True
+        return not self._send_failed
 
     def _read_failures(self) -> int:
         if self._failures is None:

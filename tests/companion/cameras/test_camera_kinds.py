@@ -79,6 +79,25 @@ def test_a_text_without_a_password_stays_as_it_is(text: str) -> None:
     assert without_credentials(text) == text
 
 
+@pytest.mark.parametrize(
+    "mistyped",
+    [
+        "rtsp//user:SECRET@camera/1",
+        "rtsp:user:SECRET@camera/1",
+        "rtsp:/user:SECRET@camera/1",
+        "http://camera/1?user=rover&password=SECRET&channel=1",
+        "http://camera/1?Token=SECRET",
+    ],
+)
+def test_a_password_is_not_shown_of_a_mistyped_url_nor_of_a_query(mistyped: str) -> None:
+    told = without_credentials(mistyped)
+    assert "SECRET" not in told
+    assert "camera/1" in told
+    with pytest.raises(CameraError) as refused:
+        open_camera(mistyped)
+    assert "SECRET" not in str(refused.value)
+
+
 def test_a_source_without_a_place_is_refused() -> None:
     with pytest.raises(SourceError, match="write video:PLACE"):
         split_source("video:")

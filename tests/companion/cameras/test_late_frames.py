@@ -35,6 +35,12 @@ def test_frames_that_come_faster_than_usual_after_a_gap_are_late_until_the_backl
     assert _late(steady + backlog + live) == [False] * 20 + [True] * 30 + [False] * 10
 
 
+def test_a_backlog_after_the_very_first_frame_is_late_too() -> None:
+    backlog = [5.0 + 0.002 * number for number in range(30)]
+    live = [5.158 + 0.1 * number for number in range(60)]
+    assert _late([0.0, *backlog, *live]) == [False] + [True] * 30 + [now < 10.0 for now in live]
+
+
 def test_a_stream_that_stays_faster_than_before_is_not_late_for_ever() -> None:
     steady = [0.5 * number for number in range(10)]
     faster = [6.0 + 0.05 * number for number in range(200)]

@@ -101,6 +101,20 @@ def test_what_waited_while_nobody_read_is_dropped(scheme: str) -> None:
             camera.close()
 
 
+def test_pictures_that_wait_since_this_computer_reads_slowly_do_not_count_as_new(scheme: str) -> None:
+    with serving(_script(scheme), "640", "480", "30") as server:
+        camera = open_camera(_url(scheme, server), _OPTIONS)
+        try:
+            until = time.monotonic() + 5.0
+            while time.monotonic() < until:
+                with contextlib.suppress(NoFrameYet, BadFrame):
+                    capture = camera.read(0.5)
+                    assert _age(capture.image, capture.captured_at) < _FRESH
+                time.sleep(0.1)
+        finally:
+            camera.close()
+
+
 def test_a_killed_server_is_noticed_and_comes_back(scheme: str) -> None:
     with serving(_script(scheme)) as server, _thread(_url(scheme, server)) as thread:
         assert thread.take(_SOON) is not None

@@ -279,6 +279,23 @@ def test_pictures_of_the_right_size_are_not_called_wrong_whatever_the_writer_hol
                 _next(camera)
 
 
+def test_pictures_of_the_right_size_that_come_in_pieces_as_by_a_slow_network_are_not_called_wrong() -> None:
+    pieces = (
+        "import os,random,time\nwhile True:\n"
+        " os.write(1,bytes(random.randint(100,300))); time.sleep(random.uniform(0.001,0.006))"
+    )
+    even = "import os,time\nwhile True: os.write(1,bytes(768)); time.sleep(0.005)"
+    with _opened(_python(pieces)) as camera:
+        for _ in range(60):
+            _next(camera)
+    packets = "import os,time\nwhile True: os.write(1,bytes(512)); time.sleep(0.005)"
+    with _opened(_python(packets)) as camera:
+        for _ in range(60):
+            _next(camera)
+    with _opened(_python(even)) as camera:
+        assert "does not send pictures" in _failure(camera)
+
+
 def test_the_programs_errors_go_to_the_log_once_bounded_and_without_passwords(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

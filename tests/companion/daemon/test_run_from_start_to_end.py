@@ -351,6 +351,24 @@ def test_the_service_manager_is_told_from_the_start_to_the_end(config: Config, t
     assert (tmp_path / "failures").read_text() == "0"
 
 
+def test_a_sensor_that_hangs_does_not_delay_the_writer(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released = threading.Event()
+    monkeypatch.setattr("companion.system.computer.Computer.measure", lambda _: released.wait(PATIENCE))
+    path, written = tmp_path / "state" / "status.json", set[int]()
+
+    def written_thrice() -> bool:
+        with suppress(OSError):
+            written.add(path.stat().st_mtime_ns)
+        return len(written) >= 3
+
+    assert run.main(config, until(written_thrice), painted.COMMAND) == 0
+    released.set()
+    assert len(written) >= 3
+    assert threads() == set()
+
+
 def test_an_end_that_nobody_asked_for_counts_as_a_failure(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

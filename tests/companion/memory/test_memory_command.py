@@ -277,6 +277,31 @@ def _import_as_root(rover: Rover, other: Rover, tmp_path: Path) -> None:
     assert {path.stat().st_uid for path in found} == {65534}
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can own files as somebody else")
+@pytest.mark.parametrize("typed", [("show", "1", "--out"), ("export",)])
+def test_a_link_in_the_folder_shows_nobody_what_only_root_may_read(
+    typed: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    secret, out = tmp_path / "secret", tmp_path / "out"
+    secret.write_bytes(PICTURE)
+    with TemporaryDirectory() as opened:
+        Path(opened).chmod(0o755)
+        rover = Rover(Path(opened) / "rover", capsys)
+        rover.taught(1)
+        for path in (rover.state, *rover.state.rglob("*")):
+            os.chown(path, 65534, 65534)
+        assert rover.type(*typed, str(out))[0] == 0
+        out.unlink()
+        picture = rover.state / "calls" / "1.jpg"
+        picture.unlink()
+        picture.symlink_to(secret)
+        code, _, errors = rover.type(*typed, str(out))
+    assert code != 0
+    assert "permission denied" in errors
+    assert not out.exists()
+    assert os.geteuid() == 0
+
+
 _WORDS = st.sampled_from([Preferences(), Preferences.parse("grass: 1"), Preferences.parse("grass: -1")])
 _ENTRIES = st.builds(
     Entry,

@@ -151,6 +151,16 @@ def test_what_the_service_s_user_may_not_use_is_told_with_what_to_type(opened: P
     assert len(check_rights(one)) == 3, "nothing below a folder that cannot be entered can be used"
 
 
+def test_a_camera_s_command_or_url_is_no_file_of_which_rights_are_checked(tmp_path: Path) -> None:
+    command = f"pipe:/usr/bin/rpicam-vid {'-n ' * 100}-o -"
+    more = f'[camera]\nsource = "{command}"\nwidth = 640\nheight = 480\npixel_format = "yuv420p"\n'
+    one = rover(tmp_path, more=more)
+    one.folder.mkdir()
+    if os.geteuid() == 0:  # who may all
+        os.chown(one.folder, 65534, 65534)
+    assert not any("rpicam-vid" in finding.text for finding in check_rights(one))
+
+
 def test_a_serial_device_is_opened_by_its_group(opened: Path) -> None:
     user = rights._User("rover", 12345, frozenset({54321}))
     device = opened / "ttyAMA0"

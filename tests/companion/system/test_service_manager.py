@@ -95,6 +95,20 @@ def test_a_socket_that_nobody_reads_blocks_nothing_and_is_logged_once(
     assert "systemd does not take WATCHDOG=1" in caplog.text
 
 
+def test_that_it_is_ready_is_said_again_where_systemd_did_not_take_it(
+    systemd: Systemd, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+    service = ServiceManager()
+    for second in range(1000):  # more than wait for a reader
+        service.status(str(second))
+    service.ready(0.0)
+    assert "READY=1" not in systemd.heard()
+    service.alive(0.0)
+    service.alive(1.0)
+    assert systemd.heard() == ["READY=1", "WATCHDOG=1", "WATCHDOG=1"]
+
+
 @pytest.mark.parametrize("address", ["", "vsock:2:1", "/nowhere/at/all"])
 def test_without_a_socket_that_can_be_reached_it_says_nothing(address: str) -> None:
     service = ServiceManager({"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "1000000"})

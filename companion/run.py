@@ -33,7 +33,7 @@ from companion.storage.file_reader import Reader
 from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
-from companion.system.aside import Aside
+from companion.system.background import BackgroundJob
 from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild
@@ -102,7 +102,7 @@ def _main(
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
-    _run(daemon, stop, service, writer, report, closing.enter_context(Aside()))
+    _run(daemon, stop, service, writer, report, closing.enter_context(BackgroundJob()))
     return 0
 
 
@@ -139,7 +139,7 @@ def _run(
     service: ServiceManager,
     writer: Writer,
     report: CheckReport,
-    aside: Aside,
+    background: BackgroundJob,
 ) -> None:
     status_at = checked_at = float("-inf")
     try:
@@ -152,8 +152,8 @@ def _run(
                 status_at, figures = now, daemon.write_status()
                 service.status(f"{figures['state']}, policy {figures['policy']}")
                 if status_at - checked_at < EVERY:
-                    aside.run(daemon.computer.measure)
-                elif aside.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
+                    background.run(daemon.computer.measure)
+                elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
                     checked_at = status_at
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")

@@ -54,6 +54,8 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
         Task("calls",   "decides: call, hold, resume",    "main loop, every input",   None,  "no heartbeat"),
         Task("reader",  "reads files for the ground",     "thread, on request",       None,  "refused"),
         Task("writer",  "writes journal, pictures, log",  "thread, on every change",  None,  "reported"),
+        Task("checks",  "measures and checks the computer", "thread, once a second",  None, "figures age"),
+        Task("signing", "syncs signing's clock",          "thread, while signing",    None,  "reported"),
     )
     # fmt: on
 

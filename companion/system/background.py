@@ -1,4 +1,4 @@
-"""Runs jobs beside everything else, where one that hangs delays nothing but the next one."""
+"""Runs jobs in the background. One that hangs delays nothing but the next one."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _LAST_JOB = 0.2
 """Seconds that the end may wait for the job under way."""
 
 
-class Aside:
+class BackgroundJob:
     """Runs one job at a time in a thread. For work that is done again anyway: sensors and checks."""
 
     def __init__(self) -> None:
         self._thread: threading.Thread | None = None
         self._failed = False
 
-    def __enter__(self) -> Aside:
+    def __enter__(self) -> BackgroundJob:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -30,7 +30,7 @@ class Aside:
         """Start a job; never blocks. False while the one before still runs: then this one is left out."""
         if self._thread is not None and self._thread.is_alive():
             return False
-        self._thread = threading.Thread(target=self._survive, args=[job], name="aside", daemon=True)
+        self._thread = threading.Thread(target=self._survive, args=[job], name="background", daemon=True)
         self._thread.start()
         return True
 

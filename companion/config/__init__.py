@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 from companion.config.printing import format_config, json_schema
-from companion.config.reading import load_config, word_problem
+from companion.config.reading import load_config, state_folder, word_problem
 from companion.config.schema import Config
 from companion.config.toml_file import ConfigError, Problem
 
-__all__ = ["Config", "ConfigError", "Problem", "format_config", "json_schema", "load_config", "word_problem"]
+__all__ = [
+    "Config",
+    "ConfigError",
+    "Problem",
+    "format_config",
+    "json_schema",
+    "load_config",
+    "state_folder",
+    "word_problem",
+]

@@ -13,6 +13,9 @@ from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, V
 from companion.config.toml_file import ConfigError, Layer, Problem, nearest
 from companion.config.words import read_words
 
+SERVICE = Path("/var/lib/anytraverse")
+"""The service's state folder. systemd sets $STATE_DIRECTORY for the service, but not in a person's shell."""
+
 
 def load_config(path: str | Path) -> Config:
     """Load the file `path` and the vehicle's file that it names; `path` wins. Raises ConfigError."""
@@ -39,6 +42,12 @@ def load_config(path: str | Path) -> Config:
         link=config.link.with_paths_in(folder),
         journal=config.journal.with_paths_in(folder),
     )
+
+
+def state_folder(config: Config, service: Path = SERVICE) -> Path:
+    """Return the state folder of the companion: the configured one, else the service's if it exists."""
+    said = config.journal.folder or os.environ.get("STATE_DIRECTORY")
+    return service if not said and service.is_dir() else config.journal.path
 
 
 def word_problem(path: str | Path, word: str, reason: str) -> Problem:

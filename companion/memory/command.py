@@ -18,11 +18,10 @@ from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import Prompt
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
-from companion.config import Config, load_config
+from companion.config import Config, load_config, state_folder
 from companion.memory import listing
 from companion.memory.pictures import delete_unused, picture_of, read_picture, store_picture
 from companion.memory.scene_file import Expected, Scene, SceneFileError, read_scenes, write_scenes
-from companion.preflight.here import state_folder
 from companion.storage.batch import Batch
 from companion.storage.database import JournalError
 from companion.storage.journal import Journal

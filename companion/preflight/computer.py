@@ -12,10 +12,10 @@ from pathlib import Path
 from platform import python_version
 
 from anytraverse.release import own_version
-from companion.preflight.rights import existing
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.storage.writer import SLOW
+from companion.system.computer import existing
 from companion.vehicle.state import is_set
 
 VERSIONS, SERVICE, SPACE, SPEED = "versions", "service", "disk", "disk speed"

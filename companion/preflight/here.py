@@ -1,4 +1,4 @@
-"""Finds the companion that runs on this computer, its state folder and its journal."""
+"""Finds the companion that runs on this computer, and its journal."""
 
 from __future__ import annotations
 
@@ -9,23 +9,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from companion.config import Config
-from companion.preflight.rights import existing
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, warned
 from companion.storage.database import JournalError
 from companion.storage.journal_copy import read_stored_memory
+from companion.system.computer import existing
 
-SERVICE = Path("/var/lib/anytraverse")
-"""The service's state folder. systemd sets $STATE_DIRECTORY for the service, but not in a person's shell."""
 RUNNING = 5.0
 """Seconds after which a status file is outdated. A running companion writes it once a second."""
-
-
-def state_folder(config: Config, service: Path = SERVICE) -> Path:
-    """Return the state folder of the companion: the configured one, else the service's if it exists."""
-    said = config.journal.folder or os.environ.get("STATE_DIRECTORY")
-    return service if not said and service.is_dir() else config.journal.path
 
 
 def status(folder: Path) -> dict[str, Any] | None:

@@ -6,8 +6,8 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 
-from companion.config import ConfigError, load_config
-from companion.preflight.here import state_folder, status
+from companion.config import ConfigError, load_config, state_folder
+from companion.preflight.here import status
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, Verdict, failed
 from companion.preflight.table import WIDTH, findings

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.config import ConfigError, load_config
+from companion.config import ConfigError, load_config, state_folder
 from companion.config.link_settings import LinkError
 from companion.policy.stopping import Measured, fit
 from companion.preflight.autopilot import silence, talking
-from companion.preflight.here import state_folder, status
+from companion.preflight.here import status
 from companion.preflight.interview import ARDUPILOT, Heartbeat
 from companion.vehicle import known_autopilot
 

@@ -13,6 +13,7 @@ from companion.cameras import CameraError, split_source
 from companion.config.link_settings import LinkError
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped
+from companion.system.computer import is_folder
 
 RIGHTS = "rights"
 
@@ -117,15 +118,3 @@ def _group(path: Path) -> str:
         return grp.getgrgid(number).gr_name
     except KeyError:
         return str(number)
-
-
-def existing(folder: Path) -> Path:
-    """Return the folder, or the nearest folder above it that exists."""
-    return next((path for path in (folder, *folder.parents) if is_folder(path)), Path("/"))
-
-
-def is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:  # a folder above it may not be entered
-        return False

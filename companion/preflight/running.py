@@ -10,10 +10,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from companion.config import ConfigError, Problem, load_config
+from companion.config import ConfigError, Problem, load_config, state_folder
 from companion.daemon.test_call import ANSWERED_WITHIN, REQUEST
 from companion.preflight.computer import check_space
-from companion.preflight.here import RUNNING, is_alive, state_folder, status
+from companion.preflight.here import RUNNING, is_alive, status
 
 WELL, FAULTY, NOT_RUNNING = 0, 1, 2
 _WIDTH = 10

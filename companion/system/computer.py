@@ -97,9 +97,8 @@ class Computer:
         return kib.get("MemTotal"), kib.get("MemAvailable")
 
     def _disk(self) -> dict[str, int | None]:
-        place = next((path for path in (self._folder, *self._folder.parents) if path.is_dir()), Path("/"))
         try:
-            room = os.statvfs(place)
+            room = os.statvfs(existing(self._folder))
         except OSError:
             return {"disk": None, "disk_free": None}
         return {
@@ -126,3 +125,16 @@ class Computer:
                 return file.read(_LONGEST).decode("ascii", "replace").strip()
         except OSError:  # absent, or a sensor that does not answer now
             return None
+
+
+def existing(folder: Path) -> Path:
+    """Return the folder, or the nearest folder above it that exists."""
+    return next((path for path in (folder, *folder.parents) if is_folder(path)), Path("/"))
+
+
+def is_folder(path: Path) -> bool:
+    """Whether this is a folder. False where a folder above it may not be entered."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from companion.config import load_config
+from companion.config import load_config, state_folder
 from companion.daemon.test_call import REQUEST
 from companion.preflight import here
 from companion.preflight.main import check
@@ -191,7 +191,7 @@ def test_the_service_s_folder_is_meant_where_nothing_else_is_said(
     path.write_text('[vehicle]\nfile = ""\n')
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     config = load_config(str(path))
-    assert here.state_folder(config, service=tmp_path) == tmp_path
-    assert here.state_folder(config, service=tmp_path / "none") == config.journal.path
+    assert state_folder(config, service=tmp_path) == tmp_path
+    assert state_folder(config, service=tmp_path / "none") == config.journal.path
     monkeypatch.setenv("STATE_DIRECTORY", "/elsewhere")
-    assert here.state_folder(config, service=tmp_path) == Path("/elsewhere")
+    assert state_folder(config, service=tmp_path) == Path("/elsewhere")

@@ -90,9 +90,10 @@ class _Stream:
                 f"{self._name} sends no more pictures{' (time-out)' if now - began > 1.0 else ''}: "
                 "check camera, power and network"
             )
-        position = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1e3
-        behind = self._behind(now, now - began - (_busy() - busy))
-        delay = self._clock.delay(now, position) if self.TIMED else behind
+        if self.TIMED:
+            delay = self._clock.delay(now, self._video.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
+        else:
+            delay = self._behind(now, now - began - (_busy() - busy))
         if self._late.is_late(now) or delay > self._freshness:
             raise BadFrame(CAME_LATE)
         ok, picture = self._video.retrieve()

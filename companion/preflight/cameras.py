@@ -5,26 +5,16 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from companion.cameras import (
-    BadFrame,
-    CameraError,
-    CameraOptions,
-    Capture,
-    EndOfFrames,
-    NoFrameYet,
-    open_camera,
-    without_credentials,
-)
+from companion.cameras import CameraError, CameraOptions, Capture, without_credentials
 from companion.cameras.v4l2_devices import DeviceError, devices
 from companion.config import ConfigError, load_config
+from companion.preflight.watching import newest_capture
 
-SEEN_WITHIN = 5.0
 _SETTLES = 1.0
 """Seconds after the first picture in which a camera sets its exposure."""
 _LISTED_WITHIN = 10.0
@@ -48,38 +38,6 @@ class Found:
     lines: tuple[str, ...] = ()
     options: CameraOptions = _ANY
     why: str = ""
-
-
-def newest_capture(source: str, options: CameraOptions, settles: float = 0.0) -> Capture:
-    """Open a camera and return its first picture, or the newest one `settles` s after that.
-
-    Waits up to 5 s for the first picture once the camera is open. Raises CameraError.
-    """
-    why: CameraError = CameraError(f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address")
-    newest: Capture | None = None
-    camera = open_camera(source, options)
-    deadline = time.monotonic() + SEEN_WITHIN
-    try:
-        while time.monotonic() < deadline:
-            try:
-                capture = camera.read(0.5)
-            except NoFrameYet:
-                continue
-            except BadFrame as bad:
-                why = bad
-                continue
-            except EndOfFrames as end:
-                if newest is not None:
-                    return newest
-                raise (why if isinstance(why, BadFrame) else end) from end
-            if newest is None:
-                deadline = time.monotonic() + settles
-            newest = capture
-    finally:
-        camera.close()
-    if newest is None:
-        raise why
-    return newest
 
 
 def list_cameras(file: str, folder: str) -> int:

@@ -12,6 +12,8 @@ from companion.cameras import (
     BadFrame,
     Camera,
     CameraError,
+    CameraOptions,
+    Capture,
     EndOfFrames,
     NoFrameYet,
     open_camera,
@@ -57,7 +59,7 @@ class _Watched:
     ages: list[float] = field(default_factory=list)
     bad: int = 0
     ended: bool = False
-    newest: Image | None = None
+    newest: Capture | None = None
 
     def read(self, camera: Camera) -> None:
         """Wait for the next picture, 0.5 s at most. Raises CameraError when the camera is lost."""
@@ -76,29 +78,44 @@ class _Watched:
         now = time.monotonic()
         self.arrived.append(now)
         self.ages.append(now - capture.captured_at)
-        self.newest = capture.image
+        self.newest = capture
+
+
+def _read_for(source: str, options: CameraOptions, seconds: float) -> _Watched:
+    """Open a camera, wait up to 5 s for a first picture, and read for `seconds` more. Raises CameraError."""
+    watched = _Watched()
+    camera = open_camera(source, options)
+    try:
+        until = time.monotonic() + SEEN_WITHIN
+        while time.monotonic() < until and not watched.ended:
+            first = not watched.arrived
+            watched.read(camera)
+            if first and watched.arrived:
+                until = watched.arrived[0] + seconds
+    finally:
+        camera.close()
+    return watched
+
+
+def newest_capture(source: str, options: CameraOptions, settles: float) -> Capture:
+    """Open a camera, and return the newest picture `settles` s after its first one. Raises CameraError."""
+    watched = _read_for(source, options, settles)
+    if watched.newest is None:
+        raise CameraError(watched.why)
+    return watched.newest
 
 
 def watch(config: Config) -> Seen:
     """Open the camera, wait up to 5 s for a first picture, and watch it for 2 to 8 s."""
-    watched = _Watched()
+    seconds = min(LONGEST, max(WATCHED, 4.0 / config.camera.rate))
     try:
-        camera = open_camera(config.camera.source, config.camera_options)
-        try:
-            until = time.monotonic() + SEEN_WITHIN
-            while time.monotonic() < until and not watched.ended:
-                first = not watched.arrived
-                watched.read(camera)
-                if first and watched.arrived:
-                    until = watched.arrived[0] + min(LONGEST, max(WATCHED, 4.0 / config.camera.rate))
-        finally:
-            camera.close()
+        watched = _read_for(config.camera.source, config.camera_options, seconds)
     except CameraError as error:
         return Seen(without_credentials(str(error)))
     if watched.newest is None:
         return Seen(watched.why)
     silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]
-    return _exposed(watched.newest, _rate(watched.arrived, silence), median(watched.ages), watched.bad)
+    return _exposed(watched.newest.image, _rate(watched.arrived, silence), median(watched.ages), watched.bad)
 
 
 def _rate(arrived: list[float], silence: float) -> float | None:

@@ -5,8 +5,6 @@ Only the standard library is imported: the RTSP server runs under the system's o
 
 from __future__ import annotations
 
-import time
-
 BITS = 32
 _BAND = 0.25
 """Share of the picture's height that the time takes, at its upper side."""
@@ -35,8 +33,3 @@ def age(levels: bytes | memoryview, width: int, height: int, now: float) -> floa
     stamp = sum((levels[middle + bit * cell] > 125) << bit for bit in range(BITS))
     difference = (round(1e3 * now) - stamp) & 0xFFFFFFFF
     return (difference - (1 << 32) if difference >> 31 else difference) / 1e3
-
-
-def now_stamped(width: int, height: int) -> bytes:
-    """Make a grey picture that shows the present time."""
-    return stamped(width, height, time.monotonic())

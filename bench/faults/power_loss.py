@@ -30,8 +30,7 @@ import numpy as np
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.faults.disk_replay import Change, Disk, lay_out, read_record
-from bench.link.drive import drive
-from bench.link.lossy import STEP, Radio, virtual_time
+from bench.link.lossy import Radio, drive_in_virtual_time, virtual_time
 from bench.link.operator import Operator
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Rover
@@ -111,18 +110,7 @@ def work(folder: Path, record: Path, notes: Path, seed: str, kill_before: int) -
         recorder.recorder_start(bytes(folder), bytes(record), kill_before)
         rover = Rover(folder, lambda: radio.near, pictures=20)
         operator = NotedOperator(radio, seed, rover, Notes(notes, record))
-
-        def step() -> None:
-            clock.now += STEP
-            radio.carry(clock.now)
-            rover.turn()
-            radio.carry(clock.now)
-            operator.step(clock.now)
-
-        try:
-            outcome = drive(rover, operator, CALLS, step)
-        finally:
-            rover.close()
+        outcome = drive_in_virtual_time(clock, radio, rover, operator, CALLS)
     if not outcome.good:
         raise RuntimeError(f"not all calls were answered: {outcome}")
 

@@ -123,21 +123,28 @@ class Radio:
         """Does nothing: there is nothing to release."""
 
 
+def drive_in_virtual_time(
+    clock: Clock, radio: Radio, rover: Rover, operator: Operator, calls: int, step_s: float = STEP
+) -> Outcome:
+    """Makes `calls` calls, `step_s` s from one turn of the daemon to the next, and closes the rover."""
+
+    def step() -> None:
+        clock.now += step_s
+        radio.carry(clock.now)
+        rover.turn()
+        radio.carry(clock.now)
+        operator.step(clock.now)
+
+    try:
+        return drive(rover, operator, calls, step)
+    finally:
+        rover.close()
+
+
 def run(weather: LinkConditions, calls: int, folder: Path, seed: str = "1", step_s: float = STEP) -> Outcome:
     """Makes `calls` calls in virtual time, `step_s` s from one turn of the daemon to the next."""
     with virtual_time() as clock:
         radio = Radio(weather, seed)
         rover = Rover(folder, lambda: radio.near)
         operator = Operator(radio, seed, lambda: rover.shows)
-
-        def step() -> None:
-            clock.now += step_s
-            radio.carry(clock.now)
-            rover.turn()
-            radio.carry(clock.now)
-            operator.step(clock.now)
-
-        try:
-            return drive(rover, operator, calls, step)
-        finally:
-            rover.close()
+        return drive_in_virtual_time(clock, radio, rover, operator, calls, step_s)

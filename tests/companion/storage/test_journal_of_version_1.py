@@ -36,12 +36,17 @@ def made_old(folder: Path) -> None:
     connection.close()
 
 
-def test_an_older_journal_comes_back_and_takes_attitudes_from_then_on(tmp_path: Path) -> None:
+def make_old_journal(folder: Path) -> None:
+    """A journal of version 1 that remembers one scene."""
     memory = replace(first_memory("m", WORDS), history=History([entry(1, OLD)]), clock=5)
-    journal = Journal(tmp_path)
+    journal = Journal(folder)
     journal.commit(Batch(memory=memory))
     journal.close()
-    made_old(tmp_path)
+    made_old(folder)
+
+
+def test_an_older_journal_comes_back_and_takes_attitudes_from_then_on(tmp_path: Path) -> None:
+    make_old_journal(tmp_path)
     journal = Journal(tmp_path)
     assert journal.recovered_from is None
     found = journal.load_memory()
@@ -82,11 +87,7 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
 
 
 def test_an_older_journal_is_copied_before_it_is_upgraded_and_the_copy_opens(tmp_path: Path) -> None:
-    memory = replace(first_memory("m", WORDS), history=History([entry(1, OLD)]), clock=5)
-    journal = Journal(tmp_path)
-    journal.commit(Batch(memory=memory))
-    journal.close()
-    made_old(tmp_path)
+    make_old_journal(tmp_path)
     Journal(tmp_path).close()
     backup = tmp_path / "journal.version-1.db"
     with sqlite3.connect(f"file:{backup}?mode=ro", uri=True) as connection:

@@ -1,0 +1,49 @@
+"""One row of the fault table: a fault, how it is produced, and the state that must follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Work(NamedTuple):
+    """What a row gets to work with.
+
+    folder: an empty folder of its own. seed: of everything that is random. short: produce the fault once or
+    a few times only, as in the tests; else as often as the row says.
+    """
+
+    folder: Path
+    seed: int
+    short: bool
+
+
+class Outcome(NamedTuple):
+    """What was seen.
+
+    runs: how often the fault was produced. wrong: a line for each run that did not end in the safe state.
+    hold_s: longest s from the last verified OK to the order to hold; None where nobody has to hold.
+    return_s: longest s from the end of the fault until the companion was well again; None where nothing ended.
+    saw: what the operator, the status or the log said, in a few words.
+    """
+
+    runs: int
+    wrong: tuple[str, ...] = ()
+    hold_s: float | None = None
+    return_s: float | None = None
+    saw: str = ""
+
+
+class Row(NamedTuple):
+    """A row. fault, produced, safe_state: for a reader, in a few words.
+
+    hold_within, return_within: limits in s of `Outcome.hold_s` and `Outcome.return_s`.
+    """
+
+    fault: str
+    produced: str
+    safe_state: str
+    produce: Callable[[Work], Outcome]
+    hold_within: float | None = None
+    return_within: float | None = None

@@ -8,11 +8,14 @@ unexport PYTHONPATH PYTHONHOME
 
 PYTHON_IN_VENV := .venv/bin/python
 
+# One worker more than cores: many tests wait for other processes.
+WORKERS := $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+
 demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
 
 test: ready-dev ## run the tests on all cores; ARGS="-k wheel" passes options on to pytest
-	@$(PYTHON_IN_VENV) -m pytest -n auto --dist=loadfile $(ARGS)
+	@$(PYTHON_IN_VENV) -m pytest -n $(WORKERS) --dist=loadfile --no-loadscope-reorder $(ARGS)
 
 lint: ready-dev ## check style and format
 	@$(PYTHON_IN_VENV) -m ruff check .

@@ -19,6 +19,16 @@ settings.load_profile("companion")
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's, which `pytest -n` would start on every core of each
 
+LONGEST = (
+    "test_bench_stopping.py",
+    "test_any_sequence.py",
+    "test_network_cameras.py",
+    "test_clipseg_on_the_field.py",
+    "test_whole_thread.py",
+    "test_check_on_the_field.py",
+    "test_calls_over_a_lossy_radio.py",
+)
+"""They begin first, so that none of them runs last and alone."""
 EXPORT = ("torch", "transformers", "onnx", "PIL")
 
 
@@ -28,6 +38,11 @@ def pytest_configure(config: pytest.Config) -> None:
         # Each process that a test starts would compile what it imports: 0.8 s of a daemon's first 1.1 s.
         folder = os.environ["PYTHONPYCACHEPREFIX"] = tempfile.mkdtemp(prefix="bytecode-")
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    order = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.name, len(order)))
 
 
 @pytest.hookimpl(tryfirst=True)

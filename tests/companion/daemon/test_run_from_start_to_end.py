@@ -73,13 +73,23 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
     return load_config(str(path))
 
 
-def children() -> list[str]:
+Left = Callable[[], tuple[set[str], set[str]]]
+
+
+def children() -> set[str]:
     """The process ids of this process's children, running or not yet reaped."""
-    found: list[str] = []
+    found: set[str] = set()
     for thread in Path("/proc/self/task").iterdir():
         with suppress(FileNotFoundError):  # a thread that has just ended
-            found += (thread / "children").read_text().split()
+            found |= set((thread / "children").read_text().split())
     return found
+
+
+@pytest.fixture
+def left() -> Left:
+    """Returns the processes and threads that run and did not run when the test began."""
+    before = children()
+    return lambda: (children() - before, threads())
 
 
 def start(config: Config, stop: Callable[[], bool]) -> int:
@@ -181,7 +191,7 @@ def test_its_parameters_are_those_of_before_the_restart_from_the_first_moment(
 
 
 def test_it_judges_tells_and_leaves_nothing_running(
-    config: Config, tmp_path: Path, radio: socket.socket
+    left: Left, config: Config, tmp_path: Path, radio: socket.socket
 ) -> None:
     path = tmp_path / "state" / "status.json"
 
@@ -193,7 +203,7 @@ def test_it_judges_tells_and_leaves_nothing_running(
     assert (status["state"], status["words"]) == ("ok", "grass: 1; rock: -1")
     assert len(status["recent"]) == status["frames"]
     assert radio.recv(300)[0] == 0xFD
-    assert (children(), threads()) == ([], set())
+    assert left() == (set(), set())
     Journal(tmp_path / "state").close()
 
 
@@ -252,18 +262,18 @@ def test_the_link_waits_for_an_answer_as_long_as_its_perceiver_may_take(
 
 
 def test_a_perceiver_that_cannot_load_is_told_and_the_journal_given_back(
-    config: Config, tmp_path: Path
+    left: Left, config: Config, tmp_path: Path
 ) -> None:
     config = replace(config, perceiver=replace(config.perceiver, name="painted:broken"))
     with pytest.raises(AnyTraverseError, match="paint them again"):
         start(config, until(lambda: False))
-    assert (children(), threads()) == ([], set())
+    assert left() == (set(), set())
     Journal(tmp_path / "state").close()
 
 
 @pytest.mark.parametrize(("order", "how"), [("die", "SIGSEGV"), ("exit", "exit code 3")])
 def test_a_vision_process_that_dies_is_started_again_and_judges_on(
-    config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture, order: str, how: str
+    left: Left, config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture, order: str, how: str
 ) -> None:
     orders, path = tmp_path / "orders", tmp_path / "state" / "status.json"
     config = replace(config, perceiver=replace(config.perceiver, name=f"painted:{orders}"))
@@ -283,26 +293,26 @@ def test_a_vision_process_that_dies_is_started_again_and_judges_on(
     assert start(config, until(judges_again)) == 0
     assert f"the vision process ended: {how}" in caplog.text
     assert json.loads(path.read_text())["frames"] >= frames + 3
-    assert (children(), threads()) == ([], set())
+    assert left() == (set(), set())
 
 
 def test_an_error_after_the_vision_process_was_started_leaves_nothing_running(
-    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    left: Left, config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("companion.daemon.composition.SettingsService", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         start(config, until(lambda: False))
-    assert (children(), threads()) == ([], set())
+    assert left() == (set(), set())
     Journal(tmp_path / "state").close()
 
 
 def test_an_error_of_the_supervision_ends_it_with_a_farewell(
-    config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
+    left: Left, config: Config, radio: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("companion.calls.machine.OperatorCalls.tick", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         start(config, until(lambda: False))
-    assert (children(), threads()) == ([], set())
+    assert left() == (set(), set())
     heard = b""
     try:
         while True:
@@ -312,12 +322,12 @@ def test_an_error_of_the_supervision_ends_it_with_a_farewell(
     assert b"Companion STOPS" in heard
 
 
-def test_a_signal_while_loading_ends_it_and_the_vision_process(config: Config) -> None:
+def test_a_signal_while_loading_ends_it_and_the_vision_process(left: Left, config: Config) -> None:
     config = replace(config, perceiver=replace(config.perceiver, name="painted:slow"))
     started = time.monotonic()
     assert start(config, lambda: time.monotonic() - started > 0.5) == 0
     assert time.monotonic() - started < 3.0
-    assert (children(), threads()) == ([], set())
+    assert left() == (set(), set())
 
 
 def test_the_service_manager_is_told_from_the_start_to_the_end(config: Config, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ unexport PYTHONPATH PYTHONHOME
 PYTHON_IN_VENV := .venv/bin/python
 
 # One worker more than cores: many tests wait for other processes.
-WORKERS := $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+WORKERS := $(shell echo $$(( $$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1) + 1 )))
 
 demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}

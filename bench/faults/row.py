@@ -24,7 +24,7 @@ class Outcome(NamedTuple):
 
     runs: how often the fault was produced. wrong: a line for each run that did not end in the safe state.
     hold_s: longest s from the last verified OK to the order to hold; None where nobody has to hold.
-    return_s: longest s from the end of the fault until the companion was well again; None where nothing ended.
+    return_s: longest s from the end of the fault until the companion was well; None where it does not end.
     saw: what the operator, the status or the log said, in a few words.
     """
 

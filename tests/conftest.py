@@ -28,7 +28,7 @@ LONGEST = (
     "test_check_on_the_field.py",
     "test_calls_over_a_lossy_radio.py",
 )
-"""They begin first, so that none of them runs last and alone."""
+"""Workers begin with them, so that none of them runs last and alone."""
 EXPORT = ("torch", "transformers", "onnx", "PIL")
 
 
@@ -40,7 +40,9 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not hasattr(config, "workerinput"):
+        return
     order = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.name, len(order)))
 

@@ -97,6 +97,8 @@ class Rig:
         self._grain = np.random.default_rng(0)
         self._pulses_at = 0.0
         self.hung = False
+        self.fails = False
+        """Whether the test makes the daemon survive an error; in all others none may happen."""
         self.disk_hangs = False
         """Nothing is written; else all is that was handed over in a turn, before the next."""
         self.switch = switch
@@ -167,6 +169,7 @@ class Rig:
 
     def kill(self) -> None:
         """As kill -9 leaves it."""
+        assert self.fails or notices.unexpected_error() not in self.texts, "an error was survived"
         self.vision.close()
         self.journal.close()
 

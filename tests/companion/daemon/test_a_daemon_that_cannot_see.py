@@ -228,6 +228,7 @@ def test_a_parameter_while_the_eyes_hang_keeps_its_value_and_is_told(rig: Rig) -
 
 
 def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
+    rig.fails = True
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(rig.answer_handler, "receive", lambda *_: 1 / 0)
         for number in range(5):
@@ -241,6 +242,7 @@ def test_an_error_in_one_message_is_survived_and_seen(rig: Rig) -> None:
 def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    rig.fails = True
     monkeypatch.setattr(rig.records, "call_opened", lambda *_: 1 / 0)
     rig.see(1.0, "drum")
     assert rig.stage.mode == HOLD

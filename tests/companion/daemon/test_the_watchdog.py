@@ -35,6 +35,7 @@ def test_a_blind_daemon_that_says_ok_starves_it(rig: Rig, monkeypatch: pytest.Mo
 
 
 def test_a_connection_that_cannot_send_starves_it(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.fails = True
     rig.see(1.0)
     with monkeypatch.context() as broken:
         broken.setattr(Channel, "tick", lambda *_, **__: 1 / 0)

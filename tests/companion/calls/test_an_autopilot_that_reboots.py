@@ -17,21 +17,22 @@ from tests.companion.calls.scenes import (
     LOITER,
     MANUAL,
     Scene,
+    View,
 )
 
 INITIALISING = ardupilot.INITIALISING
 
 
-def reboot(scene: Scene, into: int, *, told: bool = True, armed: bool = False) -> None:
+def reboot(scene: Scene, into: int, *, told: bool = True, armed: bool = False, seen: View = DRUM) -> None:
     """It falls silent, boots for some seconds, and comes back. told: a heartbeat shows that it boots."""
     scene.autopilot.silent, scene.autopilot.armed = True, False
-    scene.run(4.0, DRUM)
+    scene.run(4.0, seen)
     scene.autopilot.silent = False
     if told:
         scene.autopilot.mode = INITIALISING
-        scene.run(1.0, DRUM)
+        scene.run(1.0, seen)
     scene.autopilot.mode, scene.autopilot.armed = into, armed
-    scene.run(2.0, DRUM)
+    scene.run(2.0, seen)
 
 
 @pytest.mark.parametrize("told", [True, False])
@@ -144,9 +145,10 @@ def test_a_faults_hold_that_may_end_by_itself_may_not_after_a_reboot(told: bool)
     scene = Scene(Policy.HOLD, fault_ends_hold=True)
     scene.run(1.0)
     scene.run(1.0, BROKEN)
-    reboot(scene, HOLD, told=told)
+    reboot(scene, HOLD, told=told, seen=BROKEN)
     scene.human(HOLD)
     scene.run(20.0, CLEAR)
+    assert scene.calls.call is None
     assert AUTO not in scene.modes()
 
 

@@ -125,6 +125,7 @@ class Daemon:
                 self._handle(event, now)
         # A hold that the events led to is sent before anything else, which may take its time.
         self._executor.send_hold_now(now)
+        self._vision.rate.tick(now, self.computer.newest)
         self._vision.situation(
             self.position.place(),
             now,

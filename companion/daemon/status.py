@@ -87,7 +87,7 @@ class Status:
 
     def figures(self, now: float) -> dict[str, Any]:
         """Return all figures, for the status file: JSON values."""
-        newest, camera = self._calls.reason_filter.newest, self._vision.camera
+        newest, camera, rate = self._calls.reason_filter.newest, self._vision.camera, self._vision.rate
         return {
             "version": self._release,
             "service": self._is_service,
@@ -108,6 +108,11 @@ class Status:
                 "why": self._model.why,
                 "step_ms": round(1e3 * self._judging_s, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
+            },
+            "judging": {
+                "rate": round(rate.value, 3),
+                "configured": round(rate.steps[0], 3),
+                "lowered_by": rate.why,
             },
             "latency_ms": round(1e3 * median(self._latencies), 1) if self._latencies else None,
             "test_call": self._test_call.status,
@@ -142,6 +147,7 @@ class Status:
             "reasons": status["reasons"],
             "held_by": status["held_by"],
             "latency_ms": status["latency_ms"],
+            "judging": status["judging"],
             "open": None if current is None else _open(current),
             "words": {word: round(words[word], _DIGITS) for word in words},
             "vocabulary": self._settings.vocabulary,

@@ -72,8 +72,8 @@ def _verdict(path: Path, age: float | None, said: Mapping[str, Any]) -> tuple[in
 
 
 def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    names = ("camera", "link", "perceiver", "vision", "disk")
-    camera, link, perceiver, vision, written = (_table(said, name) for name in names)
+    names = ("camera", "link", "perceiver", "vision", "disk", "judging")
+    camera, link, perceiver, vision, written, judging = (_table(said, name) for name in names)
     reasons = ", ".join(map(str, said.get("reasons") or ()))
     yield "state", f"{said.get('state', 'unknown')}{': ' if reasons else ''}{reasons}"
     refused = said.get("hold_refused")
@@ -87,7 +87,12 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f"{camera.get('read', 0)} frames read, {said.get('frames', 0)} judged"
         ),
     )
-    yield "perceiver", f"{perceiver.get('model', 'unknown')}, {perceiver.get('step_ms', 0)} ms a frame"
+    why, lowered = judging.get("lowered_by"), f", {judging.get('rate')} frames/s of {judging.get('configured')}"
+    yield (
+        "perceiver",
+        f"{perceiver.get('model', 'unknown')}, {perceiver.get('step_ms', 0)} ms a frame"
+        f"{f'{lowered}: {why}' if why else ''}",
+    )
     restarts = vision.get("restarts", 0)
     yield (
         "vision",

@@ -24,6 +24,7 @@ from companion.tasks import Restarts
 from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
+from companion.vision.judging_rate import JudgingRate
 from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import (
     Alive,
@@ -96,7 +97,7 @@ Result = Judged | Applied | Drawn
 class VisionClient:
     """Converses with the vision process. The main loop calls `poll` in every turn.
 
-    watchdog: whether the process lives. weak: words in use that the perceiver recognises badly.
+    watchdog: whether the process lives. rate: how many frames a second it is told to judge. weak: words in use that the perceiver recognises badly.
     camera, delivered_at: as last reported. ready: the first report that a perceiver was loaded. failed: why
     it cannot be loaded, "" otherwise. trouble: why nothing is judged now, "" while all is well.
     """
@@ -112,6 +113,7 @@ class VisionClient:
     ) -> None:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
         self.watchdog = Watchdog(launch, restarts)
+        self.rate = JudgingRate(config.camera.rate, config.freshness)
         self._config = config
         self._copy = MemoryCopy(memory)
         self._expected = Expected(first_frame - 1)
@@ -234,12 +236,12 @@ class VisionClient:
         return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
-        """Send where the vehicle is and whether it moves, at most five times a second."""
+        """Send where the vehicle is, whether it moves, and the rate, at most five times a second."""
         child = self.watchdog.child
         idle = self.watchdog.running and child is not None and child.idle
         if idle and now - self._situation_at >= _SITUATION_EVERY:
             self._situation_at = now
-            self._send(Situation(place, moving))
+            self._send(Situation(place, moving, self.rate.value))
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
@@ -287,6 +289,7 @@ class VisionClient:
                 if report.revision != known:
                     raise BadReportError(f"a frame under revision {report.revision}, not {known}")
                 seen, at, duration = report.assessment, report.at, report.duration
+                self.rate.judged(duration)
                 return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
             case Done():
                 if report.number not in self._unanswered:

@@ -84,10 +84,13 @@ class Tune:
 
 @dataclass(frozen=True)
 class Situation:
-    """Says where the vehicle is, and whether it moves, so that two pictures in a row must differ."""
+    """Says where the vehicle is, whether it moves, so that two pictures in a row must differ, and how much to
+    judge. rate: frames/s, None: as configured.
+    """
 
     place: Place
     moving: bool
+    rate: float | None = None
 
 
 @dataclass(frozen=True)

@@ -149,6 +149,12 @@ def int8_idle() -> str:
     return "Runs fp32, not the bundle's int8: log says why"
 
 
+def judging_rate(rate: float, configured: float, why: str) -> str:
+    """Reports that frames are judged at another rate, frames/s. why: what lowered it, "" for a higher rate."""
+    of = "" if rate == configured else f" of {configured:.3g}"
+    return fit(f"Judges {rate:.3g}/s{of}: {why}" if why else f"Judges {rate:.3g}/s{of} again")
+
+
 def known_place(call: int) -> str:
     """Reports that the words of a remembered scene are in force. call: its call, 0 without one.
 

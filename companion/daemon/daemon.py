@@ -329,6 +329,7 @@ class Daemon:
         open_id = self.calls.current_id or self._test_call.id
         self._reported_state = self.calls.state(now)
         self._link.set_state(self._reported_state, open_id, self.calls.policy)
+        self._link.computer(self.computer.newest, now)
         alert = self._active_alert.compose(
             self._vision.words,
             self.position.place(),

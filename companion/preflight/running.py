@@ -87,12 +87,12 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f"{camera.get('read', 0)} frames read, {said.get('frames', 0)} judged"
         ),
     )
-    why, lowered = judging.get("lowered_by"), f", {judging.get('rate')} frames/s of {judging.get('configured')}"
-    yield (
-        "perceiver",
-        f"{perceiver.get('model', 'unknown')}, {perceiver.get('step_ms', 0)} ms a frame"
-        f"{f'{lowered}: {why}' if why else ''}",
-    )
+    lowered = ""
+    if judging.get("lowered_by"):
+        rates = f"{judging.get('rate')} frames/s of {judging.get('configured')}"
+        lowered = f", {rates}: {judging['lowered_by']}"
+    model, step = perceiver.get("model", "unknown"), perceiver.get("step_ms", 0)
+    yield "perceiver", f"{model}, {step} ms a frame{lowered}"
     restarts = vision.get("restarts", 0)
     yield (
         "vision",

@@ -97,9 +97,10 @@ Result = Judged | Applied | Drawn
 class VisionClient:
     """Converses with the vision process. The main loop calls `poll` in every turn.
 
-    watchdog: whether the process lives. rate: how many frames a second it is told to judge. weak: words in use that the perceiver recognises badly.
-    camera, delivered_at: as last reported. ready: the first report that a perceiver was loaded. failed: why
-    it cannot be loaded, "" otherwise. trouble: why nothing is judged now, "" while all is well.
+    watchdog: whether the process lives. rate: how often it is to judge. weak: words in use that the perceiver
+    recognises badly. camera, delivered_at: as last reported. ready: the first report that a perceiver was
+    loaded. failed: why it cannot be loaded, "" otherwise. trouble: why nothing is judged now, "" while all is
+    well.
     """
 
     def __init__(

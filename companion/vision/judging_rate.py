@@ -14,8 +14,8 @@ _SHARES = (1.0, 3 / 4, 1 / 2, 1 / 3)
 _WITHIN_T = 3.0
 """Frames within T that every step judges at least, unless [camera] rate itself is lower."""
 BUSY, EASY = 0.8, 0.6
-"""Shares of the time from one frame to the next. Judging that takes more than the first is too slow. A step up
-is taken only where judging would take at most the second."""
+"""Shares of the time from one frame to the next. Judging that takes more than the first is too slow, and a
+step up is taken only where it would take at most the second."""
 _OVER = 2.0
 """Seconds of [camera] rate, over whose frames the median of the times of judging is taken."""
 _COOLER = 5.0
@@ -70,7 +70,8 @@ class JudgingRate:
             fits = (step for step, rate in enumerate(self.steps) if taken <= BUSY / rate)
             self._fall(next(fits, len(self.steps) - 1), "slow computer", now)
         strain = self._strained(computer)
-        calm = not strain and taken is not None and self._step > 0 and taken <= EASY / self.steps[self._step - 1]
+        higher = self.steps[max(0, self._step - 1)]
+        calm = not strain and self._step > 0 and taken is not None and taken <= EASY / higher
         if (strain, calm) != (self._strain, self._calm):
             self._strain, self._calm, self._since = strain, calm, now
         if strain and self._step < len(self.steps) - 1 and now - self._since >= STRAINED_FOR:

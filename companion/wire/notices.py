@@ -150,7 +150,7 @@ def int8_idle() -> str:
 
 
 def judging_rate(rate: float, configured: float, why: str) -> str:
-    """Reports that frames are judged at another rate, frames/s. why: what lowered it, "" for a higher rate."""
+    """Reports the new rate of judging, frames/s. why: what lowered it, "" where it rose."""
     of = "" if rate == configured else f" of {configured:.3g}"
     return fit(f"Judges {rate:.3g}/s{of}: {why}" if why else f"Judges {rate:.3g}/s{of} again")
 

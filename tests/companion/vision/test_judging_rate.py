@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -9,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.vision.judging_rate import CALM_FOR, LONGEST_CALM, JudgingRate, steps
-from companion.wire.notices import judging_rate
 
 COOL: dict[str, Any] = {"temperature": 50.0, "throttled": False}
 TICK = 0.1
@@ -131,13 +131,7 @@ def test_whatever_the_load_it_keeps_its_bounds_does_not_flap_and_comes_back(
         for (at, new), (_, before) in zip(computer.changes, [(0.0, rate), *computer.changes], strict=False)
         if new > before
     ]
-    assert all(later - earlier >= CALM_FOR for earlier, later in zip(ups, ups[1:], strict=False))
+    assert all(later - earlier >= CALM_FOR for earlier, later in pairwise(ups))
     assert len(computer.changes) <= 4 * (len(ups) + 1)
     again = 5 * (LONGEST_CALM + max(5, 2.0 * rate + 1.0) / computer.rate.steps[-1])
     assert computer.runs(again, takes=0.5 / rate) == rate
-
-
-@given(rate=st.floats(0.1, 60.0), configured=st.floats(0.5, 60.0))
-def test_its_texts_fit_into_a_statustext(rate: float, configured: float) -> None:
-    for why in ("", "slow computer", "hot computer", "throttled computer"):
-        assert len(judging_rate(rate, configured, why).encode()) <= 50

@@ -93,7 +93,7 @@ class Daemon:
         self._odometer = Odometer()
         self._error_guard = ErrorGuard(lambda now: link.send_text(notices.unexpected_error(), ERROR, now))
         self._health = HealthMonitor(Liveness(tasks(calls.numbers), now), link, vision, calls, persistence)
-        self._shadow = ShadowReporter(settings.statistics, calls, link, records.draw)
+        self._shadow = ShadowReporter(settings.statistics, calls, link, records.draw, position.clock.stamp)
         self._executor = DecisionExecutor(
             link,
             vision,

@@ -59,10 +59,13 @@ class Camera(Section):
     exposure: float | None = setting(
         None, number(0, 1, above=True), "exposure time of a v4l2 camera in s; unset: automatic"
     )
+    depth: bool = setting(False, flag, "whether an oak camera measures depth, too")  # noqa: FBT003
 
     def conflicts(self) -> Iterator[Conflict]:
         if (self.width is None) != (self.height is None):
             yield ("width", "height"), "width and height go together: give both"
+        if self.depth and not self.source.startswith("oak:"):
+            yield ("depth",), 'only an oak camera measures depth: remove it, or set source = "oak:"'
         if not self.source.startswith("pipe:"):
             return
         if self.width is None or self.height is None or self.pixel_format in (None, MJPEG):
@@ -325,6 +328,7 @@ class Config:
             exposure=camera.exposure,
             latency=camera.latency,
             freshness=self.freshness,
+            depth=camera.depth,
         )
 
     @property

@@ -127,6 +127,8 @@ class Status:
                 "width": camera.width,
                 "height": camera.height,
                 "timed_by": camera.timed_by,
+                "depth": camera.depth,
+                "intrinsics": camera.intrinsics,
             },
             "computer": self.computer.newest,
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},

@@ -422,6 +422,15 @@ def test_a_pipe_without_its_size_and_format_is_refused(tmp_path: Path, more: str
         load_config(path)
 
 
+def test_only_an_oak_measures_depth(tmp_path: Path) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text('[camera]\nsource = "v4l2:0"\ndepth = true\n[vehicle]\nfile = ""\n')
+    with pytest.raises(ConfigError, match="only an oak camera measures depth"):
+        load_config(path)
+    path.write_text('[camera]\nsource = "oak:"\ndepth = true\n[vehicle]\nfile = ""\n')
+    assert load_config(path).camera_options.depth
+
+
 def test_the_options_of_a_camera_are_those_of_the_file_and_t(tmp_path: Path) -> None:
     path = tmp_path / "companion.toml"
     path.write_text(

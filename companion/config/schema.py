@@ -66,16 +66,11 @@ class Camera(Section):
             yield ("width", "height"), "width and height go together: give both"
         if self.depth and not self.source.startswith("oak:"):
             yield ("depth",), 'only an oak camera measures depth: remove it, or set source = "oak:"'
-        if not self.source.startswith("pipe:"):
-            return
-        if self.width is None or self.height is None or self.pixel_format in (None, MJPEG):
-            known = ", ".join(PIXEL_FORMATS)
-            yield ("source",), f"a pipe needs width, height and pixel_format, one of {known}"
-            return
-        try:
-            frame_bytes(self.pixel_format or "", self.width, self.height)
-        except ValueError as error:
-            yield ("width", "height"), str(error)
+        if self.source.startswith("pipe:"):
+            try:
+                frame_bytes(self.pixel_format, self.width, self.height)
+            except ValueError as error:
+                yield ("source",), str(error)
 
 
 def _known_perceiver(name: str) -> None:

@@ -408,9 +408,9 @@ def test_connections_are_read_printed_and_read_again_with_budgets_of_their_own(t
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        ("", "a pipe needs width, height and pixel_format"),
-        ("width = 640\nheight = 480", "a pipe needs width, height and pixel_format"),
-        ('width = 640\nheight = 480\npixel_format = "mjpeg"', "a pipe needs width, height and pixel_format"),
+        ("", r"a pipe needs \[camera\] width, height"),
+        ("width = 640\nheight = 480", r"a pipe needs \[camera\] width, height"),
+        ('width = 640\nheight = 480\npixel_format = "mjpeg"', r"a pipe needs \[camera\] width, height"),
         ('width = 641\nheight = 480\npixel_format = "nv12"', "an even width and height"),
         ('width = 640\npixel_format = "nv12"', "width and height go together"),
     ],

@@ -28,7 +28,7 @@ from companion.vision.judging_rate import JudgingRate
 from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import (
     Alive,
-    Answer,
+    Apply,
     Done,
     Draw,
     Drawn,
@@ -199,7 +199,7 @@ class VisionClient:
         frame_id: of the call's or hold's frame, 0: words alone. place: the call's, by default the vehicle's.
         False when too many answers wait, or the process hangs or is not ready.
         """
-        return self._ask(token, lambda number: Answer(number, changes, frame_id, call_id, go, place))
+        return self._ask(token, lambda number: Apply(number, changes, frame_id, call_id, go, place))
 
     def restore(self, token: object, frame_id: int, png: bytes) -> bool:
         """Request that the frame of a call that was open at a restart be judged; an `Applied` follows.

@@ -94,7 +94,7 @@ class Situation:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Apply:
     """Apply an answer; a `Done` of the same number follows.
 
     frame_id: of the stored frame of the call or hold, 0: words without a frame. place: the call's, None: the
@@ -133,7 +133,7 @@ class Draw:
     store: bool
 
 
-Request = Start | Scenes | Tune | Situation | Answer | Restore | Draw
+Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw
 
 # Reports, from the vision process.
 
@@ -208,7 +208,7 @@ class FrameJudged:
 
 @dataclass(frozen=True)
 class Done:
-    """Reports the outcome of an `Answer` or a `Restore`, or an error; then nothing has changed."""
+    """Reports the outcome of an `Apply` or a `Restore`, or an error; then nothing has changed."""
 
     number: int
     outcome: AnswerOutcome | None

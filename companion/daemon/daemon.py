@@ -18,7 +18,7 @@ from companion.daemon.persistence import Persistence
 from companion.daemon.records import Records
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
-from companion.daemon.test_call import TestCall
+from companion.daemon.trial_call import TrialCall
 from companion.link.inbound import (
     InboundEvent,
     ModeAck,
@@ -104,7 +104,7 @@ class Daemon:
             position,
             self._shadow,
         )
-        self._test_call = TestCall(records.folder, calls, link, vision, position)
+        self._test_call = TrialCall(records.folder, calls, link, vision, position)
         self._status = Status(link, vision, calls, settings, self._test_call, records, position, model)
         self._stall_detector = StallDetector(link, calls, now)
         self._turned_at = now

@@ -11,7 +11,7 @@ from typing import Any
 from anytraverse.release import own_version
 from companion.calls.machine import OperatorCalls
 from companion.daemon.records import Records
-from companion.daemon.test_call import TestCall
+from companion.daemon.trial_call import TrialCall
 from companion.link.link import Link
 from companion.settings.service import SettingsService
 from companion.system.computer import Computer
@@ -58,7 +58,7 @@ class Status:
         vision: VisionClient,
         calls: OperatorCalls,
         settings: SettingsService,
-        test_call: TestCall,
+        test_call: TrialCall,
         records: Records,
         position: VehiclePosition,
         model: Model,

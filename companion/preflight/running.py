@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import ConfigError, Problem, load_config, state_folder
-from companion.daemon.test_call import ANSWERED_WITHIN, REQUEST
+from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
 from companion.preflight.computer import check_space
 from companion.preflight.here import RUNNING, is_alive, status
 

@@ -44,9 +44,7 @@ class JudgingRate:
         self.why = ""
         self._step = 0
         self._times: deque[float] = deque(maxlen=max(5, math.ceil(_OVER * rate)))
-        self._hot = False
-        self._strain = ""
-        self._calm = False
+        self._hot = self._under_strain = self._calm = False
         self._since = 0.0
         """When the strain or the calm of now began, or the last step was taken."""
         self._calm_for = CALM_FOR
@@ -72,8 +70,8 @@ class JudgingRate:
         strain = self._strained(computer)
         higher = self.steps[max(0, self._step - 1)]
         calm = not strain and self._step > 0 and taken is not None and taken <= EASY / higher
-        if (strain, calm) != (self._strain, self._calm):
-            self._strain, self._calm, self._since = strain, calm, now
+        if (bool(strain), calm) != (self._under_strain, self._calm):
+            self._under_strain, self._calm, self._since = bool(strain), calm, now
         if strain and self._step < len(self.steps) - 1 and now - self._since >= STRAINED_FOR:
             self._fall(self._step + 1, strain, now)
         elif calm and now - self._since >= self._calm_for:

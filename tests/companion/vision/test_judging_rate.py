@@ -84,6 +84,13 @@ def test_heat_and_throttling_take_a_step_every_ten_seconds_and_a_moment_of_them_
     assert computer.rate.why == ""
 
 
+def test_heat_with_throttling_that_comes_and_goes_is_strain_without_a_break() -> None:
+    computer = Computer()
+    for second in range(12):
+        computer.runs(1.0, takes=0.02, temperature=85.0, throttled=second % 2 == 0)
+    assert computer.rate.value == 7.5
+
+
 def test_a_step_up_is_taken_only_where_judging_will_be_easy() -> None:
     computer = Computer()
     computer.runs(5.0, takes=0.09)

@@ -94,7 +94,7 @@ class HealthMonitor:
         self._autopilot_silent = False
         self._unknown_autopilot: tuple[int, int] | None = None
         self._unreliable = False
-        self._rate = vision.rate.value
+        self._rate, self._stuck = vision.rate.value, ""
 
     def silent(self, now: float) -> list[str]:
         """Name the parts that give no sign of life, in two or three words each, the most basic first.
@@ -155,6 +155,11 @@ class HealthMonitor:
 
     def _check_judging_rate(self, now: float) -> None:
         rate, before = self._vision.rate, self._rate
+        if bool(rate.stuck) != bool(self._stuck):
+            self._stuck = rate.stuck
+            if rate.stuck:
+                log.warning("%s", text := notices.no_lower_rate(rate.stuck))
+                self._link.send_text(text, WARNING, now)
         if rate.value == before:
             return
         self._rate, lower = rate.value, rate.value < before

@@ -36,12 +36,13 @@ class JudgingRate:
     """Decides how many frames a second are judged. T does not change with it. Time is an input.
 
     steps: all rates, see the function. value: the one in force. why: "slow computer", "hot computer" or
-    "throttled computer", whichever lowered it last; "" at the configured rate.
+    "throttled computer", whichever lowered it last; "" at the configured rate. stuck: "hot computer" or
+    "throttled computer" while no step is left that could help; "" otherwise.
     """
 
     def __init__(self, rate: float, freshness: float) -> None:
         self.steps = steps(rate, freshness)
-        self.why = ""
+        self.why = self.stuck = ""
         self._step = 0
         self._times: deque[float] = deque(maxlen=max(5, math.ceil(_OVER * rate)))
         self._hot = self._under_strain = self._calm = False
@@ -72,8 +73,12 @@ class JudgingRate:
         calm = not strain and self._step > 0 and taken is not None and taken <= EASY / higher
         if (bool(strain), calm) != (self._under_strain, self._calm):
             self._under_strain, self._calm, self._since = bool(strain), calm, now
-        if strain and self._step < len(self.steps) - 1 and now - self._since >= STRAINED_FOR:
-            self._fall(self._step + 1, strain, now)
+        self.stuck = self.stuck and strain
+        if strain and now - self._since >= STRAINED_FOR:
+            if self._step < len(self.steps) - 1:
+                self._fall(self._step + 1, strain, now)
+            else:
+                self.stuck = self.stuck or strain
         elif calm and now - self._since >= self._calm_for:
             self._rise(now)
 

@@ -155,6 +155,11 @@ def judging_rate(rate: float, configured: float, why: str) -> str:
     return fit(f"Judges {rate:.3g}/s{of}: {why}" if why else f"Judges {rate:.3g}/s{of} again")
 
 
+def no_lower_rate(why: str) -> str:
+    """Reports that the computer stays hot or throttled at the lowest rate of judging. why: which of them."""
+    return fit(f"{why.capitalize()}: cannot judge less, cool it")
+
+
 def known_place(call: int) -> str:
     """Reports that the words of a remembered scene are in force. call: its call, 0 without one.
 

@@ -91,6 +91,20 @@ def test_heat_with_throttling_that_comes_and_goes_is_strain_without_a_break() ->
     assert computer.rate.value == 7.5
 
 
+def test_heat_that_no_step_ends_is_told_where_the_last_one_did_not_help() -> None:
+    computer = Computer()
+    computer.runs(38.0, takes=0.02, temperature=90.0)
+    assert computer.rate.value == pytest.approx(10 / 3)
+    assert computer.rate.stuck == ""
+    computer.runs(5.0, takes=0.02, temperature=90.0)
+    assert computer.rate.stuck == "hot computer"
+    computer.runs(1.0, takes=0.02)
+    assert computer.rate.stuck == ""
+    single = Computer(rate=2.0, freshness=1.5)
+    single.runs(11.0, takes=0.3, throttled=True)
+    assert (single.rate.value, single.rate.stuck) == (2.0, "throttled computer")
+
+
 def test_a_step_up_is_taken_only_where_judging_will_be_easy() -> None:
     computer = Computer()
     computer.runs(5.0, takes=0.09)

@@ -13,9 +13,8 @@ from companion.system.computer import WARM
 _SHARES = (1.0, 3 / 4, 1 / 2, 1 / 3)
 _WITHIN_T = 3.0
 """Frames within T that every step judges at least, unless [camera] rate itself is lower."""
-BUSY, EASY = 0.8, 0.6
-"""Shares of the time from one frame to the next. Judging that takes more than the first is too slow, and a
-step up is taken only where it would take at most the second."""
+EASY = 0.75
+"""Share of the time from one frame to the next that judging may take at a rate, for a step up to it."""
 _OVER = 2.0
 """Seconds of [camera] rate, over whose frames the median of the times of judging is taken."""
 _COOLER = 5.0
@@ -65,8 +64,8 @@ class JudgingRate:
         """Take a step down or up where it is time. computer: figures as of `Computer.measure`."""
         taken = median(self._times) if len(self._times) == self._times.maxlen else None
         lowest = self._step == len(self.steps) - 1
-        if taken is not None and taken > BUSY / self.value and not lowest:
-            fits = (step for step, rate in enumerate(self.steps) if taken <= BUSY / rate)
+        if taken is not None and taken > 1.0 / self.value and not lowest:
+            fits = (step for step, rate in enumerate(self.steps) if taken <= 1.0 / rate)
             self._fall(next(fits, len(self.steps) - 1), "slow computer", now)
         strain = self._strained(computer)
         higher = self.steps[max(0, self._step - 1)]

@@ -12,6 +12,10 @@ from anytraverse.errors import PerceiverError
 
 Image = NDArray[np.uint8]
 """RGB, (height, width, 3), uint8."""
+Depth = NDArray[np.uint16]
+"""Millimetres along the lens axis at each pixel of a picture, (height, width), uint16; 0: not known."""
+Intrinsics = tuple[float, float, float, float]
+"""Of the picture as it is: focal lengths in x and y, and the x and y of the lens axis, all in pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +25,14 @@ class Frame:
     id: rises by at least one from frame to frame of one camera.
     captured_at: seconds on the caller's monotonic clock.
     image: RGB, (height, width, 3), uint8.
+    depth, intrinsics: None where the camera does not tell.
     """
 
     id: int
     captured_at: float
     image: Image
+    depth: Depth | None = None
+    intrinsics: Intrinsics | None = None
 
 
 def is_image(image: Any) -> bool:
@@ -37,6 +44,17 @@ def is_image(image: Any) -> bool:
         and image.shape[2] == 3
         and image.size > 0
     )
+
+
+def is_depth(depth: Any, image: Image) -> bool:
+    """Return whether `depth` is a `Depth` of this picture."""
+    return isinstance(depth, np.ndarray) and depth.dtype == np.uint16 and depth.shape == image.shape[:2]
+
+
+def is_intrinsics(intrinsics: Any) -> bool:
+    """Return whether `intrinsics` are four finite numbers, the first two of them positive."""
+    right = isinstance(intrinsics, tuple) and len(intrinsics) == 4
+    return right and bool(np.all(np.isfinite(intrinsics))) and min(intrinsics[:2]) > 0.0
 
 
 def check_image(image: Any) -> None:

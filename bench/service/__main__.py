@@ -29,6 +29,7 @@ from bench.service.steps import (
     hang,
     install,
     kill,
+    oak,
     package,
     reboot,
     sigterm,
@@ -46,6 +47,7 @@ STEPS = (
     "hang",
     "crash-loop",
     "upgrade",
+    "oak",
     "uninstall",
     "package",
     "devices",
@@ -106,6 +108,7 @@ def _take_steps(service: Service, own: Path, only: Sequence[str], figures: Figur
         hang,
         crash_loop,
         partial(upgrade, wheel=own),
+        oak,
         uninstall,
         package,
     )

@@ -17,6 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SUITE = "bookworm"
 PACKAGES = ("systemd", "systemd-sysv", "dbus", "udev", "procps", "python3", "python3-venv")
 TOOLS = {"debootstrap": "debootstrap", "systemd-nspawn": "systemd-container", "nsenter": "util-linux"}
+_EXTRA = "oak"
+"""What is downloaded holds all that a rover with an OAK needs."""
 _PLATFORMS = ("manylinux_2_17", "manylinux_2_28", "manylinux2014")
 _BUILDING = 1800.0
 _BOOTS_WITHIN = 60.0
@@ -58,7 +60,7 @@ def base(cache: Path) -> Path:
 def wheels(cache: Path, root: Path) -> Path:
     """Return a folder with all wheels that an installation of the checkout needs in `root`."""
     folder = cache / "wheels"
-    stamp, needed = folder / "pyproject.toml", (ROOT / "pyproject.toml").read_bytes()
+    stamp, needed = folder / "pyproject.toml", (ROOT / "pyproject.toml").read_bytes() + _EXTRA.encode()
     if not stamp.exists() or stamp.read_bytes() != needed:
         folder.mkdir(parents=True, exist_ok=True)
         version = run(["chroot", str(root), "python3", "-c", _VERSION], "python3").strip()
@@ -67,7 +69,7 @@ def wheels(cache: Path, root: Path) -> Path:
         asked += [f"--platform={one}_{os.uname().machine}" for one in _PLATFORMS]
         with tempfile.TemporaryDirectory() as built:
             own = wheel(Path(built) / "own")
-            run([*asked, f"{own}[rover]", "hatchling>=1.27"], "pip download")
+            run([*asked, f"{own}[{_EXTRA}]", "hatchling>=1.27"], "pip download")
         for unwanted in folder.glob("anytraverse_companion-*"):
             unwanted.unlink()
         stamp.write_bytes(needed)

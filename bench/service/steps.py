@@ -260,6 +260,24 @@ def upgrade(service: Service, wheel: Path) -> Figures:
     }
 
 
+def oak(service: Service) -> Figures:
+    """Install the extra for OAK cameras: DepthAI works in the hardened unit, and finds no OAK."""
+    begun = time.monotonic()
+    service.sh(f"{INSTALL} 'anytraverse-companion[oak] @ file:///checkout'", timeout=_INSTALLS_WITHIN)
+    seconds = round(time.monotonic() - begun, 1)
+    path = service.container.root / CONFIG
+    path.write_text(re.sub(r"(?m)^source = .*$", 'source = "oak:"', path.read_text()))
+    service.sh("systemctl restart companion")
+    told = service.until(
+        "no OAK is told", lambda: "no OAK is there" in str(service.status().get("camera")), 30.0
+    )
+    size = int(service.sh("du -sm /opt/anytraverse/").split()[0])
+    service.configure()
+    service.sh("systemctl restart companion")
+    service.until("it judges", service.judges, 20.0)
+    return {"install_s": seconds, "told_s": told, "size_mb": size}
+
+
 def uninstall(service: Service) -> Figures:
     """Remove it: first with settings and memory kept, then all of it."""
     service.sh("sh /checkout/systemd/install.sh --uninstall")

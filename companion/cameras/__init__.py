@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
-    from anytraverse.frame import Image
+    from anytraverse.frame import Depth, Image, Intrinsics
 
 __all__ = [
     "KINDS",
@@ -80,11 +80,14 @@ class Capture(NamedTuple):
     image: RGB, (height, width, 3) uint8; the camera never writes to it again.
     timed_by: what captured_at is from: "sensor"; "arrival", less the configured latency; "stream", the same
     less the delay that the stream's own time stamps show; "player" for files.
+    depth, intrinsics: of this picture, None where the camera does not tell.
     """
 
     captured_at: float
     image: Image
     timed_by: str = "player"
+    depth: Depth | None = None
+    intrinsics: Intrinsics | None = None
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,8 @@ class CameraOptions:
     playback: frames/s of a video or folder. loop: whether it starts again at its end. width, height: pixels.
     pixel_format: a name in `PIXEL_FORMATS`. fps: frames/s that the camera is asked for. exposure: s, instead
     of the camera's automatic exposure. latency: s from exposure to arrival, where the camera does not report
-    it. freshness: the limit T in s; a frame that was delayed for longer is dropped.
+    it. freshness: the limit T in s; a frame that was delayed for longer is dropped. depth: whether an OAK
+    measures depth, too.
     """
 
     playback: float | None = None
@@ -106,6 +110,7 @@ class CameraOptions:
     exposure: float | None = None
     latency: float = 0.0
     freshness: float = 2.0
+    depth: bool = False
 
 
 class Camera(Protocol):

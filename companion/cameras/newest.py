@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from anytraverse.frame import Frame, is_image
+from anytraverse.frame import Frame, Intrinsics, is_depth, is_image, is_intrinsics
 from companion.cameras import (
     BadFrame,
     Camera,
@@ -45,7 +45,8 @@ class CameraStatus:
     reason: why the camera failed or ended, or why no good frame comes; "" again once one comes. read: good
     frames. dropped: good frames that a newer one replaced before they were taken. refused: bad frames.
     connected: how often the camera was opened. width, height: pixels of the newest good frame, 0 before the
-    first. timed_by: what its capture time is from, as in `Capture`.
+    first. timed_by: what its capture time is from, as in `Capture`. depth: whether it has a depth map.
+    intrinsics: of its lens, None where the camera does not tell.
     """
 
     state: CameraState = CameraState.CONNECTING
@@ -57,6 +58,8 @@ class CameraStatus:
     width: int = 0
     height: int = 0
     timed_by: str = ""
+    depth: bool = False
+    intrinsics: Intrinsics | None = None
 
 
 @dataclass(frozen=True)
@@ -236,7 +239,8 @@ class CameraThread:
 
     def _keep(self, capture: Capture) -> None:
         height, width, _ = capture.image.shape
-        frame = Frame(self._next_id, capture.captured_at, capture.image)
+        captured_at, image, timed_by, depth, intrinsics = capture
+        frame = Frame(self._next_id, captured_at, image, depth, intrinsics)
         self._next_id += 1
         self._delivered_at = time.monotonic()
         if self._status.state is not CameraState.DELIVERING:
@@ -255,7 +259,9 @@ class CameraThread:
             dropped=self._status.dropped + dropped,
             width=width,
             height=height,
-            timed_by=capture.timed_by,
+            timed_by=timed_by,
+            depth=depth is not None,
+            intrinsics=intrinsics,
         )
 
     def _set(self, **changes: object) -> None:
@@ -266,6 +272,10 @@ def _check(capture: Capture, size: tuple[int | None, int | None]) -> None:
     """Raise BadFrame for an image or a capture time that the algorithm must not get."""
     if not is_image(capture.image):
         raise BadFrame("not an RGB picture of 8 bits a channel: check the camera's pixel format")
+    if not (capture.depth is None or is_depth(capture.depth, capture.image)):
+        raise BadFrame("the depth map does not fit the picture: set [camera] depth = false")
+    if not (capture.intrinsics is None or is_intrinsics(capture.intrinsics)):
+        raise BadFrame("the camera tells impossible intrinsics: calibrate it, or set [camera] depth = false")
     height, width, _ = capture.image.shape
     if size[0] not in (None, width) or size[1] not in (None, height):
         raise BadFrame(f"the pictures are {width} x {height}: make [camera] width and height so")

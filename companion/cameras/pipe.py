@@ -19,7 +19,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from anytraverse.decoding import check_size
 from companion.cameras import (
     BadFrame,
     CameraError,
@@ -30,7 +29,7 @@ from companion.cameras import (
     without_credentials,
 )
 from companion.cameras.late_frames import CAME_LATE, LateFrames
-from companion.cameras.pixel_formats import PIXEL_FORMATS, frame_bytes, to_rgb
+from companion.cameras.pixel_formats import frame_bytes, to_rgb
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +59,12 @@ class Pipe:
     """Runs a program in a process group of its own, and reads pictures of a fixed size from its output."""
 
     def __init__(self, place: str, options: CameraOptions) -> None:
-        self._width, self._height, self._format, self._size = _layout(options)
+        width, height, form = options.width, options.height, options.pixel_format
+        try:
+            self._size = frame_bytes(form, width, height)
+        except ValueError as error:
+            raise SourceError(f"{error}: correct [camera]") from error
+        self._width, self._height, self._format = width or 0, height or 0, form or ""
         command = _split(place)
         self._name = os.path.basename(command[0])
         self._latency = options.latency
@@ -202,19 +206,6 @@ class _WrongSize:
             return False
         (size,) = apart
         return size % self._size != 0 and size & (size - 1) != 0
-
-
-def _layout(options: CameraOptions) -> tuple[int, int, str, int]:
-    """Return width, height, pixel format and bytes of a picture. Raises SourceError."""
-    width, height, name = options.width, options.height, options.pixel_format
-    if width is None or height is None or name not in PIXEL_FORMATS:
-        known = ", ".join(PIXEL_FORMATS)
-        raise SourceError(f"a pipe needs [camera] width, height and pixel_format, one of {known}")
-    try:
-        check_size(width, height)
-        return width, height, name, frame_bytes(name, width, height)
-    except ValueError as error:
-        raise SourceError(f"{error}: correct [camera]") from error
 
 
 def _split(place: str) -> list[str]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.decoding import check_size
 from anytraverse.frame import Image
 
 
@@ -36,9 +37,17 @@ MJPEG = "mjpeg"
 """A compressed format, which a V4L2 device may deliver, and which has no fixed number of bytes."""
 
 
-def frame_bytes(name: str, width: int, height: int) -> int:
-    """Return the bytes of a raw picture. Raises ValueError for a size that the format cannot have."""
-    form = PIXEL_FORMATS[name]
+def frame_bytes(name: str | None, width: int | None, height: int | None) -> int:
+    """Return the bytes of a raw picture.
+
+    Raises ValueError where one of the three is missing, and for a size that is too large or that the format
+    cannot have.
+    """
+    form = PIXEL_FORMATS.get(name or "")
+    if form is None or width is None or height is None:
+        known = ", ".join(PIXEL_FORMATS)
+        raise ValueError(f"a pipe needs [camera] width, height and pixel_format, one of {known}")
+    check_size(width, height)
     if form.halved and (width % 2 or height % 2):
         raise ValueError(f"{name} has an even width and height, not {width} x {height}")
     return form.samples * width * height // 2

@@ -59,20 +59,18 @@ class Camera(Section):
     exposure: float | None = setting(
         None, number(0, 1, above=True), "exposure time of a v4l2 camera in s; unset: automatic"
     )
+    depth: bool = setting(False, flag, "whether an oak camera measures depth, too")  # noqa: FBT003
 
     def conflicts(self) -> Iterator[Conflict]:
         if (self.width is None) != (self.height is None):
             yield ("width", "height"), "width and height go together: give both"
-        if not self.source.startswith("pipe:"):
-            return
-        if self.width is None or self.height is None or self.pixel_format in (None, MJPEG):
-            known = ", ".join(PIXEL_FORMATS)
-            yield ("source",), f"a pipe needs width, height and pixel_format, one of {known}"
-            return
-        try:
-            frame_bytes(self.pixel_format or "", self.width, self.height)
-        except ValueError as error:
-            yield ("width", "height"), str(error)
+        if self.depth and not self.source.startswith("oak:"):
+            yield ("depth",), 'only an oak camera measures depth: remove it, or set source = "oak:"'
+        if self.source.startswith("pipe:"):
+            try:
+                frame_bytes(self.pixel_format, self.width, self.height)
+            except ValueError as error:
+                yield ("source",), str(error)
 
 
 def _known_perceiver(name: str) -> None:
@@ -325,6 +323,7 @@ class Config:
             exposure=camera.exposure,
             latency=camera.latency,
             freshness=self.freshness,
+            depth=camera.depth,
         )
 
     @property

@@ -18,7 +18,7 @@ from companion.daemon.persistence import Persistence
 from companion.daemon.records import Records
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
-from companion.daemon.test_call import TestCall
+from companion.daemon.trial_call import TrialCall
 from companion.link.inbound import (
     InboundEvent,
     ModeAck,
@@ -93,7 +93,7 @@ class Daemon:
         self._odometer = Odometer()
         self._error_guard = ErrorGuard(lambda now: link.send_text(notices.unexpected_error(), ERROR, now))
         self._health = HealthMonitor(Liveness(tasks(calls.numbers), now), link, vision, calls, persistence)
-        self._shadow = ShadowReporter(settings.statistics, calls, link, records.draw)
+        self._shadow = ShadowReporter(settings.statistics, calls, link, records.draw, position.clock.stamp)
         self._executor = DecisionExecutor(
             link,
             vision,
@@ -104,7 +104,7 @@ class Daemon:
             position,
             self._shadow,
         )
-        self._test_call = TestCall(records.folder, calls, link, vision, position)
+        self._test_call = TrialCall(records.folder, calls, link, vision, position)
         self._status = Status(link, vision, calls, settings, self._test_call, records, position, model)
         self._stall_detector = StallDetector(link, calls, now)
         self._turned_at = now
@@ -125,6 +125,7 @@ class Daemon:
                 self._handle(event, now)
         # A hold that the events led to is sent before anything else, which may take its time.
         self._executor.send_hold_now(now)
+        self._vision.rate.tick(now, self.computer.newest)
         self._vision.situation(
             self.position.place(),
             now,
@@ -328,6 +329,7 @@ class Daemon:
         open_id = self.calls.current_id or self._test_call.id
         self._reported_state = self.calls.state(now)
         self._link.set_state(self._reported_state, open_id, self.calls.policy)
+        self._link.computer(self.computer.newest, now)
         alert = self._active_alert.compose(
             self._vision.words,
             self.position.place(),

@@ -94,6 +94,7 @@ class HealthMonitor:
         self._autopilot_silent = False
         self._unknown_autopilot: tuple[int, int] | None = None
         self._unreliable = False
+        self._rate, self._stuck = vision.rate.value, ""
 
     def silent(self, now: float) -> list[str]:
         """Name the parts that give no sign of life, in two or three words each, the most basic first.
@@ -127,6 +128,7 @@ class HealthMonitor:
         self._check_autopilot_silence(now)
         self._check_faults(now)
         self._check_vision_deaths(now)
+        self._check_judging_rate(now)
         self._check_autopilot_present(now)
         self._check_autopilot_kind(now)
         if self._link.trouble != self._link_trouble:
@@ -150,6 +152,20 @@ class HealthMonitor:
                 text = notices.vision_unreliable(hold=self._calls.policy is Policy.HOLD)
                 log.error("%s", text)
                 self._link.send_text(text, ALERT, now)
+
+    def _check_judging_rate(self, now: float) -> None:
+        rate, before = self._vision.rate, self._rate
+        if bool(rate.stuck) != bool(self._stuck):
+            self._stuck = rate.stuck
+            if rate.stuck:
+                log.warning("%s", text := notices.no_lower_rate(rate.stuck))
+                self._link.send_text(text, WARNING, now)
+        if rate.value == before:
+            return
+        self._rate, lower = rate.value, rate.value < before
+        text = notices.judging_rate(rate.value, rate.steps[0], rate.why if lower else "")
+        log.log(logging.WARNING if lower else logging.INFO, "%s", text)
+        self._link.send_text(text, WARNING if lower else NOTICE, now)
 
     def _check_autopilot_silence(self, now: float) -> None:
         if self._calls.autopilot_silent(now) == self._autopilot_silent:

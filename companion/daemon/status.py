@@ -11,7 +11,7 @@ from typing import Any
 from anytraverse.release import own_version
 from companion.calls.machine import OperatorCalls
 from companion.daemon.records import Records
-from companion.daemon.test_call import TestCall
+from companion.daemon.trial_call import TrialCall
 from companion.link.link import Link
 from companion.settings.service import SettingsService
 from companion.system.computer import Computer
@@ -58,7 +58,7 @@ class Status:
         vision: VisionClient,
         calls: OperatorCalls,
         settings: SettingsService,
-        test_call: TestCall,
+        test_call: TrialCall,
         records: Records,
         position: VehiclePosition,
         model: Model,
@@ -87,7 +87,7 @@ class Status:
 
     def figures(self, now: float) -> dict[str, Any]:
         """Return all figures, for the status file: JSON values."""
-        newest, camera = self._calls.reason_filter.newest, self._vision.camera
+        newest, camera, rate = self._calls.reason_filter.newest, self._vision.camera, self._vision.rate
         return {
             "version": self._release,
             "service": self._is_service,
@@ -109,6 +109,11 @@ class Status:
                 "step_ms": round(1e3 * self._judging_s, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
             },
+            "judging": {
+                "rate": round(rate.value, 3),
+                "configured": round(rate.steps[0], 3),
+                "lowered_by": rate.why,
+            },
             "latency_ms": round(1e3 * median(self._latencies), 1) if self._latencies else None,
             "test_call": self._test_call.status,
             "hold_refused": self._settings.policy.hold_refused,
@@ -122,6 +127,8 @@ class Status:
                 "width": camera.width,
                 "height": camera.height,
                 "timed_by": camera.timed_by,
+                "depth": camera.depth,
+                "intrinsics": camera.intrinsics,
             },
             "computer": self.computer.newest,
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
@@ -142,6 +149,7 @@ class Status:
             "reasons": status["reasons"],
             "held_by": status["held_by"],
             "latency_ms": status["latency_ms"],
+            "judging": status["judging"],
             "open": None if current is None else _open(current),
             "words": {word: round(words[word], _DIGITS) for word in words},
             "vocabulary": self._settings.vocabulary,

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.vehicle import ModeCommand
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MAX_TEXT, Policy, State, heartbeat_mode
+from companion.wire.ids import (
+    AUTOPILOT_COMPONENT_ID,
+    CPU_THROTTLED,
+    DISK_FULL,
+    MAX_TEXT,
+    NO_TEMPERATURE,
+    UNDER_VOLTAGE,
+    Policy,
+    State,
+    heartbeat_mode,
+)
 from companion.wire.parameters import Parameter
 
 PATIENCE = 10.0
@@ -124,6 +135,54 @@ def text(content: str, severity: int) -> Any:
 def number(name: str, value: float, uptime_ms: int) -> Any:
     """NAMED_VALUE_FLOAT; `name` has at most 10 characters."""
     return mavlink.MAVLink_named_value_float_message(uptime_ms & 0xFFFFFFFF, name.encode(), value)
+
+
+_UNKNOWN_8, _UNKNOWN_16, _UNKNOWN_32 = 0xFF, 0x7FFF, 0xFFFFFFFF
+
+
+def computer_status(figures: Mapping[str, Any], uptime: float) -> Any:
+    """ONBOARD_COMPUTER_STATUS. figures: as of `Computer.measure`. uptime: s since the computer started.
+
+    The share of the CPU is that of a second, in each of its ten tenths.
+    """
+    degrees, cpu = figures.get("temperature"), figures.get("cpu")
+    low, throttled, free = (figures.get(name) for name in ("under_voltage", "throttled", "disk_free"))
+    memory, disk = _used(figures, "memory"), _used(figures, "disk")
+    message = mavlink.MAVLink_onboard_computer_status_message(
+        time_usec=round(uptime * 1e6),
+        uptime=round(uptime * 1e3) & 0xFFFFFFFF,
+        type=0,
+        cpu_cores=[_UNKNOWN_8] * 8,
+        cpu_combined=[_UNKNOWN_8 if cpu is None else round(100.0 * cpu)] * 10,
+        gpu_cores=[_UNKNOWN_8] * 4,
+        gpu_combined=[_UNKNOWN_8] * 10,
+        temperature_board=NO_TEMPERATURE if degrees is None else min(round(degrees), NO_TEMPERATURE - 1),
+        temperature_core=[NO_TEMPERATURE] * 8,
+        fan_speed=[_UNKNOWN_16] * 4,
+        ram_usage=memory[0],
+        ram_total=memory[1],
+        storage_type=[_UNKNOWN_32] * 4,
+        storage_usage=[disk[0], *[_UNKNOWN_32] * 3],
+        storage_total=[disk[1], *[_UNKNOWN_32] * 3],
+        link_type=[_UNKNOWN_32] * 6,
+        link_tx_rate=[_UNKNOWN_32] * 6,
+        link_rx_rate=[_UNKNOWN_32] * 6,
+        link_tx_max=[_UNKNOWN_32] * 6,
+        link_rx_max=[_UNKNOWN_32] * 6,
+    )
+    # An attribute, since a pymavlink before 2.4.50 does not know this extension, and then leaves it out.
+    message.status_flags = (
+        UNDER_VOLTAGE * bool(low) | CPU_THROTTLED * bool(throttled) | DISK_FULL * (free == 0)
+    )
+    return message
+
+
+def _used(figures: Mapping[str, Any], name: str) -> tuple[int, int]:
+    """Return MiB used and in all, `_UNKNOWN_32` for what is not known."""
+    total, free = figures.get(name), figures.get(f"{name}_free")
+    if total is None:
+        return _UNKNOWN_32, _UNKNOWN_32
+    return _UNKNOWN_32 if free is None else total - free, total
 
 
 def parameter(entry: Parameter, index: int, count: int) -> Any:

@@ -216,6 +216,11 @@ class Link:
         for channel in self._channels:
             channel.periodic.numbers(values, now)
 
+    def computer(self, figures: Mapping[str, Any], now: float) -> None:
+        """Set the newest figures of this computer, see `Computer.measure`. Not sent while a call is open."""
+        for channel in self._channels:
+            channel.periodic.computer(figures, now)
+
     def announce(
         self, call: CallData | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
     ) -> None:

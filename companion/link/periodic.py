@@ -1,6 +1,6 @@
-"""Sends heartbeat, summary and numbers at their rates, always the newest values.
+"""Sends heartbeat, summary, numbers and the computer's figures at their rates, always the newest values.
 
-They leave room in the byte budget for a call, and numbers leave room for the summary.
+They leave room in the byte budget for a call, and the last two leave room for the summary.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ class PeriodicTelemetry:
         self.dropped = 0
         self._numbers: dict[str, float] = {}
         self._numbers_at = -math.inf
+        self._computer: tuple[Mapping[str, Any], float] = {}, now
+        self._computer_at = -math.inf
         self.periods = {"summary": _period("summary"), "number": _period("number")}
         # The numbers take turns within their period, so that they do not all want the wire at once.
         step = _period("number") / len(NUMBERS)
@@ -96,6 +98,11 @@ class PeriodicTelemetry:
         self._numbers = {name: value for name, value in values.items() if math.isfinite(value)}
         self._numbers_at = now
 
+    def computer(self, figures: Mapping[str, Any], now: float) -> None:
+        """Set the newest figures of `Computer.measure`."""
+        if figures is not self._computer[0]:
+            self._computer = figures, now
+
     def tick(self, now: float, *, calling: bool) -> None:
         """Queue what is due. calling: whether a call or hold is open."""
         period = self.periods["summary"]
@@ -108,8 +115,11 @@ class PeriodicTelemetry:
         if silent >= (_STATE_GAP if self._heartbeat_now else beat):
             self._heartbeat_at, self._heartbeat_now = now, False
             self._sender.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
-        if not calling and not awaited and now - self._numbers_at < _NUMBER_LIFETIME:
+        if calling or awaited:
+            return
+        if now - self._numbers_at < _NUMBER_LIFETIME:
             self._send_numbers(now)
+        self._send_computer(now)
 
     def _awaits_summary(self, now: float, period: float) -> bool:
         """Whether a summary is due about now; less urgent messages then wait for it."""
@@ -157,3 +167,10 @@ class PeriodicTelemetry:
             if self._sender.has_room("number", now, reserve=_SUMMARY_RESERVE):
                 message = encode.number(name, self._numbers[name], self._uptime(now))
                 self._sender.push("number", message, now, key=name, lifetime=1.0)
+
+    def _send_computer(self, now: float) -> None:
+        figures, measured_at = self._computer
+        due = now - self._computer_at >= _period("computer") and now - measured_at < _NUMBER_LIFETIME
+        if due and figures and self._sender.has_room("computer", now, reserve=_SUMMARY_RESERVE):
+            self._computer_at = now
+            self._sender.push("computer", encode.computer_status(figures, now), now, key=0, lifetime=1.0)

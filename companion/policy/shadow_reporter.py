@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 from collections.abc import Callable
 
 from anytraverse.assessment import Assessment
@@ -32,18 +31,20 @@ class ShadowReporter:
         calls: OperatorCalls,
         link: Link,
         picture: Callable[[Assessment, State, str], None],
+        stamp: Callable[[], float],
     ) -> None:
-        """picture: stores a picture of a judged frame, with a title."""
+        """picture: stores a picture of a judged frame, with a title. stamp: the time, see `WallClock`."""
         self._statistics = statistics
         self._calls = calls
         self._link = link
         self._picture = picture
+        self._stamp = stamp
         self._text_at = -math.inf
         self._watched_at_log = self._watched_at_text = calls.shadow.watched
 
     def began(self, hold: WouldHold, now: float) -> None:
         """Record and report the begin of a would-be hold, with a picture unless a call has its own."""
-        self._statistics.began(hold, time.time())
+        self._statistics.began(hold, self._stamp())
         text = notices.would_hold(hold.number, sorted(reason.value for reason in hold.reasons))
         log.warning("shadow: %s", text)
         if now - self._text_at >= TEXT_GAP:

@@ -15,7 +15,7 @@ from anytraverse.release import own_version
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.storage.writer import SLOW
-from companion.system.computer import existing
+from companion.system.computer import HOT, WARM, existing
 from companion.vehicle.state import is_set
 
 VERSIONS, SERVICE, SPACE, SPEED = "versions", "service", "disk", "disk speed"
@@ -181,10 +181,6 @@ def check_clock(rover: Rover) -> list[Finding]:
     return [warned(CLOCK, f"{shown}, never set: let network or autopilot (GNSS) tell the time{silent}")]
 
 
-_WARM, _HOT = 80.0, 95.0
-"""Degrees Celsius: from the first on most boards slow down, from the second on they switch off."""
-
-
 def check_heat(rover: Rover) -> list[Finding]:
     """Check temperature, throttling and supply."""
     told = rover.computer
@@ -196,9 +192,9 @@ def check_heat(rover: Rover) -> list[Finding]:
             return [warned(HEAT, "the CPU is slowed down: cool it, or check its supply")]
         return [skipped(HEAT, "not known: this computer has no temperature in /sys/class/thermal")]
     what = f"{degrees:.0f} C{', the CPU is slowed down' if throttled else ''}"
-    if degrees >= _HOT:
+    if degrees >= HOT:
         return [failed(HEAT, f"{what}: it is about to switch off: cool it")]
-    if degrees >= _WARM or throttled:
+    if degrees >= WARM or throttled:
         return [warned(HEAT, f"{what}: cool it, since a slow computer sees late")]
     return [passed(HEAT, what)]
 
@@ -210,14 +206,18 @@ _SCARCE = 150
 
 
 def check_load(rover: Rover) -> list[Finding]:
-    """Check CPU and memory."""
-    told = rover.computer
+    """Check CPU and memory, and whether frames are judged as often as configured."""
+    told, judging = rover.computer, rover.told("judging")
     cpu, total, free = (told.get(name) for name in ("cpu", "memory", "memory_free"))
     parts = [] if cpu is None else [f"CPU {100 * cpu:.0f} %"]
     if total is not None and free is not None:
         parts.append(f"{free} of {total} MiB memory free")
         if free < _SCARCE:
             return [warned(LOAD, f"{', '.join(parts)}: end other programs, or take a smaller model")]
+    if judging.get("lowered_by"):
+        parts.append(f"judges {judging.get('rate')} frames/s of {judging.get('configured')}")
+        remedy = "`top` shows which program: end it, cool the computer, or lower [camera] rate"
+        return [warned(LOAD, f"{', '.join(parts)} ({judging['lowered_by']}): {remedy}")]
     if not parts:
         return [skipped(LOAD, "this computer tells neither CPU nor memory")]
     what = ", ".join(parts)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import ConfigError, Problem, load_config, state_folder
-from companion.daemon.test_call import ANSWERED_WITHIN, REQUEST
+from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
 from companion.preflight.computer import check_space
 from companion.preflight.here import RUNNING, is_alive, status
 
@@ -72,8 +72,8 @@ def _verdict(path: Path, age: float | None, said: Mapping[str, Any]) -> tuple[in
 
 
 def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    names = ("camera", "link", "perceiver", "vision", "disk")
-    camera, link, perceiver, vision, written = (_table(said, name) for name in names)
+    names = ("camera", "link", "perceiver", "vision", "disk", "judging")
+    camera, link, perceiver, vision, written, judging = (_table(said, name) for name in names)
     reasons = ", ".join(map(str, said.get("reasons") or ()))
     yield "state", f"{said.get('state', 'unknown')}{': ' if reasons else ''}{reasons}"
     refused = said.get("hold_refused")
@@ -87,7 +87,12 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f"{camera.get('read', 0)} frames read, {said.get('frames', 0)} judged"
         ),
     )
-    yield "perceiver", f"{perceiver.get('model', 'unknown')}, {perceiver.get('step_ms', 0)} ms a frame"
+    lowered = ""
+    if judging.get("lowered_by"):
+        rates = f"{judging.get('rate')} frames/s of {judging.get('configured')}"
+        lowered = f", {rates}: {judging['lowered_by']}"
+    model, step = perceiver.get("model", "unknown"), perceiver.get("step_ms", 0)
+    yield "perceiver", f"{model}, {step} ms a frame{lowered}"
     restarts = vision.get("restarts", 0)
     yield (
         "vision",

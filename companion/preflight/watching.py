@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
 
-from anytraverse.frame import Image, is_image
+from anytraverse.frame import is_image
+from anytraverse.regions import Box
 from companion.cameras import (
     BadFrame,
     Camera,
@@ -20,13 +21,12 @@ from companion.cameras import (
     without_credentials,
 )
 from companion.config import Config
+from companion.vision.exposure import exposure_name
 
 SEEN_WITHIN = 5.0
 """Seconds to wait for the first picture."""
 WATCHED, LONGEST = 2.0, 8.0
 """Seconds for which pictures are counted: at least, and at most; in between, as long as four should take."""
-_WHITE = 250
-"""Brightness, of 255, from which on a pixel counts as white."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Seen:
 
     trouble: why no picture came; then nothing else counts. width, height: pixels. rate: pictures a second,
     None where too few came. age: seconds from capture to arrival, the median. bad: damaged pictures.
-    brightness, contrast: mean and standard deviation of the newest picture, of 255. white: share of its
-    pixels that are white.
+    brightness, contrast: mean and standard deviation of the newest picture, of 255. exposure: its name as in
+    `ADVICE` of vision/exposure.
     """
 
     trouble: str = ""
@@ -47,7 +47,7 @@ class Seen:
     bad: int = 0
     brightness: float = 0.0
     contrast: float = 0.0
-    white: float = 0.0
+    exposure: str = ""
 
 
 @dataclass
@@ -115,7 +115,18 @@ def watch(config: Config) -> Seen:
     if watched.newest is None:
         return Seen(watched.why)
     silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]
-    return _exposed(watched.newest.image, _rate(watched.arrived, silence), median(watched.ages), watched.bad)
+    image, roi = watched.newest.image, config.roi
+    grey = image.mean(axis=2)
+    return Seen(
+        width=int(image.shape[1]),
+        height=int(image.shape[0]),
+        rate=_rate(watched.arrived, silence),
+        age=median(watched.ages),
+        bad=watched.bad,
+        brightness=float(grey.mean()),
+        contrast=float(grey.std()),
+        exposure=exposure_name(image, Box(roi.left, roi.top, roi.right, roi.bottom)),
+    )
 
 
 def _rate(arrived: list[float], silence: float) -> float | None:
@@ -128,17 +139,3 @@ def _rate(arrived: list[float], silence: float) -> float | None:
         return 0.0 if silence > 0.0 else None
     seconds = sum(gaps) + (silence if silence > 2.0 * max(gaps) else 0.0)
     return len(gaps) / seconds if seconds > 0.0 else None
-
-
-def _exposed(image: Image, rate: float | None, age: float, bad: int) -> Seen:
-    grey = image.mean(axis=2)
-    return Seen(
-        width=int(image.shape[1]),
-        height=int(image.shape[0]),
-        rate=rate,
-        age=age,
-        bad=bad,
-        brightness=float(grey.mean()),
-        contrast=float(grey.std()),
-        white=float((grey >= _WHITE).mean()),
-    )

@@ -10,6 +10,8 @@ _MOST = 32
 """Sensors, and cooling devices, that are read at most."""
 _LONGEST = 4096
 """Bytes of a file that are read at most."""
+WARM, HOT = 80.0, 95.0
+"""Degrees Celsius: from the first on most boards slow down, from the second on they switch off."""
 _HOTTEST, _COLDEST = 150.0, -50.0
 """Degrees Celsius. A sensor that says more or less is not read."""
 _COOLING = ("cpufreq", "processor", "cpu")

@@ -10,6 +10,7 @@ import numpy as np
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
+from anytraverse.frame import is_intrinsics
 from anytraverse.history import Entry, History, Place, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
@@ -90,6 +91,9 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             _need(right and _text(camera.reason) and all(map(_whole, counts)), "the state of a camera")
             _need(_whole(camera.width) and _whole(camera.height), "the size of a camera's pictures")
             _need(_text(camera.timed_by), "what capture times are from")
+            intrinsics = camera.intrinsics
+            _need(isinstance(camera.depth, bool), "whether a camera measures depth")
+            _need(intrinsics is None or is_intrinsics(intrinsics), "the intrinsics of a camera")
             _need(delivered_at is None or _past(delivered_at, now), "when a frame came")
         case Drawn():
             texts_fit = _text(message.title) and _whole(message.number) and _whole(message.frame_id)

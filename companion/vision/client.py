@@ -24,10 +24,11 @@ from companion.tasks import Restarts
 from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
+from companion.vision.judging_rate import JudgingRate
 from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import (
     Alive,
-    Answer,
+    Apply,
     Done,
     Draw,
     Drawn,
@@ -96,9 +97,10 @@ Result = Judged | Applied | Drawn
 class VisionClient:
     """Converses with the vision process. The main loop calls `poll` in every turn.
 
-    watchdog: whether the process lives. weak: words in use that the perceiver recognises badly.
-    camera, delivered_at: as last reported. ready: the first report that a perceiver was loaded. failed: why
-    it cannot be loaded, "" otherwise. trouble: why nothing is judged now, "" while all is well.
+    watchdog: whether the process lives. rate: how often it is to judge. weak: words in use that the perceiver
+    recognises badly. camera, delivered_at: as last reported. ready: the first report that a perceiver was
+    loaded. failed: why it cannot be loaded, "" otherwise. trouble: why nothing is judged now, "" while all is
+    well.
     """
 
     def __init__(
@@ -112,6 +114,7 @@ class VisionClient:
     ) -> None:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
         self.watchdog = Watchdog(launch, restarts)
+        self.rate = JudgingRate(config.camera.rate, config.freshness)
         self._config = config
         self._copy = MemoryCopy(memory)
         self._expected = Expected(first_frame - 1)
@@ -196,7 +199,7 @@ class VisionClient:
         frame_id: of the call's or hold's frame, 0: words alone. place: the call's, by default the vehicle's.
         False when too many answers wait, or the process hangs or is not ready.
         """
-        return self._ask(token, lambda number: Answer(number, changes, frame_id, call_id, go, place))
+        return self._ask(token, lambda number: Apply(number, changes, frame_id, call_id, go, place))
 
     def restore(self, token: object, frame_id: int, png: bytes) -> bool:
         """Request that the frame of a call that was open at a restart be judged; an `Applied` follows.
@@ -234,12 +237,12 @@ class VisionClient:
         return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
-        """Send where the vehicle is and whether it moves, at most five times a second."""
+        """Send where the vehicle is, whether it moves, and the rate, at most five times a second."""
         child = self.watchdog.child
         idle = self.watchdog.running and child is not None and child.idle
         if idle and now - self._situation_at >= _SITUATION_EVERY:
             self._situation_at = now
-            self._send(Situation(place, moving))
+            self._send(Situation(place, moving, self.rate.value))
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
@@ -287,6 +290,7 @@ class VisionClient:
                 if report.revision != known:
                     raise BadReportError(f"a frame under revision {report.revision}, not {known}")
                 seen, at, duration = report.assessment, report.at, report.duration
+                self.rate.judged(duration)
                 return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
             case Done():
                 if report.number not in self._unanswered:

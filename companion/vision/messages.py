@@ -84,14 +84,17 @@ class Tune:
 
 @dataclass(frozen=True)
 class Situation:
-    """Says where the vehicle is, and whether it moves, so that two pictures in a row must differ."""
+    """Says where the vehicle is, whether it moves, so that two pictures in a row must differ, and how much to
+    judge. rate: frames/s, None: as configured.
+    """
 
     place: Place
     moving: bool
+    rate: float | None = None
 
 
 @dataclass(frozen=True)
-class Answer:
+class Apply:
     """Apply an answer; a `Done` of the same number follows.
 
     frame_id: of the stored frame of the call or hold, 0: words without a frame. place: the call's, None: the
@@ -130,7 +133,7 @@ class Draw:
     store: bool
 
 
-Request = Start | Scenes | Tune | Situation | Answer | Restore | Draw
+Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw
 
 # Reports, from the vision process.
 
@@ -205,7 +208,7 @@ class FrameJudged:
 
 @dataclass(frozen=True)
 class Done:
-    """Reports the outcome of an `Answer` or a `Restore`, or an error; then nothing has changed."""
+    """Reports the outcome of an `Apply` or a `Restore`, or an error; then nothing has changed."""
 
     number: int
     outcome: AnswerOutcome | None

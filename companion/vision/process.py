@@ -32,6 +32,7 @@ from companion.vision.messages import (
     Report,
     Request,
     Scenes,
+    Situation,
     Start,
     Tune,
     error_text,
@@ -163,7 +164,7 @@ def _serve(port: Port) -> None:
     )
     model = Model.of(engine.perceiver)
     port.send(Ready(model, engine.settings, update, tuple(ready.notices), ready.step))
-    _judge_frames(port, Worker(engine, revision), reader, 1.0 / camera.rate)
+    _judge_frames(port, Worker(engine, revision), reader, camera.rate)
 
 
 def _receive_start(port: Port) -> Start:
@@ -177,11 +178,14 @@ def _receive_start(port: Port) -> Start:
     return start
 
 
-def _judge_frames(port: Port, worker: Worker, reader: CameraThread, period: float) -> None:
+def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float) -> None:
+    period = 1.0 / rate
     tuned, due, alive_at = False, time.monotonic(), float("-inf")
     while True:
         for request in port.requests(timeout=0.0):
             tuned = tuned or isinstance(request, Tune)
+            if isinstance(request, Situation):
+                period = 1.0 / (request.rate or rate)
             for report in worker.handle(request):
                 port.send(report)
         frame = reader.take(timeout=_FRAME_TIMEOUT)

@@ -22,7 +22,7 @@ from companion.vision.exposure import ADVICE, ExposureDetector
 from companion.vision.freeze_detector import FreezeDetector
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
-    Answer,
+    Apply,
     Done,
     Draw,
     Drawn,
@@ -68,7 +68,7 @@ class Worker:
                 self._engine.settings = settings
             case Situation():
                 self._situation = request
-            case Answer():
+            case Apply():
                 return [self._answer(request)]
             case Restore():
                 return [self._restore(request)]
@@ -115,7 +115,7 @@ class Worker:
         late = [] if Reason.FAULT in seen.reasons else check_age(age, freshness)
         return replace(seen, age=age, findings=(*seen.findings, *late, *faults))
 
-    def _answer(self, request: Answer) -> Done:
+    def _answer(self, request: Apply) -> Done:
         subject = self._stored.get(request.frame_id)
         try:
             if request.frame_id and subject is None:

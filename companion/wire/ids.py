@@ -29,6 +29,11 @@ VERSION = 1
 MAX_TEXT = 50
 """Bytes of a STATUSTEXT that every ground station shows in full."""
 
+UNDER_VOLTAGE, CPU_THROTTLED, DISK_FULL = 1, 2, 8
+"""COMPUTER_STATUS_FLAGS, which pymavlink knows from 2.4.50 on."""
+NO_TEMPERATURE = 127
+"""The temperature in ONBOARD_COMPUTER_STATUS that is not known."""
+
 ALERT, ERROR, WARNING, NOTICE, INFO = 1, 3, 4, 5, 6
 """MAV_SEVERITY of texts."""
 

@@ -56,6 +56,7 @@ _ROWS: tuple[_Row, ...] = (
     ("text",        "STATUSTEXT",          "notices, refusals", UP,   None, 63,  4,    FREE,  "lost"),
     ("summary",     "TUNNEL 45001",        "newest frame",      UP,   1.0,  64,  5,    FREE,  "next one"),
     ("number",      "NAMED_VALUE_FLOAT",   "figures to plot",   UP,   2.0,  27,  6,    FREE,  "next one"),
+    ("computer",    "ONBOARD_COMPUTER_STATUS", "heat, load", UP,   30.0, 252, 10,   FREE,  "next one"),
     ("list",        "PARAM_VALUE",         "all parameters",    UP,   None, 37,  7,    ASKED, "asked again"),
     ("file reply",  "FILE_TRANSFER_PROTOCOL", "lists, ACK, NAK", UP,  None, 266, 8,    ASKED, "asked again"),
     ("file data",   "FILE_TRANSFER_PROTOCOL", "bursts",          UP,  None, 266, 9,    ASKED, "asked again"),
@@ -109,8 +110,8 @@ NUMBERS = ("AT_TRAV", "AT_UNC", "AT_SIM", "AT_CALL")
 
 
 def quiet_rate() -> float:
-    """Bytes per second at most while no call or hold is open: heartbeat, summary and numbers."""
-    count = {"heartbeat": 1, "summary": 1, "number": len(NUMBERS)}
+    """Bytes per second at most while no call or hold is open: all that is sent at a rate."""
+    count = {"heartbeat": 1, "summary": 1, "number": len(NUMBERS), "computer": 1}
     return sum(n * MESSAGES[name].bytes / (MESSAGES[name].period or 1.0) for name, n in count.items())
 
 

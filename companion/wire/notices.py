@@ -149,6 +149,17 @@ def int8_idle() -> str:
     return "Runs fp32, not the bundle's int8: log says why"
 
 
+def judging_rate(rate: float, configured: float, why: str) -> str:
+    """Reports the new rate of judging, frames/s. why: what lowered it, "" where it rose."""
+    of = "" if rate == configured else f" of {configured:.3g}"
+    return fit(f"Judges {rate:.3g}/s{of}: {why}" if why else f"Judges {rate:.3g}/s{of} again")
+
+
+def no_lower_rate(why: str) -> str:
+    """Reports that the computer stays hot or throttled at the lowest rate of judging. why: which of them."""
+    return fit(f"{why.capitalize()}: cannot judge less, cool it")
+
+
 def known_place(call: int) -> str:
     """Reports that the words of a remembered scene are in force. call: its call, 0 without one.
 

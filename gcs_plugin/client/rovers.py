@@ -12,6 +12,10 @@ from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import (
     CHANGING_RESULTS,
+    CPU_THROTTLED,
+    DISK_FULL,
+    NO_TEMPERATURE,
+    UNDER_VOLTAGE,
     Kind,
     Outcome,
     Policy,
@@ -65,6 +69,17 @@ class Call:
         return self.data.age_s + now - self.received_at
 
 
+@dataclass(frozen=True)
+class Computer:
+    """Holds what the companion's computer said of itself. temperature: degrees Celsius. cpu: share in use."""
+
+    temperature: int | None
+    cpu: float | None
+    throttled: bool
+    under_voltage: bool
+    disk_full: bool
+
+
 @dataclass
 class Counters:
     """Counts what was received from the companion. unreadable: the messages that could not be read."""
@@ -94,6 +109,7 @@ class Rover:
         """Whether its companion signs; then it also ignores messages that are not signed."""
         self.vehicle: Vehicle | None = None
         self.summary: Summary | None = None
+        self.computer: Computer | None = None
         self.calls: dict[int, Call] = {}
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
         self.parameters: dict[str, float] = {}
@@ -182,6 +198,16 @@ class Rover:
         counters.latency(summary.frame_age_ms)
         self.summary, self._summary_at = summary, now
         return [ev.SummaryReceived(self.system, summary)]
+
+    def handle_computer(self, temperature: int, cpu: int, flags: int) -> None:
+        """Take in the fields of ONBOARD_COMPUTER_STATUS. cpu: percent; over 100: not known."""
+        self.computer = Computer(
+            None if temperature == NO_TEMPERATURE else temperature,
+            None if cpu > 100 else cpu / 100.0,
+            throttled=bool(flags & CPU_THROTTLED),
+            under_voltage=bool(flags & UNDER_VOLTAGE),
+            disk_full=bool(flags & DISK_FULL),
+        )
 
     def handle_call(self, data: CallData, now: float) -> list[ev.Event]:
         """Take in the data of a call or hold; a mere repeat makes no event."""

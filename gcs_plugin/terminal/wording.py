@@ -12,7 +12,7 @@ from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
 from gcs_plugin.client.delivery import PolicyStatus
-from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.rovers import Computer, Rover
 
 _STATES = {
     State.STARTING: "starting",
@@ -211,9 +211,23 @@ def status_lines(rover: Rover, now: float) -> list[str]:
             f"  link     {counters.summaries} summaries, {counters.summaries_lost} lost; "
             f"picture {summary.frame_age_ms} ms old when sent"
         )
+    if rover.computer is not None:
+        lines.append(f"  computer {computer(rover.computer)}")
     if rover.parameters.get(SHADOW_HOLDS) or rover.parameters.get(SHADOW_HOURS):
         lines.append(f"  shadow   {shadow(rover)}")
     return lines
+
+
+def computer(told: Computer) -> str:
+    """Word what the companion's computer said of itself; what it does not tell is left out."""
+    parts = (
+        "no temperature told" if told.temperature is None else f"{told.temperature} C",
+        "SLOWED DOWN: it sees late" if told.throttled else "",
+        "its supply's voltage is TOO LOW" if told.under_voltage else "",
+        "its disk is FULL" if told.disk_full else "",
+        "" if told.cpu is None else f"CPU {percent(told.cpu)}",
+    )
+    return ", ".join(part for part in parts if part)
 
 
 def shadow(rover: Rover) -> str:

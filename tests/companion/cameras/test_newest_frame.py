@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -299,6 +300,42 @@ def test_the_status_says_the_size_and_what_the_time_is_from(caplog: pytest.LogCa
         wait_for(lambda: thread.status.read == 2)
         assert (thread.status.width, thread.status.height, thread.status.timed_by) == (8, 4, "sensor")
     assert "another size than before, 8 x 4" in caplog.text
+
+
+def test_depth_and_intrinsics_go_with_their_frame() -> None:
+    depth, lens = np.full((4, 6), 2500, np.uint16), (5.0, 5.0, 3.0, 2.0)
+
+    def deep() -> Capture:
+        return Capture(time.monotonic(), np.zeros((4, 6, 3), np.uint8), "sensor", depth, lens)
+
+    with _reading(lambda: _ScriptedCamera(deep)) as thread:
+        wait_for(lambda: thread.status.read == 1)
+        frame = thread.take(0)
+        assert frame is not None
+        assert frame.depth is depth
+        assert frame.intrinsics == thread.status.intrinsics == lens
+        assert thread.status.depth
+
+
+@pytest.mark.parametrize(
+    ("depth", "lens", "told"),
+    [
+        (np.zeros((4, 5), np.uint16), None, "the depth map does not fit"),
+        (np.zeros((4, 6), np.float32), None, "the depth map does not fit"),
+        (None, (float("nan"), 5.0, 3.0, 2.0), "impossible intrinsics"),
+        (None, (0.0, 5.0, 3.0, 2.0), "impossible intrinsics"),
+    ],
+)
+def test_depth_of_another_size_and_impossible_intrinsics_are_refused(
+    depth: Any, lens: tuple[float, float, float, float] | None, told: str
+) -> None:
+    def wrong() -> Capture:
+        return Capture(time.monotonic(), np.zeros((4, 6, 3), np.uint8), "sensor", depth, lens)
+
+    with _reading(lambda: _ScriptedCamera(wrong), Patience(0.005, 5.0, 60.0, opening=0.05)) as thread:
+        wait_for(lambda: thread.state is CameraState.FAILED)
+        assert thread.take(0) is None
+        assert told in thread.status.reason
 
 
 def test_a_password_in_a_drivers_error_is_not_passed_on(caplog: pytest.LogCaptureFixture) -> None:

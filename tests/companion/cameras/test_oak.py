@@ -5,7 +5,9 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -84,6 +86,7 @@ def test_replayed_pictures_come_in_their_colours_with_the_time_of_depthai_until_
             assert abs(int(capture.image[240, 320, 0]) - 200) < 8
             assert capture.image[240, 320, 2] < 8
             assert capture.timed_by == "sensor"
+            assert (capture.depth, capture.intrinsics) == (None, None)
             assert 0.0 <= time.monotonic() - capture.captured_at < 1.0
             times.append(capture.captured_at)
         assert times == sorted(times)
@@ -91,3 +94,50 @@ def test_replayed_pictures_come_in_their_colours_with_the_time_of_depthai_until_
             _read_to_its_end(camera)
     finally:
         camera.close()
+
+
+def test_each_picture_comes_with_the_depth_of_its_own_time_and_with_its_intrinsics() -> None:
+    dai: Any = pytest.importorskip("depthai", reason="needs the extra oak")
+    from companion.cameras.oak import OakStream
+
+    class Device(dai.node.ThreadedHostNode):  # type: ignore[misc]
+        """Sends every picture, and of every third no depth map. A map says the number of its picture."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.colour, self.depth = self.createOutput(), self.createOutput()
+
+        def run(self) -> None:
+            number = 0
+            while self.isRunning():
+                number += 1
+                lens = [[500.0 / 8, 0.0, 32.5], [0.0, 500.0 / 8, 23.5], [0.0, 0.0, 1.0]]
+                colour = dai.ImgFrame().setCvFrame(
+                    np.full((48, 64, 3), (0, 0, number % 250), np.uint8), dai.ImgFrame.Type.BGR888p
+                )
+                colour.setTransformation(dai.ImgTransformation(64, 48, lens))
+                depth = dai.ImgFrame().setCvFrame(
+                    np.full((48, 64), 1000 + number % 250, np.uint16), dai.ImgFrame.Type.RAW16
+                )
+                taken = timedelta(seconds=time.monotonic())
+                for output, frame in ((self.colour, colour), (self.depth, depth)):
+                    frame.setTimestamp(taken)
+                    if output is self.colour or number % 3:
+                        output.send(frame)
+                time.sleep(0.05)
+
+    pipeline = dai.Pipeline(createImplicitDevice=False)
+    device = pipeline.create(Device)
+    camera = OakStream(pipeline, device.colour, CameraOptions(fps=_RATE), device.depth)
+    try:
+        for _ in range(8):
+            capture = camera.read(5.0)
+            assert capture.depth is not None
+            assert (capture.depth.dtype, capture.depth.shape) == (np.dtype(np.uint16), (48, 64))
+            number = int(capture.depth[0, 0]) - 1000
+            assert abs(int(capture.image[24, 32, 0]) - number) < 3
+            assert number % 3, "it had no depth"
+            assert capture.intrinsics == (62.5, 62.5, 32.5, 23.5)
+    finally:
+        camera.close()
+        pipeline.wait()

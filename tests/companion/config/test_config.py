@@ -408,9 +408,9 @@ def test_connections_are_read_printed_and_read_again_with_budgets_of_their_own(t
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        ("", "a pipe needs width, height and pixel_format"),
-        ("width = 640\nheight = 480", "a pipe needs width, height and pixel_format"),
-        ('width = 640\nheight = 480\npixel_format = "mjpeg"', "a pipe needs width, height and pixel_format"),
+        ("", r"a pipe needs \[camera\] width, height"),
+        ("width = 640\nheight = 480", r"a pipe needs \[camera\] width, height"),
+        ('width = 640\nheight = 480\npixel_format = "mjpeg"', r"a pipe needs \[camera\] width, height"),
         ('width = 641\nheight = 480\npixel_format = "nv12"', "an even width and height"),
         ('width = 640\npixel_format = "nv12"', "width and height go together"),
     ],
@@ -420,6 +420,15 @@ def test_a_pipe_without_its_size_and_format_is_refused(tmp_path: Path, more: str
     path.write_text(f'[camera]\nsource = "pipe:true"\n{more}\n[vehicle]\nfile = ""\n')
     with pytest.raises(ConfigError, match=why):
         load_config(path)
+
+
+def test_only_an_oak_measures_depth(tmp_path: Path) -> None:
+    path = tmp_path / "companion.toml"
+    path.write_text('[camera]\nsource = "v4l2:0"\ndepth = true\n[vehicle]\nfile = ""\n')
+    with pytest.raises(ConfigError, match="only an oak camera measures depth"):
+        load_config(path)
+    path.write_text('[camera]\nsource = "oak:"\ndepth = true\n[vehicle]\nfile = ""\n')
+    assert load_config(path).camera_options.depth
 
 
 def test_the_options_of_a_camera_are_those_of_the_file_and_t(tmp_path: Path) -> None:

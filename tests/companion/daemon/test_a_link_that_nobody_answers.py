@@ -15,6 +15,7 @@ from companion.cameras.newest import CameraStatus
 from companion.daemon.health import NO_AUTOPILOT_AFTER, HealthMonitor
 from companion.tasks import Liveness, tasks
 from companion.vehicle.state import Vehicle
+from companion.vision.judging_rate import JudgingRate
 from companion.wire.ids import Policy
 
 _VISION = SimpleNamespace(
@@ -22,6 +23,7 @@ _VISION = SimpleNamespace(
     delivered_at=None,
     camera=CameraStatus(),
     watchdog=SimpleNamespace(alive_at=0.0, unreliable=False),
+    rate=JudgingRate(10.0, 1.0),
 )
 
 

@@ -157,7 +157,15 @@ def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) 
     report = CheckReport(rig.config)
     report.refresh(rig.daemon.status())
     state, call, checks = told(rig, "/state.json"), told(rig, "/calls/1.json"), report.document()
-    inner = [state["open"], state["place"], state["link"], state["computer"], call["place"], *call["answers"]]
+    inner = [
+        state["open"],
+        state["place"],
+        state["link"],
+        state["computer"],
+        state["judging"],
+        call["place"],
+        *call["answers"],
+    ]
     inner += [checks, *checks["checks"]]
     page = (Path(__file__).resolve().parents[3] / "docs" / "protocol.md").read_text()
     section = page.split("### What the documents say")[1].split("\n### ")[0]

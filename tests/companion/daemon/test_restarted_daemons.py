@@ -151,6 +151,7 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "roi_uncertainty",
         "similarity",
         "perceiver",
+        "judging",
         "latency_ms",
         "test_call",
         "hold_refused",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from pymavlink.dialects.v20 import development as mavlink
 
 from companion.wire.ids import Policy
 from tests.companion.daemon.rig import MANUAL, MakeRig, Rig
@@ -102,3 +103,12 @@ def test_the_end_writes_the_sum_into_the_log(shadow: Rig, caplog: pytest.LogCapt
     caplog.set_level("INFO")
     shadow.daemon.leave()
     assert "shadow: 0 would-be holds in 0.00 h" in caplog.text
+
+
+def test_without_a_clock_of_its_own_a_would_be_hold_has_the_autopilots_time(shadow: Rig) -> None:
+    wall = shadow.daemon.position.clock
+    wall._wall = lambda: 100.0
+    shadow.stage.send(mavlink.MAVLink_system_time_message(1_800_000_000_000_000, 1), (1, 1))
+    shadow.see(1.0, "drum")
+    (newest,) = shadow.settings.statistics.newest
+    assert newest.at == pytest.approx(1_800_000_000.0, abs=2.0)

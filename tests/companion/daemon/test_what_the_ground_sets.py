@@ -14,7 +14,7 @@ from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
 from companion.daemon.composition import restore_settings
-from companion.daemon.test_call import REQUEST
+from companion.daemon.trial_call import REQUEST
 from companion.sim.loopback_link import FileClient
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import Model, Ready

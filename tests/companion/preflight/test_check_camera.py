@@ -192,9 +192,10 @@ def test_the_frames_of_a_companion_that_runs_are_judged_by_what_it_says(
 @pytest.mark.parametrize(
     ("image", "verdict", "told"),
     [
-        (painted(120), Verdict.PASS, "brightness 120 of 255, 0 % white"),
-        (painted(12, 14), Verdict.WARN, "more light, or a longer exposure"),
-        (painted(280), Verdict.WARN, "a shorter exposure"),
+        (painted(120), Verdict.PASS, "brightness 120 of 255"),
+        (painted(8, 2), Verdict.FAIL, "picture underexposed: switch on a light"),
+        (painted(0, 1), Verdict.FAIL, "picture black: take the cap off the lens"),
+        (painted(280, 20), Verdict.FAIL, "picture overexposed: turn the camera out of the sun"),
         (painted(120, 0), Verdict.WARN, "is the lens covered?"),
     ],
 )
@@ -204,6 +205,16 @@ def test_dark_white_and_plain_pictures_are_told(
     pictures(tmp_path, image)
     found = only(check_exposure(rover(tmp_path)))
     assert (found[0], told in found[1]) == (verdict, True), found
+
+
+def test_exposure_is_judged_in_the_region_of_interest(tmp_path: Path) -> None:
+    image = painted(120)
+    image[24:34, 40:60] = 255
+    pictures(tmp_path, image)
+    assert only(check_exposure(rover(tmp_path)))[0] is Verdict.PASS
+    aside = "[roi]\nleft = 0.64\nright = 0.92\ntop = 0.7\nbottom = 0.92"
+    verdict, told = only(check_exposure(rover(tmp_path, aside)))
+    assert (verdict, "picture overexposed" in told) == (Verdict.FAIL, True)
 
 
 def test_of_a_camera_that_is_not_there_nothing_more_is_told(tmp_path: Path) -> None:

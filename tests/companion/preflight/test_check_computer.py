@@ -290,6 +290,16 @@ def test_load_is_told(tmp_path: Path, figures: dict[str, Any], verdict: str, tol
     assert (found[0], told in found[1]) == (verdict, True), found
 
 
+def test_fewer_frames_than_configured_are_told_with_their_cause(tmp_path: Path) -> None:
+    judging = {"rate": 5.0, "configured": 10.0, "lowered_by": "slow computer"}
+    computer = {"cpu": 0.9, "memory": 1994, "memory_free": 800}
+    verdict, told = only(check_load(rover(tmp_path, {"computer": computer, "judging": judging})))
+    assert verdict == "warn"
+    assert "CPU 90 %, 800 of 1994 MiB memory free, judges 5.0 frames/s of 10.0 (slow computer): `top`" in told
+    well = {"computer": computer, "judging": {**judging, "rate": 10.0, "lowered_by": ""}}
+    assert only(check_load(rover(tmp_path, well)))[0] == "pass"
+
+
 def test_without_a_companion_this_computer_is_measured(tmp_path: Path) -> None:
     one = rover(tmp_path)
     assert one.computer["memory_free"] > 0

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from companion.config import load_config, state_folder
-from companion.daemon.test_call import REQUEST
+from companion.daemon.trial_call import REQUEST
 from companion.preflight import here
 from companion.preflight.main import check
 from companion.preflight.running import dry_run

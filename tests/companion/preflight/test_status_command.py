@@ -85,6 +85,14 @@ def test_a_companion_that_is_well_says_what_it_does(
     assert "\nsince " in told
 
 
+def test_one_that_judges_less_often_than_configured_says_why(
+    folder: Folder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder.says(judging={"rate": 7.5, "configured": 10.0, "lowered_by": "hot computer"})
+    assert folder.asked() == 0
+    assert "builtin/1, 41.0 ms a frame, 7.5 frames/s of 10.0: hot computer\n" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("said", "told"),
     [

@@ -2,7 +2,8 @@
 
 `painted` is `Painted`; `painted:0.1` takes so many seconds a frame; `painted:broken` cannot be loaded,
 `painted:slow` takes a minute to load. `painted:FILE` does what the file says, as soon as it says so: "die"
-(SIGSEGV), "hang", "lock" (hang in native code that keeps the interpreter's lock), "exit" (ends with code 3).
+(SIGSEGV), "hang", "lock" (hang in native code that keeps the interpreter's lock), "exit" (ends with code 3),
+"slow" (0.15 s for each frame).
 """
 
 from __future__ import annotations
@@ -52,6 +53,8 @@ class Obedient(Painted):
             ctypes.PyDLL(None).pause()  # a PyDLL keeps the interpreter's lock
         elif order == "exit":
             os._exit(3)
+        elif order == "slow":
+            time.sleep(0.15)
 
 
 def register() -> None:

@@ -232,6 +232,10 @@ WRONG: dict[str, Any] = {
     "a camera in no state": Alive(CameraStatus(state="ok"), 1.0),  # type: ignore[arg-type]
     "a count of text": Alive(CameraStatus(read="many"), 1.0),  # type: ignore[arg-type]
     "a reason too long": Alive(CameraStatus(reason=LONG), 1.0),
+    "a depth that may be": Alive(CameraStatus(depth=1), 1.0),  # type: ignore[arg-type]
+    "a lens without a focal length": Alive(CameraStatus(intrinsics=(0.0, 1.0, 2.0, 3.0)), 1.0),
+    "a lens that is no number": Alive(CameraStatus(intrinsics=(5.0, 5.0, NAN, 3.0)), 1.0),
+    "a lens of three": Alive(CameraStatus(intrinsics=(5.0, 5.0, 3.0)), 1.0),  # type: ignore[arg-type]
     "a frame that came in the future": Alive(CameraStatus(), AHEAD),
     "a frame that came at no time": Alive(CameraStatus(), NAN),
     "a frame that came at a time too large for a float": Alive(CameraStatus(), 10**400),
@@ -266,6 +270,7 @@ def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
         entry_of(),
         memory_of(reference=VECTOR),
         Alive(CameraStatus(), None),
+        Alive(CameraStatus(depth=True, intrinsics=(500.0, 500.0, 320.5, 240.5)), 1.0),
         Done(1, None, "no", None),
         Done(1, AnswerOutcome(SEEN, None), "", UPDATE),
         Drawn(1, 2, "t"),

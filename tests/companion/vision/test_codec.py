@@ -40,7 +40,7 @@ from companion.vision.codec import (
 from companion.vision.memory_copy import update_from, updated
 from companion.vision.messages import (
     Alive,
-    Answer,
+    Apply,
     Draw,
     Drawn,
     Failed,
@@ -199,7 +199,7 @@ MESSAGES = [
     Logged(30, "a.name", "a text"),
     Start(Config(), None, 0, 1),
     Start(Config(), engine(None).memory, 3, 9),
-    Answer(1, Changes({"drum": 1.0}), 2, 3, True, None),  # noqa: FBT003
+    Apply(1, Changes({"drum": 1.0}), 2, 3, True, None),  # noqa: FBT003
     Restore(1, 2, b"png"),
     Draw(1, 2, "title", State.CALLING, store=True),
 ]
@@ -208,7 +208,7 @@ MESSAGES = [
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda message: type(message).__name__)
 def test_a_message_comes_out_as_it_went_in(message: Any) -> None:
     packed = unframed(message)
-    read = decode_trusted if isinstance(message, (Start, Answer, Restore, Draw)) else decode
+    read = decode_trusted if isinstance(message, (Start, Apply, Restore, Draw)) else decode
     assert plain(read(packed)) == plain(message)
     assert type(read(packed)) is type(message)
 

@@ -152,6 +152,16 @@ def test_the_vision_process_steps_back_for_the_supervisor(companion: Companion) 
     )
 
 
+def test_a_slow_vision_process_judges_less_often_and_sees_all_the_same(companion: Companion) -> None:
+    companion.orders.write_text("slow")
+    companion.until("fewer frames", lambda: companion.told().get("judging", {}).get("rate") == 5.0)
+    before, began = companion.told()["frames"], time.monotonic()
+    companion.until("two seconds", lambda: time.monotonic() - began > 2.0)
+    told = companion.told()
+    assert (told["state"], told["judging"]["lowered_by"]) == ("ok", "slow computer")
+    assert told["frames"] - before <= 5.0 * 3.5 + 1
+
+
 def test_a_signal_ends_both_in_good_order(companion: Companion) -> None:
     vision = companion.vision()
     assert vision is not None

@@ -22,7 +22,7 @@ from companion.vision import pictures
 from companion.vision.checks import Expected, check_report
 from companion.vision.memory_copy import updated
 from companion.vision.messages import (
-    Answer,
+    Apply,
     Done,
     Draw,
     Drawn,
@@ -58,7 +58,7 @@ class Stage:
         """What becomes of an answer."""
         self.numbers += 1
         given = {"call_id": 0, "go": False, "place": None, **given}
-        (done,) = self.worker.handle(Answer(self.numbers, changes, frame_id, **given))
+        (done,) = self.worker.handle(Apply(self.numbers, changes, frame_id, **given))
         assert isinstance(done, Done)
         assert done.number == self.numbers
         return done

@@ -41,7 +41,7 @@ class _Open:
     since: float
 
 
-class TestCall:
+class TrialCall:
     """Runs at most one test call, and none while a call or hold is open: a real one ends it at once."""
 
     def __init__(

@@ -148,7 +148,7 @@ def computer_status(figures: Mapping[str, Any], uptime: float) -> Any:
     degrees, cpu = figures.get("temperature"), figures.get("cpu")
     low, throttled, free = (figures.get(name) for name in ("under_voltage", "throttled", "disk_free"))
     memory, disk = _used(figures, "memory"), _used(figures, "disk")
-    message = mavlink.MAVLink_onboard_computer_status_message(
+    return mavlink.MAVLink_onboard_computer_status_message(
         time_usec=round(uptime * 1e6),
         uptime=round(uptime * 1e3) & 0xFFFFFFFF,
         type=0,
@@ -169,12 +169,8 @@ def computer_status(figures: Mapping[str, Any], uptime: float) -> Any:
         link_rx_rate=[_UNKNOWN_32] * 6,
         link_tx_max=[_UNKNOWN_32] * 6,
         link_rx_max=[_UNKNOWN_32] * 6,
+        status_flags=UNDER_VOLTAGE * bool(low) | CPU_THROTTLED * bool(throttled) | DISK_FULL * (free == 0),
     )
-    # An attribute, since a pymavlink before 2.4.50 does not know this extension, and then leaves it out.
-    message.status_flags = (
-        UNDER_VOLTAGE * bool(low) | CPU_THROTTLED * bool(throttled) | DISK_FULL * (free == 0)
-    )
-    return message
 
 
 def _used(figures: Mapping[str, Any], name: str) -> tuple[int, int]:

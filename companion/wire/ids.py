@@ -30,7 +30,7 @@ MAX_TEXT = 50
 """Bytes of a STATUSTEXT that every ground station shows in full."""
 
 UNDER_VOLTAGE, CPU_THROTTLED, DISK_FULL = 1, 2, 8
-"""COMPUTER_STATUS_FLAGS, which pymavlink knows from 2.4.50 on."""
+"""COMPUTER_STATUS_FLAGS. A ground station's pymavlink may be too old to know them."""
 NO_TEMPERATURE = 127
 """The temperature in ONBOARD_COMPUTER_STATUS that is not known."""
 

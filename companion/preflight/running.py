@@ -56,7 +56,8 @@ def _verdict(folder: Path, age: float | None, said: Mapping[str, Any]) -> tuple[
         how = f"process {pid} {'was stopped' if 'recent' in said else 'died'} {_duration(age)} ago"
         return NOT_RUNNING, f"no companion runs, or it is still starting: {how}: see its log"
     if age > RUNNING:
-        return FAULTY, f"the companion, process {pid}, has said nothing for {_duration(age)}: it hangs"
+        silent = f"has written no status for {_duration(age)}: it hangs, or its disk is full or fails"
+        return FAULTY, f"the companion, process {pid}, {silent}; what follows is old"
     state, trouble = said.get("state"), _table(said, "link").get("trouble")
     if state == "fault":
         return FAULTY, f"the companion runs, process {pid}, and cannot judge: FAULT"

@@ -125,7 +125,7 @@ def test_one_that_writes_nothing_any_more_hangs(folder: Folder, capsys: pytest.C
             assert folder.asked() == 1
     finally:
         process.communicate(b"\n", timeout=10.0)
-    assert "has said nothing for" in capsys.readouterr().out
+    assert "has written no status for" in capsys.readouterr().out
 
 
 def test_where_none_was_ever_started_it_ends_with_2(

@@ -1,0 +1,351 @@
+"""Sets up a rover that stands armed in AUTO: the daemon as it ships, and around it all that it talks to.
+
+The daemon, `python -m companion run`, and the vision process that it starts are processes of their own, with
+the perceiver `builtin:lexicon`. Camera, autopilot and operator are played by this process, over real sockets.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import socket
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.cameras.frame_socket import CapturedFrame, FrameServer
+from companion.sim.demo.child import Child
+from companion.wire.answers import Acknowledgement, Operation
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, Motion, State
+from companion.wire.payloads import CallData
+from companion.wire.signing import SigningKey
+from gcs_plugin.client import events as ev
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.delivery import Pending
+from gcs_plugin.terminal.runner import Runner
+from gcs_plugin.terminal.signing import Signing
+
+HOST = "127.0.0.1"
+AUTO, HOLD = 10, 4
+SYSTEM = 1
+STARTS_WITHIN = 60.0
+_FRAME_PERIOD = 0.1
+_LOOK = 0.005
+_MODE_COMMAND = 176
+_GRASS, _THING = (100, 120, 60), (200, 30, 200)
+_TEXT = """\
+{more}
+[camera]
+source = "field:{frames}"
+latency = 0
+[perceiver]
+name = "builtin:lexicon"
+threads = 1
+[vehicle]
+file = ""
+[link]
+url = "{url}"
+budget = 0
+asked_budget = 0
+pace = 0
+{link}
+[journal]
+folder = "{state}"
+[call]
+policy = "{policy}"
+[stopping]
+unchecked = true
+[words]
+grass = 1.0
+sky = -1.0
+"""
+
+
+class NotSeen(Exception):  # noqa: N818
+    """Raised when something did not come in time, or the daemon ended. The message says what, and its log."""
+
+
+class Picture:
+    """Draws what the camera sees: grass whose grain is new in every frame, with a thing ahead or without."""
+
+    def __init__(self, seed: int) -> None:
+        self._chance = np.random.default_rng(seed)
+
+    def draw(self, *, thing: bool) -> NDArray[np.uint8]:
+        """RGB, (96, 128, 3) uint8."""
+        image = np.empty((96, 128, 3))
+        image[:] = _GRASS
+        if thing:
+            image[45:95, 40:88] = _THING
+        grain = self._chance.integers(-20, 21, image.shape[:2])[..., None]
+        return np.clip(image + grain, 0, 255).astype(np.uint8)
+
+
+class Wire:
+    """The rover's only wire, with the autopilot at its end; the operator's `Connection`, too.
+
+    mode, modes: the autopilot's, and all that it was commanded with the monotonic time.
+    """
+
+    name = "wire"
+    trouble = ""
+
+    def __init__(self, key: SigningKey | None = None) -> None:
+        self.mode, self.modes = AUTO, list[tuple[float, int]]()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((HOST, 0))
+        self._socket.settimeout(0)
+        self._rovers: dict[Any, None] = {}
+        self._parser = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+        self._encoder = mavlink.MAVLink(None, SYSTEM, AUTOPILOT_COMPONENT_ID)
+        self._signing = None if key is None else Signing(key)
+        self._beats_at = 0.0
+        self._heard = b""
+        self.messages: dict[str, Any] = {}
+        """The companion's newest message of each type."""
+        self.senders: dict[Any, set[int]] = {}
+        """Address from which something came -> the components in whose name."""
+
+    @property
+    def url(self) -> str:
+        """The link's url for the companion."""
+        return f"udpout:{HOST}:{self._socket.getsockname()[1]}"
+
+    def step(self, now: float) -> None:
+        """Carry what came in, and let the autopilot say what is due."""
+        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+            while True:
+                data, address = self._socket.recvfrom(4096)
+                self._rovers[address] = None
+                self._heard += data
+                for message in self._parser.parse_buffer(data) or []:
+                    self._take(message, address, now)
+        if now >= self._beats_at:
+            self._beats_at = now + 1.0
+            self._beat()
+
+    def forget_rovers(self) -> None:
+        """Forget from where a companion was heard, since another one follows."""
+        self._rovers.clear()
+        self.senders.clear()
+        self.messages.clear()
+
+    def read(self) -> bytes:
+        """Return what has reached the operator."""
+        heard, self._heard = self._heard, b""
+        return heard
+
+    def write(self, frame: bytes) -> None:
+        """Send to every companion that was heard."""
+        for address in self._rovers:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(frame, address)
+
+    def fileno(self) -> int | None:
+        """There is none to wait for."""
+        return None
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def send(self, message: Any) -> None:
+        """Send a message of the autopilot."""
+        frame = bytes(message.pack(self._encoder))
+        if self._signing is not None:
+            frame = self._signing.sign(frame, message)
+        self._encoder.seq = (self._encoder.seq + 1) % 256
+        self.write(frame)
+
+    def _take(self, message: Any, address: Any, now: float) -> None:
+        if message.get_type() == "BAD_DATA":
+            return
+        self.senders.setdefault(address, set()).add(message.get_srcComponent())
+        self.messages[message.get_type()] = message
+        if message.get_type() != "COMMAND_LONG" or message.target_component != AUTOPILOT_COMPONENT_ID:
+            return
+        if message.command == _MODE_COMMAND:
+            self.mode = int(message.param2)
+            self.modes.append((now, self.mode))
+            self._beat()
+        self.send(mavlink.MAVLink_command_ack_message(message.command, mavlink.MAV_RESULT_ACCEPTED))
+
+    def _beat(self) -> None:
+        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        kinds = mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        self.send(mavlink.MAVLink_heartbeat_message(*kinds, flags, self.mode, 4, 3))
+
+
+class Standing:
+    """The rover with its companion, which `start` starts. Time passes only in `run` and `wait`."""
+
+    def __init__(
+        self, out: Path, *, policy: str = "report", seed: int = 0, link: str = "", more: str = ""
+    ) -> None:
+        """out: an existing folder. link: more lines of [link]; with a signing key in `out`, it signs.
+
+        more: lines of the configuration before its first section.
+        """
+        self.out, self.state = out, out / "state"
+        self.thing = False
+        """Whether an unknown thing is ahead."""
+        self.events: list[ev.Event] = []
+        self.acknowledged: dict[int, Acknowledgement] = {}
+        self._closing = ExitStack()
+        self.key = SigningKey((out / "signing.key").read_bytes()) if (out / "signing.key").exists() else None
+        self.wire = self._closing.enter_context(closing(Wire(self.key)))
+        self._frames = self._closing.enter_context(closing(FrameServer()))
+        self.client = OperatorClient()
+        signing = None if self.key is None else Signing(self.key)
+        self._runner = Runner(self.wire, self.client, signing=signing)
+        self._picture = Picture(seed)
+        self._frame_id, self._frame_at = 0, 0.0
+        self.config = out / "companion.toml"
+        host, port = self._frames.address
+        text = _TEXT.format(
+            frames=f"{host}:{port}", url=self.wire.url, link=link, state=self.state, policy=policy, more=more
+        )
+        self.config.write_text(text, encoding="utf-8")
+        self.daemon: Child | None = None
+        self._since = 0
+        """Number of events before the newest start."""
+
+    def __enter__(self) -> Standing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all, whatever state it is in."""
+        if self.daemon is not None:
+            self.kill()
+        self._closing.close()
+
+    def start(self, environment: Mapping[str, str] | None = None, *, wait: bool = True) -> float:
+        """Start a companion; an earlier one must have ended. Return s until it has judged a frame."""
+        began = time.monotonic()
+        (self.state / "status.json").unlink(missing_ok=True)
+        self.wire.forget_rovers()
+        self._since = len(self.events)
+        self.daemon = self.another("daemon", self.config, environment)
+        if wait:
+            self.wait("a companion that judges", lambda: self.judged() > 0, STARTS_WITHIN)
+        return time.monotonic() - began
+
+    def another(self, name: str, config: Path, environment: Mapping[str, str] | None = None) -> Child:
+        """Start a daemon besides; the caller ends it."""
+        arguments = ["companion", "run", "--config", str(config)]
+        log = self.out / f"{name}.log"
+        return Child(name, arguments, log, orphaned=signal.SIGKILL, environment=environment)
+
+    def kill(self) -> None:
+        """End the companion by SIGKILL."""
+        if self.daemon is not None:
+            self.daemon.process.kill()
+            self.daemon.process.wait(10.0)
+
+    def stop(self) -> int:
+        """End the companion by SIGTERM, and return its exit code."""
+        assert self.daemon is not None
+        self.daemon.process.send_signal(signal.SIGTERM)
+        self.wait("its end", lambda: self.daemon is None or not self.daemon.running, 15.0, runs=False)
+        return int(self.daemon.process.returncode)
+
+    @property
+    def log(self) -> str:
+        """What the companion logged since the first start."""
+        path = self.out / "daemon.log"
+        return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+    def status(self) -> dict[str, Any]:
+        """Read the status file; empty while there is none."""
+        with contextlib.suppress(OSError, ValueError):
+            return dict(json.loads((self.state / "status.json").read_text(encoding="utf-8")))
+        return {}
+
+    def judged(self) -> int:
+        """How many frames this companion has judged, by its summaries."""
+        return sum(isinstance(event, ev.SummaryReceived) for event in self.events[self._since :])
+
+    def step(self) -> None:
+        """Let some milliseconds pass."""
+        now = time.monotonic()
+        if now >= self._frame_at:
+            self._frame_at = now + _FRAME_PERIOD
+            self._frame_id += 1
+            self._frames.publish(CapturedFrame(self._frame_id, now, self._picture.draw(thing=self.thing)))
+        self.wire.step(now)
+        self._runner.step(now)
+        for event in self.client.events():
+            self.events.append(event)
+            if isinstance(event, ev.Acknowledged):
+                self.acknowledged[event.acknowledgement.transaction] = event.acknowledgement
+        time.sleep(_LOOK)
+
+    def run(self, seconds: float) -> None:
+        """Let so many seconds pass."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.step()
+
+    def wait(self, what: str, fits: Callable[[], bool], limit: float, *, runs: bool = True) -> float:
+        """Wait until `fits`, and return the seconds that it took. Raises NotSeen after `limit` s.
+
+        runs: whether the companion must not end meanwhile.
+        """
+        began = time.monotonic()
+        while not fits():
+            self.step()
+            if runs and self.daemon is not None and not self.daemon.running:
+                raise NotSeen(f"{what}: the companion ended: {self.log[-2000:]}")
+            if time.monotonic() - began > limit:
+                raise NotSeen(f"{what}: not within {limit:.0f} s: {self.log[-2000:]}")
+        return time.monotonic() - began
+
+    @property
+    def heartbeat(self) -> State | None:
+        """The state in the companion's newest heartbeat."""
+        rover = self.client.rovers.get(SYSTEM)
+        return None if rover is None else rover.state
+
+    def open_call(self, limit: float = 10.0) -> CallData:
+        """Show the thing, and wait for the call that it makes."""
+        self.thing = True
+        found: list[CallData] = []
+
+        def opened() -> bool:
+            rover = self.client.rovers.get(SYSTEM)
+            found[:] = [call.data for call in rover.open_calls()] if rover is not None else []
+            return bool(found)
+
+        self.wait("a call", opened, limit)
+        return found[-1]
+
+    def answer(
+        self, target: int, motion: Motion, operations: Sequence[Operation] = (), limit: float = 20.0
+    ) -> Acknowledgement:
+        """Send an answer until it is acknowledged for good, and return the acknowledgement."""
+        sent = self.client.answer(SYSTEM, target, motion, tuple(operations), time.monotonic())
+        self.wait(f"the acknowledgement of {sent.transaction}", lambda: sent.settled, limit)
+        return self.acknowledgement(sent)
+
+    def acknowledgement(self, sent: Pending) -> Acknowledgement:
+        """Return the acknowledgement of an answer. Raises NotSeen for one that got none."""
+        found = self.acknowledged.get(sent.transaction)
+        if found is None:
+            raise NotSeen(f"answer {sent.transaction} was {sent.status.value}, not acknowledged")
+        return found
+
+    def texts(self, since: int = 0) -> list[str]:
+        """Return the companion's STATUSTEXTs among the events from number `since` on."""
+        return [event.text for event in self.events[since:] if isinstance(event, ev.TextReceived)]
+

@@ -1,6 +1,7 @@
 /* A disk that takes nothing, for one process: LD_PRELOAD it. FAILING_DISK names a file that says how, and
- * FAILING_ROOT the folder below which it acts. "full": what would need more room fails with ENOSPC; what a
- * file has already can be overwritten. "read-only": every change fails with EROFS. Else the disk is as it is. */
+ * FAILING_ROOT the folder below which it acts. "full": a write behind a file's end fails with ENOSPC; what a
+ * file has already can be overwritten, and empty files and folders can be made, as on tmpfs and ext4.
+ * "read-only": every change fails with EROFS. Else the disk is as it is. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -67,12 +68,9 @@ static int fails(int file, off_t offset, size_t length)
     return offset + (off_t)length > found.st_size ? (errno = ENOSPC, 1) : 0;
 }
 
-static int name_fails(const char *path, int needs_room)
+static int name_fails(const char *path)
 {
-    int how = below_root(path) ? state() : WELL;
-    if (how == READ_ONLY)
-        return errno = EROFS, 1;
-    return how == FULL && needs_room ? (errno = ENOSPC, 1) : 0;
+    return below_root(path) && state() == READ_ONLY ? (errno = EROFS, 1) : 0;
 }
 
 #define OPEN(NAME)                                                                                              \
@@ -87,7 +85,7 @@ static int name_fails(const char *path, int needs_room)
             mode = va_arg(rest, mode_t);                                                                        \
             va_end(rest);                                                                                       \
         }                                                                                                       \
-        if (changes && name_fails(path, flags & O_CREAT && access(path, F_OK) != 0))                            \
+        if (changes && name_fails(path))                            \
             return -1;                                                                                          \
         return real(path, flags, mode);                                                                         \
     }
@@ -121,23 +119,23 @@ TRUNCATE(ftruncate64, off64_t)
 int rename(const char *path, const char *other)
 {
     REAL(rename);
-    return name_fails(path, 0) ? -1 : real(path, other);
+    return name_fails(path) ? -1 : real(path, other);
 }
 
 int link(const char *path, const char *other)
 {
     REAL(link);
-    return name_fails(other, 1) ? -1 : real(path, other);
+    return name_fails(other) ? -1 : real(path, other);
 }
 
 int unlink(const char *path)
 {
     REAL(unlink);
-    return name_fails(path, 0) ? -1 : real(path);
+    return name_fails(path) ? -1 : real(path);
 }
 
 int mkdir(const char *path, mode_t mode)
 {
     REAL(mkdir);
-    return name_fails(path, access(path, F_OK) != 0) ? -1 : real(path, mode);
+    return name_fails(path) ? -1 : real(path, mode);
 }

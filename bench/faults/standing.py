@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as mavlink
 
+from bench.faults.row import Outcome, Row, Work
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import Child
 from companion.wire.answers import Acknowledgement, Operation
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, Motion, State
 from companion.wire.payloads import CallData
-from companion.wire.signing import SigningKey
+from companion.wire.signing import SigningKey, is_signed, timestamp_of
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.delivery import Pending
@@ -41,7 +42,6 @@ _LOOK = 0.005
 _MODE_COMMAND = 176
 _GRASS, _THING = (100, 120, 60), (200, 30, 200)
 _TEXT = """\
-{more}
 [camera]
 source = "field:{frames}"
 latency = 0
@@ -68,6 +68,19 @@ sky = -1.0
 """
 
 
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tried:
+        tried.bind((HOST, 0))
+        return int(tried.getsockname()[1])
+
+
+def _write_key(path: Path) -> SigningKey:
+    secret = bytes(range(1, 33))
+    path.touch(0o600)
+    path.write_bytes(secret)
+    return SigningKey(secret)
+
+
 class NotSeen(Exception):  # noqa: N818
     """Raised when something did not come in time, or the daemon ended. The message says what, and its log."""
 
@@ -91,13 +104,16 @@ class Picture:
 class Wire:
     """The rover's only wire, with the autopilot at its end; the operator's `Connection`, too.
 
-    mode, modes: the autopilot's, and all that it was commanded with the monotonic time.
+    mode, modes: the autopilot's, and all that it was commanded with the monotonic time. It routes: what one
+    companion says reaches every other.
     """
 
     name = "wire"
     trouble = ""
 
-    def __init__(self, key: SigningKey | None = None) -> None:
+    def __init__(self, key: SigningKey | None = None, *, listens: bool = False) -> None:
+        """key: with which the autopilot signs. listens: the companion listens, and does not speak first."""
+        self._listener = (HOST, _free_port()) if listens else None
         self.mode, self.modes = AUTO, list[tuple[float, int]]()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((HOST, 0))
@@ -113,10 +129,15 @@ class Wire:
         """The companion's newest message of each type."""
         self.senders: dict[Any, set[int]] = {}
         """Address from which something came -> the components in whose name."""
+        self.stamps: list[int] = []
+        """The signing timestamps of the companion's frames, in order."""
+        self.forget_rovers()
 
     @property
     def url(self) -> str:
         """The link's url for the companion."""
+        if self._listener is not None:
+            return f"udpin:{HOST}:{self._listener[1]}"
         return f"udpout:{HOST}:{self._socket.getsockname()[1]}"
 
     def step(self, now: float) -> None:
@@ -126,6 +147,8 @@ class Wire:
                 data, address = self._socket.recvfrom(4096)
                 self._rovers[address] = None
                 self._heard += data
+                for other in self._rovers.keys() - {address}:
+                    self._socket.sendto(data, other)
                 for message in self._parser.parse_buffer(data) or []:
                     self._take(message, address, now)
         if now >= self._beats_at:
@@ -134,7 +157,7 @@ class Wire:
 
     def forget_rovers(self) -> None:
         """Forget from where a companion was heard, since another one follows."""
-        self._rovers.clear()
+        self._rovers = {} if self._listener is None else {self._listener: None}
         self.senders.clear()
         self.messages.clear()
 
@@ -169,6 +192,9 @@ class Wire:
         if message.get_type() == "BAD_DATA":
             return
         self.senders.setdefault(address, set()).add(message.get_srcComponent())
+        frame = bytes(message.get_msgbuf())
+        if is_signed(frame):
+            self.stamps.append(timestamp_of(frame))
         self.messages[message.get_type()] = message
         if message.get_type() != "COMMAND_LONG" or message.target_component != AUTOPILOT_COMPONENT_ID:
             return
@@ -188,20 +214,19 @@ class Standing:
     """The rover with its companion, which `start` starts. Time passes only in `run` and `wait`."""
 
     def __init__(
-        self, out: Path, *, policy: str = "report", seed: int = 0, link: str = "", more: str = ""
+        self, out: Path, *, policy: str = "report", seed: int = 0, signs: bool = False, listens: bool = False
     ) -> None:
-        """out: an existing folder. link: more lines of [link]; with a signing key in `out`, it signs.
-
-        more: lines of the configuration before its first section.
-        """
+        """out: an existing folder. signs: all sign with one key. listens: as of `Wire`."""
         self.out, self.state = out, out / "state"
         self.thing = False
         """Whether an unknown thing is ahead."""
+        self.clear_at = 0.0
+        """Monotonic seconds when the newest picture without the thing was taken."""
         self.events: list[ev.Event] = []
         self.acknowledged: dict[int, Acknowledgement] = {}
         self._closing = ExitStack()
-        self.key = SigningKey((out / "signing.key").read_bytes()) if (out / "signing.key").exists() else None
-        self.wire = self._closing.enter_context(closing(Wire(self.key)))
+        self.key = _write_key(out / "signing.key") if signs else None
+        self.wire = self._closing.enter_context(closing(Wire(self.key, listens=listens)))
         self._frames = self._closing.enter_context(closing(FrameServer()))
         self.client = OperatorClient()
         signing = None if self.key is None else Signing(self.key)
@@ -210,10 +235,9 @@ class Standing:
         self._frame_id, self._frame_at = 0, 0.0
         self.config = out / "companion.toml"
         host, port = self._frames.address
-        text = _TEXT.format(
-            frames=f"{host}:{port}", url=self.wire.url, link=link, state=self.state, policy=policy, more=more
-        )
-        self.config.write_text(text, encoding="utf-8")
+        link = 'signing_key = "signing.key"' if signs else ""
+        self._text = {"frames": f"{host}:{port}", "url": self.wire.url, "link": link, "policy": policy}
+        self.config.write_text(_TEXT.format(**self._text, state=self.state), encoding="utf-8")
         self.daemon: Child | None = None
         self._since = 0
         """Number of events before the newest start."""
@@ -240,6 +264,12 @@ class Standing:
         if wait:
             self.wait("a companion that judges", lambda: self.judged() > 0, STARTS_WITHIN)
         return time.monotonic() - began
+
+    def config_with(self, state: Path) -> Path:
+        """Write the same configuration with another state folder."""
+        path = self.out / f"{state.name}.toml"
+        path.write_text(_TEXT.format(**self._text, state=state), encoding="utf-8")
+        return path
 
     def another(self, name: str, config: Path, environment: Mapping[str, str] | None = None) -> Child:
         """Start a daemon besides; the caller ends it."""
@@ -282,6 +312,7 @@ class Standing:
         if now >= self._frame_at:
             self._frame_at = now + _FRAME_PERIOD
             self._frame_id += 1
+            self.clear_at = self.clear_at if self.thing else now
             self._frames.publish(CapturedFrame(self._frame_id, now, self._picture.draw(thing=self.thing)))
         self.wire.step(now)
         self._runner.step(now)
@@ -349,3 +380,45 @@ class Standing:
         """Return the companion's STATUSTEXTs among the events from number `since` on."""
         return [event.text for event in self.events[since:] if isinstance(event, ev.TextReceived)]
 
+
+HOLD_WITHIN = 2.0
+"""T of the configuration above, 1 s, and 1 s."""
+RETURN_WITHIN = 12.0
+
+
+def repeating(
+    fault: str,
+    produced: str,
+    safe_state: str,
+    times: int,
+    once: Callable[[Work], Outcome],
+    *,
+    holds: bool = False,
+    returns: bool = True,
+) -> Row:
+    """Make a row that produces its fault `times` times, each with a folder of its own; once if short."""
+
+    def produce(work: Work) -> Outcome:
+        return _put_together([_once(work, number, once) for number in range(1 if work.short else times)])
+
+    limits = HOLD_WITHIN if holds else None, RETURN_WITHIN if returns else None
+    return Row(fault, produced, safe_state, produce, *limits)
+
+
+def _once(work: Work, number: int, once: Callable[[Work], Outcome]) -> Outcome:
+    folder = work.folder / str(number)
+    folder.mkdir()
+    try:
+        return once(Work(folder, work.seed + number, work.short))
+    except NotSeen as error:
+        return Outcome(1, (str(error),))
+
+
+def _put_together(outcomes: Sequence[Outcome]) -> Outcome:
+    return Outcome(
+        sum(one.runs for one in outcomes),
+        tuple(f"run {number}: {line}" for number, one in enumerate(outcomes) for line in one.wrong),
+        max((one.hold_s for one in outcomes if one.hold_s is not None), default=None),
+        max((one.return_s for one in outcomes if one.return_s is not None), default=None),
+        outcomes[-1].saw,
+    )

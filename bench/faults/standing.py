@@ -239,8 +239,6 @@ class Standing:
         self._text = {"frames": f"{host}:{port}", "url": self.wire.url, "link": link, "policy": policy}
         self.config.write_text(_TEXT.format(**self._text, state=self.state), encoding="utf-8")
         self.daemon: Child | None = None
-        self._since = 0
-        """Number of events before the newest start."""
 
     def __enter__(self) -> Standing:
         return self
@@ -255,14 +253,13 @@ class Standing:
         self._closing.close()
 
     def start(self, environment: Mapping[str, str] | None = None, *, wait: bool = True) -> float:
-        """Start a companion; an earlier one must have ended. Return s until it has judged a frame."""
+        """Start a companion; an earlier one must have ended. Return s until it sees."""
         began = time.monotonic()
         (self.state / "status.json").unlink(missing_ok=True)
         self.wire.forget_rovers()
-        self._since = len(self.events)
         self.daemon = self.another("daemon", self.config, environment)
         if wait:
-            self.wait("a companion that judges", lambda: self.judged() > 0, STARTS_WITHIN)
+            self.wait("a companion that sees", lambda: self._sees(began), STARTS_WITHIN)
         return time.monotonic() - began
 
     def config_with(self, state: Path) -> Path:
@@ -303,8 +300,14 @@ class Standing:
         return {}
 
     def judged(self) -> int:
-        """How many frames this companion has judged, by its summaries."""
-        return sum(isinstance(event, ev.SummaryReceived) for event in self.events[self._since :])
+        """How many frames this companion has judged, as it says in its status file once a second."""
+        return int(self.status().get("frames", 0))
+
+    def _sees(self, began: float) -> bool:
+        """Whether a heartbeat since `began` says that it sees, or that an earlier call or hold is open."""
+        rover, now = self.client.rovers.get(SYSTEM), time.monotonic()
+        heard = rover is not None and rover.silence(now) < now - began
+        return heard and self.heartbeat not in (None, State.STARTING, State.FAULT)
 
     def step(self) -> None:
         """Let some milliseconds pass."""
@@ -375,6 +378,10 @@ class Standing:
         if found is None:
             raise NotSeen(f"answer {sent.transaction} was {sent.status.value}, not acknowledged")
         return found
+
+    def summaries(self, since: int) -> int:
+        """How many frames' summaries came among the events from number `since` on; one a second at most."""
+        return sum(isinstance(event, ev.SummaryReceived) for event in self.events[since:])
 
     def texts(self, since: int = 0) -> list[str]:
         """Return the companion's STATUSTEXTs among the events from number `since` on."""

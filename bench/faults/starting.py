@@ -1,0 +1,371 @@
+"""Rows of the fault table: clocks that jump, journals of other versions, unclean stops, and two daemons."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+
+from bench.faults.disk import stored_words
+from bench.faults.row import Outcome, Work
+from bench.faults.standing import AUTO, HOLD, Standing, repeating
+from bench.shim import compile_shim, preloading
+from companion.storage.database import VERSION
+from companion.wire.answers import SetWord
+from companion.wire.ids import Motion, Result, State
+
+DAY = 86_400
+_SOURCE = Path(__file__).with_name("jumping_clock.c")
+_APPLIED = (Result.APPLIED, Result.NOT_COVERED)
+
+
+class JumpingClock:
+    """Sets the wall clock of the processes that are started with `environment`."""
+
+    def __init__(self, folder: Path) -> None:
+        """Compiles the shim into `folder`. Raises RuntimeError if that fails."""
+        self._said = folder / "clock_jump"
+        self.environment: Mapping[str, str] = {
+            **preloading(compile_shim(_SOURCE, folder)),
+            "CLOCK_JUMP": str(self._said),
+        }
+
+    def set(self, ahead: int) -> None:
+        """Make the wall clock `ahead` s ahead of the real one from now on."""
+        part = self._said.with_suffix(".part")
+        part.write_text(str(ahead), encoding="ascii")
+        part.replace(self._said)
+
+
+def _held_call(rover: Standing) -> int:
+    """Let the rover be held before an unknown thing, and return the call's id."""
+    call = rover.open_call()
+    rover.wait("the hold", lambda: rover.wire.mode == HOLD, 5.0)
+    return call.id
+
+
+def _still_open(rover: Standing, call: int, when: str, wrong: list[str]) -> None:
+    """Check that the call is open and the rover held, by heartbeat and autopilot."""
+    beat = rover.client.rovers[1]
+    if beat.current_id != call or beat.state not in (State.CALLING, State.HOLDING) or rover.wire.mode != HOLD:
+        wrong.append(f"{when}: state {beat.state}, call {beat.current_id}, mode {rover.wire.mode}")
+
+
+def _comes_back(rover: Standing, call: int, began: float) -> float:
+    """Wait until the companion says again that this call is open; return s since `began`."""
+    beats = rover.client.rovers[1]
+
+    def same() -> bool:
+        return beats.silence(time.monotonic()) < time.monotonic() - began and beats.current_id == call
+
+    rover.wait("the same call", same, 30.0)
+    return time.monotonic() - began
+
+
+def _answer_with_its_picture(rover: Standing, call: int, word: str, wrong: list[str]) -> None:
+    """Answer a word that does not cover the thing. Only the call's own picture shows it by now."""
+    rover.thing = False
+    given = rover.answer(call, Motion.NONE, [SetWord(word, 1.0)])
+    if given.result is not Result.NOT_COVERED or (given.roi_uncertainty or 0.0) < 0.5:
+        wrong.append(f"not judged by the call's picture: {given.result.name}, {given.roi_uncertainty}")
+    if any("lost" in text for text in rover.texts()):
+        wrong.append("it said that something was lost")
+
+
+def _drive_on(rover: Standing, call: int, wrong: list[str]) -> None:
+    rover.thing = False
+    given = rover.answer(call, Motion.GO)
+    if given.result not in _APPLIED:
+        wrong.append(f"go was acknowledged as {given.result.name}: {given.text}")
+    rover.wait("the way back", lambda: rover.wire.mode == AUTO, 10.0)
+
+
+def _check_stamps(rover: Standing, wrong: list[str]) -> None:
+    stamps = rover.wire.stamps
+    if len(stamps) < 10 or any(later <= earlier for earlier, later in pairwise(stamps)):
+        wrong.append(f"signing timestamps of {len(stamps)} frames do not rise")
+    if "Traceback" in rover.log:
+        wrong.append("a traceback stands in the log")
+
+
+def _jumps_while_running(work: Work) -> Outcome:
+    wrong = list[str]()
+    with Standing(work.folder, policy="hold", seed=work.seed, signs=True) as rover:
+        clock = JumpingClock(work.folder)
+        rover.start(clock.environment)
+        call = _held_call(rover)
+        for ahead in (DAY, -DAY, 0):
+            clock.set(ahead)
+            judged, began = rover.judged(), time.monotonic()
+            rover.run(2.2)
+            _still_open(rover, call, f"{ahead} s ahead", wrong)
+            if rover.judged() <= judged:
+                wrong.append(f"{ahead} s ahead: it did not go on judging")
+            given = rover.answer(call, Motion.NONE, [SetWord("gravel" if ahead else "dirt path", 1.0)])
+            if given.result not in _APPLIED or time.monotonic() - began > 5.0:
+                wrong.append(f"{ahead} s ahead: acknowledged as {given.result.name}")
+        _drive_on(rover, call, wrong)
+        if any("fault" in text.lower() for text in rover.texts()):
+            wrong.append(f"a fault was told: {rover.texts()}")
+        _check_stamps(rover, wrong)
+        rover.stop()
+        lines = (rover.state / "logs" / "companion.log").read_text().splitlines()
+        days = {line[:10] for line in lines}
+        if len(days) < 3 or not (rover.state / "calls" / f"{call}.json").is_file():
+            wrong.append(f"log or files of the call are lost: days {sorted(days)}")
+        lost = {"gravel", "dirt path"} - stored_words(rover.state).keys()
+        if lost:
+            wrong.append(f"lost: {sorted(lost)}")
+    return Outcome(1, tuple(wrong), saw=f"call {call} stays open; {len(rover.wire.stamps)} signed frames")
+
+
+def _jumps_between_runs(work: Work) -> Outcome:
+    wrong, back = list[str](), 0.0
+    with Standing(work.folder, policy="hold", seed=work.seed, signs=True, listens=True) as rover:
+        clock = JumpingClock(work.folder)
+        rover.start(clock.environment)
+        call = _held_call(rover)
+        for ahead in (DAY, -DAY):
+            rover.kill()
+            clock.set(ahead)
+            began = time.monotonic()
+            rover.start(clock.environment)
+            back = max(back, _comes_back(rover, call, began))
+            _still_open(rover, call, f"started {ahead} s ahead", wrong)
+        _drive_on(rover, call, wrong)
+        _check_stamps(rover, wrong)
+    return Outcome(2, tuple(wrong), None, back, f"call {call} is open after both starts")
+
+
+def _no_clock(work: Work) -> Outcome:
+    """The board starts in 1970, then its clock is set, then the power goes, and it is 1970 again."""
+    wrong = list[str]()
+    with Standing(work.folder, policy="hold", seed=work.seed, signs=True, listens=True) as rover:
+        clock = JumpingClock(work.folder)
+        clock.set(-int(time.time()) + 60)
+        back = rover.start(clock.environment)
+        call = _held_call(rover)
+        clock.set(0)
+        rover.run(1.3)
+        _still_open(rover, call, "after the clock was set", wrong)
+        rover.kill()
+        clock.set(-int(time.time()) + 60)
+        began = time.monotonic()
+        rover.start(clock.environment)
+        back = max(back, _comes_back(rover, call, began))
+        _drive_on(rover, call, wrong)
+        _check_stamps(rover, wrong)
+    return Outcome(2, tuple(wrong), None, back, "it signs by the time of the autopilot's signed frames")
+
+
+def _make_older(state: Path, version: int) -> None:
+    """Make the journal one of an older version, as that version wrote it."""
+    connection = sqlite3.connect(state / "journal.db")
+    with connection:
+        (png,) = connection.execute("SELECT png FROM frame").fetchone()
+        (state / "call.png").write_bytes(png)
+        connection.execute("DROP TABLE frame")
+        if version < 2:
+            for column in ("roll", "pitch", "yaw"):
+                connection.execute(f"ALTER TABLE entries DROP COLUMN {column}")
+        connection.execute(f"PRAGMA user_version = {version}")
+    connection.close()
+
+
+def _stored_version(path: Path) -> int:
+    connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
+    try:
+        return int(connection.execute("PRAGMA user_version").fetchone()[0])
+    finally:
+        connection.close()
+
+
+def _older_journal(work: Work) -> Outcome:
+    wrong, back = list[str](), 0.0
+    for version in range(1, VERSION):
+        folder = work.folder / str(version)
+        folder.mkdir()
+        with Standing(folder, policy="hold", seed=work.seed) as rover:
+            rover.start()
+            call = _held_call(rover)
+            rover.answer(call, Motion.NONE, [SetWord("gravel", 1.0)])
+            rover.kill()
+            _make_older(rover.state, version)
+            began = time.monotonic()
+            rover.start()
+            back = max(back, _comes_back(rover, call, began))
+            if rover.status()["words"] != "grass: 1; sky: -1; gravel: 1":
+                wrong.append(f"version {version}: words in use: {rover.status()['words']}")
+            _answer_with_its_picture(rover, call, "dirt path", wrong)
+            _drive_on(rover, call, wrong)
+            rover.stop()
+            copy = rover.state / f"journal.version-{version}.db"
+            found = _stored_version(rover.state / "journal.db"), _stored_version(copy)
+            if found != (VERSION, version):
+                wrong.append(f"version {version}: journal and copy are of versions {found}")
+    return Outcome(VERSION - 1, tuple(wrong), None, back, "call, picture and words are there; a copy is kept")
+
+
+def _newer_journal(work: Work) -> Outcome:
+    wrong = list[str]()
+    with Standing(work.folder, seed=work.seed) as rover:
+        rover.start()
+        rover.stop()
+        path = rover.state / "journal.db"
+        connection = sqlite3.connect(path)
+        connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+        connection.close()
+        whole, before = path.read_bytes(), len(rover.log)
+        rover.start(wait=False)
+        rover.wait("its end", lambda: rover.daemon is None or not rover.daemon.running, 20.0, runs=False)
+        assert rover.daemon is not None
+        said = rover.log[before:].strip()
+        if rover.daemon.process.returncode != 2 or "newer companion" not in said or "Traceback" in said:
+            wrong.append(f"exit code {rover.daemon.process.returncode}: {said}")
+        if path.read_bytes() != whole:
+            wrong.append("the newer journal was changed")
+        path.unlink()
+        back = rover.start()
+    return Outcome(1, tuple(wrong), None, back, said.replace(str(rover.state), "STATE"))
+
+
+def _unclean_stop(work: Work) -> Outcome:
+    wrong = list[str]()
+    with Standing(work.folder, policy="hold", seed=work.seed) as rover:
+        rover.start()
+        call = _held_call(rover)
+        picture = rover.state / "calls" / f"{call}.jpg"
+        rover.wait("its picture", picture.is_file, 10.0)
+        rover.run(0.3)
+        rover.kill()
+        began = time.monotonic()
+        rover.start()
+        back = _comes_back(rover, call, began)
+        _still_open(rover, call, "after the start", wrong)
+        if (
+            json.loads((rover.state / "calls" / f"{call}.json").read_text())["picture"]
+            != f"/calls/{call}.jpg"
+        ):
+            wrong.append("the call's picture is not served")
+        _answer_with_its_picture(rover, call, "gravel", wrong)
+        _drive_on(rover, call, wrong)
+    return Outcome(1, tuple(wrong), None, back, f"call {call}, held, with its picture")
+
+
+def _two_on_one_folder(work: Work) -> Outcome:
+    wrong = list[str]()
+    with Standing(work.folder, policy="hold", seed=work.seed) as rover:
+        rover.start()
+        since = len(rover.events)
+        second = rover.another("second", rover.config)
+        rover.wait("the second one's end", lambda: not second.running, 20.0)
+        said = second.log.read_text().strip()
+        if second.process.returncode != 2 or "another companion runs" not in said or "Traceback" in said:
+            wrong.append(f"the second ended with {second.process.returncode}: {said}")
+        rover.run(1.2)
+        if not rover.summaries(since) or len(rover.wire.senders) != 1:
+            wrong.append("the first was disturbed")
+        call = _held_call(rover)
+        hold_s = rover.wire.modes[-1][0] - rover.clear_at
+        _drive_on(rover, call, wrong)
+    return Outcome(1, tuple(wrong), hold_s, None, said.replace(str(rover.state), "STATE"))
+
+
+def _two_on_one_link(work: Work) -> Outcome:
+    """Two daemons under the same ids, and each hears the other. The first one is ended at last."""
+    wrong = list[str]()
+    with Standing(work.folder, policy="hold", seed=work.seed) as rover:
+        rover.start()
+        second = rover.another("second", rover.config_with(work.folder / "other"))
+        try:
+            said = "another component 1/191 talks on link"
+            rover.wait("that the second notices", lambda: said in second.log.read_text(), 20.0)
+            since = len(rover.events)
+            rover.run(3.5)
+            if not rover.summaries(since) or rover.heartbeat is not State.OK:
+                wrong.append("the first was disturbed")
+            _held_call(rover)
+            hold_s = rover.wire.modes[-1][0] - rover.clear_at
+            rover.thing = False
+            rover.run(1.0 if work.short else 15.0)
+            if rover.wire.mode != HOLD:
+                wrong.append("it was driven on without a go")
+            rover.kill()
+            rover.daemon, began = second, time.monotonic()
+            beats = rover.client.rovers[1]
+            rover.wait("the second", lambda: beats.silence(time.monotonic()) < time.monotonic() - began, 20.0)
+            back = time.monotonic() - began
+            rover.wait("its call or hold", lambda: beats.current_id > 0, 5.0)
+            _drive_on(rover, beats.current_id, wrong)
+        finally:
+            second.process.kill()
+            second.process.wait(10.0)
+    return Outcome(1, tuple(wrong), hold_s, back, f'"{said}: stop it, or this one stays silent"')
+
+
+ROWS = (
+    repeating(
+        "clock jumps a day while it runs",
+        "the wall clock of all its processes goes a day forwards, two back, and one forwards",
+        "the call stays open, answers count, signing timestamps rise, log and files stay",
+        5,
+        _jumps_while_running,
+        returns=False,
+    ),
+    repeating(
+        "clock jumps a day between two runs",
+        "SIGKILL with an open call, and a start a day later; the same, and a start two days earlier",
+        "the same call is open and the rover held; signing timestamps rise",
+        3,
+        _jumps_between_runs,
+    ),
+    repeating(
+        "no clock at the start",
+        "it starts in 1970, its clock is set, and it starts in 1970 again; all is signed",
+        "it signs by the autopilot's time, never with an older time than before; the call stays open",
+        3,
+        _no_clock,
+    ),
+    repeating(
+        "journal of a previous version",
+        "a start on journals of each older version, with an open call",
+        "the same call with its picture, and its words; a copy of the old journal is kept",
+        2,
+        _older_journal,
+    ),
+    repeating(
+        "journal of a newer version",
+        "a start on a journal whose version is one higher",
+        "it does not start, says what to do, and leaves the journal as it is",
+        2,
+        _newer_journal,
+    ),
+    repeating(
+        "unclean stop with an open call",
+        "SIGKILL while the rover is held before an unknown thing",
+        "the same call with the same id and its picture is open, the rover stays held, and go goes on",
+        20,
+        _unclean_stop,
+    ),
+    repeating(
+        "two daemons with one state folder",
+        "a second `companion run` with the same configuration",
+        "the second ends and says why; the first goes on",
+        5,
+        _two_on_one_folder,
+        holds=True,
+        returns=False,
+    ),
+    repeating(
+        "two daemons with one system id",
+        "a second daemon with another state folder on the same wire; each hears the other",
+        "the second falls silent but for holds, and says why; nothing drives on; it speaks once it is alone",
+        3,
+        _two_on_one_link,
+        holds=True,
+    ),
+)
+"""Of starts and clocks."""

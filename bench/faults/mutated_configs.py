@@ -92,7 +92,8 @@ def wrong_with(path: Path) -> tuple[bool, str]:
     code, said = checked(path)
     if code == 0:
         return True, _not_understood(path)
-    lines = [line for line in said.splitlines() if line and line != "companion config: "]
+    progress = ("companion config: loading ", "companion config: \n")
+    lines = [line for line in said.splitlines() if line and not f"{line}\n".startswith(progress)]
     unplaced = [line for line in lines if not _PLACED.match(line)]
     if code != 2 or not lines or unplaced:
         return False, f"exit code {code}: {said[:300]}"

@@ -131,6 +131,8 @@ class Wire:
         """Address from which something came -> the components in whose name."""
         self.stamps: list[int] = []
         """The signing timestamps of the companion's frames, in order."""
+        self.recording, self.recorded = False, list[bytes]()
+        """Whether to record what is sent to the companion, and what was."""
         self.forget_rovers()
 
     @property
@@ -168,6 +170,8 @@ class Wire:
 
     def write(self, frame: bytes) -> None:
         """Send to every companion that was heard."""
+        if self.recording:
+            self.recorded.append(frame)
         for address in self._rovers:
             with contextlib.suppress(OSError):
                 self._socket.sendto(frame, address)

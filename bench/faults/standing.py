@@ -421,8 +421,8 @@ def _once(work: Work, number: int, once: Callable[[Work], Outcome]) -> Outcome:
     folder.mkdir()
     try:
         return once(Work(folder, work.seed + number, work.short))
-    except NotSeen as error:
-        return Outcome(1, (str(error),))
+    except Exception as error:  # whatever it is, the other rows are still to be produced
+        return Outcome(1, (f"{type(error).__name__}: {error}",))
 
 
 def _put_together(outcomes: Sequence[Outcome]) -> Outcome:

@@ -232,6 +232,11 @@ def _newer_journal(work: Work) -> Outcome:
     return Outcome(1, tuple(wrong), None, back, said.replace(str(rover.state), "STATE"))
 
 
+def _shows_picture(rover: Standing, call: int) -> bool:
+    record = json.loads((rover.state / "calls" / f"{call}.json").read_text())
+    return bool(record.get("picture") == f"/calls/{call}.jpg")
+
+
 def _unclean_stop(work: Work) -> Outcome:
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed) as rover:
@@ -245,11 +250,7 @@ def _unclean_stop(work: Work) -> Outcome:
         rover.start()
         back = _comes_back(rover, call, began)
         _still_open(rover, call, "after the start", wrong)
-        if (
-            json.loads((rover.state / "calls" / f"{call}.json").read_text())["picture"]
-            != f"/calls/{call}.jpg"
-        ):
-            wrong.append("the call's picture is not served")
+        rover.wait("its picture in the call's record", lambda: _shows_picture(rover, call), 10.0)
         _answer_with_its_picture(rover, call, "gravel", wrong)
         _drive_on(rover, call, wrong)
     return Outcome(1, tuple(wrong), None, back, f"call {call}, held, with its picture")

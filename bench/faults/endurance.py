@@ -27,7 +27,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
-from anytraverse.judging import Settings
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
@@ -46,7 +46,7 @@ from companion.storage.log_file import LONGEST, log_to_file
 from companion.tasks import VISION
 from companion.vision.client import VisionClient
 from companion.wire.answers import SetWord
-from companion.wire.ids import COMPONENT_ID, Motion
+from companion.wire.ids import COMPONENT_ID, Motion, Result
 from companion.wire.parameters import SUMMARY_RATE
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
@@ -107,11 +107,11 @@ class Endurance(Companion):
     def _make_engine(self, memory: Memory | None) -> AnyTraverse:
         words = Preferences.parse("grass: 1; sky: -1")
         known = memory or first_memory(self._perceiver.model_id, words)
-        return AnyTraverse(self._perceiver, Settings(), known)
+        return AnyTraverse(self._perceiver, Settings(thresholds=Thresholds(roi=0.6)), known)
 
 
 class Operator:
-    """Answers every call: with go, or with a word and go; and sets a parameter."""
+    """Answers every call, first with a word that does not cover the thing, then with go."""
 
     def __init__(self, radio: Radio) -> None:
         self._radio = radio
@@ -124,12 +124,14 @@ class Operator:
         """Hear, and answer."""
         self._runner.step(now)
         for event in self._client.events():
-            self.acknowledged += isinstance(event, ev.Acknowledged)
             if isinstance(event, ev.CallOpened):
                 self.calls += 1
                 word = SetWord(_WORDS[self.calls % len(_WORDS)], 1.0)
-                operations = (word,) if self.calls % 2 else ()
-                self._client.answer(event.system, event.call.id, Motion.GO, operations, now)
+                self._client.answer(event.system, event.call.id, Motion.NONE, (word,), now)
+            elif isinstance(event, ev.Acknowledged):
+                self.acknowledged += 1
+                if event.acknowledgement.result is Result.NOT_COVERED:
+                    self._client.answer(event.system, event.acknowledgement.target, Motion.GO, (), now)
 
     def set_parameter(self) -> None:
         """Set how often summaries come."""
@@ -173,24 +175,27 @@ def run(frames: int, seed: int, folder: Path) -> dict[str, Any]:
                 files.append(len(os.listdir("/proc/self/fd")))
                 threads.append(len(os.listdir("/proc/self/task")))
                 sizes.append(sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()))
-        applied = rover.calls.applied if hasattr(rover.calls, "applied") else []
     return {
         "frames": frames,
         "seconds": round(time.perf_counter() - began, 1),
         "calls": operator.calls,
-        "applied": len(applied),
         "acknowledged": operator.acknowledged,
         "settings": operator.settings,
         "memory_mb": memory,
         "files": files,
         "threads": threads,
         "disk_kb": [size // 1024 for size in sizes],
-        "wrong": _wrong(folder, memory, files, threads, operator),
+        "wrong": _wrong(frames, folder, memory, files, threads, operator),
     }
 
 
 def _wrong(
-    folder: Path, memory: Sequence[float], files: Sequence[int], threads: Sequence[int], operator: Operator
+    frames: int,
+    folder: Path,
+    memory: Sequence[float],
+    files: Sequence[int],
+    threads: Sequence[int],
+    operator: Operator,
 ) -> list[str]:
     wrong = list[str]()
     later = memory[1:]
@@ -198,7 +203,7 @@ def _wrong(
         wrong.append(f"memory grew by {max(later) - later[0]:.1f} MB over the last 80 %")
     if len(set(files[1:])) > 1 or len(set(threads[1:])) > 1:
         wrong.append(f"open files {files}, threads {threads}")
-    if operator.calls == 0 or operator.acknowledged < operator.calls:
+    if operator.calls < frames // _THING_EVERY // 2 or operator.acknowledged < 2 * operator.calls:
         wrong.append(f"{operator.calls} calls, {operator.acknowledged} acknowledged answers")
     logged = sum(path.stat().st_size for path in (folder / "logs").iterdir())
     journal = sum(path.stat().st_size for path in folder.glob("journal.db*"))

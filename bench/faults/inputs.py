@@ -343,7 +343,7 @@ def _forged(work: Work) -> Outcome:
         rover.answer(first.id, Motion.GO)
         rover.wait("the way back", lambda: rover.wire.mode == AUTO, 10.0)
         rover.wire.recording = False
-        call = rover.open_call(30.0)
+        call = rover.open_call(30.0, after=first.id)
         rover.wait("the hold", lambda: rover.wire.mode == HOLD, 5.0)
         rover.run(2.2)
         words = rover.status()["words"]
@@ -356,7 +356,9 @@ def _forged(work: Work) -> Outcome:
         beat = rover.client.rovers[1]
         if beat.current_id != call.id or rover.wire.mode != HOLD or rover.status()["words"] != words:
             wrong.append(f"call {beat.current_id}, mode {rover.wire.mode}, words {rover.status()['words']}")
-        rejected = rover.status()["link"]["rejected"]
+        rejected, told = rover.status()["link"]["rejected"], rover.log.count("what the autopilot says")
+        if told:
+            wrong.append(f"forged frames made {told} lines of the log about the autopilot")
         refused = sum(rejected.get(why, 0) for why in ("unsigned", "signature", "replay"))
         if refused < sent * 0.9:
             wrong.append(f"of {sent} forged frames {refused} were refused: {rejected}")

@@ -355,14 +355,15 @@ class Standing:
         rover = self.client.rovers.get(SYSTEM)
         return None if rover is None else rover.state
 
-    def open_call(self, limit: float = 10.0) -> CallData:
-        """Show the thing, and wait for the call that it makes."""
+    def open_call(self, limit: float = 10.0, *, after: int = 0) -> CallData:
+        """Show the thing, and wait for the call that it makes, with an id above `after`."""
         self.thing = True
         found: list[CallData] = []
 
         def opened() -> bool:
             rover = self.client.rovers.get(SYSTEM)
-            found[:] = [call.data for call in rover.open_calls()] if rover is not None else []
+            calls = rover.open_calls() if rover is not None else []
+            found[:] = [call.data for call in calls if call.data.id > after]
             return bool(found)
 
         self.wait("a call", opened, limit)

@@ -11,7 +11,8 @@ from functools import partial
 from pathlib import Path
 
 from bench.faults.row import Outcome, Row, Work
-from bench.faults.standing import AUTO, HOLD, Standing, repeating
+from bench.faults.standing import Standing, repeating
+from bench.faults.standing_wire import AUTO, HOLD
 from bench.shim import compile_shim, preloading
 from bench.stopping.slow_disk import SlowDisk
 from companion.storage import Journal

@@ -1,68 +1,20 @@
-"""Rows of the fault table: clocks that jump, journals of other versions, unclean stops, and two daemons."""
+"""Rows of the fault table: journals of other versions, unclean stops, two daemons; and those of clocks."""
 
 from __future__ import annotations
 
 import json
 import sqlite3
 import time
-from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 
-from bench.faults.disk import stored_words
+from bench.faults import clocks
 from bench.faults.row import Outcome, Work
-from bench.faults.standing import AUTO, HOLD, Standing, repeating
-from bench.shim import compile_shim, preloading
+from bench.faults.standing import Standing, repeating
+from bench.faults.standing_calls import comes_back, drive_on, held_call, still_open
+from bench.faults.standing_wire import HOLD
 from companion.storage.database import VERSION
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result, State
-
-DAY = 86_400
-_SOURCE = Path(__file__).with_name("jumping_clock.c")
-_APPLIED = (Result.APPLIED, Result.NOT_COVERED)
-
-
-class JumpingClock:
-    """Sets the wall clock of the processes that are started with `environment`."""
-
-    def __init__(self, folder: Path) -> None:
-        """Compiles the shim into `folder`. Raises RuntimeError if that fails."""
-        self._said = folder / "clock_jump"
-        self.environment: Mapping[str, str] = {
-            **preloading(compile_shim(_SOURCE, folder)),
-            "CLOCK_JUMP": str(self._said),
-        }
-
-    def set(self, ahead: int) -> None:
-        """Make the wall clock `ahead` s ahead of the real one from now on."""
-        part = self._said.with_suffix(".part")
-        part.write_text(str(ahead), encoding="ascii")
-        part.replace(self._said)
-
-
-def _held_call(rover: Standing) -> int:
-    """Let the rover be held before an unknown thing, and return the call's id."""
-    call = rover.open_call()
-    rover.wait("the hold", lambda: rover.wire.mode == HOLD, 5.0)
-    return call.id
-
-
-def _still_open(rover: Standing, call: int, when: str, wrong: list[str]) -> None:
-    """Check that the call is open and the rover held, by heartbeat and autopilot."""
-    beat = rover.client.rovers[1]
-    if beat.current_id != call or beat.state not in (State.CALLING, State.HOLDING) or rover.wire.mode != HOLD:
-        wrong.append(f"{when}: state {beat.state}, call {beat.current_id}, mode {rover.wire.mode}")
-
-
-def _comes_back(rover: Standing, call: int, began: float) -> float:
-    """Wait until the companion says again that this call is open; return s since `began`."""
-    beats = rover.client.rovers[1]
-
-    def same() -> bool:
-        return beats.silence(time.monotonic()) < time.monotonic() - began and beats.current_id == call
-
-    rover.wait("the same call", same, 30.0)
-    return time.monotonic() - began
 
 
 def _answer_with_its_picture(rover: Standing, call: int, word: str, wrong: list[str]) -> None:
@@ -73,92 +25,6 @@ def _answer_with_its_picture(rover: Standing, call: int, word: str, wrong: list[
         wrong.append(f"not judged by the call's picture: {given.result.name}, {given.roi_uncertainty}")
     if any("lost" in text for text in rover.texts()):
         wrong.append("it said that something was lost")
-
-
-def _drive_on(rover: Standing, call: int, wrong: list[str]) -> None:
-    rover.thing = False
-    given = rover.answer(call, Motion.GO)
-    if given.result not in _APPLIED:
-        wrong.append(f"go was acknowledged as {given.result.name}: {given.text}")
-    rover.wait("the way back", lambda: rover.wire.mode == AUTO, 10.0)
-
-
-def _check_stamps(rover: Standing, wrong: list[str]) -> None:
-    stamps = rover.wire.stamps
-    if len(stamps) < 10 or any(later <= earlier for earlier, later in pairwise(stamps)):
-        wrong.append(f"signing timestamps of {len(stamps)} frames do not rise")
-    if "Traceback" in rover.log:
-        wrong.append("a traceback stands in the log")
-
-
-def _jumps_while_running(work: Work) -> Outcome:
-    wrong = list[str]()
-    with Standing(work.folder, policy="hold", seed=work.seed, signs=True) as rover:
-        clock = JumpingClock(work.folder)
-        rover.start(clock.environment)
-        call = _held_call(rover)
-        for ahead in (DAY, -DAY, 0):
-            clock.set(ahead)
-            judged, began = rover.judged(), time.monotonic()
-            rover.run(2.2)
-            _still_open(rover, call, f"{ahead} s ahead", wrong)
-            if rover.judged() <= judged:
-                wrong.append(f"{ahead} s ahead: it did not go on judging")
-            given = rover.answer(call, Motion.NONE, [SetWord("gravel" if ahead else "dirt path", 1.0)])
-            if given.result not in _APPLIED or time.monotonic() - began > 5.0:
-                wrong.append(f"{ahead} s ahead: acknowledged as {given.result.name}")
-        _drive_on(rover, call, wrong)
-        if any("fault" in text.lower() for text in rover.texts()):
-            wrong.append(f"a fault was told: {rover.texts()}")
-        _check_stamps(rover, wrong)
-        rover.stop()
-        lines = (rover.state / "logs" / "companion.log").read_text().splitlines()
-        days = {line[:10] for line in lines}
-        if len(days) < 3 or not (rover.state / "calls" / f"{call}.json").is_file():
-            wrong.append(f"log or files of the call are lost: days {sorted(days)}")
-        lost = {"gravel", "dirt path"} - stored_words(rover.state).keys()
-        if lost:
-            wrong.append(f"lost: {sorted(lost)}")
-    return Outcome(1, tuple(wrong), saw=f"call {call} stays open; {len(rover.wire.stamps)} signed frames")
-
-
-def _jumps_between_runs(work: Work) -> Outcome:
-    wrong, back = list[str](), 0.0
-    with Standing(work.folder, policy="hold", seed=work.seed, signs=True, listens=True) as rover:
-        clock = JumpingClock(work.folder)
-        rover.start(clock.environment)
-        call = _held_call(rover)
-        for ahead in (DAY, -DAY):
-            rover.kill()
-            clock.set(ahead)
-            began = time.monotonic()
-            rover.start(clock.environment)
-            back = max(back, _comes_back(rover, call, began))
-            _still_open(rover, call, f"started {ahead} s ahead", wrong)
-        _drive_on(rover, call, wrong)
-        _check_stamps(rover, wrong)
-    return Outcome(2, tuple(wrong), None, back, f"call {call} is open after both starts")
-
-
-def _no_clock(work: Work) -> Outcome:
-    """The board starts in 1970, then its clock is set, then the power goes, and it is 1970 again."""
-    wrong = list[str]()
-    with Standing(work.folder, policy="hold", seed=work.seed, signs=True, listens=True) as rover:
-        clock = JumpingClock(work.folder)
-        clock.set(-int(time.time()) + 60)
-        back = rover.start(clock.environment)
-        call = _held_call(rover)
-        clock.set(0)
-        rover.run(1.3)
-        _still_open(rover, call, "after the clock was set", wrong)
-        rover.kill()
-        clock.set(-int(time.time()) + 60)
-        began = time.monotonic()
-        rover.start(clock.environment)
-        back = max(back, _comes_back(rover, call, began))
-        _drive_on(rover, call, wrong)
-        _check_stamps(rover, wrong)
-    return Outcome(2, tuple(wrong), None, back, "it signs by the time of the autopilot's signed frames")
 
 
 def _make_older(state: Path, version: int) -> None:
@@ -190,17 +56,17 @@ def _older_journal(work: Work) -> Outcome:
         folder.mkdir()
         with Standing(folder, policy="hold", seed=work.seed) as rover:
             rover.start()
-            call = _held_call(rover)
+            call = held_call(rover)
             rover.answer(call, Motion.NONE, [SetWord("gravel", 1.0)])
             rover.kill()
             _make_older(rover.state, version)
             began = time.monotonic()
             rover.start()
-            back = max(back, _comes_back(rover, call, began))
+            back = max(back, comes_back(rover, call, began))
             if rover.status()["words"] != "grass: 1; sky: -1; gravel: 1":
                 wrong.append(f"version {version}: words in use: {rover.status()['words']}")
             _answer_with_its_picture(rover, call, "dirt path", wrong)
-            _drive_on(rover, call, wrong)
+            drive_on(rover, call, wrong)
             rover.stop()
             copy = rover.state / f"journal.version-{version}.db"
             found = _stored_version(rover.state / "journal.db"), _stored_version(copy)
@@ -241,18 +107,18 @@ def _unclean_stop(work: Work) -> Outcome:
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed) as rover:
         rover.start()
-        call = _held_call(rover)
+        call = held_call(rover)
         picture = rover.state / "calls" / f"{call}.jpg"
         rover.wait("its picture", picture.is_file, 10.0)
         rover.run(0.3)
         rover.kill()
         began = time.monotonic()
         rover.start()
-        back = _comes_back(rover, call, began)
-        _still_open(rover, call, "after the start", wrong)
+        back = comes_back(rover, call, began)
+        still_open(rover, call, "after the start", wrong)
         rover.wait("its picture in the call's record", lambda: _shows_picture(rover, call), 10.0)
         _answer_with_its_picture(rover, call, "gravel", wrong)
-        _drive_on(rover, call, wrong)
+        drive_on(rover, call, wrong)
     return Outcome(1, tuple(wrong), None, back, f"call {call}, held, with its picture")
 
 
@@ -269,9 +135,9 @@ def _two_on_one_folder(work: Work) -> Outcome:
         rover.run(1.2)
         if not rover.summaries(since) or len(rover.wire.senders) != 1:
             wrong.append("the first was disturbed")
-        call = _held_call(rover)
+        call = held_call(rover)
         hold_s = rover.wire.modes[-1][0] - rover.clear_at
-        _drive_on(rover, call, wrong)
+        drive_on(rover, call, wrong)
     return Outcome(1, tuple(wrong), hold_s, None, said.replace(str(rover.state), "STATE"))
 
 
@@ -288,7 +154,7 @@ def _two_on_one_link(work: Work) -> Outcome:
             rover.run(3.5)
             if not rover.summaries(since) or rover.heartbeat is not State.OK:
                 wrong.append("the first was disturbed")
-            _held_call(rover)
+            held_call(rover)
             hold_s = rover.wire.modes[-1][0] - rover.clear_at
             rover.thing = False
             rover.run(1.0 if work.short else 15.0)
@@ -300,7 +166,7 @@ def _two_on_one_link(work: Work) -> Outcome:
             rover.wait("the second", lambda: beats.silence(time.monotonic()) < time.monotonic() - began, 20.0)
             back = time.monotonic() - began
             rover.wait("its call or hold", lambda: beats.current_id > 0, 5.0)
-            _drive_on(rover, beats.current_id, wrong)
+            drive_on(rover, beats.current_id, wrong)
         finally:
             second.process.kill()
             second.process.wait(10.0)
@@ -308,28 +174,7 @@ def _two_on_one_link(work: Work) -> Outcome:
 
 
 ROWS = (
-    repeating(
-        "clock jumps a day while it runs",
-        "the wall clock of all its processes goes a day forwards, two back, and one forwards",
-        "the call stays open, answers count, signing timestamps rise, log and files stay",
-        5,
-        _jumps_while_running,
-        returns=False,
-    ),
-    repeating(
-        "clock jumps a day between two runs",
-        "SIGKILL with an open call, and a start a day later; the same, and a start two days earlier",
-        "the same call is open and the rover held; signing timestamps rise",
-        3,
-        _jumps_between_runs,
-    ),
-    repeating(
-        "no clock at the start",
-        "it starts in 1970, its clock is set, and it starts in 1970 again; all is signed",
-        "it signs by the autopilot's time, never with an older time than before; the call stays open",
-        3,
-        _no_clock,
-    ),
+    *clocks.ROWS,
     repeating(
         "journal of a previous version",
         "a start on journals of each older version, with an open call",

@@ -38,8 +38,17 @@ def comes_back(rover: Standing, call: int, began: float) -> float:
 
 
 def drive_on(rover: Standing, call: int, wrong: list[str]) -> None:
+    """Take the thing away and give go, again while the companion has not heard the autopilot's mode yet."""
     rover.thing = False
-    given = rover.answer(call, Motion.GO)
-    if given.result not in APPLIED:
-        wrong.append(f"go was acknowledged as {given.result.name}: {given.text}")
-    rover.wait("the way back", lambda: rover.wire.mode == AUTO, 10.0)
+    until = time.monotonic() + 10.0
+    while rover.wire.mode != AUTO and time.monotonic() < until:
+        given = rover.answer(call, Motion.GO)
+        if given.result not in APPLIED:
+            wrong.append(f"go was acknowledged as {given.result.name}: {given.text}")
+            return
+        if "no go" in given.text:
+            rover.run(0.5)
+        else:
+            rover.wait("the way back", lambda: rover.wire.mode == AUTO, 10.0)
+    if rover.wire.mode != AUTO:
+        wrong.append(f"it did not drive on: {given.text}")

@@ -14,7 +14,7 @@ from bench.faults.standing_calls import comes_back, drive_on, held_call, still_o
 from bench.faults.standing_wire import HOLD
 from companion.storage.database import VERSION
 from companion.wire.answers import SetWord
-from companion.wire.ids import Motion, Result, State
+from companion.wire.ids import Motion, Result
 
 
 def _answer_with_its_picture(rover: Standing, call: int, word: str, wrong: list[str]) -> None:

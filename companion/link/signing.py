@@ -96,6 +96,8 @@ class Signing:
         self._now = 0.0
         self._own: set[Stream] = set()
         self._refused: tuple[str, float] | None = None
+        self._autopilot_at = float("-inf")
+        """When a frame of the autopilot was verified last, monotonic seconds."""
         self._logged: dict[str, float] = {}
         self._count: Counter[str] = Counter()
 
@@ -114,7 +116,9 @@ class Signing:
         if not self.ready(self._now):
             return _NO_TIME
         reason = self._refused_lately()
-        if reason:
+        # While the autopilot is verified, what is refused in its name is somebody else's: anybody could make
+        # this text come and go, and fill the log with it.
+        if reason and self._now - self._autopilot_at > RECENT:
             return f"what the autopilot says {_HINTS[reason]}"
         if self._store.trouble:
             return f"{NAME} is not written ({self._store.trouble}): free the disk before a restart"
@@ -171,7 +175,7 @@ class Signing:
         self._clock.update(wire.timestamp_of(frame), now)
         if message.get_srcComponent() != AUTOPILOT_COMPONENT_ID:
             return
-        self._refused = None
+        self._refused, self._autopilot_at = None, now
         if message.get_type() == "SYSTEM_TIME":
             self._clock.update(wire.ticks(message.time_unix_usec / 1e6), now)
 

@@ -73,7 +73,7 @@ def show_scene(file: str, number: int, out: str | None = None) -> int:
     if out is not None:
         with _naming(out):
             with _as_owner(folder):
-                content = picture.read_bytes()
+                content = read_picture(folder, entry)
             Path(out).write_bytes(content)
         print(f"copied to {out}")
     return 0

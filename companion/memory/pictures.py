@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 from anytraverse.history import Entry
 from companion.memory.scene_file import MAX_PICTURE
 from companion.system.atomic_write import write_atomically
+from companion.system.regular_file import open_regular
 
 _IMPORTED = "scenes"
 """The folder of imported pictures, named by the scene's embedding: the ids of calls are a rover's own."""
@@ -28,7 +30,7 @@ def read_picture(folder: Path, entry: Entry) -> bytes:
     path = picture_of(folder, entry)
     if path is None:
         return b""
-    with path.open("rb") as file:
+    with os.fdopen(open_regular(path), "rb") as file:
         return file.read(MAX_PICTURE + 1)
 
 

@@ -11,7 +11,6 @@ import binascii
 import json
 import math
 import os
-import stat
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +28,7 @@ from anytraverse.release import own_version
 from anytraverse.synonyms import refuse_contradictions
 from companion.storage.journal import LARGEST
 from companion.system.atomic_write import write_durably
+from companion.system.regular_file import open_regular
 
 FORMAT, VERSION = "anytraverse memory", 1
 MAX_SCENES = 10_000
@@ -96,13 +96,9 @@ def write_scenes(path: Path, model_id: str, scenes: list[Scene]) -> int:
 
 def read_scenes(path: Path, expected: Expected) -> list[Scene]:
     """Read and check a file. Raises OSError, and SceneFileError for anything that this rover cannot use."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(descriptor, "rb") as file:
-        status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_FILE:
-            raise SceneFileError(
-                f"{path} is no file, or larger than {MAX_FILE >> 20} MiB: nothing is imported"
-            )
+    with os.fdopen(open_regular(path), "rb") as file:
+        if os.fstat(file.fileno()).st_size > MAX_FILE:
+            raise SceneFileError(f"{path} is larger than {MAX_FILE >> 20} MiB: nothing is imported")
         try:
             return _read(file, expected)
         except (ValueError, TypeError, RecursionError, AnyTraverseError) as error:

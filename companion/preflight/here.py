@@ -14,21 +14,37 @@ from companion.preflight.rules import Finding, failed, passed, warned
 from companion.storage.database import JournalError
 from companion.storage.journal_copy import read_stored_memory
 from companion.system.computer import existing
+from companion.system.regular_file import open_regular
 
 RUNNING = 5.0
 """Seconds after which a status file is outdated. A running companion writes it once a second."""
+_LONGEST = 1 << 20
+"""Bytes of the status file that are read at most; it has some 3 kB."""
+
+
+def read_status(folder: Path) -> tuple[float | None, dict[str, Any]]:
+    """Read the status file: seconds since it was written, None without a readable file, and its content.
+
+    Raises PermissionError.
+    """
+    try:
+        with os.fdopen(open_regular(folder / "status.json"), "rb") as file:
+            age = time.time() - os.fstat(file.fileno()).st_mtime
+            said = json.loads(file.read(_LONGEST))
+    except PermissionError:
+        raise
+    except (OSError, ValueError, RecursionError):
+        return None, {}
+    return (age, said) if isinstance(said, dict) else (None, {})
 
 
 def status(folder: Path) -> dict[str, Any] | None:
     """Read the status of a companion that runs with this folder; None when none runs."""
-    path = folder / "status.json"
     try:
-        if time.time() - path.stat().st_mtime > RUNNING:
-            return None
-        said = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        age, said = read_status(folder)
+    except PermissionError:
         return None
-    return said if isinstance(said, dict) and is_alive(said.get("pid")) else None
+    return said if age is not None and age <= RUNNING and is_alive(said.get("pid")) else None
 
 
 def is_alive(pid: object) -> bool:

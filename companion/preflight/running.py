@@ -13,7 +13,7 @@ from typing import Any
 from companion.config import ConfigError, Problem, load_config, state_folder
 from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
 from companion.preflight.computer import check_space
-from companion.preflight.here import RUNNING, is_alive, status
+from companion.preflight.here import RUNNING, is_alive, read_status, status
 
 WELL, FAULTY, NOT_RUNNING = 0, 1, 2
 _WIDTH = 10
@@ -23,13 +23,13 @@ def print_status(file: str, *, as_json: bool = False) -> int:
     """Print the status. Returns 0 if the companion runs and is well, 1 if it is faulty, 2 if none runs."""
     said: dict[str, Any] = {}
     try:
-        path = state_folder(load_config(file)) / "status.json"
-        age, said = _read(path)
-        code, verdict = _verdict(path, age, said)
+        folder = state_folder(load_config(file))
+        age, said = _read(folder)
+        code, verdict = _verdict(folder, age, said)
     except ConfigError as error:
         age, code, verdict = None, NOT_RUNNING, str(error)
     print(verdict)
-    for name, text in _rows(path.parent, said) if code != NOT_RUNNING else ():
+    for name, text in _rows(folder, said) if code != NOT_RUNNING else ():
         print(f"{name:<{_WIDTH}}  {text}")
     if as_json:
         shown = None if age is None else round(age, 1)
@@ -37,23 +37,17 @@ def print_status(file: str, *, as_json: bool = False) -> int:
     return code
 
 
-def _read(path: Path) -> tuple[float | None, dict[str, Any]]:
-    """Read the status file: seconds since it was written, None without a readable file, and its content."""
+def _read(folder: Path) -> tuple[float | None, dict[str, Any]]:
     try:
-        age = time.time() - path.stat().st_mtime
-        said = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None, {}
+        return read_status(folder)
     except PermissionError as error:
+        path = folder / "status.json"
         raise ConfigError([Problem(path, None, "", None, "may not be read: type this with sudo")]) from error
-    except (OSError, ValueError):
-        return None, {}
-    return age, said if isinstance(said, dict) else {}
 
 
-def _verdict(path: Path, age: float | None, said: Mapping[str, Any]) -> tuple[int, str]:
+def _verdict(folder: Path, age: float | None, said: Mapping[str, Any]) -> tuple[int, str]:
     if age is None:
-        return NOT_RUNNING, f"no companion runs with {path.parent}, or it is still starting: see its log"
+        return NOT_RUNNING, f"no companion runs with {folder}, or it is still starting: see its log"
     pid = said.get("pid")
     began = _started(pid)
     # A process that was started after the file was written is another one with the same number.
@@ -62,7 +56,8 @@ def _verdict(path: Path, age: float | None, said: Mapping[str, Any]) -> tuple[in
         how = f"process {pid} {'was stopped' if 'recent' in said else 'died'} {_duration(age)} ago"
         return NOT_RUNNING, f"no companion runs, or it is still starting: {how}: see its log"
     if age > RUNNING:
-        return FAULTY, f"the companion, process {pid}, has said nothing for {_duration(age)}: it hangs"
+        silent = f"has written no status for {_duration(age)}: it hangs, or its disk is full or fails"
+        return FAULTY, f"the companion, process {pid}, {silent}; what follows is old"
     state, trouble = said.get("state"), _table(said, "link").get("trouble")
     if state == "fault":
         return FAULTY, f"the companion runs, process {pid}, and cannot judge: FAULT"

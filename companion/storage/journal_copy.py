@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,6 +12,7 @@ from anytraverse.memory import Memory
 from companion.storage.database import Damaged, Database, JournalError
 from companion.storage.journal import LARGEST
 from companion.storage.memory_rows import read_memory
+from companion.system.regular_file import open_regular
 
 _TRIES = 5
 _PAUSE = 0.2
@@ -77,7 +79,7 @@ def _copied(path: Path, to: Path) -> Path:
 def _copy(path: Path, to: Path | None, most: int) -> bytes:
     """Copy a file, and return the checksum of its content. to: None only reads it."""
     checksum, left = hashlib.sha256(), most
-    with path.open("rb") as source, (to or Path("/dev/null")).open("wb") as target:
+    with os.fdopen(open_regular(path), "rb") as source, (to or Path("/dev/null")).open("wb") as target:
         while chunk := source.read(min(_CHUNK, left + 1)):
             left -= len(chunk)
             if left < 0:

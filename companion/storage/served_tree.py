@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol, TypeVar
+
+from companion.system.regular_file import open_regular
 
 MAX_SIZE = 8 * 1024 * 1024
 """Bytes of the largest file that is served. It takes 1.5 h at 1,500 B/s."""
@@ -56,19 +57,15 @@ def read_regular_file(folder: int, name: str) -> Opened:
 
     A symbolic link is refused: it could lead out of the folder.
     """
-    # O_NONBLOCK: opening a named pipe would otherwise wait for its writer.
-    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
-        descriptor = os.open(name, flags, dir_fd=folder)
+        descriptor = open_regular(name, folder=folder, follow=False)
     except OSError as error:
         raise MissingError(name) from error
     try:
-        status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode):
-            raise MissingError(f"{name} is no regular file")
-        if status.st_size > MAX_SIZE:
-            raise FileError(f"{status.st_size} bytes, at most {MAX_SIZE} are served")
-        return InMemoryFile(os.pread(descriptor, status.st_size, 0))
+        size = os.fstat(descriptor).st_size
+        if size > MAX_SIZE:
+            raise FileError(f"{size} bytes, at most {MAX_SIZE} are served")
+        return InMemoryFile(os.pread(descriptor, size, 0))
     finally:
         os.close(descriptor)
 

@@ -200,6 +200,19 @@ def test_an_unsigned_autopilot_is_said_with_what_to_do(tmp_path: Path) -> None:
     assert stage.link.trouble is None
 
 
+def test_what_others_say_in_a_verified_autopilots_name_is_no_trouble_until_it_is_silent(stage: Stage) -> None:
+    liar = Peer(1, 1, secret=b"z" * 32)
+    for number in range(20):
+        stage.arrive(stage.beat(signed=False), stage.beat() if number % 5 == 0 else b"", seconds=0.1)
+        assert stage.link.trouble is None
+        stage.arrive(liar.frame(mavlink.MAVLink_heartbeat_message(10, 3, 0x81, 0, 4, 3)), seconds=0.1)
+        assert stage.link.trouble is None
+    assert stage.rejected == {"unsigned": 20, "signature": 20}
+    for _ in range(12):
+        stage.arrive(stage.beat(signed=False), seconds=1.0)
+    assert "is not signed" in str(stage.link.trouble)
+
+
 def test_an_exempted_autopilot_may_tell_unsigned_but_ask_nothing(tmp_path: Path) -> None:
     stage = Stage(tmp_path, exempt=True)
     pulses = mavlink.MAVLink_rc_channels_message(0, 18, *([1500] * 18), 255)

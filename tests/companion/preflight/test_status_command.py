@@ -14,7 +14,7 @@ import pytest
 
 from companion.cli import main
 from companion.preflight import running
-from companion.preflight.here import RUNNING
+from companion.preflight.here import RUNNING, status
 
 WELL: dict[str, Any] = {
     "state": "ok",
@@ -125,7 +125,7 @@ def test_one_that_writes_nothing_any_more_hangs(folder: Folder, capsys: pytest.C
             assert folder.asked() == 1
     finally:
         process.communicate(b"\n", timeout=10.0)
-    assert "has said nothing for" in capsys.readouterr().out
+    assert "has written no status for" in capsys.readouterr().out
 
 
 def test_where_none_was_ever_started_it_ends_with_2(
@@ -166,3 +166,14 @@ def test_programs_read_its_last_line(folder: Folder, capsys: pytest.CaptureFixtu
 def test_a_wrong_configuration_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["status", str(tmp_path / "none.toml")]) == 2
     assert "companion init" in capsys.readouterr().out
+
+
+def test_a_status_file_that_is_none_is_neither_waited_for_nor_believed(folder: Folder) -> None:
+    os.mkfifo(folder.file)
+    assert folder.asked() == running.NOT_RUNNING
+    assert status(folder.file.parent) is None
+    folder.file.unlink()
+    for content in ("[]", "[" * 100_000, "{"):
+        folder.file.write_text(content)
+        assert folder.asked() == running.NOT_RUNNING
+        assert status(folder.file.parent) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -115,4 +116,13 @@ def test_a_journal_beyond_its_bound_is_not_copied(tmp_path: Path, monkeypatch: p
     Journal(tmp_path).close()
     monkeypatch.setattr(journal_copy, "LARGEST", 8192)
     with pytest.raises(JournalError, match="is larger than"):
+        read_stored_memory(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["journal.db", "journal.db-wal"])
+def test_a_named_pipe_in_the_place_of_the_journal_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    Journal(tmp_path).close()
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(JournalError, match="no regular file"):
         read_stored_memory(tmp_path)

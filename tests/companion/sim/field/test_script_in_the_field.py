@@ -219,9 +219,9 @@ def test_after_a_reboot_the_script_knows_no_companion_until_it_is_heard_again() 
     scene.pass_time(4.5)
     scene.drive()
     scene.pass_time(5.0)
-    assert scene.autopilot.mode is Mode.AUTO, "nobody is missed who was never heard"
+    assert scene.is_in(Mode.AUTO), "nobody is missed who was never heard"
     scene.state = State.OK
     scene.pass_time(2.0)
     scene.state = None
     scene.pass_time(2.0)
-    assert scene.autopilot.mode is Mode.HOLD
+    assert scene.is_in(Mode.HOLD)

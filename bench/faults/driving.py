@@ -109,7 +109,8 @@ def _call_open(stage: Stage, random: Random) -> Seen:
     at, ack = events.wait(stage, "an acknowledgement", lambda one: one["event"] == "ack", whole)
     wait_for_mode(stage, "AUTO")
     closed = events.wait(stage, "the closing", lambda one: one["event"] == "closed", whole)[1]
-    wrong = "" if ack["result"] == "applied" and closed["id"] == call["id"] else f"{ack}, {closed}"
+    right = ack["result"] == "applied" and ack["target"] == closed["id"] == call["id"]
+    wrong = "" if right else f"{ack}, {closed}"
     saw = "answered in the gap" if in_gap else "answered when the call came again"
     return Seen(wrong, held_at - (believed or 0.0), at - whole, f"held by {by}, {saw}")
 

@@ -1,6 +1,6 @@
-"""Judges what came out of the rows, sums it up, keeps it, and prints docs/faults.md's table of it.
+"""Judges what came out of the rows, sums it up, keeps it, and writes docs/faults.md's table of it.
 
-`python -m bench.faults.report` prints that table from the committed results.
+`python -m bench.faults.report` puts the table into that page, from the committed results.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from bench.faults.row import Outcome, Row
 from bench.faults.table import ROWS
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
+PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 COLUMNS = "fault", "how it is produced", "what must follow", "runs", "hold, s", "return, s", "what was seen"
 
 
@@ -131,5 +132,13 @@ def _verdict(figures: Mapping[str, Any]) -> str:
     return "safe" if figures["safe"] else "WRONG" if figures.get("wrong") else "NOT SAFE"
 
 
+def main() -> None:
+    """Replaces the table in docs/faults.md."""
+    lines = PAGE.read_text(encoding="utf-8").split("\n")
+    others = [line for line in lines if not line.startswith("|")]
+    at = next(number for number, line in enumerate(lines) if line.startswith("|"))
+    PAGE.write_text("\n".join([*others[:at], document(ROWS, read(RESULTS)), *others[at:]]), encoding="utf-8")
+
+
 if __name__ == "__main__":
-    print(document(ROWS, read(RESULTS)))
+    main()

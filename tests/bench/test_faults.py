@@ -17,8 +17,12 @@ import pytest
 from bench.faults.produce import produce
 from bench.faults.report import RESULTS, document, judged, keep, read, summed
 from bench.faults.row import Outcome, Row, Work
+from bench.faults.stages import HOLD_WITHIN, SCRIPT_WITHIN
 from bench.faults.table import ROWS, chosen
+from bench.stopping.limits import script_timeout
 from bench.stopping.wire import Beat, Wire
+from companion.config import load_config
+from companion.sim.demo.config import write_config
 from companion.wire.ids import State
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +60,7 @@ def test_a_fault_ends_in_its_safe_state(few: dict[str, dict[str, Any]], fault: s
 def test_the_document_has_the_rows_of_the_table_and_what_was_measured_and_no_others() -> None:
     text = (ROOT / "docs/faults.md").read_text(encoding="utf-8")
     table = document(ROWS, read(RESULTS))
-    assert table in text, "python -m bench.faults.report prints it"
+    assert table in text, "python -m bench.faults.report writes it"
     shown = [line for line in text.splitlines() if line.startswith("|")]
     assert shown == table.splitlines()
 
@@ -67,6 +71,12 @@ def test_every_row_has_a_name_of_its_own_and_is_found_by_a_part_of_it() -> None:
     assert chosen([]) == list(ROWS)
     with pytest.raises(ValueError, match="no row has 'meteorite' in its name: camera absent"):
         chosen(["meteorite"])
+
+
+def test_the_limits_are_of_what_the_stages_and_the_script_have(tmp_path: Path) -> None:
+    path = write_config(tmp_path, camera="field:h:1", link="udpout:127.0.0.1:9", policy="hold")
+    assert load_config(str(path)).freshness + 1.0 == HOLD_WITHIN
+    assert script_timeout() + 0.5 == SCRIPT_WITHIN
 
 
 def row(**more: Any) -> Row:

@@ -64,7 +64,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench.faults", description=__doc__)
     parser.add_argument("--only", nargs="+", default=[], metavar="ROW", help="rows by a part of their names")
     parser.add_argument("--short", action="store_true", help="each fault once or a few times, without limits")
-    parser.add_argument("--jobs", type=int, default=2, help="rows side by side (default 2)")
+    parser.add_argument("--jobs", type=int, default=3, help="rows side by side (default 3)")
     parser.add_argument("--seed", type=int, default=1, help="of everything that is random (default 1)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="results; rows of earlier runs in it stay")
     parser.add_argument("--logs", type=Path, metavar="FOLDER", help="where logs are kept; else thrown away")

@@ -17,6 +17,7 @@ from bench.faults.stages import (
     Produce,
     Seen,
     changed_by,
+    follows,
     repeated,
     stops,
     wait_for_mode,
@@ -35,20 +36,21 @@ def _unplugged(job: Job, random: Random) -> Plan:
 
 def _absent_at_boot(stage: Stage, _random: Random) -> Seen:
     """Starts without a camera; then a person sets AUTO; then the camera is plugged in."""
-    stage.wait("a fault", lambda: stage.read_status().get("state") == "fault", READY_WITHIN)
-    said = str(stage.read_status()["camera"]["reason"]).split(" at ")[0]
-    begun = time.monotonic()
-    stage.control.start()
-    wait_for_mode(stage, "HOLD")
-    by, ordered = changed_by(stage), stage.wire.ordered(begun) or time.monotonic()
-    watch(stage, 1.0)
-    plugged = time.monotonic()
-    stage.camera.plug(on=True)
-    returned = stage.returned(plugged)
-    wrong = "not well again" if returned is None else ""
-    if stage.status()["mode"] != "HOLD":
-        wrong = "it drove on by itself"
-    return Seen(wrong, ordered - begun, returned, f"held by {by}, says: {said}")
+    with follows():
+        stage.wait("a fault", lambda: stage.read_status().get("state") == "fault", READY_WITHIN)
+        said = str(stage.read_status()["camera"]["reason"]).split(" at ")[0]
+        begun = time.monotonic()
+        stage.control.start()
+        wait_for_mode(stage, "HOLD")
+        by, ordered = changed_by(stage), stage.wire.ordered(begun) or time.monotonic()
+        watch(stage, 1.0)
+        plugged = time.monotonic()
+        stage.camera.plug(on=True)
+        returned = stage.returned(plugged)
+        wrong = "not well again" if returned is None else ""
+        if stage.status()["mode"] != "HOLD":
+            wrong = "it drove on by itself"
+        return Seen(wrong, ordered - begun, returned, f"held by {by}, says: {said}")
 
 
 def _lost(kind: str) -> Produce:

@@ -17,6 +17,7 @@ from bench.faults.stages import (
     SOON,
     Seen,
     changed_by,
+    follows,
     repeated,
     stops,
     wait_for_mode,
@@ -84,35 +85,36 @@ def _call_open(stage: Stage, random: Random) -> Seen:
     _, call = events.wait(stage, "a call", lambda one: one["event"] == "call")
     stage.ground.set_parameter(THR_SCENE, _NEVER_NEW)
     watch(stage, 0.3)  # until that has arrived
-    stage.wire.mute = stage.wire.unheard = True
-    wait_for_mode(stage, "HOLD")
-    stop = stage.status()
-    held_at = stop["monotonic"] - stop["t"] + stop["mode_log"][-1]["t"]
-    believed, by = stage.wire.believed(held_at), changed_by(stage)
-    watch(stage, _GAP)
-    in_gap = stage.plan.seed % 2 == 1
-    if in_gap:
-        operator.type(f"{call['id']} go")
+    with follows():
+        stage.wire.mute = stage.wire.unheard = True
+        wait_for_mode(stage, "HOLD")
+        stop = stage.status()
+        held_at = stop["monotonic"] - stop["t"] + stop["mode_log"][-1]["t"]
+        believed, by = stage.wire.believed(held_at), changed_by(stage)
         watch(stage, _GAP)
-    stage.wire.mute = stage.wire.unheard = stage.wire.deaf = False
-    whole = time.monotonic()
-    if not in_gap:
-        told = f"C{call['id']} "
-        events.wait(
-            stage,
-            "the call again",
-            lambda one: one["event"] in ("text", "call", "call_changed") and told in json.dumps(one),
-            whole,
-        )
-        watch(stage, READ)
-        operator.type(f"{call['id']} go")
-    at, ack = events.wait(stage, "an acknowledgement", lambda one: one["event"] == "ack", whole)
-    wait_for_mode(stage, "AUTO")
-    closed = events.wait(stage, "the closing", lambda one: one["event"] == "closed", whole)[1]
-    right = ack["result"] == "applied" and ack["target"] == closed["id"] == call["id"]
-    wrong = "" if right else f"{ack}, {closed}"
-    saw = "answered in the gap" if in_gap else "answered when the call came again"
-    return Seen(wrong, held_at - (believed or 0.0), at - whole, f"held by {by}, {saw}")
+        in_gap = stage.plan.seed % 2 == 1
+        if in_gap:
+            operator.type(f"{call['id']} go")
+            watch(stage, _GAP)
+        stage.wire.mute = stage.wire.unheard = stage.wire.deaf = False
+        whole = time.monotonic()
+        if not in_gap:
+            told = f"C{call['id']} "
+            events.wait(
+                stage,
+                "the call again",
+                lambda one: one["event"] in ("text", "call", "call_changed") and told in json.dumps(one),
+                whole,
+            )
+            watch(stage, READ)
+            operator.type(f"{call['id']} go")
+        at, ack = events.wait(stage, "an acknowledgement", lambda one: one["event"] == "ack", whole)
+        wait_for_mode(stage, "AUTO")
+        closed = events.wait(stage, "the closing", lambda one: one["event"] == "closed", whole)[1]
+        right = ack["result"] == "applied" and ack["target"] == closed["id"] == call["id"]
+        wrong = "" if right else f"{ack}, {closed}"
+        saw = "answered in the gap" if in_gap else "answered when the call came again"
+        return Seen(wrong, held_at - (believed or 0.0), at - whole, f"held by {by}, {saw}")
 
 
 def _reboots(stage: Stage, random: Random) -> tuple[str, float | None]:
@@ -134,42 +136,44 @@ def _reboot_while_held(stage: Stage, random: Random) -> Seen:
     """Reboots the autopilot in our hold, then lets a person set AUTO and arm it, or arm it and set AUTO."""
     _drives(stage, random)
     stage.freeze_camera(on=True)
-    wait_for_mode(stage, "HOLD")
-    stage.freeze_camera(on=False)
-    stage.wait_until_well()
-    wrong, returned = _reboots(stage, random)
-    begun, asked = time.monotonic(), len(stage.wire.commands)
-    if stage.plan.seed % 2 == 0:
-        stage.control.start()
-        watch(stage, 3.0)
-        if stage.wire.commands[asked:] or stage.status()["mode"] != "AUTO":
-            wrong = f"a person was overruled: {stage.wire.commands[asked:]}, {stage.status()['mode']}"
-        return Seen(wrong, None, returned, "armed in HOLD, and AUTO set: taken over")
-    stage.control.mode("AUTO")
-    watch(stage, 2.0)
-    if stage.wire.commands[asked:]:
-        wrong = f"commanded while it was not armed: {stage.wire.commands[asked:]}"
-    armed = time.monotonic()
-    stage.control.ask("arm", on=True)
-    wait_for_mode(stage, "HOLD")
-    by, ordered = changed_by(stage), stage.wire.ordered(begun) or time.monotonic()
-    stage.wait_until_well()
-    watch(stage, READ)
-    stage.ground.go(int(stage.read_status()["current_id"]))
-    wait_for_mode(stage, "AUTO")
-    return Seen(wrong, ordered - armed, returned, f"armed in AUTO: held again by {by} until a go")
+    with follows():
+        wait_for_mode(stage, "HOLD")
+        stage.freeze_camera(on=False)
+        stage.wait_until_well()
+        wrong, returned = _reboots(stage, random)
+        begun, asked = time.monotonic(), len(stage.wire.commands)
+        if stage.plan.seed % 2 == 0:
+            stage.control.start()
+            watch(stage, 3.0)
+            if stage.wire.commands[asked:] or stage.status()["mode"] != "AUTO":
+                wrong = f"a person was overruled: {stage.wire.commands[asked:]}, {stage.status()['mode']}"
+            return Seen(wrong, None, returned, "armed in HOLD, and AUTO set: taken over")
+        stage.control.mode("AUTO")
+        watch(stage, 2.0)
+        if stage.wire.commands[asked:]:
+            wrong = f"commanded while it was not armed: {stage.wire.commands[asked:]}"
+        armed = time.monotonic()
+        stage.control.ask("arm", on=True)
+        wait_for_mode(stage, "HOLD")
+        by, ordered = changed_by(stage), stage.wire.ordered(begun) or time.monotonic()
+        stage.wait_until_well()
+        watch(stage, READ)
+        stage.ground.go(int(stage.read_status()["current_id"]))
+        wait_for_mode(stage, "AUTO")
+        return Seen(wrong, ordered - armed, returned, f"armed in AUTO: held again by {by} until a go")
 
 
 def _reboot_while_driving(stage: Stage, random: Random) -> Seen:
     """Reboots the autopilot as it drives. A person arms it and sets AUTO again: nothing may hold it."""
     _drives(stage, random)
-    wrong, returned = _reboots(stage, random)
-    stage.wait("state ok", lambda: stage.read_status().get("state") == "ok", SOON)
-    told = stage.read_status()
-    if told["held_by"] or told["current_id"]:
-        wrong = f"held by {told['held_by']}, id {told['current_id']}"
-    stage.drive(2.0)
-    return Seen(wrong, None, returned, "says: autopilot silent; drives again when a person sets AUTO")
+    with follows():
+        wrong, returned = _reboots(stage, random)
+        stage.wait("state ok", lambda: stage.read_status().get("state") == "ok", SOON)
+        told = stage.read_status()
+        if told["held_by"] or told["current_id"]:
+            wrong = f"held by {told['held_by']}, id {told['current_id']}"
+        stage.drive(2.0)
+        return Seen(wrong, None, returned, "says: autopilot silent; drives again when a person sets AUTO")
 
 
 def _px4(job: Job, random: Random) -> Plan:
@@ -181,23 +185,24 @@ def _dead_on_px4(stage: Stage, random: Random) -> Seen:
     events = _Events(stage.start_operator())
     stage.wait_until_well()
     stage.drive(random.uniform(0.0, 1.0))
-    before, killed = stage.status(), time.monotonic()
-    stage.daemon.process.kill()
-    stage.daemon.process.wait(SOON)
-    while time.monotonic() < killed + _WATCHED:
-        time.sleep(0.1)
-    after = stage.status()
-    drives_on = after["mode"] == "MISSION" and after["speed"] > 0.9 * _PX4_SPEED
-    text = events.first(lambda one: "mission computer lost" in one.get("text", ""), killed)
-    lost = events.first(lambda one: one["event"] == "link" and not one["up"], killed)
-    begun = time.monotonic()
-    stage.start_daemon()
-    stage.wait("a companion that sees", lambda: stage.wire.well_again(begun) is not None, READY_WITHIN)
-    if text is None or lost is None or not drives_on:
-        return Seen(f"it did not drive on, or nobody said so: {after['mode']}, {text}, {lost}")
-    metres = after["distance"] - before["distance"]
-    saw = f"DRIVES ON ({metres:.0f} m in {_WATCHED:g} s); PX4 and the operator's terminal say so"
-    return Seen("", None, stage.wire.well_again(begun), saw)
+    with follows():
+        before, killed = stage.status(), time.monotonic()
+        stage.daemon.process.kill()
+        stage.daemon.process.wait(SOON)
+        while time.monotonic() < killed + _WATCHED:
+            time.sleep(0.1)
+        after = stage.status()
+        drives_on = after["mode"] == "MISSION" and after["speed"] > 0.9 * _PX4_SPEED
+        text = events.first(lambda one: "mission computer lost" in one.get("text", ""), killed)
+        lost = events.first(lambda one: one["event"] == "link" and not one["up"], killed)
+        begun = time.monotonic()
+        stage.start_daemon()
+        stage.wait("a companion that sees", lambda: stage.wire.well_again(begun) is not None, READY_WITHIN)
+        if text is None or lost is None or not drives_on:
+            return Seen(f"it did not drive on, or nobody said so: {after['mode']}, {text}, {lost}")
+        metres = after["distance"] - before["distance"]
+        saw = f"DRIVES ON ({metres:.0f} m in {_WATCHED:g} s); PX4 and the operator's terminal say so"
+        return Seen("", None, stage.wire.well_again(begun), saw)
 
 
 ROWS = (

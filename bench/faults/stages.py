@@ -6,7 +6,8 @@ import re
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
@@ -68,7 +69,10 @@ def stops(named: Fault | Mapping[str, Fault], times: int, *, breakable: bool = F
 def repeated(
     times: int, plan: Callable[[Job, Random], Plan], play: Callable[[Stage, Random], Seen]
 ) -> Produce:
-    """Plays a scene so often, each on a new stage with a seed of its own; in the short form once."""
+    """Plays a scene so often, each on a new stage with a seed of its own; in the short form once.
+
+    What must follow is awaited in `follows`. A run that is disturbed before that is begun anew.
+    """
 
     def produce(work: Work) -> Outcome:
         seeds = range(work.seed, work.seed + (1 if work.short else times))
@@ -88,6 +92,19 @@ def outcome(seen: Sequence[Seen], saw: str = "") -> Outcome:
         _most(one.return_s for one in seen),
         "; ".join([*told, saw] if saw else told),
     )
+
+
+class _Missing(Exception):  # noqa: N818 - it is caught here
+    """Raised when what must follow a fault did not."""
+
+
+@contextmanager
+def follows() -> Iterator[None]:
+    """Makes a run wrong, not void, where something does not happen that is awaited in this block."""
+    try:
+        yield
+    except Disturbed as missing:
+        raise _Missing(str(missing)) from missing
 
 
 def wait_for_mode(stage: Stage, mode: str) -> None:
@@ -114,6 +131,8 @@ def _played(job: Job, plan: Callable[[Job, Random], Plan], play: Callable[[Stage
                 return play(stage, random)
         except Disturbed as why:
             said = str(why)
+        except _Missing as missing:
+            return Seen(str(missing))
     return Seen(said)
 
 

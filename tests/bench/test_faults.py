@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,11 @@ import pytest
 from bench.faults.produce import produce
 from bench.faults.report import RESULTS, document, judged, keep, read, summed
 from bench.faults.row import Outcome, Row, Work
-from bench.faults.stages import HOLD_WITHIN, SCRIPT_WITHIN
+from bench.faults.stages import HOLD_WITHIN, SCRIPT_WITHIN, Seen, follows, repeated
 from bench.faults.table import ROWS, chosen
 from bench.stopping.limits import script_timeout
+from bench.stopping.runs import TRIES, Job
+from bench.stopping.stage import Disturbed
 from bench.stopping.wire import Beat, Wire
 from companion.config import load_config
 from companion.sim.demo.config import write_config
@@ -137,6 +140,22 @@ def test_a_row_that_raises_is_wrong_and_says_why(tmp_path: Path) -> None:
     found = produce(row(), Work(tmp_path / "row", 1, short=True), threading.Event())
     assert found.runs == 0
     assert "ValueError" in found.wrong[0]
+
+
+@pytest.mark.parametrize(("after_the_fault", "plays"), [(True, 1), (False, TRIES)])
+def test_what_does_not_follow_is_wrong_at_once_and_only_a_disturbed_start_is_begun_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after_the_fault: bool, plays: int
+) -> None:
+    monkeypatch.setattr(Job, "stage", lambda *_: nullcontext())
+    played = []
+
+    def play(_stage: Any, _random: Any) -> Seen:
+        played.append(1)
+        with follows() if after_the_fault else nullcontext():
+            raise Disturbed("mode HOLD: not within 10 s")
+
+    found = repeated(5, lambda job, random: job.plan(random), play)(Work(tmp_path, 1, short=True))
+    assert (found.runs, found.wrong, len(played)) == (1, ("mode HOLD: not within 10 s",), plays)
 
 
 def test_ended_early_it_prints_what_it_has_and_leaves_no_process() -> None:

@@ -124,7 +124,7 @@ ROWS = (
     Row(
         "crash loop",
         "the installed service dies at each start; then it is mended",
-        "started again for ever; the pauses rise to 60 s and stay there",
+        "started again each time; the pauses rise to 60 s and stay there",
         _service("crash_loop", _crashes),
         None,
         BACK_WITHIN,

@@ -253,7 +253,7 @@ ROWS = (
     Row(
         "link lost with a call open",
         "the same after a call was announced, before its hold arrived; it is answered in the gap or after it",
-        "the script holds; the call is told again, its answer acknowledged when the link is back; it drives on",
+        "the script holds; the call is told again, its answer acknowledged when it is back; it drives on",
         repeated(6, _plan, _call_open),
         SCRIPT_WITHIN,
         BACK_WITHIN,

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from bench.faults import cameras, driving, proven, vision
+from bench.faults import cameras, disk, driving, endurance, inputs, proven, starting, vision
 from bench.faults.row import Row
 
 ROWS: tuple[Row, ...] = (
     *cameras.ROWS,
     *vision.ROWS,
     *driving.ROWS,
+    *inputs.ROWS,
+    *disk.ROWS,
+    *starting.ROWS,
+    *endurance.ROWS,
     *proven.ROWS,
 )
 

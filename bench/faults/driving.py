@@ -27,7 +27,7 @@ from bench.faults.stages import (
 from bench.stopping.faults import SILENCE, UNHEARD
 from bench.stopping.humans import READ
 from bench.stopping.runs import FAST, SLOW, Job
-from bench.stopping.stage import READY_WITHIN, Plan, Stage
+from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
 from companion.sim.demo.child import Child
 from companion.wire.ids import State
 from companion.wire.parameters import THR_SCENE
@@ -39,6 +39,7 @@ _GAP = 4.0
 _WATCHED = 10.0
 """s in which the rover of a dead companion is watched."""
 _PX4_SPEED = 0.6
+_NOT_WELL = "not well again"
 _TO_HOLD = "COMMAND_LONG 176 1 4"
 _RETURNS = "nothing resumes by itself; well again"
 
@@ -141,7 +142,7 @@ def _reboots(stage: Stage, random: Random) -> tuple[str, float | None]:
     commanded = [*(set(stage.wire.commands[asked:before]) - {_TO_HOLD}), *stage.wire.commands[before:]]
     if commanded:
         return f"commanded {commanded}", returned
-    return ("not well again" if returned is None else ""), returned
+    return (_NOT_WELL if returned is None else ""), returned
 
 
 def _drives_by_hand(stage: Stage) -> str:
@@ -192,8 +193,16 @@ def _reboot_while_driving(stage: Stage, random: Random) -> Seen:
     _drives(stage, random)
     with follows():
         wrong, returned = _reboots(stage, random)
+        saw = "drives again when a person sets AUTO"
+        if returned is None:  # it stood while it was thought to drive: its picture counts as frozen
+            stage.control.ask("arm", on=True)
+            stage.control.mode("MANUAL")
+            stage.control.ask("throttle", throttle=0.5)
+            stage.wait_until_well()
+            wrong = wrong.removeprefix(_NOT_WELL)
+            saw = "drives again in AUTO after it was moved by hand: its still picture counted as frozen"
         wrong = wrong or _drives_by_hand(stage)
-        return Seen(wrong, None, returned, "says: autopilot silent; drives again when a person sets AUTO")
+        return Seen(wrong, None, returned, f"says: autopilot silent; {saw}")
 
 
 def _px4(job: Job, random: Random) -> Plan:
@@ -289,7 +298,7 @@ ROWS = (
         "fault; HOLD at most is asked for in that time, and nothing after it; a person can drive on in AUTO",
         repeated(5, _plan, _reboot_while_driving),
         None,
-        BACK_WITHIN,
+        RETURN_WITHIN,
     ),
     Row(
         "companion dead on PX4",

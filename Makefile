@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-mutants house service vm deb clean
+.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-mutants house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -52,6 +52,9 @@ bench-mutants: ready-dev ## put faults into the safety path, 200 one at a time: 
 
 house: ready-dev ## how simple the code is: lines, files, floors of imports, and how many files an event passes
 	@$(PYTHON_IN_VENV) -m bench.house
+
+faults: ready-dev ## produce every fault of docs/faults.md and see what follows (an hour); ARGS="--only camera --short"
+	@$(PYTHON_IN_VENV) -m bench.faults $(ARGS)
 
 service: ready-dev ## prove the installed service in a booted Debian container (ten minutes, root)
 	@$(PYTHON_IN_VENV) -m bench.service $(ARGS)

@@ -179,6 +179,23 @@ def _figures(seconds: list[float]) -> dict[str, float]:
     return {"p50": round(median(seconds), 2), "max": round(max(seconds), 2)}
 
 
+def losses(kind: str, count: int, seed: int) -> dict[str, Any]:
+    """Lose a camera of this kind so often. Returns the figures of `lose`."""
+    with ExitStack() as stack:
+        if kind == "pipe":
+            program = Program()
+            camera: Losable = program
+            connect: Callable[[], Any] = program.open
+        else:
+            server = Server(_SCRIPTS[kind])
+            stack.callback(server.kill)
+            camera = server
+            connect = partial(open_camera, f"{kind}://127.0.0.1:{server.port}/trail", _OPTIONS)
+        thread = CameraThread(connect, patience=Patience(late=T))
+        stack.callback(thread.close, 5.0)
+        return lose(Watch(thread), camera, count, random.Random(seed))
+
+
 def main() -> int:
     """Run the losses of one kind. Returns 1 when one was not noticed, or a picture was stale or came late."""
     parser = argparse.ArgumentParser(prog="python -m bench.cameras", description=__doc__)
@@ -187,20 +204,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
-    with ExitStack() as stack:
-        if options.kind == "pipe":
-            program = Program()
-            camera: Losable = program
-            connect: Callable[[], Any] = program.open
-        else:
-            server = Server(_SCRIPTS[options.kind])
-            stack.callback(server.kill)
-            camera = server
-            url = f"{options.kind}://127.0.0.1:{server.port}/trail"
-            connect = partial(open_camera, url, _OPTIONS)
-        thread = CameraThread(connect, patience=Patience(late=T))
-        stack.callback(thread.close, 5.0)
-        figures = lose(Watch(thread), camera, options.losses, random.Random(options.seed))
+    figures = losses(options.kind, options.losses, options.seed)
     machine = f"{os.cpu_count()} cores {platform.machine()}, load {os.getloadavg()[0]:.0f}"
     print(json.dumps({"kind": options.kind, "machine": machine, **figures}))
     missed = figures["noticed_s"].get("max", 0.0) == float("inf")

@@ -39,6 +39,8 @@ class Row(NamedTuple):
     """A row. fault, produced, safe_state: for a reader, in a few words.
 
     hold_within, return_within: limits in s of `Outcome.hold_s` and `Outcome.return_s`.
+    exception: why no safe state follows, and nothing that we write can change that. Such a row counts as not
+    safe, and is wrong only where something else follows than `safe_state` says. "": it must be safe.
     """
 
     fault: str
@@ -47,3 +49,4 @@ class Row(NamedTuple):
     produce: Callable[[Work], Outcome]
     hold_within: float | None = None
     return_within: float | None = None
+    exception: str = ""

@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from bench.stopping.perceivers import SHAPES
 from bench.stopping.stage import Stage
 from companion.calls.numbers import Numbers
 
@@ -15,28 +16,38 @@ AUTOPILOT_SILENT = Numbers().heartbeat_lost
 
 @dataclass(frozen=True)
 class Fault:
-    """How a fault begins and ends. end: None if it cannot be undone: then it is the last on its stage."""
+    """How a fault begins and ends."""
 
     begin: Act
-    end: Act | None
+    end: Act
     noticed: float = 0.0
     """Seconds until the companion can notice the fault, if that is longer than T."""
     returns: bool = False
-    """Whether the companion recovers by itself; then the time for that is measured."""
+    """Whether the companion recovers by itself, before `end`."""
+    silences: bool = False
+    """Whether the companion cannot command the autopilot, so that only the script can hold."""
     alone: bool = False
-    """Whether the fault needs a companion whose vision process has never died."""
+    """Whether it needs a stage of its own: vision may not have died before, or a call stays open after it."""
 
 
 def _signal(number: signal.Signals) -> Act:
     return lambda stage: stage.daemon.process.send_signal(number)
 
 
-def _cut(*, on: bool) -> Act:
-    return lambda stage: setattr(stage.wire, "cut", on)
+def _cut(*directions: str, on: bool) -> Act:
+    def act(stage: Stage) -> None:
+        for direction in directions:
+            setattr(stage.wire, direction, on)
+
+    return act
 
 
-def _mute(*, on: bool) -> Act:
-    return lambda stage: setattr(stage.wire, "mute", on)
+def _set(name: str, value: object) -> Act:
+    return lambda stage: setattr(stage.camera, name, value)
+
+
+def _plug(*, on: bool) -> Act:
+    return lambda stage: stage.camera.plug(on=on)
 
 
 def _freeze(*, on: bool, clock: bool = False) -> Act:
@@ -59,12 +70,20 @@ CAMERA: Mapping[str, Fault] = {
     "frozen_with_clock": Fault(_freeze(on=True, clock=True), _freeze(on=False)),
     "silent_camera": Fault(_cover(on=True), _cover(on=False)),
 }
+UNPLUGGED = Fault(_plug(on=False), _plug(on=True))
+BLACK = Fault(_set("black", 1), _set("black", 0), alone=True)
+SLOW = Fault(_set("pause", 2.5), _set("pause", 0.0))
+"""A picture every 2.5 s, where T is 1 s."""
 SILENCE: Mapping[str, Fault] = {
-    "sigstop": Fault(_signal(signal.SIGSTOP), _signal(signal.SIGCONT)),
-    "dead_link": Fault(_cut(on=True), _cut(on=False)),
-    "one_way_wire": Fault(_mute(on=True), _mute(on=False), noticed=AUTOPILOT_SILENT),
-    "kill_9": Fault(_signal(signal.SIGKILL), None),
+    "sigstop": Fault(_signal(signal.SIGSTOP), _signal(signal.SIGCONT), silences=True),
+    "dead_link": Fault(_cut("mute", "unheard", on=True), _cut("mute", "unheard", on=False), silences=True),
+    "one_way_wire": Fault(
+        _cut("mute", on=True), _cut("mute", on=False), noticed=AUTOPILOT_SILENT, silences=True
+    ),
+    "kill_9": Fault(_signal(signal.SIGKILL), lambda stage: stage.start_daemon(), silences=True),
 }
+UNHEARD = Fault(_cut("unheard", on=True), _cut("unheard", on=False), silences=True)
+"""Nothing reaches the autopilot from the companion, which hears it."""
 BREAKABLE: Mapping[str, Fault] = {
     "nan_maps": Fault(_break("nan"), _break("")),
     "hung_perceiver": Fault(_break("hang"), _break(""), returns=True, alone=True),
@@ -73,5 +92,9 @@ BREAKABLE: Mapping[str, Fault] = {
     "vision_out_of_memory": Fault(_break("memory"), _break(""), alone=True),
 }
 """Faults of a companion whose perceiver can be broken."""
+WRONG_SHAPES: Mapping[str, Fault] = {
+    name: Fault(_break(f"shape {name}"), _break("")) for name in (*SHAPES, "embedding")
+}
+NO_MEMORY = Fault(_break("no memory"), _break(""), alone=True)
 FAINT = {"nan_maps": Fault(_break("one nan"), _break(""))}
 """The same faults in their smallest form, for every other seed."""

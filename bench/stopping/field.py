@@ -10,7 +10,7 @@ import cv2
 
 from companion.sim.demo.main import SPEED
 from companion.sim.field.render import Camera
-from companion.sim.field.server import FieldServer, Options
+from companion.sim.field.server import AUTOPILOTS, FieldServer, Options
 from companion.sim.field.things import DEFAULT_SURPRISES, World
 
 FPS = 12.0
@@ -24,15 +24,17 @@ def main() -> None:
     parser.add_argument("--at", type=float, default=0.0, help="m along the trail")
     parser.add_argument("--speed", type=float, default=SPEED, help="m/s")
     parser.add_argument("--surprises", action="store_true", help="a drum, a rock and a log on the way")
+    parser.add_argument("--autopilot", choices=list(AUTOPILOTS), default="ardupilot")
     parser.add_argument("--no-script", dest="script", action="store_false")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     world = World(given.seed, DEFAULT_SURPRISES if given.surprises else ())
     world.trail.start = given.at
     camera = Camera(world, *SIZE, seed=given.seed)
-    server = FieldServer(
-        world, camera, Options(seed=given.seed, fps=FPS, speed=given.speed, script=given.script)
+    options = Options(
+        seed=given.seed, fps=FPS, speed=given.speed, script=given.script, autopilot=given.autopilot
     )
+    server = FieldServer(world, camera, options)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.stop())
     print(json.dumps(server.addresses()), flush=True)

@@ -22,6 +22,8 @@ def line(run: Run) -> str:
             f"  {stop.speed:.1f} m/s in the {stop.zone:6}  {stop.seconds:5.2f} s of {stop.limit.seconds:.2f}"
             f"  {stop.metres:5.2f} m of {stop.limit.metres:.2f}  by {stop.by or 'nobody'}"
         )
+        told += f"  ordered after {stop.hold:.2f} s" if stop.hold is not None else ""
+        told += f"  well after {stop.returned:.2f} s" if stop.returned is not None else ""
     if run.disturbed:
         told += f"  (begun anew {run.disturbed} x)"
     return told + (f"  WRONG: {run.wrong}" if run.wrong else "")
@@ -37,7 +39,8 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
         "limit_seconds": _most(run.stop.limit.seconds for run in due if run.stop is not None),
         "limit_metres": _most(run.stop.limit.metres for run in due if run.stop is not None),
         "worst_heartbeat_gap_s": _most(run.stop.gap for run in due if run.stop and run.kind not in SILENCED),
-        "vision_return_s": _most(run.stop.returned for run in due if run.stop and run.stop.returned),
+        "worst_hold_s": _most(run.stop.hold for run in due if run.stop and run.stop.hold is not None),
+        "worst_return_s": _most(run.stop.returned for run in due if run.stop and run.stop.returned),
         "commanded_in_report_policy": sum(run.commanded for run in runs),
         "kinds": {kind: _of_kind(runs, kind) for kind in dict.fromkeys(run.kind for run in runs)},
     }
@@ -56,6 +59,8 @@ def _of_kind(runs: Sequence[Run], kind: str) -> dict[str, Any]:
     stops = [run.stop for run in own if run.stop is not None]
     returns = [stop.returned for stop in stops if stop.returned is not None]
     back = {"returns": len(returns), "worst_return": _most(returns)} if returns else {}
+    holds = [stop.hold for stop in stops if stop.hold is not None]
+    back |= {"worst_hold": _most(holds)} if holds else {}
     gap = _most(stop.gap for stop in stops)
     return (
         {**told, "worst_gap": gap, **back, **_worst(own), "by": dict(Counter(stop.by for stop in stops))}

@@ -31,10 +31,13 @@ class Ground:
         """Sets the speed along the trail, m/s."""
         self._send(mavlink.MAVLink_param_set_message(ROVER, AUTOPILOT, b"CRUISE_SPEED", speed, REAL32))
 
+    def set_parameter(self, name: str, value: float) -> None:
+        """Sets one of the companion's parameters."""
+        self._send(mavlink.MAVLink_param_set_message(ROVER, COMPONENT_ID, name.encode(), value, REAL32))
+
     def set_weight(self, word: str, weight: float) -> None:
         """Sets the weight of one of the companion's words."""
-        name = f"AT_W_{word}".encode()
-        self._send(mavlink.MAVLink_param_set_message(ROVER, COMPONENT_ID, name, weight, REAL32))
+        self.set_parameter(f"AT_W_{word}", weight)
 
     def go(self, number: int) -> None:
         """Answers go to the call or hold of this id."""

@@ -5,6 +5,8 @@
 "hang": once, a call that never returns.
 "lock": once, the same in native code that holds the interpreter's lock.
 "segfault": native code that reads an invalid address. "memory": killed as when memory runs out.
+"no memory": no more memory is to be had from the kernel, and more is needed for every picture.
+"shape NAME": one of `SHAPES`. "shape embedding": an embedding that is one number too long.
 `python -m bench.stopping.perceivers vision` is its vision process.
 """
 
@@ -12,11 +14,13 @@ from __future__ import annotations
 
 import ctypes
 import os
+import resource
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +37,18 @@ from anytraverse.perception import (
 )
 from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
+
+SHAPES: Mapping[str, Callable[[NDArray[np.float32]], Any]] = {
+    "flat": lambda maps: maps[0],
+    "one too few": lambda maps: maps[1:],
+    "one too many": lambda maps: np.concatenate([maps, maps[:1]]),
+    "empty": lambda maps: maps[:, :0],
+    "bytes": lambda maps: np.round(255 * maps).astype(np.uint8),
+    "objects": lambda maps: np.full(maps.shape, None),
+    "nothing": lambda _: None,
+}
+"""What the perceiver makes of its maps, (n, h, w) float32, that no perceiver may deliver."""
+_SPARE = 16 << 20
 
 
 def register() -> None:
@@ -75,6 +91,13 @@ class Breakable:
                 ctypes.string_at(0)
             case "memory":
                 os.kill(os.getpid(), signal.SIGKILL)
+            case "no memory":
+                pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+                limit = pages * resource.getpagesize() + _SPARE
+                _limit_memory(limit)
+                bytearray(4 * _SPARE)
+            case "":
+                _limit_memory(resource.RLIM_INFINITY)
         return self._own.encode(image)
 
     def attend(self, features: Features, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
@@ -84,10 +107,12 @@ class Breakable:
             maps[:] = np.nan
         elif fault == "one nan":
             maps[0, 0, 0] = np.nan
-        return maps
+        shaped: NDArray[np.float32] = SHAPES.get(fault.removeprefix("shape "), np.asarray)(maps)
+        return shaped
 
     def embed(self, features: Features) -> NDArray[np.float32]:
-        return self._own.embed(features)
+        own = self._own.embed(features)
+        return np.append(own, own[:1]) if self._fault() == "shape embedding" else own
 
     def example(self, features: Features, box: Box) -> Example:
         return self._own.example(features, box)
@@ -97,6 +122,11 @@ class Breakable:
             return self._file.read_text(encoding="utf-8")
         except FileNotFoundError:
             return ""
+
+
+def _limit_memory(size: int) -> None:
+    """Limits the addresses of this process, in bytes."""
+    resource.setrlimit(resource.RLIMIT_AS, (size, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ from bench.stopping.disturbances import PRESSURES, Pressure
 from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, Fault
 from bench.stopping.humans import STATES, take_over
 from bench.stopping.limits import Limit, script_timeout
-from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage, Stop, stopped
+from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage
+from bench.stopping.stops import Stop, stopped
 from companion.sim.demo.main import SPEED
 from companion.sim.field.rover import STANDSTILL
 from companion.sim.field.trail import Trail
@@ -75,29 +76,30 @@ class Job:
 
 def blind(job: Job) -> Iterator[Run]:
     """Runs the faults of the camera, with the companion as it ships."""
-    yield from _faults(job, CAMERA, job.random("blind"), breakable=False)
+    yield from faults(job, CAMERA, job.random("blind"), breakable=False)
 
 
 def dead(job: Job) -> Iterator[Run]:
     """Runs the faults that silence the companion as it ships; it is killed last."""
-    yield from _faults(job, SILENCE, job.random("dead"), breakable=False)
+    yield from faults(job, SILENCE, job.random("dead"), breakable=False)
 
 
 def broken(job: Job) -> Iterator[Run]:
     """Runs the faults of a companion whose perceiver breaks."""
     named = {**BREAKABLE, **FAINT} if job.seed % 2 else BREAKABLE
-    yield from _faults(job, named, job.random("broken"), breakable=True)
+    yield from faults(job, named, job.random("broken"), breakable=True)
 
 
-def _faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: bool) -> Iterator[Run]:
-    kinds = sorted(named, key=lambda kind: (named[kind].end is None, random.random()))
+def faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: bool) -> Iterator[Run]:
+    """Causes each fault once, in a random order, on as few stages as possible."""
+    kinds = sorted(named, key=lambda _: random.random())
     disturbed = 0
     while kinds:
         plan = replace(job.plan(random), breakable=breakable)
         try:
             with job.stage(plan) as stage:
                 while kinds:
-                    stop = _one_fault(stage, named[kinds[0]], random)
+                    stop = one_fault(stage, named[kinds[0]], random)
                     kind = kinds.pop(0)
                     yield Run(kind, job.seed, _verdict(stop), stop, 0, disturbed)
                     disturbed = 0
@@ -110,17 +112,18 @@ def _faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: 
                 disturbed = 0
 
 
-def _one_fault(stage: Stage, fault: Fault, random: Random) -> Stop:
+def one_fault(stage: Stage, fault: Fault, random: Random) -> Stop:
+    """Causes a fault while the rover drives, ends it, and waits until the companion is well again."""
     stage.set_speed(random.uniform(SLOW, FAST))
     stage.wait_until_well()
     stage.drive(random.uniform(0.0, 1.5))
     begun = time.monotonic()
-    stop = stage.measure(lambda: fault.begin(stage), fault.noticed)
-    if fault.returns:
-        stop = replace(stop, returned=stage.returned(begun))
-    if fault.end is not None:
-        fault.end(stage)
-    return stop
+    stop = stage.measure(lambda: fault.begin(stage), fault.noticed, silences=fault.silences)
+    returned = stage.returned(begun) if fault.returns else None
+    ended = time.monotonic()
+    fault.end(stage)
+    returned = returned if fault.returns else stage.returned(ended)
+    return replace(stop, returned=returned, stands=stop.stands and stage.status()["mode"] == "HOLD")
 
 
 def pressed(job: Job) -> Iterator[Run]:
@@ -219,8 +222,7 @@ def report(job: Job) -> Iterator[Run]:
                 _drive_to(stage, job.trail.length * (part - random.random()) / len(doings))
                 fault.begin(stage)
                 _drive_to(stage, stage.status()["distance"] + 10.0)
-                if fault.end is not None:
-                    fault.end(stage)
+                fault.end(stage)
             _drive_to(stage, job.trail.length)
             status = stage.status()
             by_companion = [change for change in status["mode_log"] if change["by"] != "hand"]

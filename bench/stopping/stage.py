@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import re
 import signal
 import threading
@@ -19,14 +20,16 @@ from bench.stopping.camera_relay import CameraRelay
 from bench.stopping.ground import Ground
 from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.slow_disk import SlowDisk
+from bench.stopping.stops import Stop, stopped
 from bench.stopping.wire import Wire
 from companion.config import load_config
 from companion.sim.demo.child import Child
 from companion.sim.demo.config import write_config
 from companion.sim.demo.main import SPEED
-from companion.sim.field.autopilot import HAND
+from companion.sim.demo.operator import start_operator
 from companion.sim.field.control import FieldControl
 from companion.sim.field.rover import STANDSTILL
+from companion.sim.field.server import AUTOPILOTS
 
 READY_WITHIN = 60.0
 DRIVING_WITHIN = 40.0
@@ -62,7 +65,8 @@ class Plan:
 
     quiet: no word is missing and no place is new, so that nothing but a fault can stop the rover.
     breakable: use the perceiver that `Stage.break_perceiver` breaks. listens: the companion listens on a
-    port to which others can send. slow_disk: `Stage.disk` can delay what the companion writes.
+    port to which others can send. slow_disk: `Stage.disk` can delay what the companion writes. plugged:
+    whether the camera is there when the companion starts. autopilot: ardupilot or px4, which has no script.
     """
 
     seed: int
@@ -75,32 +79,8 @@ class Plan:
     script: bool = True
     listens: bool = False
     slow_disk: bool = False
-
-
-@dataclass(frozen=True)
-class Stop:
-    """A stop, from the fault to standstill, in the simulation's time and distance.
-
-    by: who changed the mode, "" for nobody. stands: in a HOLD that was not set by hand, late or not, and
-    still half a second later. seconds: s. metres: m. speed: m/s at the fault. gap: s, the longest between two
-    heartbeats of the companion meanwhile. returned: s from the fault until the companion reported that it was
-    well again, None if that was not waited for.
-    """
-
-    stands: bool
-    seconds: float
-    metres: float
-    limit: Limit
-    speed: float
-    zone: str
-    by: str
-    gap: float = 0.0
-    returned: float | None = None
-
-    @property
-    def stopped(self) -> bool:
-        """Whether it stopped within the limit, in seconds and in metres."""
-        return self.stands and self.seconds <= self.limit.seconds and self.metres <= self.limit.metres
+    plugged: bool = True
+    autopilot: str = "ardupilot"
 
 
 class Stage:
@@ -122,6 +102,8 @@ class Stage:
         plan = self.plan
         asked = ["--seed", str(plan.seed), "--at", f"{plan.at:.1f}", "--speed", f"{plan.speed:.2f}"]
         asked += ["--surprises"] * plan.surprises + ["--no-script"] * (not plan.script)
+        asked += ["--autopilot", plan.autopilot]
+        self._driving = AUTOPILOTS[plan.autopilot].mission.name
         field = self._child("field", ["bench.stopping.field", *asked])
         ports: dict[str, Any] = json.loads(field.first_line(READY_WITHIN))
         if plan.script and ports["script"] != "running":
@@ -131,8 +113,9 @@ class Stage:
         port = ports["companion"].rpartition(":")[2]
         self.wire = self._closing.enter_context(closing(Wire(int(port), calls=plan.listens)))
         self.disk = SlowDisk(self.out) if plan.slow_disk else None
-        self.camera = self._closing.enter_context(closing(CameraRelay(ports["frames"])))
-        self.ground = self._closing.enter_context(closing(Ground(ports["gcs"])))
+        self.camera = self._closing.enter_context(closing(CameraRelay(ports["frames"], plugged=plan.plugged)))
+        self._gcs = ports["gcs"]
+        self.ground = self._closing.enter_context(closing(Ground(self._gcs)))
         self.config = self._write_config(self.camera.source, self.wire.url)
         perceivers.register()
         self.freshness = load_config(str(self.config)).freshness
@@ -154,6 +137,12 @@ class Stage:
         module = "bench.stopping.perceivers" if self.plan.breakable else "companion"
         environment = self.disk.environment if self.disk is not None else {}
         self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)], environment)
+
+    def start_operator(self) -> Child:
+        """Starts the operator's terminal, into which lines can be typed; its lines are its events as JSON."""
+        operator = start_operator(self._gcs, self.out, auto=True)
+        self._closing.callback(_end, operator)
+        return operator
 
     def break_perceiver(self, how: str) -> None:
         """Breaks the perceiver from now on, in a way of bench.stopping.perceivers; "" mends it."""
@@ -205,8 +194,8 @@ class Stage:
         If AUTO is set before that, the script takes it that the driver wants to drive blind, and does not
         hold.
         """
-        since, heard = time.time(), self.wire.well
-        self.wait("a companion that is well", lambda: self.wire.well > heard, READY_WITHIN)
+        since, heard = time.time(), time.monotonic()
+        self.wait("a companion that is well", lambda: (self.wire.believed() or 0.0) > heard, READY_WITHIN)
         self.wait("its status", lambda: self._well_after(since), READY_WITHIN)
 
     def _well_after(self, since: float) -> bool:
@@ -222,21 +211,21 @@ class Stage:
         until = time.monotonic() + longer
         self.wait("driving on", lambda: time.monotonic() >= until, longer + 1.0)
         status = self.status()
-        if status["mode"] != "AUTO":
+        if status["mode"] != self._driving:
             raise Disturbed(f"it stood already: {status['mode_log'][-1]}")
 
     def _is_driving(self) -> bool:
         status = self.status()
-        if status["mode"] != "AUTO":
+        if status["mode"] != self._driving:
             raise Disturbed(f"it was held: {status['mode_log'][-1]}")
         return bool(status["speed"] > 0.95 * self.speed)
 
-    def measure(self, fault: Callable[[], None], noticed: float = 0.0) -> Stop:
-        """Measures the stop after a fault that begins now. noticed: as of `Fault`."""
+    def measure(self, fault: Callable[[], None], noticed: float = 0.0, *, silences: bool = False) -> Stop:
+        """Measures the stop after a fault that begins now. noticed, silences: as of `Fault`."""
         before = self.status()
-        if before["mode"] != "AUTO":
+        if before["mode"] != self._driving:
             raise Disturbed(f"it stood already: {before['mode_log'][-1]}")
-        begun = time.monotonic()
+        taken_at, begun = self.camera.taken_at, time.monotonic()
         fault()
         limit = Limit(max(self.freshness, noticed), script_timeout(), before["speed"])
         until = before["t"] + limit.seconds + BEYOND
@@ -247,8 +236,14 @@ class Stage:
             time.sleep(LOOK)
             after = self.status()
         time.sleep(STAYS)
-        gap = self.wire.longest_gap(begun, time.monotonic())
-        return replace(stopped(before, after, limit, self.status()), gap=gap)
+        stop = stopped(before, after, limit, self.status())
+        changed_at = stop.changed_at
+        if silences:
+            last_ok, ordered = self.wire.believed(changed_at), changed_at
+        else:
+            last_ok, ordered = taken_at, min(changed_at, self.wire.ordered(begun) or math.inf)
+        hold = ordered - last_ok if last_ok is not None and ordered < math.inf else None
+        return replace(stop, hold=hold, gap=self.wire.longest_gap(begun, time.monotonic()))
 
     def returned(self, since: float) -> float | None:
         """Returns s from `since` until the companion reported itself well again; None: not within 15 s."""
@@ -272,23 +267,6 @@ class Stage:
         text += f"\n[perceiver]\nname = {json.dumps(name)}\nthreads = 1\n"
         path.write_text(text, encoding="utf-8")
         return path
-
-
-def stopped(
-    before: dict[str, Any], after: dict[str, Any], limit: Limit, later: dict[str, Any] | None = None
-) -> Stop:
-    """Computes the stop between two statuses of the field. later: a third, to see if it still stands."""
-    held = [change for change in after["mode_log"] if change["t"] >= before["t"] and change["by"] != HAND]
-    return Stop(
-        stands=bool(held)
-        and all(one["speed"] <= STANDSTILL and one["mode"] == "HOLD" for one in (after, later or after)),
-        seconds=after["t"] - before["t"],
-        metres=after["distance"] - before["distance"],
-        limit=limit,
-        speed=before["speed"],
-        zone=before["zone"],
-        by=held[0]["by"] if held else "",
-    )
 
 
 def _end(child: Child) -> None:

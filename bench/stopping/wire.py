@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import socket
 import threading
 import time
 from collections import deque
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -38,24 +39,38 @@ _GREETING = bytes(
 )
 """A radio's heartbeat, by which the autopilot finds this end."""
 _UNWELL = (State.STARTING, State.FAULT)
+_SILENCE = 1.5
+"""Seconds without a heartbeat at the autopilot after which the next one is a return."""
+
+
+class Beat(NamedTuple):
+    """A heartbeat of the companion. at: monotonic seconds. passed: whether it reached the autopilot."""
+
+    at: float
+    state: State
+    passed: bool
+
+    @property
+    def believed(self) -> bool:
+        """Whether it told the autopilot that the companion sees."""
+        return self.passed and self.state not in _UNWELL
 
 
 class Wire:
     """Passes datagrams both ways until it is closed.
 
-    cut: nothing passes. deaf: commands to the vehicle are lost. mute: nothing passes from the autopilot to
-    the companion. commands: all commands that the companion sent to the vehicle, lost or not. well:
-    heartbeats that reached the autopilot and said neither starting nor fault. reported: state and policy of
-    every heartbeat of the companion, lost or not. beats: when the newest heartbeats of the companion came,
-    monotonic seconds, and their state.
+    mute: nothing passes from the autopilot to the companion. unheard: nothing passes from the companion to
+    the autopilot. deaf: its commands to the vehicle are lost. commands: all commands that the companion sent
+    to the vehicle, lost or not, and commanded_at: when, in monotonic seconds. reported: state and policy of
+    every heartbeat of the companion, lost or not. beats: its newest heartbeats.
     """
 
     def __init__(self, autopilot: int, *, calls: bool = False) -> None:
         """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire sends first."""
-        self.cut = self.deaf = self.mute = False
-        self.beats: deque[tuple[float, State]] = deque(maxlen=_BEATS)
+        self.mute = self.unheard = self.deaf = False
+        self.beats: deque[Beat] = deque(maxlen=_BEATS)
         self.commands: list[str] = []
-        self.well = 0
+        self.commanded_at: list[float] = []
         self.reported: set[tuple[State, Policy]] = set()
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._near.bind(("127.0.0.1", 0))
@@ -87,16 +102,36 @@ class Wire:
 
     def longest_gap(self, since: float, until: float) -> float:
         """Returns the longest gap (s) between heartbeats of the companion within these monotonic seconds."""
-        at = [since, *(when for when, _ in list(self.beats) if since <= when <= until), until]
+        at = [since, *(beat.at for beat in list(self.beats) if since <= beat.at <= until), until]
         return max(after - before for before, after in pairwise(at))
 
+    def ordered(self, since: float) -> float | None:
+        """Returns the monotonic seconds of the first command to the vehicle after `since`; None: none."""
+        return next((at for at in list(self.commanded_at) if at >= since), None)
+
+    def believed(self, until: float = math.inf) -> float | None:
+        """Returns the monotonic seconds of the last heartbeat until then that the autopilot believed."""
+        return next(
+            (beat.at for beat in reversed(list(self.beats)) if beat.believed and beat.at <= until), None
+        )
+
     def well_again(self, since: float) -> float | None:
-        """Returns s from `since` to the first well heartbeat after a fault's; None: not yet, or no fault."""
-        later = [(when, state) for when, state in list(self.beats) if when >= since]
-        faulty = [when for when, state in later if state is State.FAULT]
-        good = (when for when, state in later if faulty and when > faulty[0] and state not in _UNWELL)
-        found = next(good, None)
-        return None if found is None else found - since
+        """Returns s from `since` to the first believed heartbeat after one that was not, or after silence.
+
+        None: not yet, or nothing was wrong.
+        """
+        last, wrong = -math.inf, False
+        for beat in list(self.beats):
+            if not beat.passed:
+                continue
+            if not beat.believed:
+                wrong = True
+            elif beat.at < since:
+                wrong = False
+            elif wrong or beat.at - last > _SILENCE:
+                return beat.at - since
+            last = beat.at
+        return None
 
     def close(self) -> None:
         self._closing.set()
@@ -117,29 +152,25 @@ class Wire:
         datagram, self._companion = self._near.recvfrom(65536)
         frames = Parser().frames(datagram)
         orders = [order for frame in frames if (order := _ordered(frame))]
+        now = time.monotonic()
         self.commands += orders
-        beats = [_reported_by(frame) for frame in frames if frame.get_type() == "HEARTBEAT"]
-        self.reported |= set(beats)
-        self.beats += [(time.monotonic(), state) for state, _ in beats]
-        if not self.cut and not (self.deaf and orders):
+        self.commanded_at += [now] * len(orders)
+        passes = not self.unheard and not (self.deaf and orders)
+        if passes:
             self._far.send(datagram)
-            self.well += sum(_is_well(frame) for frame in frames)
+        told = [_reported_by(frame) for frame in frames if frame.get_type() == "HEARTBEAT"]
+        self.reported |= set(told)
+        self.beats += [Beat(now, state, passes) for state, _ in told]
 
     def _from_autopilot(self) -> None:
         datagram = self._far.recv(65536)
-        if not self.cut and not self.mute and self._companion is not None:
+        if not self.mute and self._companion is not None:
             self._near.sendto(datagram, self._companion)
 
 
 def _reported_by(frame: Any) -> tuple[State, Policy]:
     state, _, policy = read_heartbeat_mode(frame.custom_mode)
     return state, policy
-
-
-def _is_well(frame: Any) -> bool:
-    if frame.get_type() != "HEARTBEAT":
-        return False
-    return read_heartbeat_mode(frame.custom_mode)[0] not in _UNWELL
 
 
 def _ordered(frame: Any) -> str:

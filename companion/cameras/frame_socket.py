@@ -146,12 +146,13 @@ class FrameStream:
 class FrameServer:
     """Serves the newest published frame on 127.0.0.1, with one thread for each client."""
 
-    def __init__(self, *, max_clients: int = MAX_CLIENTS) -> None:
+    def __init__(self, *, port: int = 0, max_clients: int = MAX_CLIENTS) -> None:
+        """port: 0 for a free one; that of an earlier server to take its place."""
         self._published = threading.Condition()
         self._newest: tuple[int, bytes] | None = None
         self._closed = False
         self._free_clients = threading.BoundedSemaphore(max_clients)
-        self._server_socket = socket.create_server(("127.0.0.1", 0))
+        self._server_socket = socket.create_server(("127.0.0.1", port))
         self._server_socket.settimeout(POLL)
         self.address: tuple[str, int] = self._server_socket.getsockname()
         threading.Thread(target=self._accept, name="frames", daemon=True).start()

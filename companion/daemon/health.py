@@ -107,11 +107,17 @@ class HealthMonitor:
             return [self._vision.trouble, *others]
         newest = self._calls.reason_filter.newest
         silent = self._liveness.silent(now + (max(0.0, newest.age) if newest is not None else 0.0))
-        if "vision" in silent:  # the camera's state comes from vision, and is unknown then
+        # The camera's state comes from vision, and is not known while that is silent.
+        if "vision" in silent or ("camera" in silent and self._vision_fell_silent(now)):
             return ["vision hangs", *others]
         names = {CameraState.ENDED: "camera ended", CameraState.FAILED: "camera failed"}
         camera = names.get(self._vision.camera.state, "camera silent")
         return [camera, *others] if "camera" in silent else others
+
+    def _vision_fell_silent(self, now: float) -> bool:
+        """Whether vision has been silent for longer than the camera had been when vision spoke last."""
+        alive_at, delivered_at = self._vision.watchdog.alive_at, self._vision.delivered_at
+        return delivered_at is not None and now - alive_at > alive_at - delivered_at
 
     def reminder(self) -> str:
         """Return the text to repeat while no call and no hold is open, "" for none."""

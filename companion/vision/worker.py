@@ -103,8 +103,9 @@ class Worker:
         if name != self._badly_exposed:
             self._badly_exposed = name
             log.warning("%s", f"{name}: {ADVICE[name]}" if name else "the picture is well exposed again")
-        faults = ["camera frozen"] if still > freshness else []
-        return [Finding.fault(fault) for fault in (*faults, *filter(None, [name]))]
+        # The first is told: a black picture stands still because it is black.
+        faults = [*filter(None, [name]), *(["camera frozen"] if still > freshness else [])]
+        return [Finding.fault(fault) for fault in faults]
 
     def _with_age(self, seen: Assessment, now: float, faults: list[Finding]) -> Assessment:
         """Set the age to that after judging. Add these faults, and one when the age is greater than T.

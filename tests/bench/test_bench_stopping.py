@@ -17,7 +17,7 @@ import pytest
 from bench.stopping.figures import figures, good
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
 from bench.stopping.runs import FAST, GROUPS, LATE, Job, Run, untested
-from bench.stopping.stage import Stop, stopped
+from bench.stopping.stops import Stop, stopped
 from companion.config import load_config
 from companion.policy.stopping import Stopping, judge_stopping
 from companion.sim.demo.config import write_config
@@ -132,7 +132,15 @@ def test_a_rover_that_is_late_or_goes_too_far_or_drives_on_or_is_commanded_spoil
 
 def status(t: float, mode: str, speed: float, by: str = "companion") -> dict[str, Any]:
     log = [{"t": 3.0, "mode": "HOLD", "by": by}] if mode == "HOLD" else []
-    return {"t": t, "mode": mode, "speed": speed, "distance": 0.6 * t, "zone": "meadow", "mode_log": log}
+    return {
+        "t": t,
+        "monotonic": t,
+        "mode": mode,
+        "speed": speed,
+        "distance": 0.6 * t,
+        "zone": "meadow",
+        "mode_log": log,
+    }
 
 
 def test_only_one_that_was_held_and_goes_on_standing_has_stopped() -> None:

@@ -8,6 +8,7 @@ returns whether there was a peer to send to.
 from __future__ import annotations
 
 import enum
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -32,11 +33,15 @@ COMPANION = 191
 PARAMETER_GAP = 0.02
 LOGGED_MODES = 200
 HAND = "hand"
+BY_ITSELF = "autopilot"
 
 
 @dataclass(frozen=True)
 class ModeChange:
-    """An entry of the mode log: rover time in s, the new mode, and "companion", "gcs", "hand" or "script"."""
+    """An entry of the mode log: rover time in s, the new mode, and who set it.
+
+    by: "companion", "gcs", "hand", "script", or "autopilot" where it did so itself.
+    """
 
     t: float
     mode: enum.IntEnum
@@ -74,17 +79,20 @@ class Autopilot:
         self._mav = {port: mavlink.MAVLink(None, SYSTEM, COMPONENT) for port in Port}
         self._commands = Commands(self)
         self._next_heartbeat = 0.0
+        self._boots_until = -math.inf
         self._listing: dict[Port, deque[Parameter]] = {port: deque() for port in Port}
         self._next_listed = dict.fromkeys(Port, 0.0)
         self._apply()
 
     def pass_to_script(self, port: Port, datagram: bytes) -> None:
         """Passes a datagram on to the script unchecked: ArduPilot's scripts receive damaged frames too."""
-        if self.script is not None:
+        if self.script is not None and not self.boots:
             self.script.receive(datagram, channel=list(Port).index(port))
 
     def receive(self, port: Port, frame: Any) -> None:
         """Routes and executes one parsed frame that came in on `port`."""
+        if self.boots:
+            return
         if frame.get_type() == "OBSTACLE_DISTANCE":
             self.obstacles_at = self.rover.time
         route = self.router.decide(port, frame)
@@ -96,8 +104,10 @@ class Autopilot:
     def poll(self, now: float) -> None:
         """Sends what is due at `now` (s, any steady clock): heartbeat, streams, parameters of a list.
 
-        It runs the script, too, whose clock is the rover's time.
+        It runs the script, too, whose clock is the rover's time. While it boots it does nothing.
         """
+        if self.boots:
+            return
         if self.script is not None:
             self.script.poll()
         if now >= self._next_heartbeat:
@@ -110,8 +120,30 @@ class Autopilot:
                 self._next_listed[port] = now + PARAMETER_GAP
                 self.send_parameter(port, self._listing[port].popleft())
 
+    @property
+    def boots(self) -> bool:
+        """Whether it boots: it is deaf and silent."""
+        return self.rover.time < self._boots_until
+
+    def reboot(self, seconds: float) -> None:
+        """Reboots: the motors are off, for so long it is deaf and silent, and then all but parameters is new.
+
+        It is disarmed then, and in the mode that it boots in. No message says that it rebooted.
+        """
+        self._boots_until = self.rover.time + seconds
+        self.armed = False
+        self.set_mode(self.boots_in, BY_ITSELF)
+        self.router = Router(SYSTEM, COMPONENT)
+        self.streams = {port: telemetry.Streams(self.periods()) for port in Port}
+        self._listing = {port: deque() for port in Port}
+        self.obstacles_at = None
+        if self.script is not None:
+            self.script.boot()
+
     def send(self, port: Port, message: Any) -> None:
         """Sends a message of the autopilot's own on one port."""
+        if self.boots:
+            return
         mav = self._mav[port]
         frame = message.pack(mav)
         mav.seq = (mav.seq + 1) % 256

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.field.autopilot import COMPANION, Autopilot
+from companion.sim.field.autopilot import BY_ITSELF, COMPANION, Autopilot
 from companion.sim.field.parameters import INT32, REAL32, Row
 from companion.sim.field.router import Port
 from companion.sim.field.rover import Drive
@@ -29,7 +29,6 @@ STILL = 0.05
 """m/s below which a setpoint means standstill; faster setpoints are not simulated."""
 TO_HOLD = 5
 """Value of COM_OBL_RC_ACT with which the rover goes to LOITER, not RTL, when setpoints stop."""
-_BY_ITSELF = "autopilot"
 _VELOCITY_IGNORED = 0b11_1000
 
 
@@ -79,10 +78,15 @@ class Px4(Autopilot):
                 self._fed_since = self.rover.time
             self._fed_at = self.rover.time
 
+    def reboot(self, seconds: float) -> None:
+        super().reboot(seconds)
+        self._fed_since = self._fed_at = -math.inf
+        self._companion_at = None
+
     def poll(self, now: float) -> None:
         if self.mode is Mode.OFFBOARD and not self._fed:
             to_hold = self.parameters["COM_OBL_RC_ACT"] == TO_HOLD
-            self.set_mode(Mode.LOITER if to_hold else Mode.RTL, _BY_ITSELF)
+            self.set_mode(Mode.LOITER if to_hold else Mode.RTL, BY_ITSELF)
         if self._companion_at is not None and self.rover.time - self._companion_at > COMPANION_LOST_AFTER:
             self._companion_at = None
             self._warn(b"Connection to mission computer lost")

@@ -12,6 +12,7 @@ from companion.sim.field.telemetry import RC_CHANNELS
 
 Request = dict[str, Any]
 MAX_HAND_SECONDS = 60.0
+MAX_BOOT_SECONDS = 60.0
 FIRST_SWITCH = 5  # the channels below are the sticks
 
 
@@ -34,6 +35,9 @@ class ControlRequests:
             "light": lambda request: simulation.light(_number(request, "level", 0.0, 1.0)),
             "mode": self._mode,
             "move": self._move,
+            "reboot": lambda request: simulation.autopilot.reboot(
+                _number(request, "seconds", 0.0, MAX_BOOT_SECONDS, default=5.0)
+            ),
             "remove": lambda request: simulation.remove(self._thing(request)),
             "rc": self._rc,
             "start": lambda _: self.start(),

@@ -52,9 +52,13 @@ class Scripting:
     def __init__(self, source: str, name: str, host: Host, *, vm_steps: int = 10_000) -> None:
         """Loads the script. Raises ImportError without lupa, ValueError when `source` is no Lua."""
         self._source, self._name, self._host, self._steps = source, name, host, vm_steps
+        self._tables: dict[int, str] = {}
+        self.boot()
+
+    def boot(self) -> None:
+        """Starts the script as the autopilot does when it boots."""
         self._authorisers: list[str | None] = []
         self._crowded = False
-        self._tables: dict[int, str] = {}
         self._depth = self._places = 0
         self._ids: set[int] = set()
         self._queue: deque[tuple[bytes, int, int]] = deque()

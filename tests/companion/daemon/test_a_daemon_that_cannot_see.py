@@ -56,6 +56,16 @@ def test_hung_eyes_are_told_from_a_lost_camera(rig: Rig) -> None:
     assert "H1 FAULT vision hangs" in rig.texts
 
 
+def test_eyes_that_hang_just_after_they_told_of_the_camera_are_no_lost_camera(rig: Rig) -> None:
+    rig.see(1.0)
+    rig.wait(0.2)
+    rig.hung = True
+    rig.wait(T + 0.3)
+    assert rig.stage.mode == HOLD
+    told = {text for text in rig.texts if "FAULT" in text}
+    assert told == {"H1 FAULT vision hangs", "Companion FAULT: vision hangs"}
+
+
 def test_a_perceiver_that_fails_on_every_frame_is_a_fault(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rig.perceiver, "encode", lambda _: 1 / 0)
     rig.see(T + 0.5)

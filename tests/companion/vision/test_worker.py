@@ -118,6 +118,21 @@ def test_badly_exposed_pictures_are_a_fault_after_t_and_said_once(
     ]
 
 
+def test_a_covered_lens_is_told_as_that_and_not_as_a_frozen_camera(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("companion.vision.worker.time", SimpleNamespace(monotonic=lambda: now))
+    stage.engine.settings = replace(Settings(), freshness=1.0)
+    stage.worker.handle(Situation(Place(), moving=True))
+    stage.worker.judge(Frame(1, now, picture()))
+    for number in range(2, 16):
+        now += 0.1
+        looked = stage.worker.judge(Frame(number, now, np.zeros((120, 160, 3), np.uint8)))
+    faults = [one.figure for one in looked.assessment.findings if one.reason is Reason.FAULT]
+    assert faults == ["picture black", "camera frozen"]
+
+
 def test_an_answer_in_words_tells_the_change_of_the_memory(stage: Stage) -> None:
     done = stage.ask(Changes({"drum": -1.0}))
     assert done.error == ""

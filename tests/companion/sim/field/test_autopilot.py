@@ -359,3 +359,21 @@ def test_any_bytes_as_a_parameter_s_name_are_survived(name: bytes, index: int, v
     bench.tell(Port.GCS, mavlink.MAVLink_param_request_read_message(1, 1, name, index))
     told = bench.heard(Port.GCS, "PARAM_VALUE")
     assert len(told) == (0 <= index < len(bench.autopilot.parameters))
+
+
+def test_one_that_reboots_is_deaf_and_silent_and_comes_back_disarmed_with_its_parameters() -> None:
+    bench = Bench()
+    bench.autopilot.arm(on=True)
+    bench.autopilot.set_mode(Mode.AUTO, "hand")
+    bench.autopilot.set_parameter("CRUISE_SPEED", 1.25)
+    bench.sent.clear()
+    bench.autopilot.reboot(4.0)
+    bench.tell(Port.GCS, mavlink.MAVLink_param_set_message(1, 1, b"CRUISE_SPEED", 2.0, 9))
+    bench.pass_time(3.9)
+    assert bench.sent == []
+    bench.pass_time(1.2)
+    beats = [message for message in bench.heard(Port.COMPANION) if message.get_type() == "HEARTBEAT"]
+    assert [(beat.custom_mode, beat.base_mode & 0x80) for beat in beats] == [(int(Mode.HOLD), 0)] * len(beats)
+    assert beats
+    assert bench.autopilot.parameters["CRUISE_SPEED"] == 1.25
+    assert [change.by for change in bench.autopilot.mode_log] == ["hand", "autopilot"]

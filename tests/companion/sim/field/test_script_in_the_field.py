@@ -210,3 +210,18 @@ def test_the_companion_s_call_is_heard_as_the_autopilot_s(scene: Scene) -> None:
     scene.pass_time(0.5)
     said = [frame.get_srcComponent() for frame in scene.heard if getattr(frame, "text", "").startswith("C7")]
     assert sorted(said) == [1, 191]
+
+
+def test_after_a_reboot_the_script_knows_no_companion_until_it_is_heard_again() -> None:
+    scene = Scene()
+    scene.autopilot.reboot(4.0)
+    scene.state = None
+    scene.pass_time(4.5)
+    scene.drive()
+    scene.pass_time(5.0)
+    assert scene.is_in(Mode.AUTO), "nobody is missed who was never heard"
+    scene.state = State.OK
+    scene.pass_time(2.0)
+    scene.state = None
+    scene.pass_time(2.0)
+    assert scene.is_in(Mode.HOLD)

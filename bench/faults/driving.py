@@ -1,0 +1,310 @@
+"""Rows of the companion's own process, of the link to the autopilot, and of the autopilot."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from random import Random
+from typing import Any
+
+from bench.faults.row import Row
+from bench.faults.stages import (
+    BACK_WITHIN,
+    HOLD_WITHIN,
+    SCRIPT_WITHIN,
+    SOON,
+    Seen,
+    changed_by,
+    follows,
+    repeated,
+    stops,
+    wait_for_mode,
+    watch,
+)
+from bench.stopping.faults import SILENCE, UNHEARD
+from bench.stopping.humans import READ
+from bench.stopping.runs import FAST, SLOW, Job
+from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
+from companion.sim.demo.child import Child
+from companion.wire.ids import State
+from companion.wire.parameters import THR_SCENE
+
+_ALWAYS_NEW, _NEVER_NEW = 1.0, -1.0
+"""Thresholds of the scene: every place is new, or none is."""
+_GAP = 4.0
+"""s from a cut of the wire until the operator answers, and from then until it is whole again."""
+_WATCHED = 10.0
+"""s in which the rover of a dead companion is watched."""
+_PX4_SPEED = 0.6
+_NOT_WELL = "not well again"
+_TO_HOLD = "COMMAND_LONG 176 1 4"
+_RETURNS = "nothing resumes by itself; well again"
+
+
+class _Events:
+    """The events of the operator's terminal, with when each was read, monotonic s."""
+
+    def __init__(self, operator: Child) -> None:
+        self._operator = operator
+        self._all: list[tuple[float, dict[str, Any]]] = []
+
+    def first(
+        self, fits: Callable[[dict[str, Any]], bool], since: float = 0.0
+    ) -> tuple[float, dict[str, Any]] | None:
+        """Returns the first event since then that fits; None: none yet."""
+        self._all += [(at, json.loads(line)) for at, line in self._operator.lines()]
+        return next(((at, one) for at, one in self._all if at >= since and fits(one)), None)
+
+    def wait(
+        self, stage: Stage, what: str, fits: Callable[[dict[str, Any]], bool], since: float = 0.0
+    ) -> tuple[float, dict[str, Any]]:
+        """Waits until there is such an event. Raises Disturbed."""
+        stage.wait(what, lambda: self.first(fits, since) is not None, SOON)
+        found = self.first(fits, since)
+        assert found is not None
+        return found
+
+
+def _plan(job: Job, random: Random) -> Plan:
+    return job.plan(random)
+
+
+def _drives(stage: Stage, random: Random) -> None:
+    stage.set_speed(random.uniform(SLOW, FAST))
+    stage.wait_until_well()
+    stage.drive(random.uniform(0.0, 1.0))
+
+
+def _call_open(stage: Stage, random: Random) -> Seen:
+    """Cuts the wire while a call is open and before its hold has arrived, and makes it whole again."""
+    operator = stage.start_operator()
+    events = _Events(operator)
+    _drives(stage, random)
+    stage.wire.deaf = True
+    stage.ground.set_parameter(THR_SCENE, _ALWAYS_NEW)
+    _, call = events.wait(stage, "a call", lambda one: one["event"] == "call")
+    stage.ground.set_parameter(THR_SCENE, _NEVER_NEW)
+    watch(stage, 0.3)  # until that has arrived
+    with follows():
+        stage.wire.mute = stage.wire.unheard = True
+        wait_for_mode(stage, "HOLD")
+        stop = stage.status()
+        held_at = stop["monotonic"] - stop["t"] + stop["mode_log"][-1]["t"]
+        believed, by = stage.wire.believed(held_at), changed_by(stage)
+        watch(stage, _GAP)
+        in_gap = stage.plan.seed % 2 == 1
+        if in_gap:
+            operator.type(f"{call['id']} go")
+            watch(stage, _GAP)
+        stage.wire.mute = stage.wire.unheard = stage.wire.deaf = False
+        whole = time.monotonic()
+        if not in_gap:
+            told = f"C{call['id']} "
+            events.wait(
+                stage,
+                "the call again",
+                lambda one: one["event"] in ("text", "call", "call_changed") and told in json.dumps(one),
+                whole,
+            )
+            watch(stage, READ)
+            operator.type(f"{call['id']} go")
+        at, ack = events.wait(stage, "an acknowledgement", lambda one: one["event"] == "ack", whole)
+        refused = "no go" in ack["text"]  # it came before the autopilot was heard again
+        if refused:
+            stage.wait_until_well()
+            operator.type(f"{call['id']} go")
+        wait_for_mode(stage, "AUTO")
+        closed = events.wait(stage, "the closing", lambda one: one["event"] == "closed", whole)[1]
+        right = ack["result"] == "applied" and ack["target"] == closed["id"] == call["id"]
+        wrong = "" if right else f"{ack}, {closed}"
+        saw = "answered in the gap" if in_gap else "answered when the call came again"
+        saw += ': told "no go: disarmed, or no autopilot", and drove after another go' if refused else ""
+        return Seen(wrong, held_at - (believed or 0.0), at - whole, f"held by {by}, {saw}")
+
+
+def _reboots(stage: Stage, random: Random) -> tuple[str, float | None]:
+    """Reboots the autopilot. Returns what was wrong, and s from its first heartbeat until all was well.
+
+    While it is silent, HOLD may be asked for: the rover stops, and its pictures stand still.
+    """
+    asked, seconds = len(stage.wire.commands), random.uniform(4.0, 8.0)
+    begun = time.monotonic()
+    stage.control.ask("reboot", seconds=seconds)
+    stage.wait("a fault", lambda: stage.wire.beats[-1].state is State.FAULT, SOON)
+    noticed = time.monotonic() - begun
+    watch(stage, max(0.0, seconds - noticed))
+    before = len(stage.wire.commands)
+    returned = stage.returned(begun + seconds)
+    watch(stage, 2.0)
+    commanded = [*(set(stage.wire.commands[asked:before]) - {_TO_HOLD}), *stage.wire.commands[before:]]
+    if commanded:
+        return f"commanded {commanded}", returned
+    return (_NOT_WELL if returned is None else ""), returned
+
+
+def _drives_by_hand(stage: Stage) -> str:
+    """Lets a person arm and set AUTO, and returns what was wrong; a new hold for a thing ahead is not."""
+    asked = len(stage.wire.commands)
+    stage.control.start()
+    watch(stage, 3.0)
+    commanded, mode = stage.wire.commands[asked:], stage.status()["mode"]
+    if mode == "AUTO" and not commanded:
+        stage.wait("a status without a hold", lambda: stage.read_status().get("held_by") is None, SOON)
+        return ""
+    log = (stage.out / "daemon.log").read_text(encoding="utf-8")
+    reasons = re.findall(r"WARNING companion.daemon.executor: hold \d+: (.+)", log)
+    thing = reasons and "fault" not in reasons[-1]
+    return "" if thing else f"a person was overruled: {commanded}, {mode}, {reasons}"
+
+
+def _reboot_while_held(stage: Stage, random: Random) -> Seen:
+    """Reboots the autopilot in our hold, then lets a person set AUTO and arm it, or arm it and set AUTO."""
+    _drives(stage, random)
+    stage.freeze_camera(on=True)
+    with follows():
+        wait_for_mode(stage, "HOLD")
+        stage.freeze_camera(on=False)
+        stage.wait_until_well()
+        wrong, returned = _reboots(stage, random)
+        begun, asked = time.monotonic(), len(stage.wire.commands)
+        if stage.plan.seed % 2 == 0:
+            wrong = wrong or _drives_by_hand(stage)
+            return Seen(wrong, None, returned, "armed in HOLD, and AUTO set: taken over")
+        stage.control.mode("AUTO")
+        watch(stage, 2.0)
+        if stage.wire.commands[asked:]:
+            wrong = f"commanded while it was not armed: {stage.wire.commands[asked:]}"
+        armed = time.monotonic()
+        stage.control.ask("arm", on=True)
+        wait_for_mode(stage, "HOLD")
+        by, ordered = changed_by(stage), stage.wire.ordered(begun) or time.monotonic()
+        stage.wait_until_well()
+        watch(stage, READ)
+        stage.ground.go(int(stage.read_status()["current_id"]))
+        wait_for_mode(stage, "AUTO")
+        return Seen(wrong, ordered - armed, returned, f"armed in AUTO: held again by {by} until a go")
+
+
+def _reboot_while_driving(stage: Stage, random: Random) -> Seen:
+    """Reboots the autopilot as it drives. A person arms it and sets AUTO again: nothing may hold it."""
+    _drives(stage, random)
+    with follows():
+        wrong, returned = _reboots(stage, random)
+        saw = "drives again when a person sets AUTO"
+        if returned is None:  # it stood while it was thought to drive: its picture counts as frozen
+            stage.control.ask("arm", on=True)
+            stage.control.mode("MANUAL")
+            stage.control.ask("throttle", throttle=0.5)
+            stage.wait_until_well()
+            wrong = wrong.removeprefix(_NOT_WELL)
+            saw = "drives again in AUTO after it was moved by hand: its still picture counted as frozen"
+        wrong = wrong or _drives_by_hand(stage)
+        return Seen(wrong, None, returned, f"says: autopilot silent; {saw}")
+
+
+def _px4(job: Job, random: Random) -> Plan:
+    return replace(job.plan(random), speed=_PX4_SPEED, autopilot="px4", script=False)
+
+
+def _dead_on_px4(stage: Stage, random: Random) -> Seen:
+    """Kills the companion of a PX4 rover in MISSION, and watches what it does."""
+    events = _Events(stage.start_operator())
+    stage.wait_until_well()
+    stage.drive(random.uniform(0.0, 1.0))
+    with follows():
+        before, killed = stage.status(), time.monotonic()
+        stage.daemon.process.kill()
+        stage.daemon.process.wait(SOON)
+        while time.monotonic() < killed + _WATCHED:
+            time.sleep(0.1)
+        after = stage.status()
+        drives_on = after["mode"] == "MISSION" and after["speed"] > 0.9 * _PX4_SPEED
+        text = events.first(lambda one: "mission computer lost" in one.get("text", ""), killed)
+        lost = events.first(lambda one: one["event"] == "link" and not one["up"], killed)
+        begun = time.monotonic()
+        stage.start_daemon()
+        stage.wait("a companion that sees", lambda: stage.wire.well_again(begun) is not None, READY_WITHIN)
+        if text is None or lost is None or not drives_on:
+            return Seen(f"it did not drive on, or nobody said so: {after['mode']}, {text}, {lost}")
+        metres = after["distance"] - before["distance"]
+        saw = f"DRIVES ON ({metres:.0f} m in {_WATCHED:g} s); PX4 and the operator's terminal say so"
+        return Seen("", None, stage.wire.well_again(begun), saw)
+
+
+ROWS = (
+    Row(
+        "companion killed while driving",
+        "SIGKILL; it is started again when the rover stands",
+        f"the script holds; {_RETURNS}",
+        stops(SILENCE["kill_9"], 5),
+        SCRIPT_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "main loop stopped",
+        "SIGSTOP of the companion, as if it hung, and SIGCONT when the rover stands",
+        f"the script holds; {_RETURNS}",
+        stops(SILENCE["sigstop"], 5),
+        SCRIPT_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "link lost",
+        "nothing passes between companion and autopilot, both ways",
+        f"the script holds; the companion reports a fault; {_RETURNS}",
+        stops(SILENCE["dead_link"], 5),
+        SCRIPT_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "link lost with a call open",
+        "the same after a call was announced, before its hold arrived; it is answered in the gap or after it",
+        "the script holds; the call is told again, its answer acknowledged when it is back; it drives on",
+        repeated(6, _plan, _call_open),
+        SCRIPT_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "companion does not hear the autopilot",
+        "nothing passes from the autopilot to the companion",
+        f"the companion reports a fault after 3 s; the script holds for it; {_RETURNS}",
+        stops(SILENCE["one_way_wire"], 5),
+        SCRIPT_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "autopilot does not hear the companion",
+        "nothing passes from the companion to the autopilot",
+        f"the script holds; {_RETURNS}",
+        stops(UNHEARD, 5),
+        SCRIPT_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "autopilot reboots while it is held",
+        "it is deaf and silent for 4 to 8 s, then disarmed in HOLD; a person sets AUTO and arms, or reverse",
+        "fault; no command until it is armed; in AUTO then, it is held until a go; whoever arms it in HOLD "
+        "and sets AUTO has taken over",
+        repeated(6, _plan, _reboot_while_held),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "autopilot reboots while it drives",
+        "it is deaf and silent for 4 to 8 s, then disarmed in HOLD; a person arms it and sets AUTO again",
+        "fault; HOLD at most is asked for in that time, and nothing after it; a person can drive on in AUTO",
+        repeated(5, _plan, _reboot_while_driving),
+        None,
+        RETURN_WITHIN,
+    ),
+    Row(
+        "companion dead on PX4",
+        "SIGKILL of the companion of a PX4 rover in MISSION",
+        "the rover drives on; PX4 and the operator's terminal say that the companion is lost",
+        repeated(3, _px4, _dead_on_px4),
+        exception="no setting of PX4 stops a mission when the companion is lost: docs/autopilots.md",
+    ),
+)

@@ -1,0 +1,148 @@
+"""Produces faults while a rover drives the simulated trail, on the stages of bench.stopping."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+from bench.faults.row import Outcome, Work
+from bench.stopping.faults import Fault
+from bench.stopping.runs import LATE, TRIES, Job, faults
+from bench.stopping.stage import Disturbed, Plan, Stage
+
+T = 1.0
+"""s: the freshness limit of the stages' configuration."""
+HOLD_WITHIN = T + 1.0
+"""s from the last verified OK to the companion's order."""
+SCRIPT_WITHIN = 1.5 + 0.5
+"""s from the last heartbeat that the script believed to its order: ATS_TIMEOUT and half a second."""
+CAMERA_BACK_WITHIN = 10.0
+BACK_WITHIN = 12.0
+SOON = 10.0
+
+Produce = Callable[[Work], Outcome]
+
+
+class Seen(NamedTuple):
+    """What one run showed, as in `Outcome`. wrong: "" for nothing."""
+
+    wrong: str = ""
+    hold_s: float | None = None
+    return_s: float | None = None
+    saw: str = ""
+
+
+def stops(named: Fault | Mapping[str, Fault], times: int, *, breakable: bool = False) -> Produce:
+    """Causes each fault so often while a rover drives, with a seed each; in the short form only one, once.
+
+    breakable: the companion has the perceiver that can be broken.
+    """
+    every = {"": named} if isinstance(named, Fault) else named
+
+    def produce(work: Work) -> Outcome:
+        own = dict(list(every.items())[:1]) if work.short else every
+        seen = []
+        for seed in range(work.seed, work.seed + (1 if work.short else times)):
+            job = Job(seed, work.folder, threading.Event())
+            for run in faults(job, own, job.random(), breakable=breakable):
+                wrong = "" if work.short and run.wrong == LATE else run.wrong
+                hold, returned = (run.stop.hold, run.stop.returned) if run.stop else (None, None)
+                if run.stop and not wrong and returned is None:
+                    wrong = "not well again"
+                by = run.stop.by if run.stop else ""
+                seen.append(
+                    Seen(f"{run.kind} {wrong}".strip() if wrong else "", hold, returned, f"held by {by}")
+                )
+        said = _faults_told(work.folder)
+        return outcome(seen, f"says: {', '.join(said)}" if said else "")
+
+    return produce
+
+
+def repeated(
+    times: int, plan: Callable[[Job, Random], Plan], play: Callable[[Stage, Random], Seen]
+) -> Produce:
+    """Plays a scene so often, each on a new stage with a seed of its own; in the short form once.
+
+    What must follow is awaited in `follows`. A run that is disturbed before that is begun anew.
+    """
+
+    def produce(work: Work) -> Outcome:
+        seeds = range(work.seed, work.seed + (1 if work.short else times))
+        return outcome([_played(Job(seed, work.folder, threading.Event()), plan, play) for seed in seeds])
+
+    return produce
+
+
+def outcome(seen: Sequence[Seen], saw: str = "") -> Outcome:
+    """Sums up runs; what they saw is counted."""
+    counted = Counter(one.saw for one in seen if one.saw)
+    told = [text if count == len(seen) == 1 else f"{text} ({count})" for text, count in counted.items()]
+    return Outcome(
+        len(seen),
+        tuple(one.wrong for one in seen if one.wrong),
+        _most(one.hold_s for one in seen),
+        _most(one.return_s for one in seen),
+        "; ".join([*told, saw] if saw else told),
+    )
+
+
+class _Missing(Exception):  # noqa: N818 - it is caught here
+    """Raised when what must follow a fault did not."""
+
+
+@contextmanager
+def follows() -> Iterator[None]:
+    """Makes a run wrong, not void, where something does not happen that is awaited in this block."""
+    try:
+        yield
+    except Disturbed as missing:
+        raise _Missing(str(missing)) from missing
+
+
+def wait_for_mode(stage: Stage, mode: str) -> None:
+    """Waits until the autopilot is in this mode."""
+    stage.wait(f"mode {mode}", lambda: bool(stage.status()["mode"] == mode), SOON)
+
+
+def changed_by(stage: Stage) -> str:
+    """Returns who changed the mode last."""
+    return str(stage.status()["mode_log"][-1]["by"])
+
+
+def watch(stage: Stage, seconds: float) -> None:
+    """Lets time pass while companion and field run."""
+    until = time.monotonic() + seconds
+    stage.wait("time", lambda: time.monotonic() >= until, seconds + SOON)
+
+
+def _played(job: Job, plan: Callable[[Job, Random], Plan], play: Callable[[Stage, Random], Seen]) -> Seen:
+    for attempt in range(TRIES):
+        random = job.random(attempt)
+        try:
+            with job.stage(plan(job, random)) as stage:
+                return play(stage, random)
+        except Disturbed as why:
+            said = str(why)
+        except _Missing as missing:
+            return Seen(str(missing))
+    return Seen(said)
+
+
+def _faults_told(folder: Path) -> list[str]:
+    """Returns what the companions' logs call the faults, the most frequent first."""
+    logs = [log.read_text(encoding="utf-8", errors="replace") for log in sorted(folder.glob("*/daemon.log"))]
+    names = re.findall(r"fault: ([a-z][^:\n]*)", "\n".join(logs))
+    return [name.strip() for name, _ in Counter(names).most_common(3)]
+
+
+def _most(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return round(max(known), 2) if known else None

@@ -1,0 +1,68 @@
+"""Rows of the vision process: hung, dead, or wrong in what it says."""
+
+from __future__ import annotations
+
+from bench.faults.row import Row
+from bench.faults.stages import BACK_WITHIN, HOLD_WITHIN, stops
+from bench.stopping.faults import BREAKABLE, FAINT, NO_MEMORY, WRONG_SHAPES
+
+_HELD = "fault, hold; another vision process is started; nothing resumes by itself"
+
+ROWS = (
+    Row(
+        "vision hung",
+        "the perceiver never answers; 20 times",
+        _HELD,
+        stops(BREAKABLE["hung_perceiver"], 20, breakable=True),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "vision hung in native code",
+        "the same in native code that keeps the interpreter's lock; 20 times",
+        _HELD,
+        stops(BREAKABLE["vision_lock_hang"], 20, breakable=True),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "vision segfault, again and again",
+        "native code reads an invalid address with the first picture, until the rover stands",
+        _HELD,
+        stops(BREAKABLE["vision_segfault"], 5, breakable=True),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "vision out of memory: killed",
+        "SIGKILL with the first picture, as the kernel does when memory runs out, until the rover stands",
+        _HELD,
+        stops(BREAKABLE["vision_out_of_memory"], 5, breakable=True),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "vision out of memory: refused",
+        "the kernel gives the process no more memory (RLIMIT_AS), and each picture needs more",
+        "fault, hold; nothing resumes by itself",
+        stops(NO_MEMORY, 5, breakable=True),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "maps of NaN",
+        "the perceiver's maps are NaN everywhere, or in one pixel",
+        "fault, hold; nothing resumes by itself",
+        stops({"all": BREAKABLE["nan_maps"], "one pixel": FAINT["nan_maps"]}, 3, breakable=True),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "maps or embedding of a wrong shape",
+        f"the perceiver delivers another shape or type: {', '.join(WRONG_SHAPES)}",
+        "fault or call, hold; nothing resumes by itself",
+        stops(WRONG_SHAPES, 2, breakable=True),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+)

@@ -113,7 +113,7 @@ class VisionClient:
         first_frame: int = 1,
     ) -> None:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
-        self.watchdog = Watchdog(launch, restarts)
+        self.watchdog: Watchdog[Child] = Watchdog(launch, restarts)
         self.rate = JudgingRate(config.camera.rate, config.freshness)
         self._config = config
         self._copy = MemoryCopy(memory)

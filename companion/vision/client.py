@@ -153,6 +153,11 @@ class VisionClient:
         return self.memory.preferences
 
     @property
+    def newest_request(self) -> int:
+        """Return the number of the newest request; a `Drawn` has that of its request."""
+        return self._numbers
+
+    @property
     def answers_within(self) -> float:
         """Return the seconds within which each waiting answer has its outcome, or the process is lost."""
         return (MAX_JOBS + 1) * self.watchdog.silence_limit

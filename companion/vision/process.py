@@ -43,7 +43,8 @@ log = logging.getLogger(__name__)
 NICENESS = 5
 FIRST_OUT = 900
 """The process's oom_score_adj, of 1000: the kernel kills it before others when memory runs out."""
-_FRAME_TIMEOUT = 0.05
+_FRAME_TIMEOUT = 0.02
+"""Seconds to wait for a frame before requests are looked at: so a drawing ends before the next frame."""
 _ALIVE_EVERY = 0.2
 _MAX_LINES = 100
 _LONGEST_LINE = 2000

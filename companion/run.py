@@ -38,6 +38,7 @@ from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild
 from companion.vision.client import VisionClient
+from companion.web.page import Page
 from companion.wire import notices, texts
 from companion.wire.ids import WARNING, State
 
@@ -86,7 +87,9 @@ def _main(
     first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    ready = load(vision, link, stop, service)
+    page = Page(config)
+    closing.callback(page.close)
+    ready = load(vision, link, stop, service, lambda now: page.poll(now, _starting))
     if ready is None:
         service.stopping()
         return 0
@@ -102,8 +105,13 @@ def _main(
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
-    _run(daemon, stop, service, writer, report, closing.enter_context(BackgroundJob()))
+    _run(daemon, stop, service, writer, report, closing.enter_context(BackgroundJob()), page)
     return 0
+
+
+def _starting() -> dict[str, Any]:
+    starting = {"state": "starting"}
+    return {"told": "", "status": starting, "state": starting, "check": starting}
 
 
 def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved: Mapping[str, Any]) -> Link:
@@ -140,8 +148,15 @@ def _run(
     writer: Writer,
     report: CheckReport,
     background: BackgroundJob,
+    page: Page,
 ) -> None:
     status_at = checked_at = float("-inf")
+    figures: dict[str, Any] = {}
+
+    def news() -> dict[str, Any]:
+        document = report.document()
+        return {"told": daemon.told(), "status": figures, "state": daemon.state_file(), "check": document}
+
     try:
         while not stop():
             daemon.turn()
@@ -149,12 +164,17 @@ def _run(
             if daemon.sees_or_reports_fault(now):
                 service.alive(now)
             if now - status_at >= _STATUS_PERIOD:
-                status_at, figures = now, daemon.write_status()
+                status_at, figures = now, daemon.write_status(web=page.figures())
                 service.status(f"{figures['state']}, policy {figures['policy']}")
                 if status_at - checked_at < EVERY:
                     background.run(daemon.computer.measure)
                 elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
                     checked_at = status_at
+            page.poll(now, news)
+            if page.wanted():
+                daemon.live_picture.want()
+            if (picture := daemon.live_picture.take()) is not None:
+                page.show(picture.frame, time.monotonic() - picture.captured_at, picture.jpeg)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         daemon.report_death()

@@ -43,6 +43,8 @@ latency = 0
 [perceiver]
 name = "builtin:lexicon"
 threads = 1
+[web]
+listen = ""
 [vehicle]
 file = ""
 [link]

@@ -19,6 +19,8 @@ _BOOTS_WITHIN = 300.0
 _CONFIG = """
 [camera]
 source = "folder:nothing"
+[web]
+listen = ""
 [vehicle]
 file = ""
 [link]

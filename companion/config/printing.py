@@ -10,6 +10,7 @@ from typing import Any
 from companion.cameras import without_credentials
 from companion.config.checks import Check, Section, number, section_schema, text
 from companion.config.schema import SECTIONS, Config
+from companion.config.toml_file import SECRETS
 from companion.config.words import WORDS_OFFERED
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -64,6 +65,8 @@ def _section(name: str, section: Section) -> Iterator[str]:
             yield f'file = ""  # merged into this from {value or "no file"}'
         elif value is None:
             yield f"# {field.name} is not set: {meaning}"
+        elif value and (name, field.name) in SECRETS:
+            yield f"# {field.name} is set, and not shown: {meaning}"
         elif field.metadata["tables"]:
             tables += [(f"{name}.{field.name}.{key}", table) for key, table in value]
         else:

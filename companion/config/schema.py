@@ -29,6 +29,7 @@ from companion.config.checks import (
     whole,
 )
 from companion.config.radio import Link
+from companion.config.web import Web
 from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0
@@ -274,6 +275,7 @@ SECTIONS: Mapping[str, type[Section]] = {
     "link": Link,
     "journal": Journal,
     "pictures": Pictures,
+    "web": Web,
 }
 WORD_KEYS = ("vocabulary", "words", "aliases")
 OF_A_VEHICLE = (*WORD_KEYS, "mount", "stopping", "roi", "corridor", "thresholds", "call")
@@ -303,6 +305,7 @@ class Config:
     link: Link = field(default_factory=Link)
     journal: Journal = field(default_factory=Journal)
     pictures: Pictures = field(default_factory=Pictures)
+    web: Web = field(default_factory=Web)
 
     @property
     def preferences(self) -> Preferences:

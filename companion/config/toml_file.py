@@ -48,6 +48,8 @@ def _short(value: object) -> str:
 
 
 KeyPath = tuple[str, ...]
+SECRETS = frozenset({("web", "token")})
+"""Settings whose values are shown to nobody."""
 
 _TOKEN = re.compile(
     r"""
@@ -162,7 +164,8 @@ class Layer:
         around = (keys[:depth] for depth in range(len(keys), 0, -1))
         line = next((self._lines[key] for key in around if key in self._lines), None)
         value = self.value(keys)
-        return Problem(self.path, line, ".".join(keys), None if isinstance(value, Mapping) else value, reason)
+        shown = None if isinstance(value, Mapping) or keys in SECRETS else value
+        return Problem(self.path, line, ".".join(keys), shown, reason)
 
     def value(self, keys: KeyPath) -> object:
         """The value at `keys`; None when there is none."""

@@ -14,6 +14,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
+from companion.daemon.live_picture import LivePicture
 from companion.daemon.persistence import Persistence
 from companion.daemon.records import Records
 from companion.daemon.startup import wait
@@ -87,6 +88,7 @@ class Daemon:
         self.answer_handler = answer_handler
         self.settings = settings
         self.position = position
+        self.live_picture = LivePicture(vision)
         self._weak_words = WeakWords()
         self._view = view
         self._active_alert = ActiveAlert(calls)
@@ -169,11 +171,9 @@ class Daemon:
         self.persistence.leave()
         self.records.leave(self.status())
 
-    def write_status(self) -> dict[str, Any]:
-        """Queue the status file, and return its figures."""
-        figures = self.status()
-        self.records.write_status(figures)
-        return figures
+    def write_status(self, **more: Any) -> dict[str, Any]:
+        """Queue the status file, and return its content. more: figures of parts that are not the daemon's."""
+        return self.records.write_status({**self.status(), **more})
 
     def report_death(self) -> None:
         """Report at once that the daemon dies, to the autopilot's script and to the operator.
@@ -205,6 +205,11 @@ class Daemon:
     def computer(self) -> Computer:
         """The figures of this computer. Measure them in another thread: a sensor may take its time."""
         return self._status.computer
+
+    def told(self) -> str:
+        """Return the text of the open call or hold, else why nothing is judged, else what is repeated."""
+        fault = "" if self.calls.current_id else self._health.fault(time.monotonic())
+        return fault or self._link.repeated_text
 
     def state_file(self) -> dict[str, Any]:
         """Return the figures for /state.json."""
@@ -250,6 +255,8 @@ class Daemon:
                 self._judged(result, now)
             case Applied():
                 self._applied(result, now)
+            case Drawn() if self.live_picture.drawn(result):
+                pass
             case Drawn():
                 self.records.drawn(result)
 
@@ -275,6 +282,7 @@ class Daemon:
         for word in self._weak_words.new(self._vision.weak, judged.memory.preferences):
             self._link.send_text(notices.weak_word(word), NOTICE, now)
         state = self.calls.state(now)
+        self.live_picture.judged(seen, state)
         self._link.summary(
             summary(seen, judged.sectors, state, self.calls.policy, self.calls.current_id, self._view, now),
             now,

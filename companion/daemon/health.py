@@ -126,6 +126,13 @@ class HealthMonitor:
         script = self._calls.holding.script_holds
         return notices.script_holds(*script) if script is not None else ""
 
+    def fault(self, now: float) -> str:
+        """Say why nothing can be judged, "" while it can."""
+        if Reason.FAULT not in self._calls.reason_filter.reasons(now):
+            return ""
+        why = fault_name(self._calls.reason_filter.newest, self.silent(now))
+        return ": ".join(filter(None, (why, self._vision.camera.reason)))
+
     def check(self, now: float) -> None:
         """Collect the signs of life, and report what changed."""
         self._liveness.beat("vision", self._vision.watchdog.alive_at)
@@ -211,9 +218,9 @@ class HealthMonitor:
     def _check_faults(self, now: float) -> None:
         if Reason.FAULT in self._calls.reason_filter.reasons(now):
             if self._fault_seen_at is None:
-                why = fault_name(self._calls.reason_filter.newest, self.silent(now))
-                log.error("fault: %s", ": ".join(filter(None, (why, self._vision.camera.reason))))
+                log.error("fault: %s", self.fault(now))
                 if self._calls.current_id == 0:
+                    why = fault_name(self._calls.reason_filter.newest, self.silent(now))
                     self._link.send_text(texts.companion_fault(why), ERROR, now)
             self._fault_seen_at = now
         elif self._fault_seen_at is not None and now - self._fault_seen_at >= RECOVERED_AFTER:

@@ -192,12 +192,16 @@ class Records:
         self._frames += 1
         self._recent.append((frame.id, frame.captured_at, judged.at))
 
-    def write_status(self, figures: Mapping[str, Any]) -> None:
-        """Queue the status file: figures, number of judged frames, process id and the state of the disk."""
-        disk = self._writer.figures()
-        content = json.dumps({**figures, "frames": self._frames, "pid": os.getpid(), "disk": disk}).encode()
+    def write_status(self, figures: Mapping[str, Any]) -> dict[str, Any]:
+        """Queue the status file: figures, number of judged frames, process id and the state of the disk.
+
+        Return its content.
+        """
+        status = {**figures, "frames": self._frames, "pid": os.getpid(), "disk": self._writer.figures()}
+        content = json.dumps(status).encode()
         # It is written again every second: a torn one lasts no longer.
         self._writer.queue_job("status", partial(write_atomically, self._status, content, sync=False))
+        return status
 
     def leave(self, figures: Mapping[str, Any]) -> None:
         """Write everything that waits, within `SLOW` seconds, and last the status file.

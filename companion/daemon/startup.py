@@ -28,14 +28,22 @@ _TICK = 0.02
 _AGAIN = "starting, send it again"
 
 
-def load(vision: VisionClient, link: Link, stop: Callable[[], bool], service: ServiceManager) -> Ready | None:
+def load(
+    vision: VisionClient,
+    link: Link,
+    stop: Callable[[], bool],
+    service: ServiceManager,
+    turned: Callable[[float], None] = lambda _now: None,
+) -> Ready | None:
     """Wait for the vision process's `Ready`, and run the link meanwhile. None when `stop()` came first.
 
-    A process that dies is started again. Raises AnyTraverseError when the perceiver cannot be loaded.
+    turned: called in every turn, with monotonic seconds. A process that dies is started again. Raises
+    AnyTraverseError when the perceiver cannot be loaded.
     """
     while not stop():
         now = time.monotonic()
         service.starting(now)
+        turned(now)
         for event in link.poll(now):
             _refuse(event, link, now)
         vision.poll(now)

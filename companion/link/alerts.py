@@ -123,6 +123,11 @@ class AlertRepeater:
         self._closing_texts: deque[str] = deque(maxlen=4)
 
     @property
+    def repeated(self) -> str:
+        """Return the text that is repeated now, "" for none."""
+        return self._text
+
+    @property
     def is_open(self) -> bool:
         """Whether a call or hold is open. The numbers then stop and the summaries slow down."""
         return self._call is not None

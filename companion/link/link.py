@@ -231,6 +231,11 @@ class Link:
         """
         self._alerts.announce(call, text, now, quiet=quiet, severity=severity)
 
+    @property
+    def repeated_text(self) -> str:
+        """Return the text of the open call or hold, or the other one that is repeated; "" for none."""
+        return self._alerts.repeated
+
     def send_text(self, text: str, severity: int, now: float) -> None:
         """Send a text once, with MAV_SEVERITY `severity`; not the same one again within 5 s."""
         self._text_sender.send(text, severity, now)

@@ -17,6 +17,7 @@ from companion.preflight.computer import (
 )
 from companion.preflight.here import check_journal
 from companion.preflight.link import check_autopilot, check_forwarding, check_link, check_signing
+from companion.preflight.page import check_page
 from companion.preflight.perceiver import check_perceiver
 from companion.preflight.rights import check_rights
 from companion.preflight.rover import Rover
@@ -59,6 +60,7 @@ CHECKS = (
     Check("forwarding", check_forwarding, "whether a ground station is heard, and may answer"),
     Check("signing",    check_signing,    "whether frames are signed, and the key fits"),
     Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
+    Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
 )
 # fmt: on
 WIDTH = 24

@@ -113,7 +113,7 @@ class VisionClient:
         first_frame: int = 1,
     ) -> None:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
-        self.watchdog = Watchdog(launch, restarts)
+        self.watchdog: Watchdog[Child] = Watchdog(launch, restarts)
         self.rate = JudgingRate(config.camera.rate, config.freshness)
         self._config = config
         self._copy = MemoryCopy(memory)
@@ -151,6 +151,11 @@ class VisionClient:
     def words(self) -> Preferences:
         """Return the words in use. Only where there is a `memory`."""
         return self.memory.preferences
+
+    @property
+    def newest_request(self) -> int:
+        """Return the number of the newest request; a `Drawn` has that of its request."""
+        return self._numbers
 
     @property
     def answers_within(self) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import faulthandler
 import logging
 import os
@@ -15,12 +13,12 @@ import time
 import traceback
 from collections import deque
 from functools import partial
-from pathlib import Path
 from typing import NoReturn
 
 from anytraverse.errors import AnyTraverseError
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraThread, Patience
+from companion.system.child_process import end_with, step_back
 from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -45,11 +43,11 @@ log = logging.getLogger(__name__)
 NICENESS = 5
 FIRST_OUT = 900
 """The process's oom_score_adj, of 1000: the kernel kills it before others when memory runs out."""
-_FRAME_TIMEOUT = 0.05
+_FRAME_TIMEOUT = 0.02
+"""Seconds to wait for a frame before requests are looked at: so a drawing ends before the next frame."""
 _ALIVE_EVERY = 0.2
 _MAX_LINES = 100
 _LONGEST_LINE = 2000
-_SET_DEATH_SIGNAL = 1
 
 
 class Port:
@@ -98,8 +96,8 @@ class _Lines(logging.Handler):
 
 def main(descriptor: int, parent: int) -> NoReturn:
     """Run until the supervisor, process `parent`, is gone. descriptor: the channel's socket."""
-    end_with(parent)
-    step_back()
+    end_with(parent)  # so that the camera is free again
+    step_back(NICENESS, FIRST_OUT)
     faulthandler.enable()
     for number in (signal.SIGINT, signal.SIGTERM):  # a terminal and systemd send them to both processes
         signal.signal(number, signal.SIG_IGN)
@@ -115,20 +113,6 @@ def main(descriptor: int, parent: int) -> NoReturn:
         code = 1
     sys.stderr.flush()
     os._exit(code)  # sys.exit would wait for threads, and a camera driver or the network may hang
-
-
-def end_with(parent: int) -> None:
-    """Have the kernel kill this process when the supervisor dies, so that the camera is free again."""
-    ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:  # the supervisor died before the call of prctl
-        os._exit(0)
-
-
-def step_back() -> None:
-    """Lower this process's priority, and have the kernel kill it first when memory runs out."""
-    os.nice(NICENESS)
-    with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text(str(FIRST_OUT), encoding="ascii")
 
 
 def _serve(port: Port) -> None:

@@ -1,4 +1,4 @@
-"""Starts the vision process, kills one that died or hangs, and delays the restarts of one that dies often."""
+"""Starts a process, kills one that died or hangs, and delays the restarts of one that dies often."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from companion.tasks import Restarts
-from companion.vision.child import Child
 
 log = logging.getLogger(__name__)
 
@@ -30,15 +29,26 @@ class Failure(NamedTuple):
     trouble: str
 
 
-class Watchdog:
-    """Owns the vision process. A process runs once it has reported that it is ready; until then it loads.
+class Killable(Protocol):
+    """A started process."""
+
+    def close(self) -> None:
+        """Kill the process."""
+
+
+_Child = TypeVar("_Child", bound=Killable)
+
+
+class Watchdog(Generic[_Child]):
+    """Owns a process. It runs once it has reported that it is ready; until then it loads.
 
     child: the process, None while there is none. restarted: how often it was killed or had died.
     """
 
-    def __init__(self, launch: Callable[[], Child], limits: Restarts) -> None:
-        """launch: starts a process or raises OSError."""
+    def __init__(self, launch: Callable[[], _Child], limits: Restarts, name: str = "vision process") -> None:
+        """launch: starts a process or raises OSError. name: for the log."""
         self._launch = launch
+        self._name = name
         self._limits = limits
         self._step: float | None = None
         """Seconds of a step; None while no process runs."""
@@ -46,7 +56,7 @@ class Watchdog:
         self._started_at = self._reported_at = self._polled_at = time.monotonic()
         self._deaths: deque[float] = deque(maxlen=_DEATHS)
         self._failures = 0
-        self.child: Child | None = None
+        self.child: _Child | None = None
         self.restarted = 0
 
     @property
@@ -111,13 +121,13 @@ class Watchdog:
             return Failure(f"gave no sign of life for {silent:.1f} s", "vision hangs")
         return None
 
-    def restart_later(self, cause: str, now: float) -> None:
-        """Kill the process and plan its restart. cause: for the log."""
+    def restart_later(self, cause: str, now: float, level: int = logging.ERROR) -> None:
+        """Kill the process and plan its restart. cause, level: for the log."""
         if self.running and now - self._started_at >= self._limits.longest:
             self._failures = 0
         wait = 0.0 if self._failures == 0 else self._limits.first * 2.0 ** (self._failures - 1)
         wait = min(wait, self._limits.longest)
-        log.error("the vision process %s; it is started again in %.0f s", cause, wait)
+        log.log(level, "the %s %s; it is started again in %.0f s", self._name, cause, wait)
         self.kill()
         self._failures += 1
         self._deaths.append(now)

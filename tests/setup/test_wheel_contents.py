@@ -35,6 +35,12 @@ def test_what_a_person_edits_and_what_boots_it_ship_as_data_files(wheel: zipfile
     assert {"config/companion.toml", "systemd/companion.service", "systemd/install.sh"} <= set(SHIPPED)
 
 
+def test_the_page_ships_with_all_its_files(wheel: zipfile.ZipFile) -> None:
+    files = {path.relative_to(ROOT).as_posix() for path in (ROOT / "companion/web/static").iterdir()}
+    assert {f"companion/web/static/{name}" for name in ("index.html", "main.js", "style.css")} <= files
+    assert files <= set(wheel.namelist())
+
+
 def test_only_the_three_packages_are_modules(wheel: zipfile.ZipFile) -> None:
     tops = {name.split("/")[0] for name in wheel.namelist()}
     assert {top for top in tops if not top.endswith(".dist-info")} == {

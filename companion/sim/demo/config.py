@@ -17,6 +17,8 @@ _TEXT = """\
 source = {camera}
 rate = 10
 {view}
+[web]
+listen = ""
 [vehicle]
 file = ""
 {stopping}

@@ -14,6 +14,8 @@ source = "folder:{frames}"
 loop = true
 [perceiver]
 name = "painted"
+[web]
+listen = "{listen}"
 [vehicle]
 file = ""
 [link]
@@ -26,15 +28,16 @@ grass = 1.0
 """
 
 
-def to_a_drum(folder: Path, port: int, link: str = "") -> Path:
+def to_a_drum(folder: Path, port: int, link: str = "", listen: str = "") -> Path:
     """Writes a frame of grass and 29 of a drum without a word; returns the configuration.
 
-    port: of the ground on 127.0.0.1. link: more lines of [link].
+    port: of the ground on 127.0.0.1. link: more lines of [link]. listen: of [web].
     """
     frames = folder / "frames"
     frames.mkdir()
     for number in range(30):
         cv2.imwrite(str(frames / f"{number}.png"), picture("drum" if number else "")[..., ::-1])
     config = folder / "companion.toml"
-    config.write_text(CONFIG.format(frames=frames, port=port, link=link, state=folder / "state"))
+    values = {"frames": frames, "port": port, "link": link, "state": folder / "state", "listen": listen}
+    config.write_text(CONFIG.format(**values))
     return config

@@ -54,6 +54,8 @@ class Site:
             name = "clipseg:tiny"
             threads = 1
             {perceiver}
+            [web]
+            listen = ""
             [vehicle]
             file = ""
             [link]

@@ -43,6 +43,8 @@ source = "field:{frames}"
 rate = {rate}
 [perceiver]
 name = "clipseg:bundle"
+[web]
+listen = ""
 [vehicle]
 file = ""
 [link]

@@ -182,6 +182,8 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
         rate = 50
         [perceiver]
         name = "painted"
+        [web]
+        listen = ""
         [vehicle]
         file = ""
         [link]
@@ -298,7 +300,7 @@ def test_policy_hold_without_the_figures_for_stopping_ends_the_program_with_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "companion.toml"
-    path.write_text('[vehicle]\nfile = ""\n[call]\npolicy = "hold"\n')
+    path.write_text('[web]\nlisten = ""\n[vehicle]\nfile = ""\n[call]\npolicy = "hold"\n')
     assert cli(["run", "--config", str(path)]) == 2
     assert "set [mount] height and tilt, and [stopping] speed" in capsys.readouterr().err
 

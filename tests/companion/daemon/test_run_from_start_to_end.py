@@ -58,6 +58,8 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
         loop = true
         [perceiver]
         name = "painted"
+        [web]
+        listen = ""
         [vehicle]
         file = ""
         [link]

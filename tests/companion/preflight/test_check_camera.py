@@ -20,7 +20,10 @@ cv2 = pytest.importorskip("cv2")
 
 def rover(folder: Path, more: str = "", camera: str = "", running: dict[str, Any] | None = None) -> Rover:
     path = folder / "companion.toml"
-    path.write_text(f'[vehicle]\nfile = ""\n[camera]\nsource = "folder:{folder}/pictures"\n{camera}\n{more}')
+    path.write_text(
+        '[web]\nlisten = ""\n[vehicle]\nfile = ""\n'
+        f'[camera]\nsource = "folder:{folder}/pictures"\n{camera}\n{more}'
+    )
     return Rover(load_config(str(path)), str(path), folder, running)
 
 

@@ -33,7 +33,7 @@ from companion.storage import Journal
 
 def rover(folder: Path, running: Mapping[str, Any] | None = None, more: str = "", **options: Any) -> Rover:
     path = folder / "companion.toml"
-    path.write_text(f'[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n{more}')
+    path.write_text(f'[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n{more}')
     return Rover(load_config(str(path)), str(path), folder / "state", running, **options)
 
 

@@ -21,7 +21,7 @@ def rover(
 ) -> Rover:
     path = folder / "companion.toml"
     signing = f'[link]\nsigning_key = "{key}"\n' if key else ""
-    path.write_text(f'[vehicle]\nfile = ""\n{signing}')
+    path.write_text(f'[web]\nlisten = ""\n[vehicle]\nfile = ""\n{signing}')
     one = Rover(load_config(str(path)), str(path), folder, running)
     if asked is not None:
         one.__dict__["asked"] = asked  # as if it had been asked

@@ -92,7 +92,7 @@ def test_a_wrong_configuration_is_a_row_that_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "companion.toml"
-    path.write_text('[vehicle]\nfile = ""\n[camera]\nrate = 0\n')
+    path.write_text('[web]\nlisten = ""\n[vehicle]\nfile = ""\n[camera]\nrate = 0\n')
     assert check(str(path), as_json=True) == 1
     assert rows(capsys)["config"][0] == "fail"
 
@@ -188,7 +188,7 @@ def test_the_service_s_folder_is_meant_where_nothing_else_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "companion.toml"
-    path.write_text('[vehicle]\nfile = ""\n')
+    path.write_text('[web]\nlisten = ""\n[vehicle]\nfile = ""\n')
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     config = load_config(str(path))
     assert state_folder(config, service=tmp_path) == tmp_path

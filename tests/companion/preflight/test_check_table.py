@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[3]
 
 def rover(folder: Path, running: Any) -> Rover:
     path = folder / "companion.toml"
-    path.write_text('[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n')
+    path.write_text('[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n')
     return Rover(load_config(str(path)), "", folder / "state", running, inside=True)
 
 
@@ -74,7 +74,7 @@ def test_a_check_that_fails_itself_is_a_row_and_the_others_follow(
     )
     monkeypatch.setattr(table, "CHECKS", checks)
     path = tmp_path / "companion.toml"
-    path.write_text('[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n')
+    path.write_text('[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n')
     assert check(str(path), as_json=True) == 1
     *_, fails, third, summary, last = capsys.readouterr().out.splitlines()
     assert fails.startswith("fail  second")

@@ -188,7 +188,9 @@ def test_a_person_s_holds_on_the_field_become_lines_for_the_configuration(
     field = children("field", ["companion.sim.field", "--speed", "1.4", "--fps", "1"])
     ports = json.loads(field.first_line(PATIENCE))
     config = tmp_path / "companion.toml"
-    config.write_text(f'[vehicle]\nfile = ""\n[journal]\nfolder = "{tmp_path / "state"}"\n')
+    config.write_text(
+        f'[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "{tmp_path / "state"}"\n'
+    )
     check = children("check", ["companion", "check", "--measure", "--link", ports["companion"], str(config)])
     assert "Nothing is commanded" in check.first_line(PATIENCE)
     host, _, port = ports["control"].rpartition(":")

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from companion.web.page import missing
 from tests.companion.daemon.painted_drive import to_a_drum
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -20,22 +21,24 @@ KINDS["painted"] = ("tests.companion.vision.painted", "Obedient")
 from companion.config import load_config
 from companion.run import main
 config, status = load_config(sys.argv[1]), Path(sys.argv[2])
-until = time.monotonic() + 30.0
+until, page = time.monotonic() + 30.0, {}
 
 def called():
     told = json.loads(status.read_text()) if status.is_file() else {}
     pictures = list((status.parent / "calls").glob("*-large.jpg"))
-    return bool(told.get("current_id") and pictures) or time.monotonic() > until
+    page.update(told.get("web", {}))
+    shown = page.get("trouble", "starting") != "starting"
+    return bool(told.get("current_id") and pictures and shown) or time.monotonic() > until
 
 code = main(config, called, (sys.executable, "-m", "tests.companion.vision.painted"))
-print(json.dumps({"code": code, "modules": sorted(sys.modules)}))
+print(json.dumps({"code": code, "modules": sorted(sys.modules), "page": page}))
 """
 
 
 def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
         ground.bind(("127.0.0.1", 0))
-        path = to_a_drum(tmp_path, ground.getsockname()[1])
+        path = to_a_drum(tmp_path, ground.getsockname()[1], listen="127.0.0.1:0")
         ran = subprocess.run(
             [sys.executable, "-c", SCRIPT, str(path), str(tmp_path / "state" / "status.json")],
             cwd=ROOT,
@@ -48,8 +51,11 @@ def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> 
     told = json.loads(ran.stdout.splitlines()[-1])
     assert told["code"] == 0
     assert {"companion.daemon.daemon", "companion.vision.client"} <= set(told["modules"])
-    heavy = {name for name in told["modules"] if name.partition(".")[0] in ("cv2", "onnxruntime", "torch")}
+    strangers = ("cv2", "onnxruntime", "torch", "starlette", "uvicorn", "prometheus_client", "asyncio")
+    heavy = {name for name in told["modules"] if name.partition(".")[0] in strangers}
     assert heavy == set()
     own = {"companion.vision.worker", "companion.vision.pictures", "companion.vision.process"}
     assert not own & set(told["modules"])
     assert list((tmp_path / "state" / "calls").glob("*-large.jpg")), "it saw, called and had it drawn"
+    assert "companion.web.page" in told["modules"]
+    assert missing() or told["page"]["url"], "it had a page"

@@ -1,0 +1,164 @@
+"""Lets in who may see the page, and bounds what each connection may take."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import socket
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from companion.system.error_guard import ErrorGuard
+
+COOKIE = "anytraverse"
+HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-store",
+}
+_LONGEST_QUERY = 512
+_HERE = frozenset({"localhost", "127.0.0.1", "[::1]"})
+
+
+class Gate:
+    """Checks each request before the page sees it, and adds `HEADERS` to each answer."""
+
+    def __init__(self, app: ASGIApp, *, token: str, loopback: bool) -> None:
+        """token: "" for none. loopback: whether the page listens on this computer only."""
+        self._app = app
+        self._token = token.encode()
+        self._cookie = hmac.new(self._token, b"the cookie of the page", hashlib.sha256).hexdigest()
+        self._loopback = loopback
+        self._guard = ErrorGuard(lambda _now: None)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return
+
+        async def answer(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = [
+                    *message.get("headers", ()),
+                    *((k.encode(), v.encode()) for k, v in HEADERS.items()),
+                ]
+                if message["status"] >= 400:  # so that a refused body is not read
+                    headers.append((b"connection", b"close"))
+                message = {**message, "headers": headers}
+            await send(message)
+
+        refusal = self._refusal(scope)
+        with self._guard.survived("a request", asyncio.get_running_loop().time()):
+            await (self._app if refusal is None else refusal)(scope, receive, answer)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        """Return the answer to a request that may not pass, None for one that may."""
+        headers = Headers(scope=scope)
+        if scope["method"] not in ("GET", "HEAD"):
+            return PlainTextResponse("this page only shows: GET and HEAD\n", 405, {"allow": "GET, HEAD"})
+        if headers.get("content-length", "0") != "0" or "transfer-encoding" in headers:
+            return PlainTextResponse("a request without a body, please\n", 413)
+        # Another site's name may lead here (DNS rebinding), and its scripts would read the page.
+        if self._loopback and _host(headers.get("host", "")) not in _HERE:
+            return PlainTextResponse("open it as http://localhost and the port\n", 421)
+        if headers.get("sec-fetch-site") in ("cross-site", "same-site") and scope["path"] != "/":
+            return PlainTextResponse("another site may not load this\n", 403)
+        return self._without_token(scope, headers) if self._token else None
+
+    def _without_token(self, scope: Scope, headers: Headers) -> Response | None:
+        kind, _, given = headers.get("authorization", "").partition(" ")
+        if kind.lower() == "bearer" and self._is_token(given.strip()):
+            return None
+        if hmac.compare_digest(_cookie(headers).encode(), self._cookie.encode()):
+            return None
+        query = parse_qs(scope["query_string"][:_LONGEST_QUERY].decode("latin-1"))
+        if self._is_token(query.get("token", [""])[-1]):
+            shown = RedirectResponse("/", 303)
+            shown.set_cookie(COOKIE, self._cookie, httponly=True, samesite="strict")
+            return shown
+        return PlainTextResponse(
+            "this page needs its token: open it as http://.../?token=... ([web] token in companion.toml)\n",
+            401,
+            {"www-authenticate": "Bearer"},
+        )
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(errors="replace"), self._token)
+
+
+def _host(header: str) -> str:
+    """Return the name in a Host header, without the port."""
+    end = header.find("]") + 1 if header.startswith("[") else header.find(":")
+    return (header[:end] if end > 0 else header).lower()
+
+
+def _cookie(headers: Headers) -> str:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return ""
+    return found.value if found is not None else ""
+
+
+MOST_CONNECTIONS = 64
+_IDLE = 10.0
+"""Seconds within which a connection must make a request, and between two requests."""
+_STALLED = 10.0
+"""Seconds within which the other end must take what it is sent, one piece at a time."""
+
+
+class BoundedConnection(H11Protocol):  # type: ignore[misc]  # it is Any for mypy
+    """Ends a connection that is one too many, makes no request, or does not take what it is sent."""
+
+    _seen: Any = None
+    _idle_timer: asyncio.TimerHandle | None = None
+    _stall_timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:
+        super().connection_made(transport)
+        if len(self.connections) > MOST_CONNECTIONS:
+            transport.abort()
+            return
+        transport.set_write_buffer_limits(high=0)
+        accepted = transport.get_extra_info("socket")
+        # Else a computer that was switched off would count as one that watches.
+        accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * _STALLED))
+        self._idle_timer = self.loop.call_later(_IDLE, self._check)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        for timer in _set(self._idle_timer, self._stall_timer):
+            timer.cancel()
+        super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._stall_timer = self.loop.call_later(_STALLED, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        for timer in _set(self._stall_timer):
+            timer.cancel()
+        super().resume_writing()
+
+    def _check(self) -> None:
+        """End the connection if it has not made a new request since the last check."""
+        request = self.cycle
+        if request is self._seen and (request is None or request.response_complete):
+            self.transport.abort()
+            return
+        self._seen = request
+        self._idle_timer = self.loop.call_later(_IDLE, self._check)
+
+
+def _set(*timers: asyncio.TimerHandle | None) -> Iterable[asyncio.TimerHandle]:
+    return (timer for timer in timers if timer is not None)

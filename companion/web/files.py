@@ -1,0 +1,95 @@
+"""Reads what the companion has written about its calls, and the end of its log. It only reads."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from companion.system.regular_file import open_regular
+
+LISTED = 12
+"""Calls that are listed, the newest ones."""
+LINES = 200
+"""Lines of the log that are shown, the newest ones."""
+_LARGEST_RECORD, _LARGEST_PICTURE, _LOG = 64 << 10, 1 << 20, 48 << 10
+_MOST_SCANNED = 2000
+_RECORD = re.compile(r"([0-9]{1,5})\.json", re.ASCII)
+
+
+class StateFolder:
+    """Reads the daemon's state folder. No name comes from a client: they are made of numbers here.
+
+    Each method waits for the disk, and raises OSError.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self._calls = Path(folder, "calls")
+        self._logs = Path(folder, "logs")
+
+    def picture(self, number: int, *, large: bool) -> bytes:
+        """Return the picture of a call or hold, as JPEG. large: with maps, else as radios carry it."""
+        return _read(self._calls, f"{number}-large.jpg" if large else f"{number}.jpg", _LARGEST_PICTURE)
+
+    def calls(self) -> list[dict[str, Any]]:
+        """Return the records of the newest calls, the newest first. One that cannot be read is left out."""
+        found = []
+        for number in newest_first(self._numbers())[:LISTED]:
+            try:
+                record = json.loads(_read(self._calls, f"{number}.json", _LARGEST_RECORD))
+            except (OSError, ValueError, RecursionError):
+                continue
+            if isinstance(record, dict):
+                found.append({**record, "id": number})
+        return found
+
+    def log(self) -> str:
+        """Return the last lines of the log; without a log, those of the file before it."""
+        text = ""
+        for name in ("companion.log", "companion.log.1"):
+            try:
+                text = _read(self._logs, name, _LOG, end=True).decode(errors="replace") + text
+            except FileNotFoundError:
+                continue
+            if text.count("\n") > LINES:
+                break
+        return "\n".join(text.splitlines()[-LINES:])
+
+    def _numbers(self) -> list[int]:
+        numbers = []
+        try:
+            with os.scandir(self._calls) as found:
+                for entry, _ in zip(found, range(_MOST_SCANNED), strict=False):
+                    if named := _RECORD.fullmatch(entry.name):
+                        numbers.append(int(named[1]))
+        except FileNotFoundError:
+            pass
+        return numbers
+
+
+def newest_first(numbers: list[int]) -> list[int]:
+    """Order ids of 16 bits, which begin again after 65535, by age: the widest gap is before the oldest.
+
+    Files' times may be wrong, since a rover often boots without a clock.
+    """
+    known = sorted(set(numbers))
+    if not known:
+        return []
+    gaps = [(number - before) & 0xFFFF for before, number in zip([known[-1], *known], known, strict=False)]
+    oldest = gaps.index(max(gaps))
+    return [*known[oldest:], *known[:oldest]][::-1]
+
+
+def _read(folder: Path, name: str, most: int, *, end: bool = False) -> bytes:
+    """Read a file of `most` bytes at most. end: read the end of a longer one instead of refusing it."""
+    descriptor = open_regular(folder / name, follow=False)
+    try:
+        size = os.fstat(descriptor).st_size
+        if size > most and not end:
+            raise OSError(errno.EFBIG, f"{size} bytes, at most {most} are served", name)
+        return os.pread(descriptor, most, max(0, size - most))
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,60 @@
+"""Defines what supervisor and web process say to each other: one datagram (SOCK_SEQPACKET) a message.
+
+To the web process: a kind (one byte), a JSON object, and for a picture a line feed and the JPEG. From it: one
+byte. The web process talks to browsers, so the supervisor believes nothing else of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any, NamedTuple
+
+LARGEST = 192 << 10
+"""Bytes of a message: as much as the kernel's default buffers take. A picture of 480 pixels needs a third."""
+
+
+class Kind(Enum):
+    """What is told to the web process."""
+
+    SETUP = b"c"
+    """The first message: folder, token, loopback."""
+    NEWS = b"n"
+    """The documents status, state and check, and `told`: what the ground is told."""
+    PICTURE = b"p"
+    """frame: its id. age: seconds since its capture."""
+
+
+ALIVE, WANTED = b"a", b"w"
+"""From the web process: it lives; somebody watches, so that a picture should be drawn."""
+
+
+class Message(NamedTuple):
+    """A message to the web process. picture: JPEG, b"" for the other kinds."""
+
+    kind: Kind
+    content: Mapping[str, Any]
+    picture: bytes = b""
+
+    def encoded(self) -> bytes:
+        """Encode it. Raises ValueError when it is too long, or is not JSON."""
+        text = json.dumps(self.content, separators=(",", ":"), allow_nan=False).encode()
+        packed = (
+            b"\n".join([self.kind.value + text, self.picture]) if self.picture else self.kind.value + text
+        )
+        if len(packed) > LARGEST:
+            raise ValueError(f"{len(packed)} bytes, at most {LARGEST} are sent")
+        return packed
+
+
+def decode(packed: bytes) -> Message:
+    """Decode a message. Raises ValueError for any other bytes."""
+    text, _, picture = packed[1:].partition(b"\n")
+    try:
+        content = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+    if not isinstance(content, dict):
+        raise ValueError("no JSON object")
+    return Message(Kind(packed[:1]), content, picture)

@@ -1,0 +1,76 @@
+// Connects feed, model and views, and lets ages grow by the browser's own clock.
+
+import { Feed } from "./feed.js";
+import * as model from "./model.js";
+import * as views from "./views.js";
+
+const now = () => performance.now() / 1000;
+const picture = document.getElementById("picture");
+let news = null;
+let connection = "";
+let seen = null; // the picture that is shown: {frame, age, receivedAt}
+let coming = null; // the one that is being loaded
+let next = null; // the newest one that was announced meanwhile
+
+function load(announced) {
+  coming = announced;
+  picture.src = `/live.jpg?frame=${announced.frame}`;
+}
+
+function loaded(shown) {
+  if (shown) {
+    seen = coming;
+    picture.hidden = false;
+  }
+  coming = null;
+  if (next) load(next);
+  next = null;
+  tick();
+}
+
+picture.addEventListener("load", () => loaded(true));
+picture.addEventListener("error", () => loaded(false));
+
+// A computer that sleeps stops the clock of `now`, and what is shown would look younger than it is.
+let ahead = Date.now() / 1000 - now();
+
+function tick() {
+  const slept = Date.now() / 1000 - now() - ahead;
+  if (Math.abs(slept) > 1) {
+    ahead += slept;
+    for (const old of [news, seen]) if (old) old.receivedAt -= Math.max(0, slept);
+  }
+  const state = model.overview(news, now(), connection);
+  views.showState(state);
+  views.showPictureNote(model.pictureNote(seen, now(), state.stale));
+}
+
+new Feed((kind, content) => {
+  switch (kind) {
+    case "connection":
+      connection = content;
+      break;
+    case "news":
+      news = { ...content, receivedAt: now() };
+      views.showFacts("now", model.facts(news));
+      views.showFacts("computer", model.computer(news));
+      views.showWords(model.words(news));
+      views.showChecks(model.checks(news));
+      views.showAbout(`AnyTraverse companion ${news.status?.version ?? ""}. This page only shows: answer calls from a ground station.`);
+      break;
+    case "picture": {
+      const announced = { ...content, receivedAt: now() };
+      if (coming) next = announced;
+      else load(announced);
+      break;
+    }
+    case "calls":
+      views.showCalls(model.calls(content));
+      break;
+    case "log":
+      views.showLog(model.logLines(content));
+  }
+  tick();
+});
+setInterval(tick, 250);
+document.addEventListener("visibilitychange", tick);

@@ -1,0 +1,170 @@
+// Turns what the companion tells into what a person reads. Pure: no page, no network, no clock.
+
+const NEWS_FRESH = 3; // seconds; the companion tells something once a second
+const PICTURE_FRESH = 3;
+
+const STATES = {
+  ok: { title: "OK", tone: "good", text: "The way ahead is known and drivable." },
+  calling: { title: "CALLING", tone: "call", text: "It asks the operator." },
+  holding: { title: "HOLDING", tone: "hold", text: "It holds the vehicle." },
+  blocked: { title: "BLOCKED", tone: "blocked", text: "What is ahead is known and not drivable." },
+  fault: { title: "FAULT", tone: "fault", text: "It cannot judge the way." },
+  off: { title: "OFF", tone: "idle", text: "Switched off: nobody watches the way." },
+  starting: { title: "STARTING", tone: "idle", text: "The perceiver is loading." },
+};
+const REASONS = {
+  unknown_object: "an unknown thing is ahead",
+  unknown_scene: "the place is new",
+  blocked: "the way is blocked by what is known",
+  fault: "no picture can be judged",
+};
+const OUTCOMES = {
+  answered: "answered",
+  accepted: "accepted by a go",
+  passed: "passed by itself",
+  taken_over: "a human took over",
+  recovered: "the fault is gone",
+  switched_off: "the companion was switched off",
+};
+const POLICIES = {
+  report: "report: it calls and holds nothing",
+  shadow: "shadow: it calls, and counts what it would have held",
+  hold: "hold: it may hold the vehicle",
+  off: "off: nobody watches the way",
+};
+
+// news: the newest event with `receivedAt` added, or null. now, receivedAt: seconds of one clock.
+// connection: "" or why there is none.
+export function overview(news, now, connection) {
+  const silent = news === null ? null : (news.age ?? Infinity) + now - news.receivedAt;
+  if (silent === null || !(silent <= NEWS_FRESH)) {
+    const never = silent === null || silent === Infinity;
+    const what = never ? "The companion has told nothing yet." : "No news from the companion: nothing below is live.";
+    return {
+      title: "NO NEWS",
+      tone: "stale",
+      why: [what, connection].filter(Boolean).join(" "), // read aloud when it changes, so without seconds
+      since: never ? "" : `for ${duration(silent)}`,
+      stale: true,
+    };
+  }
+  const status = news.status ?? {};
+  const state = STATES[status.state] ??
+    { title: String(status.state ?? "UNKNOWN").toUpperCase(), tone: "stale", text: "This page does not know this state." };
+  const reasons = (status.reasons ?? []).map((one) => REASONS[one] ?? one);
+  const seconds = news.since + now - news.receivedAt;
+  return {
+    title: state.title,
+    tone: state.tone,
+    why: [state.text, capital(news.told || reasons.join(", "))].filter(Boolean).join(" "),
+    since: `for ${news.exact ? "" : "at least "}${duration(seconds)}`,
+    stale: false,
+  };
+}
+
+// picture: {frame, age, receivedAt}, or null.
+export function pictureNote(picture, now, stale) {
+  if (picture === null) return { text: "No picture yet: it is drawn while somebody watches.", fresh: false };
+  const age = picture.age + now - picture.receivedAt;
+  if (age <= PICTURE_FRESH && !stale) return { text: "", fresh: true };
+  return { text: `Not live: this picture is ${duration(age)} old.`, fresh: false };
+}
+
+export function facts({ status = {}, state = {} }) {
+  const { camera = {}, judging = {}, perceiver = {}, vision = {}, link = {} } = status;
+  const open = state.open;
+  const rows = [
+    ["policy", (POLICIES[status.policy] ?? status.policy) + (status.hold_refused ? `. Hold is refused: ${status.hold_refused}` : "")],
+    ["open", open ? openText(open) : "no call, no hold"],
+    ["held by", status.held_by ?? "nobody"],
+    ["uncertainty", percent(status.roi_uncertainty)],
+    ["similarity", status.similarity == null ? "not known" : status.similarity.toFixed(2)],
+    ["camera", [camera.state, camera.reason, camera.width ? `${camera.width} × ${camera.height}` : "",
+      camera.rate == null ? "" : `${camera.rate.toFixed(1)} a second`].filter(Boolean).join(", ")],
+    ["latency", status.latency_ms == null ? "not known" : `${Math.round(status.latency_ms)} ms from capture until judged`],
+    ["judging", judging.rate == null ? "" : `${judging.rate} of ${judging.configured} a second${judging.lowered_by ? `: ${judging.lowered_by}` : ""}`],
+    ["perceiver", [perceiver.model, perceiver.precision].filter(Boolean).join(", ")],
+    ["vision", vision.trouble || (vision.restarts ? `running, started again ${vision.restarts} ×` : "running")],
+    ["link", link.trouble || (link.autopilot ? `autopilot heard on ${link.autopilot}` : "no autopilot is heard")],
+  ];
+  return rows.filter(([, text]) => text);
+}
+
+export function computer({ status = {} }) {
+  const { computer: told = {}, disk = {} } = status;
+  const known = (value, text) => (value == null ? "not told" : text(value));
+  const room = (free, all) => known(free, (value) => `${gib(value)} of ${gib(all)} free`);
+  return [
+    ["temperature", known(told.temperature, (value) => `${value.toFixed(0)} °C`) + (told.throttled ? ", slowed down" : "")],
+    ["supply", told.under_voltage == null ? "not told" : told.under_voltage ? "voltage too low" : "good"],
+    ["CPU", known(told.cpu, percent)],
+    ["memory", room(told.memory_free, told.memory)],
+    ["disk", room(told.disk_free, told.disk) + (disk.failing ? ", writes fail" : "")],
+    ["page", status.web?.restarts ? `started again ${status.web.restarts} ×` : "running"],
+  ];
+}
+
+export function words({ state = {} }) {
+  return Object.entries(state.words ?? {})
+    .sort(([, a], [, b]) => b - a)
+    .map(([word, weight]) => ({
+      word,
+      weight: `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`,
+      tone: weight > 0 ? "good" : weight < 0 ? "bad" : "even",
+    }));
+}
+
+// records: of /calls.json, the newest first.
+export function calls(records) {
+  return records.map((record) => ({
+    id: record.id,
+    title: `C${record.id} ${(record.reasons ?? []).map((one) => one.replaceAll("_", " ")).join(", ")}`,
+    picture: record.large ?? record.picture ?? "",
+    figures: [
+      record.roi_uncertainty == null ? "" : `uncertainty ${percent(record.roi_uncertainty)}`,
+      record.worst_tile == null ? "" : `worst tile ${percent(record.worst_tile)}`,
+      record.similarity == null ? "" : `similarity ${record.similarity.toFixed(2)}`,
+    ].filter(Boolean).join(", "),
+    outcome: record.outcome ? OUTCOMES[record.outcome] ?? record.outcome : "open",
+    open: !record.outcome,
+    closed: record.closed ? clock(record.closed) : "",
+    answers: (record.answers ?? []).map((answer) => ({
+      at: clock(answer.at),
+      said: [...(answer.operations ?? []), answer.motion === "none" ? "" : answer.motion?.replaceAll("_", " ")].filter(Boolean).join(", "),
+      result: answer.text || answer.result,
+    })),
+  }));
+}
+
+export function checks({ check = {} }) {
+  if (!Array.isArray(check.checks)) return { summary: "The first check has not been made yet.", rows: [] };
+  const bad = check.checks.filter((row) => row.verdict === "fail" || row.verdict === "warn");
+  return {
+    summary: bad.length ? `${bad.length} of ${check.checks.length} want a look; mend them from the top.` : "All is well.",
+    rows: check.checks,
+  };
+}
+
+export function logLines(text) {
+  return text.split("\n").map((line) => ({
+    line,
+    tone: /^\S+ \S+ (ERROR|CRITICAL) /.test(line) ? "bad" : /^\S+ \S+ WARNING /.test(line) ? "warn" : "",
+  }));
+}
+
+function openText(open) {
+  const kind = open.kind === "hold" ? "hold" : "call";
+  return `${kind} ${open.id}, ${open.stage}, ${open.holding ? "vehicle held" : "vehicle not held"}`;
+}
+
+export function duration(seconds) {
+  const whole = Math.max(0, Math.floor(seconds));
+  if (whole < 60) return `${whole} s`;
+  if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
+}
+
+const percent = (share) => (share == null ? "not known" : `${Math.round(100 * share)} %`);
+const gib = (mebibytes) => (mebibytes < 1024 ? `${mebibytes} MiB` : `${(mebibytes / 1024).toFixed(1)} GiB`);
+const capital = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}` : "");
+const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString("en-GB");

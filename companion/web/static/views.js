@@ -1,0 +1,91 @@
+// Puts what `model.js` made into the page. No network, and no decision: what is given is what is shown.
+
+export function element(tag, properties = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name === "tone") made.dataset.tone = value;
+    else made[name] = value;
+  }
+  made.append(...children.filter((child) => child !== ""));
+  return made;
+}
+
+const shown = new Map();
+
+// Calls `draw` only if `content` differs from what the part shows, so that nothing flickers or scrolls away.
+function changed(id, content, draw) {
+  const text = JSON.stringify(content);
+  if (shown.get(id) === text) return;
+  shown.set(id, text);
+  draw(document.getElementById(id));
+}
+
+export function showState(state) {
+  changed("state", { ...state, since: "" }, (part) => {
+    part.dataset.tone = state.tone;
+    document.title = `${state.title} · AnyTraverse`;
+    document.body.classList.toggle("stale", state.stale);
+  });
+  changed("state-title", state.title, (part) => part.replaceChildren(state.title));
+  changed("state-why", state.why, (part) => part.replaceChildren(state.why));
+  changed("state-since", state.since, (part) => part.replaceChildren(state.since));
+}
+
+export function showPictureNote({ text, fresh }) {
+  changed("picture-note", text, (part) => part.replaceChildren(text));
+  changed("view", fresh, (part) => part.classList.toggle("stale", !fresh));
+}
+
+export function showFacts(id, rows) {
+  changed(id, rows, (part) =>
+    part.replaceChildren(...rows.map(([name, text]) => element("div", {}, element("dt", {}, name), element("dd", {}, text)))));
+}
+
+export function showWords(words) {
+  changed("words", words, (part) =>
+    part.replaceChildren(...words.map(({ word, weight, tone }) =>
+      element("li", { tone }, element("span", {}, word), " ", element("b", {}, weight)))));
+}
+
+export function showCalls(calls) {
+  changed("calls", calls, (part) =>
+    part.replaceChildren(...(calls.length ? calls.map(call) : [element("li", { className: "none" }, "None so far.")])));
+}
+
+function call({ id, title, picture, figures, outcome, open, closed, answers }) {
+  const image = picture &&
+    element("img", { src: picture, loading: "lazy", decoding: "async", alt: `Picture of call ${id}, with maps` });
+  return element("li", { className: open ? "open" : "" },
+    image || "",
+    element("div", {},
+      element("h3", {}, title),
+      element("p", {}, element("strong", {}, outcome), closed && ` at ${closed}`),
+      figures && element("p", { className: "faint" }, figures),
+      answers.length ? element("ul", {}, ...answers.map(({ at, said, result }) =>
+        element("li", {}, `${at} `, element("b", {}, said), result && `: ${result}`))) : ""));
+}
+
+export function showChecks({ summary, rows }) {
+  changed("check", rows, (part) => {
+    const cells = rows.map(({ check, verdict, text }) =>
+      element("tr", {},
+        element("td", {}, element("span", { className: "verdict", tone: verdict }, verdict)),
+        element("th", { scope: "row" }, check),
+        element("td", {}, text)));
+    const head = element("thead", {}, element("tr", {}, ...["verdict", "check", "what was found, and what to do"]
+      .map((name) => element("th", { scope: "col" }, name))));
+    part.replaceChildren(element("p", {}, summary), rows.length ? element("table", {}, head, element("tbody", {}, ...cells)) : "");
+  });
+}
+
+export function showLog(lines) {
+  changed("log", lines, (part) => {
+    const follows = part.scrollTop + part.clientHeight >= part.scrollHeight - 8;
+    part.replaceChildren(...lines.map(({ line, tone }) => element("span", { tone }, `${line}\n`)));
+    if (follows) part.scrollTop = part.scrollHeight;
+  });
+}
+
+export function showAbout(text) {
+  changed("about", text, (part) => part.replaceChildren(text));
+}

@@ -1,0 +1,260 @@
+"""Whatever happens to the web process: the supervisor does not wait for it, and the page returns."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from companion.tasks import Restarts
+from companion.web import page as page_module
+from companion.web.messages import LARGEST, Kind, Message
+from companion.web.page import WebChild, missing
+from tests.companion.web.played import LIMITS, Stage
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
+SLOWEST_TURN = 0.25
+"""Seconds. A turn starts a process at most, on a loaded computer."""
+SAYS = "import socket, sys, time; s = socket.socket(fileno=int(sys.argv[1])); {}; time.sleep(30)"
+
+
+@pytest.mark.parametrize("deed", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSEGV])
+def test_a_process_that_dies_or_hangs_is_started_again_on_the_same_port(
+    tmp_path: Path, deed: signal.Signals
+) -> None:
+    stage = Stage(tmp_path)
+    try:
+        first, url = stage.ready().pid(), stage.page.url
+        os.kill(first, deed)
+        slowest = 0.0
+        deadline = time.monotonic() + 20.0
+        while stage.pid() in (0, first) or not stage.up():
+            assert time.monotonic() < deadline
+            began = time.monotonic()
+            stage.page.poll(began, lambda: stage.news)
+            slowest = max(slowest, time.monotonic() - began)
+            time.sleep(0.01)
+        assert slowest < SLOWEST_TURN
+        assert stage.ready().page.url == url
+        assert stage.page.figures() == {"url": url, "trouble": "", "restarts": 1}
+        with pytest.raises(ProcessLookupError):
+            os.kill(first, 0)
+    finally:
+        stage.close()
+
+
+def test_a_stopped_process_takes_nothing_and_nobody_waits_for_it(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, restarts=Restarts(60.0, 60.0, 1.0, 1.0))
+    try:
+        os.kill(stage.ready().pid(), signal.SIGSTOP)
+        stage.news["told"] = "x" * 100_000
+        began = time.monotonic()
+        for _ in range(200):
+            stage.page._told_at = float("-inf")
+            stage.page.poll(time.monotonic(), lambda: stage.news)
+            stage.page.show(1, 0.0, b"y" * 100_000)
+        assert time.monotonic() - began < 1.0
+        os.kill(stage.pid(), signal.SIGCONT)
+        stage.ready()
+    finally:
+        stage.close()
+
+
+@pytest.mark.parametrize(
+    "said", ["s.send(b'x')", "s.send(b'aa')", "s.send(b'w' * 70000)", "s.send(bytes(1))"]
+)
+def test_a_process_that_says_nonsense_is_killed(
+    tmp_path: Path, said: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    command = (sys.executable, "-c", SAYS.format(said))
+    stage = Stage(tmp_path, launch=lambda listener: WebChild(listener, command))
+    try:
+        stage.until(lambda: stage.page.figures()["restarts"] >= 1)
+        assert "the page sent nonsense; it is started again in 0 s" in caplog.text
+    finally:
+        stage.close()
+
+
+def test_a_process_that_says_too_much_is_taken_a_little_at_a_time(tmp_path: Path) -> None:
+    talks = "[s.send(b'w') for _ in range(10**6)]"
+    stage = Stage(
+        tmp_path, launch=lambda listener: WebChild(listener, (sys.executable, "-c", SAYS.format(talks)))
+    )
+    try:
+        stage.until(stage.up)
+        wanted, until = 0, time.monotonic() + 1.7
+        while time.monotonic() < until:
+            began = time.monotonic()
+            stage.page.poll(began, lambda: stage.news)
+            assert time.monotonic() - began < SLOWEST_TURN
+            wanted += stage.page.wanted()
+        assert 1 <= wanted <= 3
+    finally:
+        stage.close()
+
+
+def test_a_busy_port_is_said_once_and_tried_again_until_it_is_free(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.WARNING)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        stage = Stage(tmp_path, listen=f"127.0.0.1:{other.getsockname()[1]}")
+        stage.until(lambda: stage.page.figures()["restarts"] >= 4)
+        assert stage.page.trouble.endswith("(address already in use)")
+        assert stage.page.url == ""
+    try:
+        stage.ready()
+        said = [record for record in caplog.records if "address already in use" in record.getMessage()]
+        assert len(said) == 1
+    finally:
+        stage.close()
+
+
+def test_without_the_extra_it_is_said_once_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(page_module, "missing", lambda: ["uvicorn"])
+    stage = Stage(tmp_path)
+    for _ in range(5):
+        stage.turn()
+    assert stage.pid() == 0
+    (record,) = caplog.records
+    assert 'pip install "anytraverse-companion[web]"' in record.getMessage()
+    assert stage.page.figures()["trouble"].startswith("uvicorn not installed")
+
+
+def test_an_empty_address_means_no_process(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    stage = Stage(tmp_path, listen="")
+    for _ in range(5):
+        stage.turn()
+    assert stage.pid() == 0
+    assert caplog.records == []
+    assert stage.page.figures() == {"url": "", "trouble": "switched off by [web] listen", "restarts": 0}
+
+
+def test_news_that_cannot_be_made_are_logged_and_survived(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage = Stage(tmp_path)
+    try:
+        stage.ready()
+        stage.news["status"]["frames"] = float("nan")
+        stage.until(lambda: stage.get("/healthz").status == 503)
+        assert "the page failed" in caplog.text
+        stage.news["status"]["frames"] = 8
+        stage.ready()
+        assert stage.page.figures()["restarts"] == 0
+    finally:
+        stage.close()
+
+
+def test_too_many_connections_and_streams_are_refused_and_forgotten(tmp_path: Path) -> None:
+    from companion.web.access import MOST_CONNECTIONS
+    from companion.web.server import MOST_STREAMS
+
+    stage = Stage(tmp_path, restarts=LIMITS._replace(silent_for=20.0))
+    try:
+        stage.ready()
+        with contextlib.ExitStack() as held:
+            idle = [
+                held.enter_context(socket.create_connection(stage.address, timeout=5.0)) for _ in range(200)
+            ]
+            time.sleep(0.3)
+            ended = sum(_ended(one) for one in idle)
+            assert 200 - MOST_CONNECTIONS <= ended < 200
+        stage.until(lambda: stage.get("/healthz").status == 200)
+        with contextlib.ExitStack() as held:
+            streams = [
+                held.enter_context(socket.create_connection(stage.address, timeout=5.0))
+                for _ in range(MOST_STREAMS + 2)
+            ]
+            for one in streams:
+                one.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                time.sleep(0.05)
+            heads = sorted(one.recv(12) for one in streams)
+            assert heads == sorted([b"HTTP/1.1 200"] * MOST_STREAMS + [b"HTTP/1.1 503"] * 2)
+            assert stage.get("/healthz").status == 200
+        stage.until(lambda: _first_bytes(stage, b"/events") == b"HTTP/1.1 200")
+    finally:
+        stage.close()
+
+
+def test_a_watcher_that_reads_nothing_is_ended_and_delays_nobody(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, launch=lambda listener: WebChild(listener, (sys.executable, "-c", HASTY)))
+    stage.news["told"] = "x" * 150_000
+    try:
+        stage.ready()
+        with socket.socket() as slow:
+            slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            slow.settimeout(10.0)
+            slow.connect(stage.address)
+            slow.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            idle = socket.create_connection(stage.address, timeout=10.0)
+            until = time.monotonic() + 1.8
+            stage.until(lambda: time.monotonic() > until)
+            assert stage.get("/healthz").status == 200
+            frames = stage.frames
+            assert _ended(idle), "it made no request"
+            idle.close()
+            until = time.monotonic() + 1.5
+            stage.until(lambda: time.monotonic() > until)
+            assert stage.frames == frames, "nobody counts as watching"
+    finally:
+        stage.close()
+
+
+HASTY = """
+import sys
+from companion.web import access
+access._IDLE = access._STALLED = 0.6
+from companion.web.server import main
+main(*map(int, sys.argv[1:]))
+"""
+
+
+def _ended(connection: socket.socket) -> bool:
+    connection.settimeout(0.0)
+    try:
+        return connection.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+def _first_bytes(stage: Stage, path: bytes) -> bytes:
+    with socket.create_connection(stage.address, timeout=5.0) as connection:
+        connection.sendall(b"GET " + path + b" HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        return connection.recv(12)
+
+
+def test_a_picture_that_is_too_large_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING)
+    stage = Stage(tmp_path)
+    try:
+        stage.ready()
+        for _ in range(3):
+            stage.page.show(1, 0.0, bytes(LARGEST))
+        (record,) = caplog.records
+        assert "the page shows no picture" in record.getMessage()
+        assert stage.get("/healthz").status == 200
+    finally:
+        stage.close()
+
+
+def test_the_longest_message_gets_through(tmp_path: Path) -> None:
+    stage = Stage(tmp_path)
+    try:
+        stage.ready()
+        stage.news["status"]["filler"] = ""
+        stage.news["status"]["filler"] = "x" * (LARGEST - len(Message(Kind.NEWS, stage.news).encoded()))
+        stage.until(lambda: stage.get("/status.json").body.count(b"x") > LARGEST // 2)
+    finally:
+        stage.close()

@@ -1,0 +1,112 @@
+"""A whole companion with its page: whatever happens to the page, the companion judges on."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from companion.web.page import missing
+from tests.companion.daemon.painted_drive import to_a_drum
+from tests.companion.vision.test_processes import ROOT, SCRIPT, is_gone
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
+PATIENCE = 20.0
+
+
+class Companion:
+    """`companion run` with painted eyes, and a page on any free port."""
+
+    def __init__(self, folder: Path, port: int) -> None:
+        self.status = folder / "state" / "status.json"
+        config = to_a_drum(folder, port, listen="127.0.0.1:0")
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, str(config)],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stderr=subprocess.DEVNULL,
+        )
+
+    def told(self) -> dict[str, Any]:
+        with suppress(OSError, ValueError):
+            return dict(json.loads(self.status.read_text()))
+        return {}
+
+    def get(self, path: str) -> tuple[int, bytes]:
+        """What the page answers; 0 without an answer."""
+        url = urlsplit(self.told().get("web", {}).get("url", ""))
+        if not url.port:
+            return 0, b""
+        connection = http.client.HTTPConnection(str(url.hostname), url.port, timeout=2.0)
+        try:
+            connection.request("GET", path)
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        except OSError:
+            return 0, b""
+        finally:
+            connection.close()
+
+    def page(self) -> int:
+        """The process id of the page, 0 without one."""
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        for child in children:
+            with suppress(OSError):
+                if b"companion.web" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    return int(child)
+        return 0
+
+    def until(self, fits: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not fits():
+            assert time.monotonic() < deadline, self.told()
+            time.sleep(0.05)
+
+
+@pytest.fixture
+def companion(tmp_path: Path) -> Iterator[Companion]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        running = Companion(tmp_path, ground.getsockname()[1])
+        try:
+            yield running
+        finally:
+            running.process.kill()
+            running.process.wait()
+
+
+def test_it_judges_on_while_its_page_is_killed_and_the_page_returns(companion: Companion) -> None:
+    companion.until(lambda: companion.get("/healthz")[0] == 200)
+    state = json.loads(companion.get("/state.json")[1])
+    assert state["words"] == {"grass": 1.0}
+    host = urlsplit(companion.told()["web"]["url"])
+    with socket.create_connection((str(host.hostname), int(host.port or 0)), timeout=5.0) as watching:
+        watching.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        companion.until(lambda: companion.get("/live.jpg")[1].startswith(b"\xff\xd8\xff"))
+    companion.until(lambda: json.loads(companion.get("/calls.json")[1] or b"[]"))
+    frames, first = companion.told()["frames"], companion.page()
+    os.kill(first, signal.SIGKILL)
+    companion.until(lambda: companion.page() not in (0, first) and companion.get("/healthz")[0] == 200)
+    companion.until(lambda: companion.told()["web"]["restarts"] == 1)
+    said = companion.told()
+    assert said["frames"] > frames
+    assert said["vision"] == {"trouble": "", "restarts": 0}
+    last = companion.page()
+    companion.process.send_signal(signal.SIGKILL)
+    companion.process.wait()
+    deadline = time.monotonic() + 1.0
+    while not is_gone(last) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert is_gone(last), "it ends with the supervisor"

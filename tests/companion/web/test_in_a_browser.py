@@ -1,0 +1,75 @@
+"""The page in a real browser, where Playwright and Debian's Chromium are installed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from companion.web.page import missing
+from tests.companion.web import played
+from tests.companion.web.played import Stage
+
+playwright = pytest.importorskip("playwright.sync_api")
+CHROMIUM = Path("/usr/bin/chromium")
+pytestmark = pytest.mark.skipif(
+    bool(missing()) or not CHROMIUM.exists(), reason="the extra web or Chromium is not installed"
+)
+
+
+@pytest.fixture
+def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
+    jpeg = cv2.imencode(".jpg", np.full((240, 320, 3), 120, np.uint8))[1].tobytes()
+    monkeypatch.setattr(played, "JPEG", jpeg)
+    stage = Stage(tmp_path)
+    yield stage.ready()
+    stage.close()
+
+
+@pytest.fixture
+def tab(stage: Stage) -> Iterator[Any]:
+    """The open page. Console errors fail the test."""
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        tab, errors = browser.new_page(), list[str]()
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(stage.page.url)
+        yield tab
+        browser.close()
+        assert errors == []
+
+
+def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage, tab: Any) -> None:
+    title, why = tab.locator("#state-title"), tab.locator("#state-why")
+    picture, note = tab.locator("#picture"), tab.locator("#picture-note")
+    stage.until(lambda: title.inner_text() == "OK")
+    stage.until(picture.is_visible)
+    stage.until(lambda: note.text_content() == "")
+    assert tab.locator("#words").inner_text().split() == ["grass", "+1"]
+    assert "make room" in tab.locator("#check").inner_text()
+    stage.news["status"]["state"] = "calling"
+    stage.news["told"] = "C7 unknown thing ahead 38%: go/stay/word"
+    stage.until(lambda: title.inner_text() == "CALLING")
+    assert "C7 unknown thing ahead" in why.inner_text()
+
+    deadline = time.monotonic() + 6.0
+    while title.inner_text() != "NO NEWS":  # nothing is told meanwhile
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert "nothing below is live" in why.inner_text()
+    assert "Not live: this picture is" in note.inner_text()
+    assert "grayscale" in picture.evaluate("shown => getComputedStyle(shown).filter")
+
+    stage.until(lambda: title.inner_text() == "CALLING")
+    stage.until(lambda: note.text_content() == "")
+    stage.close()
+    deadline = time.monotonic() + 8.0
+    while "no connection" not in why.inner_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert title.inner_text() == "NO NEWS"

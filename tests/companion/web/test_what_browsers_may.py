@@ -1,0 +1,222 @@
+"""A real web process, asked over a real socket: what it shows, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from companion.web.page import missing
+from tests.companion.web.played import JPEG, Stage
+
+TOKEN = "0123456789abcdef-TOKEN"
+pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
+
+
+def test_the_page_and_all_that_it_loads_come_from_here_under_a_strict_policy(stage: Stage) -> None:
+    page = stage.get("/")
+    assert page.status == 200
+    assert b"AnyTraverse" in page.body
+    policy = page.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert page.headers["x-content-type-options"] == "nosniff"
+    assert page.headers["cache-control"] == "no-store"
+    assert b"<script>" not in page.body
+    assert b"://" not in page.body
+    assert b"style=" not in page.body
+    for path, kind in (
+        ("/main.js", "text/javascript"),
+        ("/style.css", "text/css"),
+        ("/favicon.svg", "image/svg+xml"),
+    ):
+        found = stage.get(path)
+        assert (found.status, found.headers["content-type"].split(";")[0]) == (200, kind)
+
+
+def test_health_metrics_and_documents_say_what_was_told(stage: Stage) -> None:
+    health = json.loads(stage.get("/healthz").body)
+    assert health.pop("age") < 3.0
+    assert health == {"ok": True, "state": "ok", "why": ""}
+    lines = stage.get("/metrics").body.decode().splitlines()
+    assert {
+        "anytraverse_up 1.0",
+        "anytraverse_well 1.0",
+        'anytraverse_state{state="ok"} 1.0',
+        'anytraverse_state{state="fault"} 0.0',
+        'anytraverse_policy{policy="hold"} 1.0',
+        "# TYPE anytraverse_frames_judged_total counter",
+        "anytraverse_frames_judged_total 7.0",
+        'anytraverse_checks{verdict="warn"} 1.0',
+    } <= set(lines)
+    (free,) = (line.split()[1] for line in lines if line.startswith("anytraverse_memory_free_bytes "))
+    assert float(free) == 512 << 20
+    for name in ("status", "state", "check"):
+        assert json.loads(stage.get(f"/{name}.json").body) == stage.news[name]
+    head = stage.get("/healthz", "HEAD")
+    assert (head.status, head.body) == (200, b"")
+
+
+def test_a_fault_is_not_healthy(stage: Stage) -> None:
+    stage.news["status"]["state"] = "fault"
+    try:
+        stage.until(lambda: stage.get("/healthz").status == 503)
+        assert json.loads(stage.get("/healthz").body)["why"] == "fault"
+        assert b"anytraverse_well 0.0" in stage.get("/metrics").body
+    finally:
+        stage.news["status"]["state"] = "ok"
+        stage.ready()
+
+
+def test_old_news_are_not_healthy_and_no_figure_of_them_is_given(stage: Stage) -> None:
+    deadline = time.monotonic() + 10.0
+    while stage.get("/healthz").status == 200 and time.monotonic() < deadline:
+        time.sleep(0.1)  # nothing is told meanwhile
+    try:
+        assert json.loads(stage.get("/healthz").body)["why"] == "no news from the companion"
+        metrics = stage.get("/metrics").body.decode()
+        assert "anytraverse_up 0.0" in metrics
+        assert "frames_judged" not in metrics
+        assert stage.get("/state.json").status == 503
+    finally:
+        stage.ready()
+
+
+def test_a_picture_is_drawn_only_while_somebody_watches(stage: Stage) -> None:
+    before = stage.frames
+    until = time.monotonic() + 1.3
+    stage.until(lambda: time.monotonic() > until)
+    assert stage.frames == before
+    assert stage.get("/live.jpg").status == 404
+    with socket.create_connection(stage.address, timeout=5.0) as watching:
+        watching.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        began = time.monotonic()
+        stage.until(lambda: stage.frames >= before + 2)
+        assert time.monotonic() - began > 0.7, "one a second"
+        stage.until(lambda: stage.get("/live.jpg").body == JPEG)
+        time.sleep(0.2)
+        heard = watching.recv(1 << 20)
+        assert b"event: news" in heard
+        assert b"event: picture" in heard
+
+
+def test_calls_and_log_are_read_from_the_state_folder(stage: Stage) -> None:
+    folder = stage.folder
+    (folder / "calls" / "7.json").write_text('{"id":7,"reasons":["unknown_scene"],"outcome":null}')
+    (folder / "calls" / "7.jpg").write_bytes(b"small")
+    (folder / "calls" / "7-large.jpg").write_bytes(b"large")
+    (folder / "logs" / "companion.log").write_text("a line\n")
+    assert [one["id"] for one in json.loads(stage.get("/calls.json").body)] == [7]
+    assert stage.get("/calls/7.jpg").body == b"small"
+    assert stage.get("/calls/7-large.jpg").body == b"large"
+    assert stage.get("/calls/8.jpg").status == 404
+    assert stage.get("/log.txt").body == b"a line"
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "PATCH", "TRACE", "PROPFIND"])
+def test_nothing_but_reading_is_allowed(stage: Stage, method: str) -> None:
+    answer = stage.get("/healthz", method)
+    assert answer.status == 405
+    assert answer.headers["allow"] == "GET, HEAD"
+
+
+def test_a_request_with_a_body_is_refused(stage: Stage) -> None:
+    said = stage.raw(b"GET / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9999999\r\n\r\nxxxx")
+    assert said.startswith(b"HTTP/1.1 413")
+    assert b"connection: close" in said
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "[::2]", "localhost."]
+)
+def test_another_name_for_this_computer_is_refused(stage: Stage, host: str) -> None:
+    assert stage.get("/state.json", headers={"Host": host}).status == 421
+
+
+@pytest.mark.parametrize("host", ["localhost:9", "127.0.0.1", "[::1]:8191", "LOCALHOST"])
+def test_its_own_names_pass_with_any_port_since_ssh_may_forward_another(stage: Stage, host: str) -> None:
+    assert stage.get("/state.json", headers={"Host": host}).status == 200
+
+
+def test_another_site_may_link_here_but_load_nothing(stage: Stage) -> None:
+    other = {"Sec-Fetch-Site": "cross-site"}
+    assert stage.get("/", headers=other).status == 200
+    assert stage.get("/live.jpg", headers=other).status == 403
+    assert stage.get("/events", headers=other).status == 403
+
+
+SECRET = "it must not be read"
+NAMES = r".. . calls 7 .jpg secret %2e%2e %2f ..%2fsecret \ %00 ~ etc passwd static"
+PARTS = st.sampled_from([*NAMES.split(), ""])
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(PARTS | st.text(max_size=6).map(quote), min_size=1, max_size=5))
+def test_no_path_leads_out_of_what_is_shown(stage: Stage, parts: list[str]) -> None:
+    folder = stage.folder
+    (folder / "secret").write_text(SECRET)
+    (folder / "calls" / "secret.jpg").write_text(SECRET)
+    answer = stage.get("/" + "/".join(parts))
+    assert answer.status in (200, 307, 400, 404)
+    assert SECRET.encode() not in answer.body
+    assert b"root:" not in answer.body
+
+
+@pytest.mark.parametrize(
+    "path", ["/calls/99999999999.jpg", "/calls/" + "9" * 5000 + ".jpg", "/calls/%D9%A7.jpg", "/calls/-7.jpg"]
+)
+def test_a_number_that_is_none_is_no_call(stage: Stage, path: str) -> None:
+    assert stage.get(path).status == 404
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(min_size=1, max_size=200))
+def test_rubbish_ends_its_own_connection_only(stage: Stage, rubbish: bytes) -> None:
+    with socket.create_connection(stage.address, timeout=2.0) as connection:
+        connection.sendall(rubbish + b"\r\n\r\n")
+    assert stage.get("/healthz").status in (200, 503)
+    assert stage.page._watchdog.restarted == 0
+
+
+def test_a_head_that_never_ends_is_refused(stage: Stage) -> None:
+    said = stage.raw(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 100_000)
+    assert said.startswith(b"HTTP/1.1 400")
+
+
+def test_who_does_not_know_the_token_sees_nothing(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, token=TOKEN)
+    known = {"Authorization": f"Bearer {TOKEN}"}
+    try:
+        stage.until(lambda: stage.up() and stage.get("/healthz", headers=known).status == 200)
+        for path in ("/", "/main.js", "/healthz", "/metrics", "/events", "/live.jpg", "/log.txt", "/nothing"):
+            answer = stage.get(path)
+            assert answer.status == 401, path
+            assert TOKEN.encode() not in answer.body
+        for wrong in (TOKEN[:-1], TOKEN + "x", "", TOKEN.lower(), "ü" * 16):
+            assert stage.get("/", headers={"Authorization": f"Bearer {quote(wrong)}"}).status == 401
+            assert stage.get(f"/?token={quote(wrong)}").status == 401
+            assert stage.get("/", headers={"Cookie": f"anytraverse={quote(wrong)}"}).status == 401
+        assert stage.get("/", headers={"Cookie": f"anytraverse={TOKEN}"}).status == 401
+        entered = stage.get(f"/?token={TOKEN}")
+        cookie = entered.headers["set-cookie"]
+        assert (entered.status, entered.headers["location"]) == (303, "/")
+        assert "httponly" in cookie.lower()
+        assert "samesite=strict" in cookie.lower()
+        assert TOKEN not in cookie
+        assert stage.get("/", headers={"Cookie": cookie.split(";")[0]}).status == 200
+        assert TOKEN not in " ".join(Path(f"/proc/{stage.pid()}/cmdline").read_text().split("\0"))
+    finally:
+        stage.close()
+
+
+def test_the_process_steps_back_behind_all_others(stage: Stage) -> None:
+    pid = stage.pid()
+    assert os.getpriority(os.PRIO_PROCESS, pid) >= 10
+    assert Path(f"/proc/{pid}/oom_score_adj").read_text().strip() == "1000"

@@ -36,11 +36,12 @@ class Field:
         return str(self._ports["gcs"])
 
     def config(self, policy: str) -> str:
-        """Return a companion.toml for this field, whose state folder is the service's."""
+        """Return a companion.toml for this field, the service's state folder and a free port of the page."""
         with tempfile.TemporaryDirectory() as folder:
             camera, link = f"field:{self._ports['frames']}", self._ports["companion"]
             path = write_config(Path(folder), camera=camera, link=link, policy=policy, speed=SPEED)
-            return re.sub(r"\[journal\]\nfolder = .*\n", "", path.read_text())
+            text = re.sub(r"\[journal\]\nfolder = .*\n", "", path.read_text())
+            return text.replace('listen = ""', 'listen = "127.0.0.1:0"')
 
     def pause(self) -> None:
         """Neither frames nor the autopilot's messages come."""

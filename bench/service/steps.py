@@ -89,6 +89,12 @@ class Service:
             and self.show("ActiveState") == "active"
         )
 
+    def page_is_well(self) -> bool:
+        """Whether /healthz of the page answers with 200, as somebody on the rover's computer asks."""
+        url = self.status().get("web", {}).get("url", "")
+        ask = f"python3 -c 'import urllib.request as r; print(r.urlopen(\"{url}healthz\", timeout=5).status)'"
+        return bool(url) and "200" in self.sh(ask, check=False)
+
     def configure(self) -> None:
         """Write companion.toml for the field. The owner allows holds."""
         (self.container.root / CONFIG).write_text(self.field.config("hold"))
@@ -106,6 +112,7 @@ def install(service: Service) -> Figures:
     service.sh("systemctl enable --now companion")
     ready = round(time.monotonic() - begun, 2)
     judging = service.until("it judges", service.judges, 20.0)
+    page = service.until("its page says that all is well", service.page_is_well, 20.0)
     exposure = service.sh("systemd-analyze security companion --no-pager | tail -n 1")
     found = re.search(r"companion.service: ([0-9.]+)", exposure)
     status = service.sh("/opt/anytraverse/bin/companion status /etc/anytraverse/companion.toml").splitlines()
@@ -115,6 +122,7 @@ def install(service: Service) -> Figures:
         "install_s": seconds,
         "ready_s": ready,
         "judging_s": judging,
+        "page_well_s": page,
         "exposure": float(found[1]) if found else None,
         "user": owner,
         "status": status[0],

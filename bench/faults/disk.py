@@ -194,8 +194,14 @@ def _expect_text(rover: Standing, text: str, since: int, wrong: list[str]) -> No
 
 
 def _status_code(rover: Standing) -> int:
+    """Ask `companion status`, while the camera goes on."""
     command = [sys.executable, "-m", "companion", "status", str(rover.config)]
-    return subprocess.run(command, capture_output=True, timeout=60.0, check=False).returncode
+    asked = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        rover.wait("companion status", lambda: asked.poll() is not None, 60.0)
+    finally:
+        asked.kill()
+    return asked.wait()
 
 
 _GOES_ON = "it judges and holds; answers count as not remembered, and are written once there is room"

@@ -23,7 +23,7 @@ from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import Child
 from companion.wire.answers import Acknowledgement, Operation
-from companion.wire.ids import Motion, State
+from companion.wire.ids import Kind, Motion, State
 from companion.wire.payloads import CallData
 from companion.wire.signing import SigningKey
 from gcs_plugin.client import events as ev
@@ -241,7 +241,8 @@ class Standing:
         def opened() -> bool:
             rover = self.client.rovers.get(SYSTEM)
             calls = rover.open_calls() if rover is not None else []
-            found[:] = [call.data for call in calls if call.data.id > after]
+            news = [call.data for call in calls if call.data.id > after]
+            found[:] = [call for call in news if call.kind is Kind.CALL]
             return bool(found)
 
         self.wait("a call", opened, limit)

@@ -63,6 +63,7 @@ def _older_journal(work: Work) -> Outcome:
             began = time.monotonic()
             rover.start()
             back = max(back, comes_back(rover, call, began))
+            rover.wait("its status", lambda: "words" in rover.status(), 5.0)
             if rover.status()["words"] != "grass: 1; sky: -1; gravel: 1":
                 wrong.append(f"version {version}: words in use: {rover.status()['words']}")
             _answer_with_its_picture(rover, call, "dirt path", wrong)

@@ -45,7 +45,7 @@ class JudgingRate:
 
     steps: all rates, see the function. value: the one in force. why: "slow computer", "hot computer" or
     "throttled computer", whichever lowered it last; "" at the configured rate. stuck: "hot computer" or
-    "throttled computer" while no step is left that could help; "" otherwise.
+    "throttled computer" since no step was left that could help, until a step up, or long calm; "" otherwise.
     """
 
     def __init__(self, rate: float, freshness: float, window: int) -> None:
@@ -81,7 +81,8 @@ class JudgingRate:
         calm = not strain and self._step > 0 and taken is not None and taken <= EASY / higher
         if (bool(strain), calm) != (self._under_strain, self._calm):
             self._under_strain, self._calm, self._since = bool(strain), calm, now
-        self.stuck = self.stuck and strain
+        if not strain and now - self._since >= LONGEST_CALM:
+            self.stuck = ""
         if strain and now - self._since >= STRAINED_FOR:
             if self._step < len(self.steps) - 1:
                 self._fall(self._step + 1, strain, now)
@@ -106,7 +107,7 @@ class JudgingRate:
 
     def _rise(self, now: float) -> None:
         self._take(self._step - 1, self.why if self._step > 1 else "", now)
-        self._rose_at = now
+        self._rose_at, self.stuck = now, ""
 
     def _take(self, step: int, why: str, now: float) -> None:
         self._step, self.why, self._since = step, why, now

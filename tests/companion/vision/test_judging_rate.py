@@ -135,11 +135,23 @@ def test_heat_that_no_step_ends_is_told_where_the_last_one_did_not_help() -> Non
     assert computer.rate.stuck == ""
     computer.runs(5.0, takes=0.02, temperature=90.0)
     assert computer.rate.stuck == "hot computer"
-    computer.runs(1.0, takes=0.02)
-    assert computer.rate.stuck == ""
+    computer.runs(30.0, takes=0.02)
+    assert (computer.rate.value, computer.rate.stuck) == (5.0, "")
     single = Computer(rate=2.0, freshness=1.5)
     single.runs(11.0, takes=0.3, throttled=True)
     assert (single.rate.value, single.rate.stuck) == (2.0, "throttled computer")
+    single.runs(LONGEST_CALM + 1.0, takes=0.3)
+    assert single.rate.stuck == ""
+
+
+@pytest.mark.parametrize("rate", [10.0, 2.0])
+def test_throttling_that_comes_and_goes_where_no_step_helps_is_told_a_few_times_an_hour(rate: float) -> None:
+    computer, told, before = Computer(rate), 0, ""
+    for second in range(3600):
+        computer.runs(1.0, takes=0.02, throttled=second % 13 < 12)
+        told += bool(computer.rate.stuck) and not before
+        before = computer.rate.stuck
+    assert 1 <= told <= 12
 
 
 def test_a_step_up_is_taken_only_where_judging_will_be_easy() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,9 +53,10 @@ def is_depth(depth: Any, image: Image) -> bool:
 
 
 def is_intrinsics(intrinsics: Any) -> bool:
-    """Return whether `intrinsics` are four finite numbers, the first two of them positive."""
+    """Return whether `intrinsics` are four finite floats, the first two of them positive."""
     right = isinstance(intrinsics, tuple) and len(intrinsics) == 4
-    return right and bool(np.all(np.isfinite(intrinsics))) and min(intrinsics[:2]) > 0.0
+    right = right and all(isinstance(one, float) and math.isfinite(one) for one in intrinsics)
+    return right and min(intrinsics[:2]) > 0.0
 
 
 def check_image(image: Any) -> None:

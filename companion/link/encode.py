@@ -174,11 +174,14 @@ def computer_status(figures: Mapping[str, Any], uptime: float) -> Any:
 
 
 def _used(figures: Mapping[str, Any], name: str) -> tuple[int, int]:
-    """Return MiB used and in all, `_UNKNOWN_32` for what is not known."""
+    """Return MiB used and in all, `_UNKNOWN_32` for what is not known or cannot be.
+
+    A network's file system may tell more than the field holds, and a container more free than there is.
+    """
     total, free = figures.get(name), figures.get(f"{name}_free")
-    if total is None:
+    if total is None or total > _UNKNOWN_32:
         return _UNKNOWN_32, _UNKNOWN_32
-    return _UNKNOWN_32 if free is None else total - free, total
+    return _UNKNOWN_32 if free is None or free > total else total - free, total
 
 
 def parameter(entry: Parameter, index: int, count: int) -> Any:

@@ -14,8 +14,9 @@ CAMERA, FRAMES, EXPOSURE = "camera", "frames", "exposure"
 _ASPECT_OFF = 0.02
 _SLOW = 0.8
 """Share of [camera] rate below which a camera is too slow for it."""
-_FLAT = 4.0
-"""Standard deviation of a picture's brightness, of 255, below which something is wrong."""
+_DARK, _FLAT = 25.0, 4.0
+"""Mean of a picture's brightness, of 255, and its standard deviation, below which something is wrong."""
+_WHITE_SHARE = 0.4
 
 
 def check_camera(rover: Rover) -> list[Finding]:
@@ -80,16 +81,20 @@ def _frames(rover: Rover, rate: float, age: float, when: str) -> Finding:
 
 
 def check_exposure(rover: Rover) -> list[Finding]:
-    """Check that the ground can be seen, as the companion does while it runs, and more than one colour."""
+    """Check that the ground can be seen, as the companion does while it runs, with some light to spare."""
     if rover.running is not None:
         where = "type `picture` at the ground, or look into the folder pictures"
         return [skipped(EXPOSURE, f"not measured: the companion that runs has the camera: {where}")]
     seen = rover.seen
     if seen.trouble:
         return [skipped(EXPOSURE, "not measured: no picture came")]
-    what = f"brightness {seen.brightness:.0f} of 255"
+    what = f"brightness {seen.brightness:.0f} of 255, {100 * seen.white:.0f} % white"
     if seen.exposure:
         return [failed(EXPOSURE, f"{what}, {seen.exposure}: {ADVICE[seen.exposure]}")]
     if seen.contrast < _FLAT:
         return [warned(EXPOSURE, f"{what}, all of one colour: is the lens covered?")]
+    if seen.brightness < _DARK:
+        return [warned(EXPOSURE, f"{what}: dark: more light, or a longer exposure")]
+    if seen.white > _WHITE_SHARE:
+        return [warned(EXPOSURE, f"{what}: a shorter exposure, or turn the camera away from the sun")]
     return [passed(EXPOSURE, what)]

@@ -27,6 +27,8 @@ SEEN_WITHIN = 5.0
 """Seconds to wait for the first picture."""
 WATCHED, LONGEST = 2.0, 8.0
 """Seconds for which pictures are counted: at least, and at most; in between, as long as four should take."""
+_WHITE = 250
+"""Brightness, of 255, from which on a pixel counts as white."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,8 @@ class Seen:
 
     trouble: why no picture came; then nothing else counts. width, height: pixels. rate: pictures a second,
     None where too few came. age: seconds from capture to arrival, the median. bad: damaged pictures.
-    brightness, contrast: mean and standard deviation of the newest picture, of 255. exposure: its name as in
-    `ADVICE` of vision/exposure.
+    brightness, contrast: mean and standard deviation of the newest picture, of 255. white: share of its
+    pixels that are white. exposure: its name as in `ADVICE` of vision/exposure.
     """
 
     trouble: str = ""
@@ -47,6 +49,7 @@ class Seen:
     bad: int = 0
     brightness: float = 0.0
     contrast: float = 0.0
+    white: float = 0.0
     exposure: str = ""
 
 
@@ -125,6 +128,7 @@ def watch(config: Config) -> Seen:
         bad=watched.bad,
         brightness=float(grey.mean()),
         contrast=float(grey.std()),
+        white=float((grey >= _WHITE).mean()),
         exposure=exposure_name(image, Box(roi.left, roi.top, roi.right, roi.bottom)),
     )
 

@@ -39,6 +39,7 @@ _AHEAD = 0.001
 """Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _ROUNDING = 1e-6
 _U32 = 0xFFFFFFFF
+_LARGEST_WHOLE = 1 << 53
 
 
 class BadReportError(Exception):
@@ -83,7 +84,7 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             # `replace` runs the checks of __post_init__, which decoding has skipped.
             _need(isinstance(settings, Settings) and bool(replace(settings)), "settings")
             _need(isinstance(notices, tuple) and all(map(_text, notices)), "notices")
-            _need(_number(step) and 0.0 <= step < math.inf, "seconds of a step")
+            _need(_seconds(step), "seconds of a step")
             _check_update(update)
         case Alive(camera, delivered_at):
             right = isinstance(camera, CameraStatus) and isinstance(camera.state, CameraState)
@@ -113,7 +114,7 @@ def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> 
     _check_assessment(seen, now)
     _need(seen.frame.id > expected.last_frame, f"frame {seen.frame.id} after {expected.last_frame}")
     _need(_past(judged.at, now) and judged.at >= seen.frame.captured_at, "when a frame was judged")
-    _need(_number(judged.duration) and judged.duration >= 0.0, "seconds of judging")
+    _need(_seconds(judged.duration), "seconds of judging")
     _need(_whole(judged.revision), "a revision")
     _need(isinstance(judged.sectors, tuple) and len(judged.sectors) <= 16, "sectors")
     _need(all(share is None or _fraction(share) for share in judged.sectors), "a sector's share")
@@ -248,12 +249,19 @@ def _past(seconds: Any, now: float) -> bool:
     return _number(seconds) and math.isfinite(seconds) and seconds <= now + _AHEAD
 
 
+def _seconds(value: Any) -> bool:
+    return _number(value) and 0.0 <= value < math.inf
+
+
 def _fraction(value: Any) -> bool:
     return _number(value) and -_ROUNDING <= value <= 1.0 + _ROUNDING
 
 
 def _number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    """Whether it is a float, or a whole number that a float holds exactly."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) <= _LARGEST_WHOLE
+    return isinstance(value, float)
 
 
 def _whole(value: Any) -> bool:

@@ -114,7 +114,7 @@ class VisionClient:
     ) -> None:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
         self.watchdog: Watchdog[Child] = Watchdog(launch, restarts)
-        self.rate = JudgingRate(config.camera.rate, config.freshness)
+        self.rate = JudgingRate(config.camera.rate, config.freshness, config.call.window)
         self._config = config
         self._copy = MemoryCopy(memory)
         self._expected = Expected(first_frame - 1)

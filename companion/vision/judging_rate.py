@@ -10,9 +10,13 @@ from typing import Any
 
 from companion.system.computer import WARM
 
-_SHARES = (1.0, 3 / 4, 1 / 2, 1 / 3)
+_SHARES = (1.0, 3 / 4, 1 / 2)
+_LOWEST = 1 / 3
+"""Shares of [camera] rate."""
 _WITHIN_T = 3.0
 """Frames within T that every step judges at least, unless [camera] rate itself is lower."""
+_APART = 1.01
+"""Rates that differ by less than this factor are one step."""
 EASY = 0.75
 """Share of the time from one frame to the next that judging may take at a rate, for a step up to it."""
 _OVER = 2.0
@@ -25,10 +29,15 @@ CALM_FOR, LONGEST_CALM = 20.0, 320.0
 """Seconds of calm before each step up. They double, up to the second, when a step up did not last so long."""
 
 
-def steps(rate: float, freshness: float) -> tuple[float, ...]:
-    """Return the rates in frames/s, falling from the configured one. freshness: the limit T, s."""
-    least = min(rate, _WITHIN_T / freshness)
-    return tuple(sorted({max(least, share * rate) for share in _SHARES}, reverse=True))
+def steps(rate: float, freshness: float, window: int) -> tuple[float, ...]:
+    """Return the rates in frames/s, falling from the configured one.
+
+    freshness: the limit T, s. window: the frames that votes are counted over. They and a frame's judging fit
+    into T at each rate but the configured one: so a thing is noticed no later than `judge_stopping` assumes.
+    """
+    least = max(_LOWEST * rate, max(_WITHIN_T, window + 1.0) / freshness)
+    higher = tuple(share * rate for share in _SHARES if share * rate > _APART * least)
+    return (*higher, least) if higher else (rate,)
 
 
 class JudgingRate:
@@ -36,11 +45,11 @@ class JudgingRate:
 
     steps: all rates, see the function. value: the one in force. why: "slow computer", "hot computer" or
     "throttled computer", whichever lowered it last; "" at the configured rate. stuck: "hot computer" or
-    "throttled computer" while no step is left that could help; "" otherwise.
+    "throttled computer" since no step was left that could help, until a step up, or long calm; "" otherwise.
     """
 
-    def __init__(self, rate: float, freshness: float) -> None:
-        self.steps = steps(rate, freshness)
+    def __init__(self, rate: float, freshness: float, window: int) -> None:
+        self.steps = steps(rate, freshness, window)
         self.why = self.stuck = ""
         self._step = 0
         self._times: deque[float] = deque(maxlen=max(5, math.ceil(_OVER * rate)))
@@ -72,7 +81,8 @@ class JudgingRate:
         calm = not strain and self._step > 0 and taken is not None and taken <= EASY / higher
         if (bool(strain), calm) != (self._under_strain, self._calm):
             self._under_strain, self._calm, self._since = bool(strain), calm, now
-        self.stuck = self.stuck and strain
+        if not strain and now - self._since >= LONGEST_CALM:
+            self.stuck = ""
         if strain and now - self._since >= STRAINED_FOR:
             if self._step < len(self.steps) - 1:
                 self._fall(self._step + 1, strain, now)
@@ -97,7 +107,7 @@ class JudgingRate:
 
     def _rise(self, now: float) -> None:
         self._take(self._step - 1, self.why if self._step > 1 else "", now)
-        self._rose_at = now
+        self._rose_at, self.stuck = now, ""
 
     def _take(self, step: int, why: str, now: float) -> None:
         self._step, self.why, self._since = step, why, now

@@ -167,7 +167,7 @@ class OperatorClient:
             return rover.handle_parameter(message.param_id, message.param_value)
         if kind == "ONBOARD_COMPUTER_STATUS":
             flags = getattr(message, "status_flags", 0)  # an old dialect does not have it
-            rover.handle_computer(message.temperature_board, message.cpu_combined[0], flags)
+            rover.handle_computer(message.temperature_board, message.cpu_combined[0], flags, now)
         if kind == "TUNNEL":
             return self._unwrap(rover, message, now)
         if kind in _ADDRESSED and not self._is_for_us(message):

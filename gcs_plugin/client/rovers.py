@@ -71,8 +71,12 @@ class Call:
 
 @dataclass(frozen=True)
 class Computer:
-    """Holds what the companion's computer said of itself. temperature: degrees Celsius. cpu: share in use."""
+    """Holds what the companion's computer said of itself.
 
+    received_at: seconds, as `now`. temperature: degrees Celsius. cpu: share in use.
+    """
+
+    received_at: float
     temperature: int | None
     cpu: float | None
     throttled: bool
@@ -199,9 +203,10 @@ class Rover:
         self.summary, self._summary_at = summary, now
         return [ev.SummaryReceived(self.system, summary)]
 
-    def handle_computer(self, temperature: int, cpu: int, flags: int) -> None:
+    def handle_computer(self, temperature: int, cpu: int, flags: int, now: float) -> None:
         """Take in the fields of ONBOARD_COMPUTER_STATUS. cpu: percent; over 100: not known."""
         self.computer = Computer(
+            now,
             None if temperature == NO_TEMPERATURE else temperature,
             None if cpu > 100 else cpu / 100.0,
             throttled=bool(flags & CPU_THROTTLED),

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Outcome, Policy, Reasons, Result, Stage, State, words_hash
+from companion.wire.messages import MESSAGES
 from companion.wire.packing import Fractions
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
@@ -14,6 +15,7 @@ from companion.wire.texts import name, percent
 from gcs_plugin.client.delivery import PolicyStatus
 from gcs_plugin.client.rovers import Computer, Rover
 
+_OLD_FIGURES_S = 2.0 * (MESSAGES["computer"].period or 0.0)
 _STATES = {
     State.STARTING: "starting",
     State.OK: "ok",
@@ -212,20 +214,22 @@ def status_lines(rover: Rover, now: float) -> list[str]:
             f"picture {summary.frame_age_ms} ms old when sent"
         )
     if rover.computer is not None:
-        lines.append(f"  computer {computer(rover.computer)}")
+        lines.append(f"  computer {computer(rover.computer, now)}")
     if rover.parameters.get(SHADOW_HOLDS) or rover.parameters.get(SHADOW_HOURS):
         lines.append(f"  shadow   {shadow(rover)}")
     return lines
 
 
-def computer(told: Computer) -> str:
-    """Word what the companion's computer said of itself; what it does not tell is left out."""
+def computer(told: Computer, now: float) -> str:
+    """Word what the companion's computer said of itself, and when; what it does not tell is left out."""
+    age = now - told.received_at
     parts = (
         "no temperature told" if told.temperature is None else f"{told.temperature} C",
         "SLOWED DOWN: it sees late" if told.throttled else "",
         "its supply's voltage is TOO LOW" if told.under_voltage else "",
         "its disk is FULL" if told.disk_full else "",
         "" if told.cpu is None else f"CPU {percent(told.cpu)}",
+        f"said {duration(age)} ago" if age > _OLD_FIGURES_S else "",
     )
     return ", ".join(part for part in parts if part)
 

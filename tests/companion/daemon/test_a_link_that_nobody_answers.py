@@ -23,7 +23,7 @@ _VISION = SimpleNamespace(
     delivered_at=None,
     camera=CameraStatus(),
     watchdog=SimpleNamespace(alive_at=0.0, unreliable=False),
-    rate=JudgingRate(10.0, 1.0),
+    rate=JudgingRate(10.0, 1.0, 3),
 )
 
 

@@ -60,24 +60,31 @@ def test_what_is_not_known_says_so() -> None:
     assert {*message.temperature_core} == {127}
 
 
-SIZES = st.one_of(st.none(), st.integers(0, 2**31))
+SIZES = st.one_of(st.none(), st.integers(0, 2**31), st.integers(0, 2**64))
 
 
 @given(
     temperature=st.one_of(st.none(), st.floats(-50.0, 150.0)),
     cpu=st.one_of(st.none(), st.floats(0.0, 1.0)),
-    memory=SIZES,
-    disk=SIZES,
+    memory=st.tuples(SIZES, SIZES),
+    disk=st.tuples(SIZES, SIZES),
     uptime=st.floats(0.0, 1e8),
 )
 def test_whatever_a_computer_tells_can_be_sent(
-    temperature: float | None, cpu: float | None, memory: int | None, disk: int | None, uptime: float
+    temperature: float | None,
+    cpu: float | None,
+    memory: tuple[int | None, int | None],
+    disk: tuple[int | None, int | None],
+    uptime: float,
 ) -> None:
-    sizes = {"memory": memory, "disk": disk, "memory_free": memory and memory // 2, "disk_free": disk}
+    sizes = {"memory": memory[0], "memory_free": memory[1], "disk": disk[0], "disk_free": disk[1]}
     message = over_the_air({**NOTHING, **sizes, "temperature": temperature, "cpu": cpu}, uptime)
     if temperature is not None:
         assert message.temperature_board == min(126, round(temperature))
     assert max(message.cpu_combined) <= 100 or cpu is None
+    used, total = message.storage_usage[0], message.storage_total[0]
+    assert used <= total or used == 0xFFFFFFFF
+    assert total in (disk[0], 0xFFFFFFFF)
 
 
 def drive(stage: LoopbackLink, seconds: float, figures: dict[str, Any] | None = None) -> None:

@@ -195,7 +195,9 @@ def test_the_frames_of_a_companion_that_runs_are_judged_by_what_it_says(
 @pytest.mark.parametrize(
     ("image", "verdict", "told"),
     [
-        (painted(120), Verdict.PASS, "brightness 120 of 255"),
+        (painted(120), Verdict.PASS, "brightness 120 of 255, 0 % white"),
+        (painted(12, 14), Verdict.WARN, "more light, or a longer exposure"),
+        (painted(280), Verdict.WARN, "a shorter exposure"),
         (painted(8, 2), Verdict.FAIL, "picture underexposed: switch on a light"),
         (painted(0, 1), Verdict.FAIL, "picture black: take the cap off the lens"),
         (painted(280, 20), Verdict.FAIL, "picture overexposed: turn the camera out of the sun"),

@@ -149,6 +149,8 @@ WRONG: dict[str, Any] = {
     "judged at no time": replace(LOOKED, at=NAN),
     "judged in less than no time": replace(LOOKED, duration=-0.1),
     "judged in NaN": replace(LOOKED, duration=NAN),
+    "judged in endless time": replace(LOOKED, duration=INF),
+    "judged in a time too large for a float": replace(LOOKED, duration=10**400),
     "a revision below 0": replace(LOOKED, revision=-1),
     "too many sectors": replace(LOOKED, sectors=(0.5,) * 17),
     "a sector of NaN": replace(LOOKED, sectors=(NAN,)),
@@ -169,6 +171,7 @@ WRONG: dict[str, Any] = {
     "bad, perhaps": finding_of(bad=1),
     "a figure that is no text": finding_of(figure=7),
     "a value that is no number": finding_of(value="0.5"),
+    "a value too large for a float": finding_of(value=10**400),
     "a map of NaN": map_of(NAN),
     "an endless map": map_of(INF),
     "signed above 1": map_of(1.5),
@@ -227,6 +230,7 @@ WRONG: dict[str, Any] = {
     "a step of NaN": replace(READY, step=NAN),
     "an endless step": replace(READY, step=INF),
     "a step below 0": replace(READY, step=-1.0),
+    "a step too large for a float": replace(READY, step=10**400),
     "a notice too long": replace(READY, notices=(LONG,)),
     "a camera that is none": Alive(None, 1.0),  # type: ignore[arg-type]
     "a camera in no state": Alive(CameraStatus(state="ok"), 1.0),  # type: ignore[arg-type]
@@ -235,6 +239,8 @@ WRONG: dict[str, Any] = {
     "a depth that may be": Alive(CameraStatus(depth=1), 1.0),  # type: ignore[arg-type]
     "a lens without a focal length": Alive(CameraStatus(intrinsics=(0.0, 1.0, 2.0, 3.0)), 1.0),
     "a lens that is no number": Alive(CameraStatus(intrinsics=(5.0, 5.0, NAN, 3.0)), 1.0),
+    "a lens of arrays": Alive(CameraStatus(intrinsics=(np.ones(1, np.float32),) * 4), 1.0),  # type: ignore[arg-type]
+    "a lens that may be": Alive(CameraStatus(intrinsics=(True, True, True, True)), 1.0),
     "a lens of three": Alive(CameraStatus(intrinsics=(5.0, 5.0, 3.0)), 1.0),  # type: ignore[arg-type]
     "a frame that came in the future": Alive(CameraStatus(), AHEAD),
     "a frame that came at no time": Alive(CameraStatus(), NAN),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -9,6 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.config import Config
+from companion.config.schema import Call, Camera, Mount, Stopping
+from companion.policy.stopping import judge_stopping
 from companion.vision.judging_rate import CALM_FOR, LONGEST_CALM, JudgingRate, steps
 
 COOL: dict[str, Any] = {"temperature": 50.0, "throttled": False}
@@ -18,8 +22,8 @@ TICK = 0.1
 class Computer:
     """One that judges frames as often as it is told to, and takes so long for each."""
 
-    def __init__(self, rate: float = 10.0, freshness: float = 1.0) -> None:
-        self.rate = JudgingRate(rate, freshness)
+    def __init__(self, rate: float = 10.0, freshness: float = 1.0, window: int = 3) -> None:
+        self.rate = JudgingRate(rate, freshness, window)
         self.now, self._due = 1000.0, 1000.0
         self.changes: list[tuple[float, float]] = []
 
@@ -38,20 +42,53 @@ class Computer:
 
 
 @pytest.mark.parametrize(
-    ("rate", "freshness", "found"),
+    ("rate", "freshness", "window", "found"),
     [
-        (10.0, 1.0, (10.0, 7.5, 5.0, 10 / 3)),
-        (30.0, 1.0, (30.0, 22.5, 15.0, 10.0)),
-        (5.0, 1.0, (5.0, 3.75, 3.0)),
-        (3.0, 1.0, (3.0,)),
-        (1.0, 2.0, (1.0,)),
-        (2.0, 6.0, (2.0, 1.5, 1.0, 2 / 3)),
+        (10.0, 1.0, 3, (10.0, 7.5, 5.0, 4.0)),
+        (30.0, 1.0, 3, (30.0, 22.5, 15.0, 10.0)),
+        (5.0, 1.0, 3, (5.0, 4.0)),
+        (5.0, 1.0, 1, (5.0, 3.75, 3.0)),
+        (10.0, 1.0, 6, (10.0, 7.5, 7.0)),
+        (10.0, 1.0, 10, (10.0,)),
+        (3.0, 1.0, 3, (3.0,)),
+        (1.0, 2.0, 3, (1.0,)),
+        (2.0, 6.0, 3, (2.0, 1.5, 1.0, 2 / 3)),
+        (1.746, 3.0 / 1.746, 1, (1.746,)),
+        (0.8, 5.0, 2, (0.8, 0.6)),
     ],
 )
-def test_every_step_judges_three_frames_within_t_or_as_many_as_are_configured(
-    rate: float, freshness: float, found: tuple[float, ...]
+def test_every_step_judges_the_votes_window_and_one_frame_within_t_or_as_many_as_are_configured(
+    rate: float, freshness: float, window: int, found: tuple[float, ...]
 ) -> None:
-    assert steps(rate, freshness) == pytest.approx(found)
+    assert steps(rate, freshness, window) == pytest.approx(found)
+
+
+@given(
+    rate=st.floats(0.5, 60.0),
+    freshness=st.one_of(st.none(), st.floats(0.2, 10.0)),
+    window=st.integers(1, 60),
+    step=st.floats(0.0, 3.0),
+)
+def test_at_no_step_does_the_rover_drive_farther_than_the_check_of_the_stopping_distance_says(
+    rate: float, freshness: float | None, window: int, step: float
+) -> None:
+    config = Config(
+        camera=Camera(rate=rate),
+        mount=Mount(height=1.0, tilt=7.0),
+        stopping=Stopping(speed=1.0),
+        call=Call(votes=1, window=window, freshness=freshness),
+    )
+    most = _reaction(config, step)
+    for lower in steps(rate, config.freshness, window):
+        fewer = replace(config.camera, rate=lower)
+        call = replace(config.call, freshness=config.freshness)
+        assert _reaction(replace(config, camera=fewer, call=call), step) <= most + 1e-9
+
+
+def _reaction(config: Config, step: float) -> float:
+    found = judge_stopping(config, step)
+    assert not isinstance(found, str), found
+    return found.react
 
 
 def test_slow_judging_goes_straight_to_the_step_that_it_can_keep() -> None:
@@ -66,7 +103,7 @@ def test_judging_that_fits_lowers_nothing() -> None:
 
 
 def test_judging_that_no_step_can_keep_goes_on_at_the_lowest() -> None:
-    assert Computer().runs(20.0, takes=0.5) == pytest.approx(10 / 3)
+    assert Computer().runs(20.0, takes=0.5) == 4.0
 
 
 def test_heat_and_throttling_take_a_step_every_ten_seconds_and_a_moment_of_them_none() -> None:
@@ -76,10 +113,10 @@ def test_heat_and_throttling_take_a_step_every_ten_seconds_and_a_moment_of_them_
         computer.runs(1.0, takes=0.02)
     assert computer.rate.value == 10.0
     computer.runs(45.0, takes=0.02, temperature=83.0)
-    assert [rate for _, rate in computer.changes] == pytest.approx([7.5, 5.0, 10 / 3])
+    assert [rate for _, rate in computer.changes] == [7.5, 5.0, 4.0]
     assert computer.changes[1][0] - computer.changes[0][0] == pytest.approx(10.0, abs=0.2)
     assert computer.rate.why == "hot computer"
-    assert computer.runs(300.0, takes=0.02, temperature=76.0) == pytest.approx(10 / 3), "not cool yet"
+    assert computer.runs(300.0, takes=0.02, temperature=76.0) == 4.0, "not cool yet"
     assert computer.runs(75.0, takes=0.02, temperature=74.0) == 10.0
     assert computer.rate.why == ""
 
@@ -94,15 +131,27 @@ def test_heat_with_throttling_that_comes_and_goes_is_strain_without_a_break() ->
 def test_heat_that_no_step_ends_is_told_where_the_last_one_did_not_help() -> None:
     computer = Computer()
     computer.runs(38.0, takes=0.02, temperature=90.0)
-    assert computer.rate.value == pytest.approx(10 / 3)
+    assert computer.rate.value == 4.0
     assert computer.rate.stuck == ""
     computer.runs(5.0, takes=0.02, temperature=90.0)
     assert computer.rate.stuck == "hot computer"
-    computer.runs(1.0, takes=0.02)
-    assert computer.rate.stuck == ""
+    computer.runs(30.0, takes=0.02)
+    assert (computer.rate.value, computer.rate.stuck) == (5.0, "")
     single = Computer(rate=2.0, freshness=1.5)
     single.runs(11.0, takes=0.3, throttled=True)
     assert (single.rate.value, single.rate.stuck) == (2.0, "throttled computer")
+    single.runs(LONGEST_CALM + 1.0, takes=0.3)
+    assert single.rate.stuck == ""
+
+
+@pytest.mark.parametrize("rate", [10.0, 2.0])
+def test_throttling_that_comes_and_goes_where_no_step_helps_is_told_a_few_times_an_hour(rate: float) -> None:
+    computer, told, before = Computer(rate), 0, ""
+    for second in range(3600):
+        computer.runs(1.0, takes=0.02, throttled=second % 13 < 12)
+        told += bool(computer.rate.stuck) and not before
+        before = computer.rate.stuck
+    assert 1 <= told <= 12
 
 
 def test_a_step_up_is_taken_only_where_judging_will_be_easy() -> None:
@@ -136,16 +185,20 @@ LOADS = st.tuples(
 @given(
     rate=st.floats(0.5, 60.0),
     freshness=st.one_of(st.none(), st.floats(0.2, 10.0)),
+    window=st.integers(1, 10),
     loads=st.lists(LOADS, max_size=12),
 )
 def test_whatever_the_load_it_keeps_its_bounds_does_not_flap_and_comes_back(
-    rate: float, freshness: float | None, loads: list[tuple[float, float, float | None, bool | None]]
+    rate: float,
+    freshness: float | None,
+    window: int,
+    loads: list[tuple[float, float, float | None, bool | None]],
 ) -> None:
     fresh = freshness or min(2.0, max(1.0, 3.0 / rate))
-    computer = Computer(rate, fresh)
+    computer = Computer(rate, fresh, window)
     for seconds, takes, temperature, throttled in loads:
         computer.runs(seconds, takes, temperature=temperature, throttled=throttled)
-        assert min(rate, 3.0 / fresh) <= computer.rate.value <= rate
+        assert min(rate, max(3.0, window + 1.0) / fresh) <= computer.rate.value <= rate
         assert bool(computer.rate.why) == (computer.rate.value < rate)
     ups = [
         at

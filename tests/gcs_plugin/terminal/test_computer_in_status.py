@@ -15,5 +15,6 @@ def test_the_status_shows_how_the_companions_computer_does(sky: Any) -> None:
     sky.hear(sky.rover.companion.frame(computer_status(figures, 60.0)))
     told = "84 C, SLOWED DOWN: it sees late, its supply's voltage is TOO LOW, its disk is FULL, CPU 97%"
     assert f"  computer {told}" in status_lines(sky.client.rovers[1], 0.0)
+    assert f"  computer {told}, said 10 min ago" in status_lines(sky.client.rovers[1], sky.now + 600.0)
     sky.hear(sky.rover.companion.frame(computer_status({}, 60.0)))
     assert "  computer no temperature told" in status_lines(sky.client.rovers[1], 0.0)

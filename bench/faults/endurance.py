@@ -149,10 +149,13 @@ class Operator:
 
 
 def own_memory() -> float:
-    """Proportional set size of this process in MB, without what the allocator keeps for later."""
+    """Memory of this process's own in MB, without what the allocator keeps for later.
+
+    Not the proportional set size: it grows when other programs that share our libraries end.
+    """
     gc.collect()
     ctypes.CDLL(None).malloc_trim(0)
-    found = re.search(r"^Pss: +(\d+) kB$", Path("/proc/self/smaps_rollup").read_text(), re.M)
+    found = re.search(r"^Anonymous: +(\d+) kB$", Path("/proc/self/smaps_rollup").read_text(), re.M)
     assert found is not None
     return int(found[1]) / 1024
 

@@ -18,7 +18,15 @@ from companion.wire.ids import Motion, Policy
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 GUIDED, RTL = 15, 11
-MAY_BE_SENT = {"HEARTBEAT", "STATUSTEXT", "TUNNEL", "PARAM_VALUE", "NAMED_VALUE_FLOAT", "COMMAND_ACK"}
+MAY_BE_SENT = {
+    "HEARTBEAT",
+    "STATUSTEXT",
+    "TUNNEL",
+    "PARAM_VALUE",
+    "NAMED_VALUE_FLOAT",
+    "COMMAND_ACK",
+    "ONBOARD_COMPUTER_STATUS",
+}
 MAY_BE_ASKED = {mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE}
 """Every other command, and every other message, is a command to the vehicle."""
 

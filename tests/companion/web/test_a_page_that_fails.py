@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.tasks import Restarts
+from companion.tasks import PAGE, Restarts
 from companion.web import page as page_module
 from companion.web.messages import LARGEST, Kind, Message
 from companion.web.page import WebChild, missing
@@ -115,6 +115,20 @@ def test_a_busy_port_is_said_once_and_tried_again_until_it_is_free(
         assert len(said) == 1
     finally:
         stage.close()
+
+
+def test_a_port_that_is_busy_for_two_days_is_tried_once_a_minute(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        stage = Stage(tmp_path, listen=f"127.0.0.1:{other.getsockname()[1]}", restarts=PAGE)
+        now = time.monotonic()
+        for _ in range(2 * 24 * 60):
+            now += 60.0
+            stage.page.poll(now, lambda: stage.news)
+            stage.page.poll(now + 0.02, lambda: stage.news)
+    assert stage.page.figures()["restarts"] == pytest.approx(2 * 24 * 60, abs=10)
+    assert "the page failed" not in caplog.text
 
 
 def test_without_the_extra_it_is_said_once_how_to_install_it(

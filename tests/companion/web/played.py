@@ -48,7 +48,7 @@ class Stage:
         self.page.poll(time.monotonic(), lambda: self.news)
         if self.page.wanted():
             self.frames += 1
-            self.page.show(self.frames, 0.05, JPEG)
+            self.page.show(self.frames, time.monotonic() - 0.05, JPEG)
         time.sleep(0.01)
 
     def until(self, fits: Callable[[], bool], seconds: float = PATIENCE) -> None:

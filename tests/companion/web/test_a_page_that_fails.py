@@ -16,6 +16,7 @@ import pytest
 from companion.tasks import PAGE, Restarts
 from companion.web import page as page_module
 from companion.web.messages import LARGEST, Kind, Message
+from companion.web.news import FRESH
 from companion.web.page import WebChild, missing
 from tests.companion.web.played import LIMITS, Stage
 
@@ -59,9 +60,23 @@ def test_a_stopped_process_takes_nothing_and_nobody_waits_for_it(tmp_path: Path)
         for _ in range(200):
             stage.page._told_at = float("-inf")
             stage.page.poll(time.monotonic(), lambda: stage.news)
-            stage.page.show(1, 0.0, b"y" * 100_000)
+            stage.page.show(1, began, b"y" * 100_000)
         assert time.monotonic() - began < 1.0
         os.kill(stage.pid(), signal.SIGCONT)
+        stage.ready()
+    finally:
+        stage.close()
+
+
+def test_what_waited_for_a_stopped_process_is_old_when_it_goes_on(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, restarts=Restarts(60.0, 60.0, 1.0, 1.0))
+    try:
+        os.kill(stage.ready().pid(), signal.SIGSTOP)
+        stage.page._told_at = float("-inf")
+        stage.turn()
+        time.sleep(FRESH + 0.1)
+        os.kill(stage.pid(), signal.SIGCONT)
+        assert stage.get("/healthz").status == 503
         stage.ready()
     finally:
         stage.close()
@@ -255,7 +270,7 @@ def test_a_picture_that_is_too_large_is_said_once(tmp_path: Path, caplog: pytest
     try:
         stage.ready()
         for _ in range(3):
-            stage.page.show(1, 0.0, bytes(LARGEST))
+            stage.page.show(1, time.monotonic(), bytes(LARGEST))
         (record,) = caplog.records
         assert "the page shows no picture" in record.getMessage()
         assert stage.get("/healthz").status == 200
@@ -268,7 +283,7 @@ def test_the_longest_message_gets_through(tmp_path: Path) -> None:
     try:
         stage.ready()
         stage.news["status"]["filler"] = ""
-        stage.news["status"]["filler"] = "x" * (LARGEST - len(Message(Kind.NEWS, stage.news).encoded()))
+        stage.news["status"]["filler"] = "x" * (LARGEST - len(Message(Kind.NEWS, {**stage.news, "at": "of monotonic clock"}).encoded()))
         stage.until(lambda: stage.get("/status.json").body.count(b"x") > LARGEST // 2)
     finally:
         stage.close()

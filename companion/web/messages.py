@@ -19,7 +19,7 @@ class Kind(Enum):
     """What is told to the web process."""
 
     SETUP = b"c"
-    """The first message: folder, token, loopback."""
+    """The first message: folder, token, own_address: where only this computer reaches it, else ""."""
     NEWS = b"n"
     """The documents status, state and check, `told`: what the ground is told, and `at`: when it was so."""
     PICTURE = b"p"

@@ -93,7 +93,7 @@ class Page:
             {
                 "folder": os.path.abspath(config.journal.path),
                 "token": config.web.token,
-                "loopback": self._listen is not None and self._listen.loopback,
+                "own_address": self._listen.host if self._listen is not None and self._listen.loopback else "",
             },
         ).encoded()
         self._launch = launch

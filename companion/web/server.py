@@ -27,7 +27,6 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from companion.system.child_process import end_with, step_back
 from companion.web.access import BoundedConnection, Gate
 from companion.web.files import StateFolder
 from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode
@@ -36,9 +35,6 @@ from companion.web.news import SILENT, News
 
 log = logging.getLogger(__name__)
 
-NICENESS = 10
-FIRST_OUT = 1000
-"""oom_score_adj: the page goes before the vision process, which has 900."""
 _MOST_MEMORY = 256 << 20
 """Bytes of data. It needs a sixth of it."""
 MOST_STREAMS = 8
@@ -189,10 +185,8 @@ class _Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy
         yield
 
 
-def main(channel: int, listener: int, parent: int) -> NoReturn:
-    """Run until the supervisor, process `parent`, is gone. channel, listener: descriptors of sockets."""
-    end_with(parent)
-    step_back(NICENESS, FIRST_OUT)
+def main(channel: int, listener: int) -> NoReturn:
+    """Run until the supervisor is gone. channel, listener: descriptors of sockets."""
     with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
         resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -218,7 +212,7 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     news = News()
     site = Site(news, StateFolder(setup["folder"]))
     config = uvicorn.Config(
-        Gate(site.app(), token=setup["token"], loopback=setup["loopback"]),
+        Gate(site.app(), token=setup["token"], own_address=setup["own_address"]),
         http=BoundedConnection,
         ws="none",
         lifespan="off",

@@ -244,7 +244,7 @@ import sys
 from companion.web import access
 access._IDLE = access._STALLED = 0.6
 from companion.web.server import main
-main(*map(int, sys.argv[1:]))
+main(*map(int, sys.argv[1:3]))
 """
 
 

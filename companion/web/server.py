@@ -13,6 +13,7 @@ import select
 import signal
 import socket
 import sys
+import time
 import traceback
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -86,6 +87,8 @@ class Site:
         return StreamingResponse(self._stream(), media_type=_STREAM)
 
     async def _stream(self) -> AsyncIterator[bytes]:
+        if self.streams >= MOST_STREAMS:  # others that asked at the same moment came first
+            return
         self.streams += 1
         try:
             told_at, frame = None, None
@@ -175,7 +178,9 @@ def _json(content: Any, status: int = 200) -> Response:
 
 
 def _event(name: str, content: Mapping[str, Any]) -> bytes:
-    return f"event: {name}\ndata: {json.dumps(content, separators=(',', ':'))}\n\n".encode()
+    """Encode an event. clock: when it was made, in monotonic seconds, since it may wait on a slow network."""
+    stamped = {**content, "clock": round(time.monotonic(), 3)}
+    return f"event: {name}\ndata: {json.dumps(stamped, separators=(',', ':'))}\n\n".encode()
 
 
 class _Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy

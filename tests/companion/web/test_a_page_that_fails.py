@@ -211,6 +211,15 @@ def test_too_many_connections_and_streams_are_refused_and_forgotten(tmp_path: Pa
             assert heads == sorted([b"HTTP/1.1 200"] * MOST_STREAMS + [b"HTTP/1.1 503"] * 2)
             assert stage.get("/healthz").status == 200
         stage.until(lambda: _first_bytes(stage, b"/events") == b"HTTP/1.1 200")
+        with contextlib.ExitStack() as held:
+            together = [
+                held.enter_context(socket.create_connection(stage.address, timeout=5.0)) for _ in range(40)
+            ]
+            time.sleep(0.2)
+            for one in together:
+                one.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            time.sleep(0.5)
+            assert sum(b"event: news" in one.recv(1 << 16) for one in together) <= MOST_STREAMS
     finally:
         stage.close()
 

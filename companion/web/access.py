@@ -36,7 +36,7 @@ class Gate:
     """Checks each request before the page sees it, and adds `HEADERS` to each answer."""
 
     def __init__(self, app: ASGIApp, *, token: str, own_address: str) -> None:
-        """token: "" for none. own_address: where the page listens if only this computer reaches it, else ""."""
+        """token: "" for none. own_address: where it listens if only this computer reaches it, else ""."""
         self._app = app
         self._token = token.encode()
         self._cookie = hmac.new(self._token, b"the cookie of the page", hashlib.sha256).hexdigest()
@@ -83,7 +83,7 @@ class Gate:
         if kind.lower() == "bearer" and self._is_token(given.strip()):
             return None
         query = parse_qs(scope["query_string"][:_LONGEST_QUERY].decode("latin-1"))
-        if self._is_token(query.get("token", [""])[-1]):  # even with the cookie: it must leave the address bar
+        if self._is_token(query.get("token", [""])[-1]):  # with a cookie, too: it must leave the address bar
             shown = RedirectResponse("/", 303)
             shown.set_cookie(COOKIE, self._cookie, httponly=True, samesite="strict")
             return shown

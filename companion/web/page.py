@@ -87,13 +87,13 @@ class Page:
         restarts: Restarts = PAGE,
     ) -> None:
         """launch: starts the process with this listening socket or raises OSError. restarts: time limits."""
-        self._listen = config.web.address
+        self._listen = listen = config.web.address
         self._setup = Message(
             Kind.SETUP,
             {
                 "folder": os.path.abspath(config.journal.path),
                 "token": config.web.token,
-                "own_address": self._listen.host if self._listen is not None and self._listen.loopback else "",
+                "own_address": listen.host if listen is not None and listen.loopback else "",
             },
         ).encoded()
         self._launch = launch

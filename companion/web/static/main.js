@@ -38,7 +38,7 @@ function tick() {
   const slept = Date.now() / 1000 - now() - ahead;
   if (Math.abs(slept) > 1) {
     ahead += slept;
-    for (const old of [news, seen]) if (old) old.receivedAt -= Math.max(0, slept);
+    for (const old of [news, seen, coming, next]) if (old) old.receivedAt -= Math.max(0, slept);
   }
   const state = model.overview(news, now(), connection);
   views.showState(state);

@@ -40,7 +40,11 @@ class Stage:
             "told": "",
             "status": {"state": "ok", "frames": 7, "policy": "hold", "computer": {"memory_free": 512}},
             "state": {"state": "ok", "words": {"grass": 1.0}},
-            "check": {"ok": True, "age": 2.0, "checks": [{"check": "disk", "verdict": "warn", "text": "make room"}]},
+            "check": {
+                "ok": True,
+                "age": 2.0,
+                "checks": [{"check": "disk", "verdict": "warn", "text": "make room"}],
+            },
         }
         self.frames = 0
 

@@ -174,7 +174,7 @@ def _run(
             if page.wanted():
                 daemon.live_picture.want()
             if (picture := daemon.live_picture.take()) is not None:
-                page.show(picture.frame, time.monotonic() - picture.captured_at, picture.jpeg)
+                page.show(picture.frame, picture.captured_at, picture.jpeg)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         daemon.report_death()

@@ -52,7 +52,7 @@ class ServiceManager:
         systemd's own rising delay (RestartSteps=) needs its version 254, and never becomes short again.
         """
         failures = self._read_failures()
-        seconds = min(2.0 ** (failures - 1), LONGEST_PAUSE) if failures > 1 else 0.0
+        seconds = min(2.0 ** min(failures - 1, 32), LONGEST_PAUSE) if failures > 1 else 0.0
         self._write_failures(failures + 1)
         if not seconds:
             return

@@ -17,6 +17,8 @@ SILENT_AFTER = 2.0
 would wait in vain."""
 _STALLED = 1.0
 """Seconds between two polls after which the supervisor itself was stalled: the silence so far is its own."""
+_MOST_DOUBLED = 32
+"""How often the wait is doubled at most: it has been the longest one for long, and a float overflows."""
 _DEATHS = 3
 _OFTEN = 600.0
 """Seconds. After `_DEATHS` deaths within this time the process counts as unreliable."""
@@ -125,7 +127,8 @@ class Watchdog(Generic[_Child]):
         """Kill the process and plan its restart. cause, level: for the log."""
         if self.running and now - self._started_at >= self._limits.longest:
             self._failures = 0
-        wait = 0.0 if self._failures == 0 else self._limits.first * 2.0 ** (self._failures - 1)
+        doubled = min(self._failures - 1, _MOST_DOUBLED)
+        wait = 0.0 if self._failures == 0 else self._limits.first * 2.0**doubled
         wait = min(wait, self._limits.longest)
         log.log(level, "the %s %s; it is started again in %.0f s", self._name, cause, wait)
         self.kill()

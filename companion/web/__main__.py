@@ -2,9 +2,19 @@
 
 import sys
 
-from companion.web.server import main
+from companion.system.child_process import end_with, step_back
+
+NICENESS = 10
+FIRST_OUT = 1000
+"""oom_score_adj: the page goes before the vision process, which has 900."""
 
 if __name__ == "__main__":
     if len(sys.argv) != 4:
         sys.exit("companion.web is started by `companion run`: type that")
-    main(*map(int, sys.argv[1:]))
+    channel, listener, parent = map(int, sys.argv[1:])
+    end_with(parent)
+    step_back(NICENESS, FIRST_OUT)  # before the imports: they keep a small computer busy for a second
+
+    from companion.web.server import main
+
+    main(channel, listener)

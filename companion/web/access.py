@@ -35,12 +35,14 @@ _HERE = frozenset({"localhost", "127.0.0.1", "[::1]"})
 class Gate:
     """Checks each request before the page sees it, and adds `HEADERS` to each answer."""
 
-    def __init__(self, app: ASGIApp, *, token: str, loopback: bool) -> None:
-        """token: "" for none. loopback: whether the page listens on this computer only."""
+    def __init__(self, app: ASGIApp, *, token: str, own_address: str) -> None:
+        """token: "" for none. own_address: where it listens if only this computer reaches it, else ""."""
         self._app = app
         self._token = token.encode()
         self._cookie = hmac.new(self._token, b"the cookie of the page", hashlib.sha256).hexdigest()
-        self._loopback = loopback
+        itself = f"[{own_address}]" if ":" in own_address else own_address
+        self._names = _HERE | {itself} if own_address else None
+        """What a request may call this computer; None: anything."""
         self._guard = ErrorGuard(lambda _now: None)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -70,7 +72,7 @@ class Gate:
         if headers.get("content-length", "0") != "0" or "transfer-encoding" in headers:
             return PlainTextResponse("a request without a body, please\n", 413)
         # Another site's name may lead here (DNS rebinding), and its scripts would read the page.
-        if self._loopback and _host(headers.get("host", "")) not in _HERE:
+        if self._names is not None and _host(headers.get("host", "")) not in self._names:
             return PlainTextResponse("open it as http://localhost and the port\n", 421)
         if headers.get("sec-fetch-site") in ("cross-site", "same-site") and scope["path"] != "/":
             return PlainTextResponse("another site may not load this\n", 403)
@@ -80,13 +82,13 @@ class Gate:
         kind, _, given = headers.get("authorization", "").partition(" ")
         if kind.lower() == "bearer" and self._is_token(given.strip()):
             return None
-        if hmac.compare_digest(_cookie(headers).encode(), self._cookie.encode()):
-            return None
         query = parse_qs(scope["query_string"][:_LONGEST_QUERY].decode("latin-1"))
-        if self._is_token(query.get("token", [""])[-1]):
+        if self._is_token(query.get("token", [""])[-1]):  # with a cookie, too: it must leave the address bar
             shown = RedirectResponse("/", 303)
             shown.set_cookie(COOKIE, self._cookie, httponly=True, samesite="strict")
             return shown
+        if hmac.compare_digest(_cookie(headers).encode(), self._cookie.encode()):
+            return None
         return PlainTextResponse(
             "this page needs its token: open it as http://.../?token=... ([web] token in companion.toml)\n",
             401,

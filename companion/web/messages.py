@@ -19,11 +19,12 @@ class Kind(Enum):
     """What is told to the web process."""
 
     SETUP = b"c"
-    """The first message: folder, token, loopback."""
+    """The first message: folder, token, own_address: where only this computer reaches it, else ""."""
     NEWS = b"n"
-    """The documents status, state and check, and `told`: what the ground is told."""
+    """The documents status, state and check, `told`: what the ground is told, and `at`: when it was so."""
     PICTURE = b"p"
-    """frame: its id. age: seconds since its capture."""
+    """frame: its id. at: when it was captured. Each `at` is in seconds of the monotonic clock, which both
+    processes share: a message may have waited for a process that was stopped."""
 
 
 ALIVE, WANTED = b"a", b"w"

@@ -30,8 +30,8 @@ class Picture(NamedTuple):
 class News:
     """Keeps the newest news and picture, and wakes whoever waits for more.
 
-    told: the newest documents, {} before the first. told_at: monotonic seconds when they came. picture: the
-    newest one, None before the first.
+    told: the newest documents, {} before the first. told_at: monotonic seconds when they were so. picture:
+    the newest one, None before the first.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -46,20 +46,23 @@ class News:
 
     def take(self, message: Message) -> None:
         """Take what the supervisor tells. Raises ValueError for what it never tells."""
-        now = self._clock()
-        match message.kind:
-            case Kind.NEWS:
-                before = self.state
-                self.told, self.told_at = message.content, now
-                if self.state != before:
-                    self._since, self._began_here = now, before != ""
-            case Kind.PICTURE:
-                frame, age = message.content.get("frame"), message.content.get("age")
-                if not isinstance(frame, int) or not isinstance(age, float | int):
-                    raise ValueError("a picture without frame or age")
-                self.picture = Picture(frame, now - age, message.picture)
-            case Kind.SETUP:
-                raise ValueError("a second setup")
+        if message.kind is Kind.SETUP:
+            raise ValueError("a second setup")
+        content = dict(message.content)
+        at = content.pop("at", None)
+        if not isinstance(at, float | int):
+            raise ValueError("news or a picture without time")
+        at = min(at, self._clock())
+        if message.kind is Kind.NEWS:
+            before = self.state
+            self.told, self.told_at = content, at
+            if self.state != before:
+                self._since, self._began_here = at, before != ""
+        else:
+            frame = content.get("frame")
+            if not isinstance(frame, int):
+                raise ValueError("a picture without frame")
+            self.picture = Picture(frame, at, message.picture)
         self._changed.set()
         self._changed = asyncio.Event()
 
@@ -72,7 +75,7 @@ class News:
 
     @property
     def age(self) -> float:
-        """Return the seconds since the news came; infinite before the first."""
+        """Return the seconds since the newest news; infinite before the first."""
         return self._clock() - self.told_at
 
     def trouble(self) -> str:

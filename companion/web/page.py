@@ -87,13 +87,13 @@ class Page:
         restarts: Restarts = PAGE,
     ) -> None:
         """launch: starts the process with this listening socket or raises OSError. restarts: time limits."""
-        self._listen = config.web.address
+        self._listen = listen = config.web.address
         self._setup = Message(
             Kind.SETUP,
             {
                 "folder": os.path.abspath(config.journal.path),
                 "token": config.web.token,
-                "loopback": self._listen is not None and self._listen.loopback,
+                "own_address": listen.host if listen is not None and listen.loopback else "",
             },
         ).encoded()
         self._launch = launch
@@ -121,13 +121,13 @@ class Page:
         wanted, self._wanted = self._wanted, False
         return wanted
 
-    def show(self, frame: int, age: float, picture: bytes) -> None:
-        """Show a drawn frame. age: seconds since its capture. picture: JPEG."""
+    def show(self, frame: int, captured_at: float, picture: bytes) -> None:
+        """Show a drawn frame. captured_at: monotonic seconds. picture: JPEG."""
         child = self._watchdog.child
         if child is None:
             return
         try:
-            child.send(Message(Kind.PICTURE, {"frame": frame, "age": round(age, 3)}, picture).encoded())
+            child.send(Message(Kind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded())
         except ValueError as error:
             level = logging.DEBUG if self._too_large else logging.WARNING
             self._too_large = True
@@ -159,7 +159,7 @@ class Page:
             self._restart(failure.cause, now)
         elif now - self._told_at >= _EVERY:
             self._told_at = now
-            watchdog.child.send(Message(Kind.NEWS, news()).encoded())
+            watchdog.child.send(Message(Kind.NEWS, {**news(), "at": now}).encoded())
 
     def _take(self, said: bytes, now: float) -> bool:
         if said not in (ALIVE, WANTED):

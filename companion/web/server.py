@@ -13,6 +13,7 @@ import select
 import signal
 import socket
 import sys
+import time
 import traceback
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -27,7 +28,6 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from companion.system.child_process import end_with, step_back
 from companion.web.access import BoundedConnection, Gate
 from companion.web.files import StateFolder
 from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode
@@ -36,9 +36,6 @@ from companion.web.news import SILENT, News
 
 log = logging.getLogger(__name__)
 
-NICENESS = 10
-FIRST_OUT = 1000
-"""oom_score_adj: the page goes before the vision process, which has 900."""
 _MOST_MEMORY = 256 << 20
 """Bytes of data. It needs a sixth of it."""
 MOST_STREAMS = 8
@@ -90,6 +87,8 @@ class Site:
         return StreamingResponse(self._stream(), media_type=_STREAM)
 
     async def _stream(self) -> AsyncIterator[bytes]:
+        if self.streams >= MOST_STREAMS:  # others that asked at the same moment came first
+            return
         self.streams += 1
         try:
             told_at, frame = None, None
@@ -179,7 +178,9 @@ def _json(content: Any, status: int = 200) -> Response:
 
 
 def _event(name: str, content: Mapping[str, Any]) -> bytes:
-    return f"event: {name}\ndata: {json.dumps(content, separators=(',', ':'))}\n\n".encode()
+    """Encode an event. clock: when it was made, in monotonic seconds, since it may wait on a slow network."""
+    stamped = {**content, "clock": round(time.monotonic(), 3)}
+    return f"event: {name}\ndata: {json.dumps(stamped, separators=(',', ':'))}\n\n".encode()
 
 
 class _Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy
@@ -189,10 +190,8 @@ class _Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy
         yield
 
 
-def main(channel: int, listener: int, parent: int) -> NoReturn:
-    """Run until the supervisor, process `parent`, is gone. channel, listener: descriptors of sockets."""
-    end_with(parent)
-    step_back(NICENESS, FIRST_OUT)
+def main(channel: int, listener: int) -> NoReturn:
+    """Run until the supervisor is gone. channel, listener: descriptors of sockets."""
     with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
         resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -218,7 +217,7 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     news = News()
     site = Site(news, StateFolder(setup["folder"]))
     config = uvicorn.Config(
-        Gate(site.app(), token=setup["token"], loopback=setup["loopback"]),
+        Gate(site.app(), token=setup["token"], own_address=setup["own_address"]),
         http=BoundedConnection,
         ws="none",
         lifespan="off",

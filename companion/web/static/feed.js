@@ -1,11 +1,14 @@
 // Fetches what the companion tells. It connects again by itself, and listens only while the page is seen.
 
+import { Delay } from "./model.js";
+
 const AGAIN = 2000; // ms
 const PATIENCE = 5000; // ms without any event after which the stream counts as dead
 const FILES_EVERY = 5000; // ms
 
 export class Feed {
-  // take: called with ("news" | "picture" | "calls" | "log" | "connection", content).
+  // take: called with ("news" | "picture" | "calls" | "log" | "connection", content, late). late: seconds that
+  // an event waited on its way.
   constructor(take) {
     this.take = take;
     this.stream = null;
@@ -21,12 +24,14 @@ export class Feed {
     this.close();
     this.heardAt = performance.now();
     const stream = new EventSource("/events");
+    const delay = new Delay();
     this.stream = stream;
     for (const kind of ["news", "picture"]) {
       stream.addEventListener(kind, (event) => {
         this.heardAt = performance.now();
         this.take("connection", "");
-        this.take(kind, JSON.parse(event.data));
+        const content = JSON.parse(event.data);
+        this.take(kind, content, delay.late(content.clock, performance.now() / 1000));
       });
     }
     stream.onerror = () => this.lost(stream);

@@ -38,20 +38,20 @@ function tick() {
   const slept = Date.now() / 1000 - now() - ahead;
   if (Math.abs(slept) > 1) {
     ahead += slept;
-    for (const old of [news, seen]) if (old) old.receivedAt -= Math.max(0, slept);
+    for (const old of [news, seen, coming, next]) if (old) old.receivedAt -= Math.max(0, slept);
   }
   const state = model.overview(news, now(), connection);
   views.showState(state);
   views.showPictureNote(model.pictureNote(seen, now(), state.stale));
 }
 
-new Feed((kind, content) => {
+new Feed((kind, content, late) => {
   switch (kind) {
     case "connection":
       connection = content;
       break;
     case "news":
-      news = { ...content, receivedAt: now() };
+      news = { ...content, receivedAt: now() - late };
       views.showFacts("now", model.facts(news));
       views.showFacts("computer", model.computer(news));
       views.showWords(model.words(news));
@@ -59,7 +59,7 @@ new Feed((kind, content) => {
       views.showAbout(`AnyTraverse companion ${news.status?.version ?? ""}. This page only shows: answer calls from a ground station.`);
       break;
     case "picture": {
-      const announced = { ...content, receivedAt: now() };
+      const announced = { ...content, receivedAt: now() - late };
       if (coming) next = announced;
       else load(announced);
       break;

@@ -2,6 +2,8 @@
 
 const NEWS_FRESH = 3; // seconds; the companion tells something once a second
 const PICTURE_FRESH = 3;
+const CHECKS_FRESH = 60; // the companion checks itself every ten seconds
+const DRIFT = 5e-4; // seconds by which two computers' clocks may part in a second
 
 const STATES = {
   ok: { title: "OK", tone: "good", text: "The way ahead is known and drivable." },
@@ -32,6 +34,22 @@ const POLICIES = {
   hold: "hold: it may hold the vehicle",
   off: "off: nobody watches the way",
 };
+
+// Measures by how much events were slower on their way than the quickest one. A slow network keeps them waiting,
+// and they would look new. One for each stream.
+export class Delay {
+  constructor() {
+    this.least = Infinity;
+    this.measuredAt = 0;
+  }
+
+  // sentAt: seconds of the rover's clock. now: seconds of this computer's. Both clocks only go forward.
+  late(sentAt, now) {
+    this.least = Math.min(now - sentAt, this.least + DRIFT * (now - this.measuredAt));
+    this.measuredAt = now;
+    return now - sentAt - this.least;
+  }
+}
 
 // news: the newest event with `receivedAt` added, or null. now, receivedAt: seconds of one clock.
 // connection: "" or why there is none.
@@ -70,13 +88,14 @@ export function pictureNote(picture, now, stale) {
   return { text: `Not live: this picture is ${duration(age)} old.`, fresh: false };
 }
 
+// What was not told is left out: while the companion starts, nothing of it is known.
 export function facts({ status = {}, state = {} }) {
-  const { camera = {}, judging = {}, perceiver = {}, vision = {}, link = {} } = status;
-  const open = state.open;
+  const { camera = {}, judging = {}, perceiver = {}, vision, link } = status;
+  const { open } = state;
   const rows = [
-    ["policy", (POLICIES[status.policy] ?? status.policy) + (status.hold_refused ? `. Hold is refused: ${status.hold_refused}` : "")],
-    ["open", open ? openText(open) : "no call, no hold"],
-    ["held by", status.held_by ?? "nobody"],
+    ["policy", status.policy && (POLICIES[status.policy] ?? status.policy) + (status.hold_refused ? `. Hold is refused: ${status.hold_refused}` : "")],
+    ["open", open === undefined ? "" : open ? openText(open) : "no call, no hold"],
+    ["held by", status.held_by === null ? "nobody" : status.held_by],
     ["uncertainty", percent(status.roi_uncertainty)],
     ["similarity", status.similarity == null ? "not known" : status.similarity.toFixed(2)],
     ["camera", [camera.state, camera.reason, camera.width ? `${camera.width} × ${camera.height}` : "",
@@ -84,13 +103,13 @@ export function facts({ status = {}, state = {} }) {
     ["latency", status.latency_ms == null ? "not known" : `${Math.round(status.latency_ms)} ms from capture until judged`],
     ["judging", judging.rate == null ? "" : `${judging.rate} of ${judging.configured} a second${judging.lowered_by ? `: ${judging.lowered_by}` : ""}`],
     ["perceiver", [perceiver.model, perceiver.precision].filter(Boolean).join(", ")],
-    ["vision", vision.trouble || (vision.restarts ? `running, started again ${vision.restarts} ×` : "running")],
-    ["link", link.trouble || (link.autopilot ? `autopilot heard on ${link.autopilot}` : "no autopilot is heard")],
+    ["vision", vision && (vision.trouble || (vision.restarts ? `running, started again ${vision.restarts} ×` : "running"))],
+    ["link", link && (link.trouble || (link.autopilot ? `autopilot heard on ${link.autopilot}` : "no autopilot is heard"))],
   ];
   return rows.filter(([, text]) => text);
 }
 
-export function computer({ status = {} }) {
+export function computer({ status = {}, check = {} }) {
   const { computer: told = {}, disk = {} } = status;
   const known = (value, text) => (value == null ? "not told" : text(value));
   const room = (free, all) => known(free, (value) => `${gib(value)} of ${gib(all)} free`);
@@ -101,6 +120,7 @@ export function computer({ status = {} }) {
     ["memory", room(told.memory_free, told.memory)],
     ["disk", room(told.disk_free, told.disk) + (disk.failing ? ", writes fail" : "")],
     ["page", status.web?.restarts ? `started again ${status.web.restarts} ×` : "running"],
+    ...(check.age > CHECKS_FRESH ? [["measured", "more than a minute ago: the disk may hang"]] : []),
   ];
 }
 
@@ -139,6 +159,8 @@ export function calls(records) {
 export function checks({ check = {} }) {
   if (!Array.isArray(check.checks)) return { summary: "The first check has not been made yet.", rows: [] };
   const bad = check.checks.filter((row) => row.verdict === "fail" || row.verdict === "warn");
+  if (!((check.age ?? Infinity) <= CHECKS_FRESH))
+    return { summary: "These checks are more than a minute old: the disk may hang. What they say may not be so any more.", rows: check.checks };
   return {
     summary: bad.length ? `${bad.length} of ${check.checks.length} want a look; mend them from the top.` : "All is well.",
     rows: check.checks,

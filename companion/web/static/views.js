@@ -66,7 +66,7 @@ function call({ id, title, picture, figures, outcome, open, closed, answers }) {
 }
 
 export function showChecks({ summary, rows }) {
-  changed("check", rows, (part) => {
+  changed("check", { summary, rows }, (part) => {
     const cells = rows.map(({ check, verdict, text }) =>
       element("tr", {},
         element("td", {}, element("span", { className: "verdict", tone: verdict }, verdict)),

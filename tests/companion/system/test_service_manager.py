@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from companion.system.service_manager import LONGEST_PAUSE, STEADY_AFTER, ServiceManager
@@ -181,6 +181,8 @@ def test_systemd_hears_of_the_pause_and_grants_the_time(systemd: Systemd, tmp_pa
 
 
 @given(content=st.binary(max_size=20))
+@example(content=b"1025")
+@example(content=b"999999")
 def test_no_content_of_the_counter_stops_a_start(
     content: bytes, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

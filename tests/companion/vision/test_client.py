@@ -594,6 +594,19 @@ def test_a_perceiver_that_fails_to_load_at_a_restart_is_told_and_tried_again(
     assert stage.vision.trouble == ""
 
 
+def test_a_process_that_cannot_be_started_for_two_days_is_tried_once_a_minute(clock: Clock) -> None:
+    def launch() -> LoopbackVision:
+        raise OSError("no such file")
+
+    vision = VisionClient(launch, Config(), None, VISION)
+    for _ in range(2 * 24 * 60):
+        clock.now += 60.0
+        vision.poll(clock.now)
+        vision.poll(clock.now + 0.02)
+    assert vision.watchdog.restarted == pytest.approx(2 * 24 * 60, abs=10)
+    assert vision.trouble == "vision cannot be started"
+
+
 def test_what_it_says_of_the_camera_is_kept_and_forgotten_when_it_dies(stage: Stage) -> None:
     status = CameraStatus(CameraState.DELIVERING, read=7)
     stage.child.report(Alive(status, stage.clock.now))

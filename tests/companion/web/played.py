@@ -40,7 +40,11 @@ class Stage:
             "told": "",
             "status": {"state": "ok", "frames": 7, "policy": "hold", "computer": {"memory_free": 512}},
             "state": {"state": "ok", "words": {"grass": 1.0}},
-            "check": {"ok": True, "checks": [{"check": "disk", "verdict": "warn", "text": "make room"}]},
+            "check": {
+                "ok": True,
+                "age": 2.0,
+                "checks": [{"check": "disk", "verdict": "warn", "text": "make room"}],
+            },
         }
         self.frames = 0
 
@@ -48,7 +52,7 @@ class Stage:
         self.page.poll(time.monotonic(), lambda: self.news)
         if self.page.wanted():
             self.frames += 1
-            self.page.show(self.frames, 0.05, JPEG)
+            self.page.show(self.frames, time.monotonic() - 0.05, JPEG)
         time.sleep(0.01)
 
     def until(self, fits: Callable[[], bool], seconds: float = PATIENCE) -> None:

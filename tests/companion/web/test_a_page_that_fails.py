@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.tasks import Restarts
+from companion.tasks import PAGE, Restarts
 from companion.web import page as page_module
 from companion.web.messages import LARGEST, Kind, Message
+from companion.web.news import FRESH
 from companion.web.page import WebChild, missing
 from tests.companion.web.played import LIMITS, Stage
 
@@ -59,9 +60,23 @@ def test_a_stopped_process_takes_nothing_and_nobody_waits_for_it(tmp_path: Path)
         for _ in range(200):
             stage.page._told_at = float("-inf")
             stage.page.poll(time.monotonic(), lambda: stage.news)
-            stage.page.show(1, 0.0, b"y" * 100_000)
+            stage.page.show(1, began, b"y" * 100_000)
         assert time.monotonic() - began < 1.0
         os.kill(stage.pid(), signal.SIGCONT)
+        stage.ready()
+    finally:
+        stage.close()
+
+
+def test_what_waited_for_a_stopped_process_is_old_when_it_goes_on(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, restarts=Restarts(60.0, 60.0, 1.0, 1.0))
+    try:
+        os.kill(stage.ready().pid(), signal.SIGSTOP)
+        stage.page._told_at = float("-inf")
+        stage.turn()
+        time.sleep(FRESH + 0.1)
+        os.kill(stage.pid(), signal.SIGCONT)
+        assert stage.get("/healthz").status == 503
         stage.ready()
     finally:
         stage.close()
@@ -115,6 +130,20 @@ def test_a_busy_port_is_said_once_and_tried_again_until_it_is_free(
         assert len(said) == 1
     finally:
         stage.close()
+
+
+def test_a_port_that_is_busy_for_two_days_is_tried_once_a_minute(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        stage = Stage(tmp_path, listen=f"127.0.0.1:{other.getsockname()[1]}", restarts=PAGE)
+        now = time.monotonic()
+        for _ in range(2 * 24 * 60):
+            now += 60.0
+            stage.page.poll(now, lambda: stage.news)
+            stage.page.poll(now + 0.02, lambda: stage.news)
+    assert stage.page.figures()["restarts"] == pytest.approx(2 * 24 * 60, abs=10)
+    assert "the page failed" not in caplog.text
 
 
 def test_without_the_extra_it_is_said_once_how_to_install_it(
@@ -182,6 +211,15 @@ def test_too_many_connections_and_streams_are_refused_and_forgotten(tmp_path: Pa
             assert heads == sorted([b"HTTP/1.1 200"] * MOST_STREAMS + [b"HTTP/1.1 503"] * 2)
             assert stage.get("/healthz").status == 200
         stage.until(lambda: _first_bytes(stage, b"/events") == b"HTTP/1.1 200")
+        with contextlib.ExitStack() as held:
+            together = [
+                held.enter_context(socket.create_connection(stage.address, timeout=5.0)) for _ in range(40)
+            ]
+            time.sleep(0.2)
+            for one in together:
+                one.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            time.sleep(0.5)
+            assert sum(b"event: news" in one.recv(1 << 16) for one in together) <= MOST_STREAMS
     finally:
         stage.close()
 
@@ -215,7 +253,7 @@ import sys
 from companion.web import access
 access._IDLE = access._STALLED = 0.6
 from companion.web.server import main
-main(*map(int, sys.argv[1:]))
+main(*map(int, sys.argv[1:3]))
 """
 
 
@@ -241,7 +279,7 @@ def test_a_picture_that_is_too_large_is_said_once(tmp_path: Path, caplog: pytest
     try:
         stage.ready()
         for _ in range(3):
-            stage.page.show(1, 0.0, bytes(LARGEST))
+            stage.page.show(1, time.monotonic(), bytes(LARGEST))
         (record,) = caplog.records
         assert "the page shows no picture" in record.getMessage()
         assert stage.get("/healthz").status == 200
@@ -254,6 +292,7 @@ def test_the_longest_message_gets_through(tmp_path: Path) -> None:
     try:
         stage.ready()
         stage.news["status"]["filler"] = ""
+        stage.news["at"] = "in place of the time"
         stage.news["status"]["filler"] = "x" * (LARGEST - len(Message(Kind.NEWS, stage.news).encoded()))
         stage.until(lambda: stage.get("/status.json").body.count(b"x") > LARGEST // 2)
     finally:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import socket
+import subprocess
+import sys
 import time
 from pathlib import Path
 from urllib.parse import quote
@@ -145,6 +147,15 @@ def test_its_own_names_pass_with_any_port_since_ssh_may_forward_another(stage: S
     assert stage.get("/state.json", headers={"Host": host}).status == 200
 
 
+def test_each_address_of_this_computer_that_it_listens_on_may_be_asked(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, listen="127.0.0.2:0")
+    try:
+        stage.ready()
+        assert stage.get("/", headers={"Host": "127.0.0.2.evil.example"}).status == 421
+    finally:
+        stage.close()
+
+
 def test_another_site_may_link_here_but_load_nothing(stage: Stage) -> None:
     other = {"Sec-Fetch-Site": "cross-site"}
     assert stage.get("/", headers=other).status == 200
@@ -210,10 +221,22 @@ def test_who_does_not_know_the_token_sees_nothing(tmp_path: Path) -> None:
         assert "httponly" in cookie.lower()
         assert "samesite=strict" in cookie.lower()
         assert TOKEN not in cookie
-        assert stage.get("/", headers={"Cookie": cookie.split(";")[0]}).status == 200
+        entered_again = {"Cookie": cookie.split(";")[0]}
+        assert stage.get("/", headers=entered_again).status == 200
+        assert stage.get(f"/?token={TOKEN}", headers=entered_again).status == 303, "no token stays in the bar"
         assert TOKEN not in " ".join(Path(f"/proc/{stage.pid()}/cmdline").read_text().split("\0"))
     finally:
         stage.close()
+
+
+def test_the_process_has_stepped_back_before_it_loads_what_it_needs(tmp_path: Path) -> None:
+    (tmp_path / "uvicorn.py").write_text(
+        "import os\nos._exit(os.nice(0) + (open('/proc/self/oom_score_adj').read() == '1000\\n'))"
+    )
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[3])])
+    command = [sys.executable, "-m", "companion.web", "0", "0", str(os.getpid())]
+    ran = subprocess.run(command, check=False, env={**os.environ, "PYTHONPATH": path})
+    assert ran.returncode == min(os.nice(0) + 10, 19) + 1
 
 
 def test_the_process_steps_back_behind_all_others(stage: Stage) -> None:

@@ -9,7 +9,7 @@ import pytest
 from bench.link.lossy import LINK_CONDITIONS, run
 from bench.link.radio_model import LinkConditions, RadioModel
 
-CALLS = 20
+CALLS = 12
 WORST = ("loss 30 %", "loss 50 %", "duplicates", "reordering", "all of it")
 """The rest, and ten times as many calls, with `make bench-link`."""
 

@@ -72,7 +72,8 @@ def _forged(work: Work) -> Outcome:
         if given.result is not Result.APPLIED:
             wrong.append(f"the operator's own go was then {given.result.name}")
         rover.wait("the way back", lambda: rover.wire.mode == AUTO, 10.0)
-    return Outcome(sent, tuple(wrong), saw=f"refused and counted: {rejected}")
+    counted = ", ".join(f"{count} {why}" for why, count in rejected.items())
+    return Outcome(sent, tuple(wrong), saw=f"refused and counted: {counted}")
 
 
 class Forger:

@@ -7,7 +7,6 @@ import re
 import shlex
 import time
 from collections.abc import Callable
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -88,6 +87,10 @@ class Service:
             and said.get("state") not in ("fault", "starting", None)
             and self.show("ActiveState") == "active"
         )
+
+    def waits(self) -> bool:
+        """Whether it waits before a start. Between two starts the text is that of the one before."""
+        return self.show("SubState") == "start" and bool(_WAITS.match(self.show("StatusText")))
 
     def page_is_well(self) -> bool:
         """Whether /healthz of the page answers with 200, as somebody on the rover's computer asks."""
@@ -204,8 +207,7 @@ def crash_loop(service: Service) -> Figures:
             ends = [float(at) for at in re.findall(r"\[ *([0-9.]+)\] \S+ systemd.*Main process exited", log)]
             ends = [at for at in ends if at > begun]
             pauses = [round(later - one, 1) for one, later in pairwise(ends)]
-        said = partial(service.show, "StatusText")
-        service.until("it says that it waits", lambda: bool(_WAITS.match(said())), 10.0)
+        service.until("it waits", service.waits, 10.0)
     finally:
         path.write_text(good)
     begun_at = time.monotonic()

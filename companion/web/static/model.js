@@ -93,7 +93,7 @@ export function facts({ status = {}, state = {} }) {
   const { camera = {}, judging = {}, perceiver = {}, vision, link } = status;
   const { open } = state;
   const rows = [
-    ["policy", status.policy && (POLICIES[status.policy] ?? status.policy) + (status.hold_refused ? `. Hold is refused: ${status.hold_refused}` : "")],
+    ["policy", status.policy && (POLICIES[status.policy] ?? status.policy) + (status.hold_refused ? `. ${status.hold_refused}` : "")],
     ["open", open === undefined ? "" : open ? openText(open) : "no call, no hold"],
     ["held by", status.held_by === null ? "nobody" : status.held_by],
     ["uncertainty", percent(status.roi_uncertainty)],

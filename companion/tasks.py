@@ -5,23 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from companion.calls.numbers import Numbers
-
-
-class Restarts(NamedTuple):
-    """When a process is killed, and when it is started again. All in seconds.
-
-    silent_for: it is killed after so long without a sign of life, plus the time of four steps of its own.
-    loading: the limit that counts instead while it loads.
-    first, longest: the wait before it is started again. The first restart does not wait; the second waits
-    `first`, and the wait doubles with each further death up to `longest`. A process that ran for `longest`
-    starts from the beginning of that series.
-    """
-
-    silent_for: float
-    loading: float
-    first: float
-    longest: float
-
+from companion.system.watchdog import Restarts
 
 VISION = Restarts(silent_for=3.0, loading=180.0, first=2.0, longest=60.0)
 PAGE = Restarts(silent_for=10.0, loading=60.0, first=2.0, longest=60.0)

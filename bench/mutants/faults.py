@@ -44,7 +44,7 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/answers/outcome.py": (*_CALLS, *_DAEMON),
     "companion/vision/checks.py": _VISION,
     "companion/vision/client.py": _VISION,
-    "companion/vision/watchdog.py": _VISION,
+    "companion/system/watchdog.py": _VISION,
     "companion/vision/freeze_detector.py": (*_DAEMON, *_VISION),
     "companion/link/vehicle.py": _LINK,
     "companion/link/vehicle_commands.py": _LINK,

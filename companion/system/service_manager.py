@@ -10,10 +10,13 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from companion.system.watchdog import back_off
+
 log = logging.getLogger(__name__)
 
-LONGEST_PAUSE = 59.0
-"""Seconds. With the unit's RestartSec of 1 s this makes 60 s between two starts."""
+_FIRST_PAUSE, LONGEST_PAUSE = 2.0, 59.0
+"""Seconds that follow two failures, and at most. With the unit's RestartSec of 1 s that makes up to 60 s
+between two starts."""
 STEADY_AFTER = 10.0
 """Seconds of running after which earlier failures no longer count."""
 _FAILURES = "failures"
@@ -52,7 +55,7 @@ class ServiceManager:
         systemd's own rising delay (RestartSteps=) needs its version 254, and never becomes short again.
         """
         failures = self._read_failures()
-        seconds = min(2.0 ** min(failures - 1, 32), LONGEST_PAUSE) if failures > 1 else 0.0
+        seconds = back_off(failures - 1, _FIRST_PAUSE, LONGEST_PAUSE)
         self._write_failures(failures + 1)
         if not seconds:
             return

@@ -20,7 +20,7 @@ from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.tasks import Restarts
+from companion.system.watchdog import Failure, Restarts, Watchdog
 from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
@@ -44,7 +44,6 @@ from companion.vision.messages import (
     Start,
     Tune,
 )
-from companion.vision.watchdog import Failure, Watchdog
 from companion.wire.ids import State
 
 log = logging.getLogger(__name__)
@@ -113,7 +112,7 @@ class VisionClient:
         first_frame: int = 1,
     ) -> None:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
-        self.watchdog: Watchdog[Child] = Watchdog(launch, restarts)
+        self.watchdog: Watchdog[Child] = Watchdog(launch, restarts, "vision process")
         self.rate = JudgingRate(config.camera.rate, config.freshness, config.call.window)
         self._config = config
         self._copy = MemoryCopy(memory)
@@ -184,7 +183,7 @@ class VisionClient:
                 report = check_report(decode(packed), self._expected, time.monotonic())
                 results += self._take_report(report, now)
         except (CodecError, BadReportError) as error:
-            failure: Failure | None = Failure(f"sent nonsense ({error})", "vision sent nonsense")
+            failure: Failure | None = Failure(f"sent nonsense ({error})", "sent nonsense")
         else:
             failure = self._failure(ended, now)
         return _newest(results) + ([] if failure is None else self._restart(failure, now))
@@ -262,7 +261,7 @@ class VisionClient:
         try:
             self.watchdog.start(now)
         except OSError as error:
-            self._restart(Failure(f"cannot be started ({error})", "vision cannot be started"), now)
+            self._restart(Failure(f"cannot be started ({error})", "cannot be started"), now)
             return
         memory, more = self._copy.first_part()
         first = self._expected.last_frame + 1
@@ -270,9 +269,9 @@ class VisionClient:
 
     def _failure(self, ended: str, now: float) -> Failure | None:
         if self._overflowed:
-            return Failure("does not take what it is sent", "vision hangs")
+            return Failure("does not take what it is sent", "hangs")
         if self.failed and self.ready is not None:
-            return Failure(f"cannot be loaded ({self.failed})", "vision cannot be loaded")
+            return Failure(f"cannot be loaded ({self.failed})", "cannot be loaded")
         return self.watchdog.failure(ended, now)
 
     def _take_report(self, report: object, now: float) -> list[Result]:
@@ -351,7 +350,7 @@ class VisionClient:
         self.watchdog.restart_later(failure.cause, now)
         self._overflowed = False
         self.failed = ""
-        self.trouble = failure.trouble
+        self.trouble = f"vision {failure.trouble}"
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=failure.cause)
         self.delivered_at = None
         self._drawing.clear()

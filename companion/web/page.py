@@ -16,8 +16,8 @@ from typing import Any
 from companion.config import Config
 from companion.system.child_process import ChildProcess
 from companion.system.error_guard import ErrorGuard
-from companion.tasks import PAGE, Restarts
-from companion.vision.watchdog import Watchdog
+from companion.system.watchdog import Restarts, Watchdog
+from companion.tasks import PAGE
 from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, Message
 
 log = logging.getLogger(__name__)

@@ -18,6 +18,7 @@ from anytraverse.perception import Example
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.sim.loopback_vision import LoopbackVision
+from companion.system.watchdog import SILENT_AFTER
 from companion.tasks import VISION
 from companion.vision.client import (
     MAX_DRAWINGS,
@@ -42,7 +43,6 @@ from companion.vision.messages import (
     Start,
     Tune,
 )
-from companion.vision.watchdog import SILENT_AFTER
 from companion.vision.worker import Worker
 from companion.wire.ids import State
 from tests.anytraverse.conftest import Painted

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from companion.config import Config
 from companion.config.schema import Journal
 from companion.config.web import Web
-from companion.tasks import Restarts
+from companion.system.watchdog import Restarts
 from companion.web.page import Page
 
 PATIENCE = 20.0

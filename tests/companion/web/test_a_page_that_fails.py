@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from companion.tasks import PAGE, Restarts
+from companion.system.watchdog import Restarts
+from companion.tasks import PAGE
 from companion.web import page as page_module
 from companion.web.messages import LARGEST, Kind, Message
 from companion.web.news import FRESH

@@ -8,8 +8,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
-from companion.tasks import Restarts
-
 log = logging.getLogger(__name__)
 
 SILENT_AFTER = 2.0
@@ -18,14 +16,38 @@ would wait in vain."""
 _STALLED = 1.0
 """Seconds between two polls after which the supervisor itself was stalled: the silence so far is its own."""
 _MOST_DOUBLED = 32
-"""How often the wait is doubled at most: it has been the longest one for long, and a float overflows."""
+"""How often a wait is doubled at most: it has been the longest one for long, and a float overflows."""
 _DEATHS = 3
 _OFTEN = 600.0
 """Seconds. After `_DEATHS` deaths within this time the process counts as unreliable."""
 
 
+class Restarts(NamedTuple):
+    """When a process is killed, and when it is started again. All in seconds.
+
+    silent_for: it is killed after so long without a sign of life, plus the time of four steps of its own.
+    loading: the limit that counts instead while it loads.
+    first, longest: the wait before it is started again. The first restart does not wait; the second waits
+    `first`, and the wait doubles with each further death up to `longest`. A process that ran for `longest`
+    starts from the beginning of that series.
+    """
+
+    silent_for: float
+    loading: float
+    first: float
+    longest: float
+
+
+def back_off(failures: int, first: float, longest: float) -> float:
+    """Return the s to wait after so many failures in a row: none, `first`, twice that ... `longest`."""
+    return min(first * 2.0 ** min(failures - 1, _MOST_DOUBLED), longest) if failures > 0 else 0.0
+
+
 class Failure(NamedTuple):
-    """Why the process is killed. cause: for the log, e.g. "ended: SIGSEGV". trouble: for the operator."""
+    """Why the process is killed. cause: for the log. trouble: for the operator, what it does or did.
+
+    E.g. "ended: SIGSEGV" and "died (SIGSEGV)".
+    """
 
     cause: str
     trouble: str
@@ -47,7 +69,7 @@ class Watchdog(Generic[_Child]):
     child: the process, None while there is none. restarted: how often it was killed or had died.
     """
 
-    def __init__(self, launch: Callable[[], _Child], limits: Restarts, name: str = "vision process") -> None:
+    def __init__(self, launch: Callable[[], _Child], limits: Restarts, name: str) -> None:
         """launch: starts a process or raises OSError. name: for the log."""
         self._launch = launch
         self._name = name
@@ -117,19 +139,17 @@ class Watchdog(Generic[_Child]):
         ended: what `Child.ended` said before the last reports were read.
         """
         if ended:
-            return Failure(f"ended: {ended}", f"vision died ({ended})")
+            return Failure(f"ended: {ended}", f"died ({ended})")
         silent = now - max(self._reported_at, self._started_at)
         if silent > self.silence_limit:
-            return Failure(f"gave no sign of life for {silent:.1f} s", "vision hangs")
+            return Failure(f"gave no sign of life for {silent:.1f} s", "hangs")
         return None
 
     def restart_later(self, cause: str, now: float, level: int = logging.ERROR) -> None:
         """Kill the process and plan its restart. cause, level: for the log."""
         if self.running and now - self._started_at >= self._limits.longest:
             self._failures = 0
-        doubled = min(self._failures - 1, _MOST_DOUBLED)
-        wait = 0.0 if self._failures == 0 else self._limits.first * 2.0**doubled
-        wait = min(wait, self._limits.longest)
+        wait = back_off(self._failures, self._limits.first, self._limits.longest)
         log.log(level, "the %s %s; it is started again in %.0f s", self._name, cause, wait)
         self.kill()
         self._failures += 1

@@ -10,19 +10,8 @@ from random import Random
 
 from bench.cameras.__main__ import T as PICTURE_OLD
 from bench.cameras.__main__ import losses
-from bench.faults.row import Outcome, Row, Work
-from bench.faults.stages import (
-    CAMERA_BACK_WITHIN,
-    HOLD_WITHIN,
-    Produce,
-    Seen,
-    changed_by,
-    follows,
-    repeated,
-    stops,
-    wait_for_mode,
-    watch,
-)
+from bench.faults.row import CAMERA_BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
+from bench.faults.stages import Produce, Seen, changed_by, follows, repeated, stops, wait_for_mode, watch
 from bench.stopping.faults import BLACK, CAMERA, SLOW, UNPLUGGED
 from bench.stopping.runs import Job
 from bench.stopping.stage import READY_WITHIN, Plan, Stage

@@ -12,6 +12,7 @@ from bench.faults.row import Outcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_calls import APPLIED, comes_back, drive_on, held_call, still_open
 from bench.shim import compile_shim, preloading
+from companion.system.atomic_write import write_atomically
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion
 
@@ -32,9 +33,7 @@ class JumpingClock:
 
     def set(self, ahead: int) -> None:
         """Make the wall clock `ahead` s ahead of the real one from now on."""
-        part = self._said.with_suffix(".part")
-        part.write_text(str(ahead), encoding="ascii")
-        part.replace(self._said)
+        write_atomically(self._said, str(ahead).encode(), sync=False)
 
 
 def _check_stamps(rover: Standing, wrong: list[str]) -> None:

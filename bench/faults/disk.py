@@ -16,6 +16,7 @@ from bench.faults.standing_wire import AUTO, HOLD
 from bench.shim import compile_shim, preloading
 from bench.stopping.slow_disk import SlowDisk
 from companion.storage import Journal
+from companion.system.atomic_write import write_atomically
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result, State
 
@@ -40,9 +41,7 @@ class FailingDisk:
 
     def set(self, how: str) -> None:
         """Make it "full" or "read-only" from now on; "": well."""
-        part = self._said.with_suffix(".part")
-        part.write_text(how, encoding="ascii")
-        part.replace(self._said)
+        write_atomically(self._said, how.encode(), sync=False)
 
 
 def stored_words(state: Path) -> dict[str, float]:

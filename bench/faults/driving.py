@@ -10,10 +10,8 @@ from dataclasses import replace
 from random import Random
 from typing import Any
 
-from bench.faults.row import Row
+from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Row
 from bench.faults.stages import (
-    BACK_WITHIN,
-    HOLD_WITHIN,
     SCRIPT_WITHIN,
     SOON,
     Seen,
@@ -66,10 +64,6 @@ class _Events:
         found = self.first(fits, since)
         assert found is not None
         return found
-
-
-def _plan(job: Job, random: Random) -> Plan:
-    return job.plan(random)
 
 
 def _drives(stage: Stage, random: Random) -> None:
@@ -263,7 +257,7 @@ ROWS = (
         "link lost with a call open",
         "the same after a call was announced, before its hold arrived; it is answered in the gap or after it",
         "the script holds; the call is told again, its answer acknowledged when it is back; it drives on",
-        repeated(6, _plan, _call_open),
+        repeated(6, Job.plan, _call_open),
         SCRIPT_WITHIN,
         BACK_WITHIN,
     ),
@@ -288,7 +282,7 @@ ROWS = (
         "it is deaf and silent for 4 to 8 s, then disarmed in HOLD; a person sets AUTO and arms, or reverse",
         "fault; no command until it is armed; in AUTO then, it is held until a go; whoever arms it in HOLD "
         "and sets AUTO has taken over",
-        repeated(6, _plan, _reboot_while_held),
+        repeated(6, Job.plan, _reboot_while_held),
         HOLD_WITHIN,
         BACK_WITHIN,
     ),
@@ -296,7 +290,7 @@ ROWS = (
         "autopilot reboots while it drives",
         "it is deaf and silent for 4 to 8 s, then disarmed in HOLD; a person arms it and sets AUTO again",
         "fault; HOLD at most is asked for in that time, and nothing after it; a person can drive on in AUTO",
-        repeated(5, _plan, _reboot_while_driving),
+        repeated(5, Job.plan, _reboot_while_driving),
         None,
         RETURN_WITHIN,
     ),

@@ -8,8 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from bench.faults.row import Outcome, Row, Work
-from bench.faults.stages import BACK_WITHIN, CAMERA_BACK_WITHIN
+from bench.faults.row import BACK_WITHIN, CAMERA_BACK_WITHIN, Outcome, Row, Work
 
 RESULTS = Path(__file__).parents[1] / "results"
 _LONGEST_PAUSE = 60.0

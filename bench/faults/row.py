@@ -6,6 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+HOLD_WITHIN = 2.0
+"""s from the last verified OK to the companion's order: T, 1 s in the rovers' configuration, and 1 s."""
+CAMERA_BACK_WITHIN, BACK_WITHIN = 10.0, 12.0
+"""s from the end of a camera's fault, and of any other, until the companion is well again."""
+
 
 class Work(NamedTuple):
     """What a row gets to work with.

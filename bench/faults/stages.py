@@ -17,14 +17,8 @@ from bench.stopping.faults import Fault
 from bench.stopping.runs import LATE, TRIES, Job, faults
 from bench.stopping.stage import Disturbed, Plan, Stage
 
-T = 1.0
-"""s: the freshness limit of the stages' configuration."""
-HOLD_WITHIN = T + 1.0
-"""s from the last verified OK to the companion's order."""
 SCRIPT_WITHIN = 1.5 + 0.5
 """s from the last heartbeat that the script believed to its order: ATS_TIMEOUT and half a second."""
-CAMERA_BACK_WITHIN = 10.0
-BACK_WITHIN = 12.0
 SOON = 10.0
 
 Produce = Callable[[Work], Outcome]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.faults.row import Outcome, Row, Work
+from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
 from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import Child
@@ -272,11 +272,6 @@ class Standing:
         return [event.text for event in self.events[since:] if isinstance(event, ev.TextReceived)]
 
 
-HOLD_WITHIN = 2.0
-"""T of the configuration above, 1 s, and 1 s."""
-RETURN_WITHIN = 12.0
-
-
 def repeating(
     fault: str,
     produced: str,
@@ -292,7 +287,7 @@ def repeating(
     def produce(work: Work) -> Outcome:
         return _put_together([_once(work, number, once) for number in range(1 if work.short else times)])
 
-    limits = HOLD_WITHIN if holds else None, RETURN_WITHIN if returns else None
+    limits = HOLD_WITHIN if holds else None, BACK_WITHIN if returns else None
     return Row(fault, produced, safe_state, produce, *limits)
 
 

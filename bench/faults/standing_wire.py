@@ -8,6 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.sim.demo.rehearsal import free_port
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.signing import SigningKey, is_signed, timestamp_of
 from gcs_plugin.terminal.signing import Signing
@@ -30,7 +31,7 @@ class Wire:
 
     def __init__(self, key: SigningKey | None = None, *, listens: bool = False) -> None:
         """key: with which the autopilot signs. listens: the companion listens, and does not speak first."""
-        self._listener = (HOST, _free_port()) if listens else None
+        self._listener = (HOST, free_port()) if listens else None
         self.mode, self.modes = AUTO, list[tuple[float, int]]()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((HOST, 0))
@@ -129,9 +130,3 @@ class Wire:
         flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         kinds = mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
         self.send(mavlink.MAVLink_heartbeat_message(*kinds, flags, self.mode, 4, 3))
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tried:
-        tried.bind((HOST, 0))
-        return int(tried.getsockname()[1])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bench.faults.row import Row
-from bench.faults.stages import BACK_WITHIN, HOLD_WITHIN, stops
+from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Row
+from bench.faults.stages import stops
 from bench.stopping.faults import BREAKABLE, FAINT, NO_MEMORY, WRONG_SHAPES
 
 _HELD = "fault, hold; another vision process is started; nothing resumes by itself"

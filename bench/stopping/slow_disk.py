@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bench.shim import compile_shim, preloading
+from companion.system.atomic_write import write_atomically
 
 
 class SlowDisk:
@@ -23,6 +24,4 @@ class SlowDisk:
 
     def delay(self, seconds: float) -> None:
         """Makes every sync take so many seconds longer from now on; 0: no longer."""
-        part = self._seconds.with_suffix(".part")
-        part.write_text(f"{seconds:g}\n", encoding="ascii")
-        part.replace(self._seconds)
+        write_atomically(self._seconds, f"{seconds:g}\n".encode(), sync=False)

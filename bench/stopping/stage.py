@@ -30,6 +30,7 @@ from companion.sim.demo.operator import start_operator
 from companion.sim.field.control import FieldControl
 from companion.sim.field.rover import STANDSTILL
 from companion.sim.field.server import AUTOPILOTS
+from companion.system.atomic_write import write_atomically
 
 READY_WITHIN = 60.0
 DRIVING_WITHIN = 40.0
@@ -146,9 +147,7 @@ class Stage:
 
     def break_perceiver(self, how: str) -> None:
         """Breaks the perceiver from now on, in a way of bench.stopping.perceivers; "" mends it."""
-        part = self.out / "fault.part"
-        part.write_text(how, encoding="utf-8")
-        part.replace(self.out / "fault")
+        write_atomically(self.out / "fault", how.encode(), sync=False)
 
     def freeze_camera(self, *, on: bool) -> None:
         """Makes the camera deliver nothing."""

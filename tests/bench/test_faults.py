@@ -17,8 +17,8 @@ import pytest
 
 from bench.faults.produce import produce
 from bench.faults.report import RESULTS, document, judged, keep, read, summed
-from bench.faults.row import Outcome, Row, Work
-from bench.faults.stages import HOLD_WITHIN, SCRIPT_WITHIN, Seen, follows, repeated
+from bench.faults.row import HOLD_WITHIN, Outcome, Row, Work
+from bench.faults.stages import SCRIPT_WITHIN, Seen, follows, repeated
 from bench.faults.table import ROWS, chosen
 from bench.stopping.limits import script_timeout
 from bench.stopping.runs import TRIES, Job

@@ -17,6 +17,8 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
+from anytraverse.frame import Image
+
 PACKAGE = "tuxpaint-stamps-default"
 HELD_OUT: dict[str, tuple[str, ...]] = {
     "person": ("fireman200b", "fireman240a"),
@@ -35,8 +37,8 @@ _LARGEST = 320  # pixels of the longer side
 _OPAQUE = 200
 
 
-def cutouts(root: Path) -> dict[str, np.ndarray]:
-    """Return name -> BGRA picture, (h, w, 4) uint8, of the unpacked package's photographs, cut to the thing."""
+def cutouts(root: Path) -> dict[str, Image]:
+    """Return name -> BGRA picture, (h, w, 4) uint8, of the package's photographs, cut to the thing."""
     found = {}
     for path in sorted(p for kind in _KINDS for p in (root / kind).rglob("*.png")):
         if any(drawn in str(path.relative_to(root)) for drawn in _DRAWN):
@@ -45,13 +47,13 @@ def cutouts(root: Path) -> dict[str, np.ndarray]:
         if picture is None or picture.ndim != 3 or picture.shape[2] != 4 or picture.dtype != np.uint8:
             continue
         solid = picture[..., 3] > _OPAQUE
-        if len(np.unique(picture[solid][:, :3] >> 3, axis=0)) < _LEAST_COLOURS:
+        if len(np.unique(picture[solid][:, :3] // 8, axis=0)) < _LEAST_COLOURS:
             continue
         left, top, wide, high = cv2.boundingRect(solid.astype(np.uint8))
         thing = picture[top : top + high, left : left + wide]
         scale = min(1.0, _LARGEST / max(wide, high))
         size = max(1, round(wide * scale)), max(1, round(high * scale))
-        found[path.stem] = cv2.resize(thing, size, interpolation=cv2.INTER_AREA)
+        found[path.stem] = np.asarray(cv2.resize(thing, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     return found
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from anytraverse.perception.builtin.network import Calibration
+from anytraverse.perception.builtin.calibration import Calibration
 from anytraverse.training.calibration import calibrated
 from anytraverse.training.classes import DRIVABLE, UNKNOWN
 from anytraverse.training.folders import BLOCK, Folder
@@ -128,7 +128,7 @@ def things_auroc(model: Model, folder: Folder) -> float:
     for frame in folder.frames:
         image, labels = paste_unknowns(frame.image, frame.labels, rng)
         names = labels[::SCALE, ::SCALE]
-        _, uncertainty = maps(network(image)[0], calibration, names.shape)
+        _, uncertainty = maps(network(image), calibration, names.shape)
         judged = (names == UNKNOWN) | np.isin(names, DRIVABLE)
         doubts.append(uncertainty[judged])
         things.append(names[judged] == UNKNOWN)

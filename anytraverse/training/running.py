@@ -8,6 +8,7 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -15,11 +16,11 @@ from anytraverse.errors import AnyTraverseError, TrainingError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.perception.builtin.perceiver import SHIPPED
 from anytraverse.training.classes import DRIVABLE
+from anytraverse.training.cutouts import read_cutouts
 from anytraverse.training.fit import Fitted, check_out, details, fit, fit_on, stored, write
-from anytraverse.training.fitting import Options
+from anytraverse.training.fitting import REFIT, Material, Options
 from anytraverse.training.folders import Folder, Split, read_folder, suggested
 from anytraverse.training.held_out import Comparison, Model, compare
-from anytraverse.training.refitting import REFIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +31,7 @@ class Work:
     worse than, and that network.
     """
 
-    real: Folder
-    made: Folder
+    material: Material
     split: Split
     options: Options
     start: Path | None
@@ -45,9 +45,10 @@ def run_fit(given: argparse.Namespace) -> int:
     """
     try:
         work = prepared(given)
-        fitted = trained(work)
-        _say("scoring on the drives that were held out")
-        return _compare_and_write(given, work, fitted)
+        with TemporaryDirectory() as folder:
+            fitted = trained(work, Path(folder))
+            _say("scoring on the drives that were held out")
+            return _compare_and_write(given, work, fitted)
     except KeyboardInterrupt:
         _say("stopped: nothing was written")
         raise
@@ -88,11 +89,12 @@ def prepared(given: argparse.Namespace) -> Work:
                 f"nothing on the drives {name} is labelled drivable: label the ground that may be driven as "
                 "trail, rough trail or grass"
             )
-    return Work(real, made, split, options, start, (replaced, model))
+    cutouts = read_cutouts(given.cutouts) if given.cutouts else ()
+    return Work(Material(real, made, cutouts), split, options, start, (replaced, model))
 
 
-def trained(work: Work) -> Fitted:
-    """Train with a progress bar. Raises TrainingError."""
+def trained(work: Work, folder: Path) -> Fitted:
+    """Train with a progress bar; the network is written to `folder`. Raises TrainingError."""
     bar, shown = Progress(work.options.steps, "steps"), 0
 
     def report_progress(done: int, _steps: int, loss: float, _left: float) -> None:
@@ -102,14 +104,14 @@ def trained(work: Work) -> Fitted:
 
     try:
         if work.start is None:
-            return fit(work.real, work.made, work.split, work.options, report_progress)
-        return fit_on(work.start, work.real, work.made, work.split, work.options, report_progress)
+            return fit(work.material, work.split, work.options, folder, report_progress)
+        return fit_on(work.start, work.material, work.split, work.options, folder, report_progress)
     finally:
         bar.close()
 
 
 def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) -> int:
-    training, validation, test = work.split.parts(work.real)
+    training, validation, test = work.split.parts(work.material.real)
     (replaced, before), model = work.replaced, fitted.model
     compared = compare(model, before, validation, chosen_here=True)
     tested = compare(model, before, test, chosen_here=False) if len(test) else None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,17 +16,16 @@ import numpy as np
 from anytraverse.errors import PerceiverError, UnknownWordError
 from anytraverse.frame import Image, check_image
 from anytraverse.perception import WEAK, DefaultThresholds, Example, Prompt
+from anytraverse.perception.builtin.attention import UNKNOWN, attention, posteriors
+from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import (
     GREATEST_HEIGHT,
     WIDTH,
-    Calibration,
-    Floats,
-    attention,
+    Outputs,
     network_input,
     open_network,
-    posteriors,
 )
-from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
+from anytraverse.perception.builtin.scene import SAME_PLACE, scene_summary, scene_vector
 from anytraverse.perception.builtin.taps import (
     COLOURS,
     changed_views,
@@ -38,11 +37,10 @@ from anytraverse.perception.builtin.taps import (
 from anytraverse.perception.builtin.vocabulary import concept_of, words_for
 from anytraverse.perception.builtin.words import (
     GROUND_WORDS,
-    UNKNOWN,
     colour_fits,
+    own_weights,
     reach,
     relative_fits,
-    word_tables,
 )
 from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
@@ -56,23 +54,23 @@ _STRANGENESS_QUANTILE = 0.75
 
 @dataclass(eq=False)
 class Ground:
-    """Holds a frame's input (1, 3, H, W), class probabilities (C, h, w) and features (D, h, w)."""
+    """Holds a frame's input (1, 3, H, W), the network's outputs and the class probabilities (C, h, w)."""
 
     frame: Floats
+    outputs: Outputs
     probabilities: Floats
-    features: Floats
 
     @cached_property
     def cells(self) -> Floats:
         """Features and colours, (h, w, T), for taps and for words of a colour."""
-        return tap_cells(self.features, self.frame)
+        return tap_cells(self.outputs, self.frame)
 
 
 class GroundNetwork:
     """Implements `Perceiver` with a trained network, the package's own or one of the user's."""
 
     vocabulary = words_for(GROUND_WORDS)
-    defaults = DefaultThresholds(
+    _DEFAULTS = DefaultThresholds(
         roi=0.4,  # held-out filmed drives reach at most .34, and .32 with words for all that is in view
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
         # 1 % of the filmed frames by which it was chosen have a tile above it, and 1 % of simulated frames
@@ -88,6 +86,8 @@ class GroundNetwork:
         stored, numbers = _read_file(model), _read_file(model.with_suffix(".npz"))
         self.model_id = f"builtin-net-{hashlib.sha256(stored + numbers).hexdigest()[:12]}"
         self._calibration = Calibration.load(model.with_suffix(".npz"))
+        match = tuple((round(float(number)), float(least)) for number, least in self._calibration.scene_match)
+        self.defaults = replace(self._DEFAULTS, match=match)
         self._run = open_network(model, runtime)
         self._check(model.name)
 
@@ -108,7 +108,11 @@ class GroundNetwork:
         """Make attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
         maps = np.zeros((len(prompts), *features.probabilities.shape[1:]), dtype=np.float32)
         concepts = [self._concept(prompt) for prompt in prompts]
-        known = [concept for concept in concepts if concept is not None]
+        known = [
+            (concept, prompt.drivable)
+            for concept, prompt in zip(concepts, prompts, strict=True)
+            if concept is not None
+        ]
         maps[[concept is not None for concept in concepts]] = self._words(features, known)
         if any(prompt.examples for prompt in prompts):
             white = whitened(features.cells, self._calibration)
@@ -120,7 +124,7 @@ class GroundNetwork:
 
     def embed(self, features: Ground) -> Floats:
         """Make the scene's embedding, a unit vector: see `scene_vector`. Raises PerceiverError."""
-        vector = scene_vector(features.features, self._calibration)
+        vector = scene_vector(features.outputs, self._calibration)
         if not np.isfinite(vector).all():
             raise PerceiverError("the scene's embedding is not finite")
         return vector
@@ -140,31 +144,39 @@ class GroundNetwork:
     def _check(self, name: str) -> None:
         """Run the network once, and check that calibration, words and network fit together."""
         numbers = self._calibration
-        logits, features = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
-        classes, wide = len(numbers.classes), len(features)
+        outputs = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
+        middle = len(outputs.eighth) + len(outputs.sixteenth)
+        taps = len(outputs.features) + len(outputs.eighth) + COLOURS
+        places = len(scene_summary(outputs))
         shapes = {
-            numbers.bias.shape: (len(logits),),
-            numbers.tap_mean.shape: (wide + COLOURS,),
-            numbers.tap_whitening.shape: (wide + COLOURS, wide + COLOURS),
-            numbers.scene_mean.shape: (4 * wide,),
-            numbers.scene_projection.shape[1:]: (4 * wide,),
+            "bias": (numbers.bias.shape, (len(outputs.logits),)),
+            "distance_mean": (numbers.distance_mean.shape, (middle,)),
+            "distance_whitening": (numbers.distance_whitening.shape, (middle, middle)),
+            "distance_centres": (numbers.distance_centres.shape[1:], (middle,)),
+            "limits": (numbers.limits.shape, (2,)),
+            "tap_mean": (numbers.tap_mean.shape, (taps,)),
+            "tap_whitening": (numbers.tap_whitening.shape, (taps, taps)),
+            "scene_mean": (numbers.scene_mean.shape, (places,)),
+            "scene_projection": (numbers.scene_projection.shape[1:], (places,)),
+            "scene_match": (numbers.scene_match.shape[1:], (2,)),
         }
         covered = {UNKNOWN} | {name for word in GROUND_WORDS.values() for name in word.covers}
         if (
-            classes != len(logits)
-            or any(found != wanted for found, wanted in shapes.items())
+            len(numbers.classes) != len(outputs.logits)
+            or any(found != wanted for found, wanted in shapes.values())
             or not covered <= set(numbers.classes)
-            or not (numbers.gamma > 0 and -1 < numbers.scene_threshold <= SAME_PLACE)
+            or not (numbers.limits > 0).all()
+            or not (numbers.slope > 0 and -1 < numbers.scene_threshold <= SAME_PLACE)
         ):
             raise PerceiverError(
                 f"{name} and its .npz are no pair of one training: copy both files again, or fit it again"
             )
 
     def _ground(self, frame: Floats) -> Ground:
-        logits, features = self._run(frame)
-        if not (np.isfinite(logits).all() and np.isfinite(features).all()):
+        outputs = self._run(frame)
+        if not all(np.isfinite(output).all() for output in outputs):
             raise PerceiverError("the network's output is not finite: its file is broken, install it again")
-        return Ground(frame, posteriors(logits, self._calibration), features)
+        return Ground(frame, outputs, posteriors(outputs, self._calibration))
 
     def _concept(self, prompt: Prompt) -> str | None:
         """Return the concept of the prompt's word; None where only its examples count.
@@ -180,15 +192,16 @@ class GroundNetwork:
             return None
         return None if prompt.examples and GROUND_WORDS[concept].trust == WEAK else concept
 
-    def _words(self, seen: Ground, concepts: Sequence[str]) -> Floats:
-        covers, own = word_tables(concepts, self._calibration.classes)
+    def _words(self, seen: Ground, words: Sequence[tuple[str, bool | None]]) -> Floats:
+        """Make the attention maps of concepts, each with whether it is drivable."""
+        concepts = [concept for concept, _ in words]
+        own = own_weights(concepts, self._calibration.classes)
         fits = None
         if any(GROUND_WORDS[concept].colour for concept in concepts):
             fits = colour_fits(concepts, seen.cells[..., -COLOURS:][..., :3])
         far = reach(concepts, fits)
-        kinds = None if fits is None else relative_fits(fits, covers)
-        unknown = self._calibration.classes.index(UNKNOWN)
-        return attention(seen.probabilities, covers, own, self._calibration.gamma, kinds, far, unknown)
+        kinds = None if fits is None else relative_fits(fits, own > 0)
+        return attention(seen.probabilities, own, [drivable for _, drivable in words], kinds, far)
 
     def _tapped(self, white: Floats, explained: Floats, example: Example) -> Floats:
         vector = example.vector_for(self.model_id, len(self._calibration.tap_mean) + 3)
@@ -202,8 +215,8 @@ class GroundNetwork:
         alone, a brown drum is also found in brown earth. A thing that the network took for known ground when
         it was tapped is searched everywhere.
         """
-        unknown = seen.probabilities[self._calibration.classes.index(UNKNOWN)]
-        return np.asarray(1 - np.clip(1 - unknown, 0, 1) ** self._calibration.gamma, dtype=np.float32)
+        strange: Floats = seen.probabilities[self._calibration.classes.index(UNKNOWN)]
+        return strange
 
 
 def _read_file(path: Path) -> bytes:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import ExampleError
 from anytraverse.frame import Image
-from anytraverse.perception.builtin.network import Calibration, Floats
+from anytraverse.perception.builtin.calibration import Calibration, Floats
+from anytraverse.perception.builtin.network import Outputs
 from anytraverse.regions import Box
 
 Mask = NDArray[np.bool_]
@@ -50,13 +51,15 @@ def changed_views(image: Image) -> list[Image]:
     return [np.asarray(np.clip(image * np.asarray(gains), 0, 255), dtype=np.uint8) for gains in VIEWS]
 
 
-def tap_cells(features: Floats, frame: Floats) -> Floats:
-    """Append colours to the features, (h, w, T) from features (D, h, w) and the network's input (1, 3, H, W).
+def tap_cells(outputs: Outputs, frame: Floats) -> Floats:
+    """Join features and colours, (h, w, T): the decoder's (D, h, w), the backbone's at stride 8, and colours.
+
+    frame: the network's input, (1, 3, H, W).
 
     The colours are log R/G, log of yellow over blue, log of light over the frame's mean, and the log of the
     contrast within a cell and around it.
     """
-    size = features.shape[2], features.shape[1]
+    size = outputs.features.shape[2], outputs.features.shape[1]
     pixels = np.ascontiguousarray(frame[0].transpose(1, 2, 0))
     mean = float(pixels.mean()) + 1.0
     dim = _DIM * mean
@@ -70,7 +73,9 @@ def tap_cells(features: Floats, frame: Floats) -> Floats:
     coarse = np.log(np.maximum(cv2.blur(local * local, (5, 5)) - around * around, 0.0) + _FLAT**2)
     light = np.log(small.mean(axis=2) + dim) - np.log(mean + dim)
     colours = np.stack([red - green, (red + green) / 2 - blue, light, 0.5 * fine, 0.5 * coarse], axis=-1)
-    return np.concatenate([features.transpose(1, 2, 0), colours], axis=-1).astype(np.float32)
+    eighth = np.ascontiguousarray(outputs.eighth.transpose(1, 2, 0))
+    textures = cv2.resize(eighth, size, interpolation=cv2.INTER_LINEAR)
+    return np.concatenate([outputs.features.transpose(1, 2, 0), textures, colours], axis=-1, dtype=np.float32)
 
 
 def learn_tap(

@@ -64,11 +64,13 @@ class DefaultThresholds:
     roi: mean uncertainty of the ROI above which something in it is unknown, in (0, 1].
     scene: cosine to the reference below which the scene has changed, in [-1, 1].
     tile: uncertainty of the worst tile above which something is unknown, in (0, 1]; None: not judged.
+    tile_share: side of the tiles for which `tile` was chosen, over the ROI's width, in (0, 1].
     """
 
     roi: float
     scene: float
     tile: float | None = None
+    tile_share: float = 0.25
 
 
 class Perceiver(Protocol):

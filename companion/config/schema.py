@@ -158,7 +158,12 @@ class Roi(Section):
     top: float = setting(0.6, number(0, 1), "upper side")
     right: float = setting(0.667, number(0, 1), "right side")
     bottom: float = setting(0.95, number(0, 1), "lower side")
-    tile_share: float = setting(0.25, number(0.05, 1), "side of a tile as a fraction of the ROI's width")
+    tile_share: float | None = setting(
+        None,
+        number(0.05, 1),
+        "side of a tile as a fraction of the ROI's width; unset: calculated from mount and speed where these "
+        "are set, else the perceiver's own",
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         if self.left >= self.right:

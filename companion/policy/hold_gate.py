@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.config import Config
-from companion.policy.stopping import Stopping, judge_stopping
+from companion.config.stopping import Stopping, judge_stopping, with_settings
 from companion.vision.warm_up import too_slow
 from companion.wire import notices
 
@@ -63,16 +63,7 @@ class HoldGate:
 
         overrun: metres, see `Autopilot`.
         """
-        bounds = judging.region.bounds
-        roi = replace(
-            self._config.roi,
-            left=bounds.left,
-            top=bounds.top,
-            right=bounds.right,
-            bottom=bounds.bottom,
-            tile_share=judging.tile_share,
-        )
-        config = replace(self._config, roi=roi)
+        config = with_settings(self._config, judging)
         return judge_stopping(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
 
     def refuses(self, judging: Settings, overrun: float = 0.0) -> HoldRefusal | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.judging import Settings
 from companion.config import Config
 from companion.preflight.autopilot import Asked, ask_first
 from companion.preflight.watching import Seen, watch
@@ -22,14 +23,14 @@ _SAMPLE = 0.3
 class Perceives(NamedTuple):
     """Holds the result of loading the perceiver.
 
-    trouble: why it does not run. model: its name. step: seconds for a frame. tile: the threshold of the worst
-    tile, None: tiles are not judged.
+    trouble: why it does not run. model: its name. step: seconds for a frame. judging: the settings by which
+    it judges frames, None where it does not run.
     """
 
     trouble: str = ""
     model: str = ""
     step: float = 0.0
-    tile: float | None = None
+    judging: Settings | None = None
 
 
 def load_perceiver(config: Config) -> Perceives:
@@ -42,7 +43,7 @@ def load_perceiver(config: Config) -> Perceives:
     except AnyTraverseError as error:
         return Perceives(str(error))
     model = str(Model.of(ready.engine.perceiver))
-    return Perceives("", model, ready.step, ready.engine.settings.thresholds.tile)
+    return Perceives("", model, ready.step, ready.engine.settings)
 
 
 @dataclass

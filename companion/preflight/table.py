@@ -22,7 +22,7 @@ from companion.preflight.perceiver import check_perceiver
 from companion.preflight.rights import check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed
-from companion.preflight.stopping import check_stopping
+from companion.preflight.stopping import check_stopping, check_tile
 
 
 class Check(NamedTuple):
@@ -60,6 +60,7 @@ CHECKS = (
     Check("forwarding", check_forwarding, "whether a ground station is heard, and may answer"),
     Check("signing",    check_signing,    "whether frames are signed, and the key fits"),
     Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
+    Check("tile",       check_tile,       "how large a tile is: the smallest area that can cause a call"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
 )
 # fmt: on

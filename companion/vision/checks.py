@@ -195,7 +195,8 @@ def _check_roi(roi: Any) -> None:
         shares.append(named.explained)
     for tile in tiles:
         _need(isinstance(tile, Tile) and isinstance(tile.box, Box), "a tile's box")
-        shares += [tile.uncertainty, *astuple(tile.box)]
+        _need(tile.around is None or isinstance(tile.around, Box), "the square around a tile")
+        shares += [tile.uncertainty, *astuple(tile.box), *(astuple(tile.around) if tile.around else ())]
     _need(all(_fraction(share) for share in shares), "figures of the ROI")
     _need(roi.drivable_share is None or _fraction(roi.drivable_share), "a drivable share")
 

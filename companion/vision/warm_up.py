@@ -23,6 +23,7 @@ from anytraverse.roi import Corridor
 from anytraverse.synonyms import meaning_of
 from companion.config import Config
 from companion.config.schema import LONGEST_FRESHNESS
+from companion.config.stopping import tile_width
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +73,8 @@ def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
         region=Box(roi.left, roi.top, roi.right, roi.bottom),
         thresholds=thresholds,
         corridor=Corridor(config.corridor.bottom, config.corridor.top),
-        tile_share=roi.tile_share,
+        tile_share=perceiver.defaults.tile_share if roi.tile_share is None else roi.tile_share,
+        tile_width=tile_width(config) if roi.tile_share is None else None,
         freshness=config.freshness,
         votes=config.call.votes,
         window=config.call.window,

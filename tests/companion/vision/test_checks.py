@@ -245,6 +245,12 @@ WRONG: dict[str, Any] = {
     "a frame that came in the future": Alive(CameraStatus(), AHEAD),
     "a frame that came at no time": Alive(CameraStatus(), NAN),
     "a frame that came at a time too large for a float": Alive(CameraStatus(), 10**400),
+    "a square around a tile that is none": roi_of(
+        worst_tile=unmade(Tile, box=Box(0, 0, 1, 1), uncertainty=0.5, around=(0, 0, 1, 1))
+    ),
+    "a square around a tile that leaves the picture": roi_of(
+        worst_tile=Tile(Box(0, 0, 1, 1), 0.5, unmade(Box, left=0.0, top=0.0, right=2.0, bottom=1.0))
+    ),
     "a box of what is nested too deep": roi_of(worst_tile=Tile(unmade(Box, left=NESTED), 0.5)),
     "an outcome and an error": Done(1, AnswerOutcome(None, None), "no", None),
     "neither outcome nor error": Done(1, None, "", None),

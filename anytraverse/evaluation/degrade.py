@@ -1,7 +1,7 @@
 """Degrades frames as light, weather, lenses and cameras do: by name, and a frame always in the same way.
 
-Light is calculated as linear light (IEC 61966-2-1, sRGB). Each docstring gives the strength, chosen to be hard
-but usual. Lengths are relative to the picture's width.
+Light is calculated as linear light (IEC 61966-2-1, sRGB). Each docstring gives the strength: hard, but usual.
+Lengths are relative to the picture's width.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from anytraverse.frame import Image
 Rng = np.random.Generator
 Change = Callable[[Image, Rng], Image]
 
+_LAMP = 2.104, 0.268
+"""Red and blue of a black body at 2850 K against one at 6500 K, green being equal (CIE 1931, sRGB)."""
+
 
 def tinted(image: Image, gains: tuple[float, float, float]) -> Image:
     """Multiply red, green and blue light by `gains`; the exposure is set so that grey keeps its luminance."""
@@ -28,12 +31,12 @@ def tinted(image: Image, gains: tuple[float, float, float]) -> Image:
 
 
 def green(image: Image) -> Image:
-    """As through a filter CC30G (density 0.3 for red and blue): half of the red and blue light is gone."""
-    return tinted(image, (0.5, 1.0, 0.5))
+    """As through a filter CC40G (density 0.4): 40 % of the red and blue light is left."""
+    return tinted(image, (0.4, 1.0, 0.4))
 
 
 def magenta(image: Image, strength: float = 1.0) -> Image:
-    """As through a filter CC50M (density 0.5 for green): less than a third of the green light is left.
+    """As through a filter CC50M (density 0.5): 32 % of the green light is left.
 
     The plain cast of a NoIR camera; `infrared` also changes what plants look like. strength: 0 for none.
     """
@@ -64,20 +67,20 @@ def infrared(image: Image, strength: float = 1.0) -> Image:
 
 
 def cold(image: Image) -> Image:
-    """Very cold: daylight of 6500 K seen by a camera that is fixed at 3500 K (132 mired too blue)."""
-    return tinted(image, (1 / 1.653, 1.0, 1 / 0.431))
+    """Very cold: daylight of 6500 K, white balance fixed at 2850 K (lamplight; 197 mired too blue)."""
+    return tinted(image, (1 / _LAMP[0], 1.0, 1 / _LAMP[1]))
 
 
 def warm(image: Image) -> Image:
-    """Very warm: a low sun of 3500 K seen by a camera that is fixed at 6500 K (132 mired too red)."""
-    return tinted(image, (1.653, 1.0, 0.431))
+    """Very warm: lamplight of 2850 K, white balance fixed at daylight, 6500 K (197 mired too red)."""
+    return tinted(image, (_LAMP[0], 1.0, _LAMP[1]))
 
 
 def white_balance(image: Image, rng: Rng) -> Image:
-    """A wrong white balance: 40 to 100 mired off, and up to CC15 too green or magenta."""
-    shift = float(rng.choice([-1.0, 1.0]) * rng.uniform(40, 100)) / 132
+    """A wrong white balance: 40 to 120 mired off, and up to CC15 too green or magenta."""
+    shift = float(rng.choice([-1.0, 1.0]) * rng.uniform(40, 120)) / 197
     tint = 10 ** float(rng.uniform(-0.15, 0.15))
-    return tinted(image, (1.653**shift, tint, 0.431**shift))
+    return tinted(image, (_LAMP[0] ** shift, tint, _LAMP[1] ** shift))
 
 
 def half_light(image: Image) -> Image:

@@ -24,15 +24,17 @@ VIEW = 60.0
 def glare(image: Image, rng: Rng) -> Image:
     """A low sun outside of the picture, at an upper side: veiling light, flare, and a shorter exposure.
 
-    The veil is 0.9 of white at the sun's side and falls with the square of the distance (at a third of
-    the width to a half). 0.08 lies over the whole picture. Ghosts lie on the line through the picture's middle.
+    The veil is 0.9 of white at the sun's side and falls with the square of the distance (at a third of the
+    width to a half). 0.08 lies over the whole picture. Ghosts lie on a line through the picture's middle.
     """
     rows, columns = image.shape[:2]
     left = bool(rng.random() < 0.5)
     sun = (-0.05 if left else 1.05, float(rng.uniform(0.0, 0.25)))
     x, y = _grid(rows, columns)
     aspect = rows / columns
-    far = ((x - np.float32(sun[0])) ** 2 + ((y - np.float32(sun[1])) * np.float32(aspect)) ** 2) / (1 / 3) ** 2
+    far = ((x - np.float32(sun[0])) ** 2 + ((y - np.float32(sun[1])) * np.float32(aspect)) ** 2) / (
+        1 / 3
+    ) ** 2
     veil = 0.08 + 0.9 / (1 + far)
     for _ in range(int(rng.integers(3, 6))):
         along, radius = float(rng.uniform(0.7, 1.6)), float(rng.uniform(0.02, 0.08))

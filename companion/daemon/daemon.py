@@ -244,7 +244,9 @@ class Daemon:
     def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self.calls.numbers.px4_hold)
-        decisions = self.settings.policy.check_hold_again(autopilot, now)
+        decisions = self.settings.policy.check_hold_again(
+            autopilot, now, misled_by_infrared=self._vision.misled_by_infrared
+        )
         report = ModeReport(vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot)
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)

@@ -23,13 +23,14 @@ class Perceives(NamedTuple):
     """Holds the result of loading the perceiver.
 
     trouble: why it does not run. model: its name. step: seconds for a frame. tile: the threshold of the worst
-    tile, None: tiles are not judged.
+    tile, None: tiles are not judged. infrared: whether its maps hold for a camera without infrared filter.
     """
 
     trouble: str = ""
     model: str = ""
     step: float = 0.0
     tile: float | None = None
+    infrared: bool = False
 
 
 def load_perceiver(config: Config) -> Perceives:
@@ -41,8 +42,8 @@ def load_perceiver(config: Config) -> Perceives:
         ready = load_and_warm_up(config, None)
     except AnyTraverseError as error:
         return Perceives(str(error))
-    model = str(Model.of(ready.engine.perceiver))
-    return Perceives("", model, ready.step, ready.engine.settings.thresholds.tile)
+    model = Model.of(ready.engine.perceiver)
+    return Perceives("", str(model), ready.step, ready.engine.settings.thresholds.tile, model.infrared)
 
 
 @dataclass

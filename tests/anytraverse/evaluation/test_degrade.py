@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.evaluation.degrade import DEGRADATIONS, Image, degraded, infrared, magenta
-from anytraverse.evaluation.light import coded, linear
+from anytraverse.evaluation.degrade import DEGRADATIONS, degraded, infrared, magenta
+from anytraverse.evaluation.light import Light, coded, linear
+from anytraverse.frame import Image
 
 NAMES = sorted(DEGRADATIONS)
 ROWS, COLUMNS = 120, 160
@@ -27,8 +28,8 @@ def scene() -> Image:
     return np.clip(picture, 0, 255).astype(np.uint8)
 
 
-def mean_colour(picture: Image, rows: slice = slice(None), columns: slice = slice(None)) -> np.ndarray:
-    return linear(picture[rows, columns]).reshape(-1, 3).mean(axis=0)
+def mean_colour(picture: Image, rows: slice = slice(None), columns: slice = slice(None)) -> Light:
+    return np.asarray(linear(picture[rows, columns]).reshape(-1, 3).mean(axis=0), dtype=np.float32)
 
 
 def luminance(picture: Image) -> float:

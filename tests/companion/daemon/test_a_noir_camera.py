@@ -101,6 +101,18 @@ def test_an_owner_may_refuse_it_for_a_perceiver_that_is_trained(
     assert rig.told_policy is Policy.REPORT
 
 
+@pytest.mark.usefixtures("shows")
+def test_it_is_refused_too_before_an_autopilot_is_heard(make_rig: MakeRig) -> None:
+    rig = set_up(make_rig)
+    rig.stage.vehicle = None
+    rig.restart()
+    rig.stage.vehicle = None
+    rig.see(SEEN)
+    assert rig.stage.link.vehicle is None
+    assert rig.told_policy is Policy.REPORT
+    assert rig.texts.count("HOLD refused: camera shows infrared (NoIR)") == 1
+
+
 def test_one_that_shows_none_is_never_told_of(make_rig: MakeRig, shows: Shows) -> None:
     shows(0.0)
     rig = set_up(make_rig)

@@ -122,6 +122,14 @@ def weak_words(perceiver: Perceiver, words: Iterable[str]) -> tuple[str, ...]:
     return tuple(word for word in words if trust is not None and trust(word) == WEAK)
 
 
+def handles_infrared(perceiver: Perceiver) -> bool:
+    """Return whether its maps hold for a camera without infrared filter (NoIR), whose plants are pink.
+
+    `infrared`, a bool, is optional in a perceiver. One without it is not trained for such pictures.
+    """
+    return getattr(perceiver, "infrared", False) is True
+
+
 KINDS: dict[str, tuple[str, str]] = {
     "builtin": ("anytraverse.perception.builtin", "make_builtin"),
     "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),

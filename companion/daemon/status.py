@@ -108,6 +108,7 @@ class Status:
                 "why": self._model.why,
                 "step_ms": round(1e3 * self._judging_s, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
+                "infrared": self._model.infrared,
             },
             "judging": {
                 "rate": round(rate.value, 3),
@@ -129,6 +130,7 @@ class Status:
                 "timed_by": camera.timed_by,
                 "depth": camera.depth,
                 "intrinsics": camera.intrinsics,
+                "infrared": self._vision.infrared,
             },
             "computer": self.computer.newest,
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},

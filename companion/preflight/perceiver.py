@@ -19,7 +19,7 @@ def check_perceiver(rover: Rover) -> list[Finding]:
             return [skipped(CHECK, f"{model}, not timed yet: ask again when some frames have been judged")]
         step = step / 1e3
     else:
-        trouble, model, step, _ = rover.perceives
+        trouble, model, step, *_ = rover.perceives
         if trouble:
             return [failed(CHECK, trouble)]
     pace = Pace(step, 1.0 / rover.config.camera.rate, rover.config.freshness)

@@ -24,13 +24,15 @@ class Perceives(NamedTuple):
     """Holds the result of loading the perceiver.
 
     trouble: why it does not run. model: its name. step: seconds for a frame. judging: the settings by which
-    it judges frames, None where it does not run.
+    it judges frames, None where it does not run. infrared: whether its maps hold for a camera without infrared
+    filter.
     """
 
     trouble: str = ""
     model: str = ""
     step: float = 0.0
     judging: Settings | None = None
+    infrared: bool = False
 
 
 def load_perceiver(config: Config) -> Perceives:
@@ -42,8 +44,8 @@ def load_perceiver(config: Config) -> Perceives:
         ready = load_and_warm_up(config, None)
     except AnyTraverseError as error:
         return Perceives(str(error))
-    model = str(Model.of(ready.engine.perceiver))
-    return Perceives("", model, ready.step, ready.engine.settings)
+    model = Model.of(ready.engine.perceiver)
+    return Perceives("", str(model), ready.step, ready.engine.settings, model.infrared)
 
 
 @dataclass

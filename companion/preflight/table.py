@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from companion.preflight.camera import check_camera, check_exposure, check_frames
+from companion.preflight.camera import check_camera, check_exposure, check_frames, check_infrared
 from companion.preflight.computer import (
     check_clock,
     check_heat,
@@ -54,6 +54,7 @@ CHECKS = (
     Check("camera",     check_camera,     "whether a first picture comes, shaped as `[mount] aspect` says"),
     Check("frames",     check_frames,     "how many pictures a second come, and how old they are"),
     Check("exposure",   check_exposure,   "whether the picture is too dark, too bright, or of one colour"),
+    Check("infrared",   check_infrared,   "whether the camera has no infrared filter, and that is handled"),
     Check("perceiver",  check_perceiver,  "whether the model loads, and keeps the freshness limit T"),
     Check("link",       check_link,       "whether an autopilot is heard within 10 s, on any connection"),
     Check("autopilot",  check_autopilot,  "its parameters that would make a hold unsafe or useless"),

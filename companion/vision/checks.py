@@ -81,6 +81,7 @@ def _check(message: Any, expected: Expected, now: float) -> None:
                 isinstance(model, Model) and all(map(_text, (model.id, model.precision, model.why))),
                 "a model",
             )
+            _need(isinstance(model.infrared, bool), "whether a model handles infrared")
             # `replace` runs the checks of __post_init__, which decoding has skipped.
             _need(isinstance(settings, Settings) and bool(replace(settings)), "settings")
             _need(isinstance(notices, tuple) and all(map(_text, notices)), "notices")
@@ -118,6 +119,7 @@ def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> 
     _need(_whole(judged.revision), "a revision")
     _need(isinstance(judged.sectors, tuple) and len(judged.sectors) <= 16, "sectors")
     _need(all(share is None or _fraction(share) for share in judged.sectors), "a sector's share")
+    _need(judged.infrared is None or isinstance(judged.infrared, bool), "whether the camera shows infrared")
     if judged.update is not None:
         _check_update(judged.update)
     expected.last_frame = seen.frame.id

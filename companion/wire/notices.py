@@ -134,6 +134,26 @@ def only_reports_unchecked() -> str:
     return "Only reports: set [mount] and [stopping]"
 
 
+def hold_infrared() -> str:
+    """Refuses policy hold, because the camera shows infrared and the perceiver is not trained for that."""
+    return "HOLD refused: camera shows infrared (NoIR)"
+
+
+def only_reports_infrared() -> str:
+    """Reports that the configured policy hold is not in force, because the camera shows infrared."""
+    return "Only reports: camera shows infrared (NoIR)"
+
+
+def infrared(*, handled: bool) -> str:
+    """Reports that the camera shows infrared. handled: whether the vehicle may be held all the same."""
+    return f"Camera shows infrared (NoIR): {'handled' if handled else 'HOLD is refused'}"
+
+
+def infrared_over() -> str:
+    """Reports that the camera does not show infrared any more."""
+    return "Camera shows no infrared any more"
+
+
 def hold_fits() -> str:
     """Reports that settings now allow policy hold. Only the operator sets it again."""
     return "HOLD fits again: set AT_POLICY 2"

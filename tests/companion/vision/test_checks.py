@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import MISSING, fields, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -201,6 +201,9 @@ WRONG: dict[str, Any] = {
     "a match that is none": seen(match="entry"),
     "an observation that is none": seen(observation=SEEN.frame),
     "an update that is none": looked(update={}),
+    "infrared that is a number": looked(infrared=1),
+    "infrared that is a text": looked(infrared="yes"),
+    "a model whose infrared is no bool": ready(model=Model("painted-1", infrared=cast(bool, 1.0))),
     "a revision that is no number": updating(revision="1"),
     "a base below 0": updating(base=-1),
     "a limit that is no number": updating(limit=None),

@@ -51,6 +51,13 @@ def test_a_companion_that_runs_says_what_is_open_and_what_runs(tmp_path: Path) -
     assert facts["link"] == "no autopilot is heard"
 
 
+@pytest.mark.parametrize("infrared", [True, False, None])
+def test_a_camera_that_shows_infrared_is_said_and_no_other(tmp_path: Path, infrared: bool | None) -> None:
+    news = {"status": {"camera": {"state": "delivering", "infrared": infrared}}}
+    facts = dict(said(tmp_path, "model.facts(news)", news=news))
+    assert facts["camera"] == ("delivering, shows infrared (NoIR)" if infrared else "delivering")
+
+
 @pytest.mark.parametrize("age", [60.1, 1e9, None])
 def test_checks_that_hang_are_not_said_to_be_well(tmp_path: Path, age: float | None) -> None:
     check = {"ok": True, "age": age, "checks": [{"check": "disk", "verdict": "pass", "text": "40 GiB"}]}

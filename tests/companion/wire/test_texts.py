@@ -24,6 +24,7 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "switch": st.sampled_from(["RC7", "RC18"]),
     "off": st.booleans(),
     "hold": st.booleans(),
+    "handled": st.booleans(),
     "count": NUMBER,
     "hours": st.floats(0, 1e4),
     "reasons": st.permutations([reason.value for reason in Reason]).flatmap(

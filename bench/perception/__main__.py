@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from bench.perception.approaches import Approach, approaches, first_seen, measur
 from bench.perception.figures import Figure
 from bench.perception.frames import DATA, Frames, read_frames
 from bench.perception.ground import measure_ground
-from bench.perception.judged import Judge
+from bench.perception.judged import Judge, changed
 from bench.perception.scenes import FEW, MANY, measure_scenes
 from bench.perception.stops import clean_frames, measure_stops, measure_things
 from bench.perception.sweep import sweep, table
@@ -51,6 +52,7 @@ def main() -> int:
     frames = read_frames(given.data, given.blocks)
     perceiver = make_perceiver(given.perceiver, Runtime(threads=1))
     judge = Judge.of(perceiver)
+    judge = judge.with_settings(changed(judge.settings, given.tile_share, given.tile))
     figures: dict[str, Figure | str] = {}
     driven: list[Approach] = []
     more: dict[str, Any] = {}
@@ -66,15 +68,7 @@ def main() -> int:
     if given.sweep:
         points = sweep(judge, clean, driven)
         print(table(points), flush=True)
-        more["sweep"] = [
-            {
-                "tile_share": p.tile_share,
-                "tile": p.limit,
-                "false": {k: v.as_json() for k, v in p.false.items()},
-                "noticed": {k: v.as_json() for k, v in p.recalls.items()},
-            }
-            for p in points
-        ]
+        more["sweep"] = [point.as_json() for point in points]
     if "scenes" in given.only:
         figures |= _told(measure_scenes(perceiver, frames, given.seed), begin)
     last = _line(figures, driven)
@@ -85,15 +79,16 @@ def main() -> int:
         figures |= {name: f"{last[name]}" for name in _COSTS}
     text = report.markdown(figures, more.get("first_noticed", {}))
     print(f"\n{text}\n\n{time.perf_counter() - begin:.0f} s")
-    told = {"perceiver": given.perceiver, "model": perceiver.model_id, "seed": given.seed, **last}
     if given.out:
-        report.write(given.out, told, figures, list(more.items()))
+        settings = {"tile_share": judge.settings.tile_share, "thresholds": asdict(judge.settings.thresholds)}
+        told = {"command": " ".join(sys.argv[1:]), "model": perceiver.model_id, "settings": settings}
+        report.write(given.out, {**told, "line": last}, figures, more)
         given.out.with_suffix(".md").write_text(text + "\n")
-    print(json.dumps(told))
+    print(json.dumps(last))
     return 0
 
 
-_COSTS = ("ms_frame", "ms_frame_p95", "ms_wall", "peak_rss_mb", "pss_mb", "mb")
+_COSTS = ("ms_frame", "ms_frame_p95", "ms_wall", "peak_rss_mb", "peak_pss_mb", "mb")
 
 
 def _driven(judge: Judge, frames: Frames, given: argparse.Namespace) -> list[Approach]:
@@ -159,10 +154,22 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--approaches", type=int, default=40, help="for each kind and place")
     parser.add_argument("--frames", type=int, default=150, help="timed frames")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--tile-share", type=float, help="a tile's side over the ROI's width, in place of the shipped"
+    )
+    parser.add_argument("--tile", type=float, help="the tile's threshold, in place of the shipped")
     parser.add_argument("--sweep", action="store_true", help="tile sizes and thresholds, whole approaches")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--out", type=Path, default=report.RESULTS, help="JSON file, and its table beside it")
-    return parser.parse_args()
+    parser.add_argument(
+        "--out", type=Path, help=f"JSON file, its table beside it; of all parts: {report.RESULTS.name}"
+    )
+    given = parser.parse_args()
+    plain = (
+        given.perceiver == "builtin" and not given.sweep and given.tile_share is None and given.tile is None
+    )
+    if given.out is None and plain and set(given.only) == set(PARTS):
+        given.out = report.RESULTS
+    return given
 
 
 if __name__ == "__main__":

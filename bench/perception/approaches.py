@@ -13,7 +13,7 @@ from anytraverse.frame import Image
 from bench.perception.figures import Figure, share
 from bench.perception.frames import Frames, LabelledSet, spread
 from bench.perception.judged import Judge
-from bench.perception.pasting import Cutout, paste
+from bench.perception.pasting import Cutout, outlook, paste, width_share
 from bench.perception.things import KINDS, LARGE, OTHER, SMALL
 from companion.policy.stopping import CAUTIOUS, OVERSHOOT
 
@@ -29,13 +29,18 @@ VOTES, WINDOW = 2, 3
 
 @dataclass(eq=False)
 class Approach:
-    """Holds one approach: what the clean frame was judged, and what each frame with the thing."""
+    """Holds one approach: what the clean frame was judged, and what each frame with the thing.
+
+    widths: the thing's width in each frame over the frame's width; None where its foot is above or below the
+    region of interest.
+    """
 
     place: str
     kind: str
     source: str
     clean: Assessment
     frames: list[Assessment] = field(default_factory=list)
+    widths: list[float | None] = field(default_factory=list)
 
     def noticed_at(self, ok: Callable[[Observation], bool] | None = None) -> float | None:
         """Return the distance at which 2 of 3 frames in a row were not OK; None: never.
@@ -70,7 +75,9 @@ def approaches(
     settings. Otherwise an approach ends when its thing is noticed.
     """
     for place, sets in (("home", frames.home), ("abroad", frames.abroad)):
-        clean = [(frame.image, judge.see(frame.image)) for frame in _backgrounds(sets, count)]
+        clean = [
+            (frame.image, judge.see_briefly(frame.image, keep=whole)) for frame in _backgrounds(sets, count)
+        ]
         clean = [(image, judged) for image, judged in clean if whole or judged.ok]
         if not clean:
             continue
@@ -88,7 +95,9 @@ def approaches(
 
 def _drive(judge: Judge, approach: Approach, image: Image, thing: Cutout, aside: float, whole: bool) -> None:
     for distance in DISTANCES:
-        approach.frames.append(judge.see(paste(image, thing, distance, aside)))
+        approach.frames.append(judge.see_briefly(paste(image, thing, distance, aside), keep=whole))
+        shown = judge.settings.region.bounds.contains(0.5, min(1.0, outlook(image).row(distance)))
+        approach.widths.append(width_share(thing, distance) if shown else None)
         if not whole and approach.noticed_at() is not None:
             return
 

@@ -34,6 +34,11 @@ class Figure:
         return f"{_short(self.value)} [{_short(self.low)}, {_short(self.high)}] ({counted})"
 
     @property
+    def brief(self) -> str:
+        """The figure without its interval."""
+        return "-" if self.value is None else f"{_short(self.value)} ({self.count}/{self.of})"
+
+    @property
     def rounded(self) -> float | None:
         """The value with three digits, as the JSON line has it."""
         return None if self.value is None else round(self.value, 3)

@@ -26,7 +26,16 @@ EVERY = (
 
 def shipped(perceiver: Perceiver) -> Settings:
     """Return the settings of a rover whose configuration changes nothing."""
-    return Settings(thresholds=Thresholds.of(perceiver.defaults))
+    # not every perceiver has a size of tiles of its own
+    share = getattr(perceiver.defaults, "tile_share", Settings.tile_share)
+    return Settings(thresholds=Thresholds.of(perceiver.defaults), tile_share=share)
+
+
+def changed(settings: Settings, tile_share: float | None = None, tile: float | None = None) -> Settings:
+    """Return the settings with another size of tiles, and another threshold for them, where given."""
+    limits = settings.thresholds if tile is None else replace(settings.thresholds, tile=tile)
+    share = settings.tile_share if tile_share is None else tile_share
+    return replace(settings, thresholds=limits, tile_share=share)
 
 
 @dataclass
@@ -56,6 +65,11 @@ class Judge:
         assert judged.observation is not None
         _lighten(judged.observation)
         return judged
+
+    def see_briefly(self, image: Image, *, keep: bool) -> Assessment:
+        """Encode a picture and judge it, without its maps; keep: so that it can be judged again."""
+        judged = self.see(image)
+        return replace(judged, maps=None, roi=None, observation=judged.observation if keep else None)
 
     def again(self, seen: Observation) -> Assessment:
         """Judge what `see` saw, without another encoding."""

@@ -53,6 +53,12 @@ def outlook(image: Image) -> Outlook:
     return Outlook(HEIGHT, TILT, VIEW, image.shape[1] / image.shape[0])
 
 
+def width_share(cutout: Cutout, distance: float) -> float:
+    """Return a thing's width over the frame's width."""
+    left, right = _across(distance, cutout, 0.0)
+    return right - left
+
+
 def paste(image: Image, cutout: Cutout, distance: float, aside: float) -> Image:
     """Return the frame with the thing `distance` metres ahead and `aside` metres to the right of the middle.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,12 @@ def markdown(figures: Mapping[str, Figure | str], first: Mapping[str, Mapping[st
 
 
 def write(
-    path: Path, told: Mapping[str, Any], figures: Mapping[str, Figure | str], more: Sequence[Any]
+    path: Path, told: Mapping[str, Any], figures: Mapping[str, Figure | str], more: Mapping[str, Any]
 ) -> None:
     """Write the results' file."""
     parts = {
         name: figure.as_json() if isinstance(figure, Figure) else figure for name, figure in figures.items()
     }
-    content = {**told, "figures": parts, **dict(more)}
+    content = {**told, "figures": parts, **more}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content, indent=1) + "\n")

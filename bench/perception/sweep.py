@@ -3,27 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 from anytraverse.assessment import Assessment, Observation
-from anytraverse.judging import Settings
 from bench.perception.approaches import Approach
 from bench.perception.figures import Figure, share
-from bench.perception.judged import Judge
+from bench.perception.judged import Judge, changed
 from bench.perception.things import KINDS, LARGE, SMALL
 
 SHARES = (0.08, 0.12, 0.16, 0.25)
+WIDTHS = (0.02, 0.04, 0.08, 0.16, 0.32)
+"""Bounds of a thing's width over the frame's width."""
 LIMITS = (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
 
 
 @dataclass(frozen=True)
 class Point:
-    """Holds the figures at one setting. recalls: "place, group" -> share noticed in time."""
+    """Holds the figures at one setting.
+
+    false: place -> clean frames that are not OK. noticed: "place, group" -> things noticed in time. seen: how
+    wide a thing is -> frames that are not OK, of those in which its foot is in the region of interest.
+    """
 
     tile_share: float
     limit: float
     false: dict[str, Figure]
-    recalls: dict[str, Figure]
+    noticed: dict[str, Figure]
+    seen: dict[str, Figure]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the point for the results' file."""
+        named = (("false", self.false), ("noticed", self.noticed), ("seen", self.seen))
+        parts = {name: {k: v.as_json() for k, v in part.items()} for name, part in named}
+        return {"tile_share": self.tile_share, "tile": self.limit, **parts}
 
 
 def sweep(judge: Judge, clean: dict[str, list[Assessment]], driven: Sequence[Approach]) -> list[Point]:
@@ -50,7 +64,7 @@ def _point(
         place: share([not ok(one.observation) for one in judged if one.observation is not None])
         for place, judged in clean.items()
     }
-    recalls = {
+    noticed = {
         f"{place}, {group}": share(
             [
                 one.noticed_at(ok) is not None
@@ -61,24 +75,28 @@ def _point(
         for place in ("home", "abroad")
         for group in (LARGE, SMALL)
     }
-    return Point(tile_share, limit, false, recalls)
-
-
-def changed(settings: Settings, tile_share: float, limit: float) -> Settings:
-    """Return the settings with another size of tiles and another threshold for them."""
-    return replace(settings, tile_share=tile_share, thresholds=replace(settings.thresholds, tile=limit))
+    counted = [one for one in driven if one.counts(ok)]
+    seen = {
+        f"{low:.0%} to {high:.0%} of the width": share(
+            [
+                not ok(frame.observation)
+                for one in counted
+                for frame, width in zip(one.frames, one.widths, strict=True)
+                if frame.observation is not None and width is not None and low <= width < high
+            ]
+        )
+        for low, high in pairwise(WIDTHS)
+    }
+    return Point(tile_share, limit, false, noticed, seen)
 
 
 def table(points: Sequence[Point]) -> str:
     """Return a Markdown table with a line for every setting."""
-    heads = [*points[0].false, *points[0].recalls]
-    lines = [
-        "| tile_share | tile | "
-        + " | ".join([*(f"stopped: {h}" for h in points[0].false), *points[0].recalls]),
-        "|---" * (2 + len(heads)) + "|",
-    ]
-    lines[0] += " |"
+    heads = [*(f"stopped: {h}" for h in points[0].false), *points[0].noticed, *points[0].seen]
+    lines = [f"| tile_share | tile | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
     for point in points:
-        values = [*point.false.values(), *point.recalls.values()]
-        lines.append(f"| {point.tile_share:g} | {point.limit:g} | " + " | ".join(map(str, values)) + " |")
+        values = [
+            figure.brief for part in (point.false, point.noticed, point.seen) for figure in part.values()
+        ]
+        lines.append(f"| {point.tile_share:g} | {point.limit:g} | " + " | ".join(values) + " |")
     return "\n".join(lines)

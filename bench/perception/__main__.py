@@ -5,7 +5,8 @@ frames, driven up to from 10 m, that are never noticed before the stopping dista
 frames of elsewhere match; time and memory. Every figure has its count and a 95 % interval.
 Run: python -m bench.perception [--perceiver builtin:FILE.onnx] [--sweep]; `make bench-perception`. It needs
 the labelled frames beside the checkout, and photographs of things: `python -m bench.cutouts DIR`, which it
-runs by itself without --cutouts. The last line is one JSON object.
+runs by itself without --cutouts. The results of the shipped perceiver, all parts as shipped, are written to
+bench/results/perception.json and .md; others where --out says. The last line is one JSON object.
 """
 
 from __future__ import annotations
@@ -154,21 +155,16 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--approaches", type=int, default=40, help="for each kind and place")
     parser.add_argument("--frames", type=int, default=150, help="timed frames")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--tile-share", type=float, help="a tile's side over the ROI's width, in place of the shipped"
-    )
-    parser.add_argument("--tile", type=float, help="the tile's threshold, in place of the shipped")
+    parser.add_argument("--tile-share", type=float, help="a tile's side over the ROI's width")
+    parser.add_argument("--tile", type=float, help="the tile's threshold")
     parser.add_argument("--sweep", action="store_true", help="tile sizes and thresholds, whole approaches")
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument(
-        "--out", type=Path, help=f"JSON file, its table beside it; of all parts: {report.RESULTS.name}"
-    )
+    parser.add_argument("--only", nargs="+", choices=PARTS)
+    parser.add_argument("--out", type=Path, help="JSON file for the results, with the table beside it")
     given = parser.parse_args()
-    plain = (
-        given.perceiver == "builtin" and not given.sweep and given.tile_share is None and given.tile is None
-    )
-    if given.out is None and plain and set(given.only) == set(PARTS):
+    other = (given.tile_share, given.tile, given.only, given.sweep or None)
+    if given.out is None and given.perceiver == "builtin" and not any(other):
         given.out = report.RESULTS
+    given.only = given.only or PARTS
     return given
 
 

@@ -13,7 +13,7 @@ from anytraverse.frame import Image
 from bench.perception.figures import Figure, share
 from bench.perception.frames import Frames, LabelledSet, spread
 from bench.perception.judged import Judge
-from bench.perception.pasting import Cutout, outlook, paste, width_share
+from bench.perception.pasting import Cutout, covered, paste
 from bench.perception.things import KINDS, LARGE, OTHER, SMALL
 from companion.policy.stopping import CAUTIOUS, OVERSHOOT
 
@@ -31,8 +31,7 @@ VOTES, WINDOW = 2, 3
 class Approach:
     """Holds one approach: what the clean frame was judged, and what each frame with the thing.
 
-    widths: the thing's width in each frame over the frame's width; None where its foot is above or below the
-    region of interest.
+    covered: the share of the region of interest that the thing's box covers in each frame.
     """
 
     place: str
@@ -40,7 +39,7 @@ class Approach:
     source: str
     clean: Assessment
     frames: list[Assessment] = field(default_factory=list)
-    widths: list[float | None] = field(default_factory=list)
+    covered: list[float] = field(default_factory=list)
 
     def noticed_at(self, ok: Callable[[Observation], bool] | None = None) -> float | None:
         """Return the distance at which 2 of 3 frames in a row were not OK; None: never.
@@ -96,8 +95,8 @@ def approaches(
 def _drive(judge: Judge, approach: Approach, image: Image, thing: Cutout, aside: float, whole: bool) -> None:
     for distance in DISTANCES:
         approach.frames.append(judge.see_briefly(paste(image, thing, distance, aside), keep=whole))
-        shown = judge.settings.region.bounds.contains(0.5, min(1.0, outlook(image).row(distance)))
-        approach.widths.append(width_share(thing, distance) if shown else None)
+        bounds = judge.settings.region.bounds
+        approach.covered.append(covered(image.shape, thing, distance, aside, bounds))
         if not whole and approach.noticed_at() is not None:
             return
 

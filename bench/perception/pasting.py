@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
+from anytraverse.regions import Box
 from companion.policy.stopping import Outlook
 
 HEIGHT, VIEW, TILT = 0.5, 70.0, 0.0
@@ -26,6 +27,10 @@ _TINTED = 0.35
 """Likewise for its tint."""
 _SHADOW = 0.45
 """Share of the light that a contact shadow takes where it is darkest."""
+_LOW = 0.22
+"""A contact shadow's height over its width."""
+_SOFT = 4
+"""Pixels around a thing over which its edge is soft."""
 
 Floats = NDArray[np.float32]
 
@@ -48,15 +53,14 @@ class Cutout:
         return self.height * int(self.picture.shape[1]) / int(self.picture.shape[0])
 
 
-def outlook(image: Image) -> Outlook:
-    """Return the stated camera for frames of this shape."""
-    return Outlook(HEIGHT, TILT, VIEW, image.shape[1] / image.shape[0])
-
-
-def width_share(cutout: Cutout, distance: float) -> float:
-    """Return a thing's width over the frame's width."""
-    left, right = _across(distance, cutout, 0.0)
-    return right - left
+def covered(shape: tuple[int, ...], cutout: Cutout, distance: float, aside: float, bounds: Box) -> float:
+    """Return the share of a region's bounds that the thing's box covers in a frame of this shape."""
+    corners = _corners(shape, cutout, distance, aside) / (shape[1], shape[0])
+    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    wide = min(right, bounds.right) - max(left, bounds.left)
+    high = min(bottom, bounds.bottom) - max(top, bounds.top)
+    area = (bounds.right - bounds.left) * (bounds.bottom - bounds.top)
+    return float(max(0.0, wide) * max(0.0, high) / area)
 
 
 def paste(image: Image, cutout: Cutout, distance: float, aside: float) -> Image:
@@ -65,9 +69,10 @@ def paste(image: Image, cutout: Cutout, distance: float, aside: float) -> Image:
     It is lit and tinted like the frame's ground, its edges are soft, and it has a shadow where it stands.
     """
     rows, columns = image.shape[:2]
-    corners = _corners(image, cutout, distance, aside)
-    left, top = np.floor(corners.min(axis=0)).astype(int) - 6
-    right, bottom = np.ceil(corners.max(axis=0)).astype(int) + 8
+    corners = _corners(image.shape, cutout, distance, aside)
+    half = (corners[2, 0] - corners[3, 0]) / 2
+    left, top = np.floor(corners.min(axis=0) - (_SOFT + half, _SOFT)).astype(int)
+    right, bottom = np.ceil(corners.max(axis=0) + (_SOFT + half, _SOFT + 2 * _LOW * half)).astype(int)
     x0, x1, y0, y1 = max(0, left), min(columns, right), max(0, top), min(rows, bottom)
     if x1 <= x0 or y1 <= y0:
         return image
@@ -92,9 +97,10 @@ def paste(image: Image, cutout: Cutout, distance: float, aside: float) -> Image:
     return out
 
 
-def _corners(image: Image, cutout: Cutout, distance: float, aside: float) -> NDArray[np.float64]:
+def _corners(shape: tuple[int, ...], cutout: Cutout, distance: float, aside: float) -> NDArray[np.float64]:
     """Return the picture's corners in the frame, in pixels: from the upper left clockwise, (4, 2)."""
-    camera, (rows, columns) = outlook(image), image.shape[:2]
+    rows, columns = shape[:2]
+    camera = Outlook(HEIGHT, TILT, VIEW, columns / rows)
     if cutout.flat:
         near, far = (_across(distance + d, cutout, aside) for d in (0.0, cutout.height))
         below, above = camera.row(distance), camera.row(distance + cutout.height)
@@ -130,5 +136,5 @@ def _shadow(shape: tuple[int, ...], corners: NDArray[np.float64]) -> Floats:
     foot = (corners[2] + corners[3]) / 2
     wide = max(1.0, (corners[2, 0] - corners[3, 0]) * 0.5)
     x, y = np.arange(shape[1]) - foot[0], np.arange(shape[0]) - foot[1]
-    reach = (x[None, :] / wide) ** 2 + (y[:, None] / (0.22 * wide)) ** 2
+    reach = (x[None, :] / wide) ** 2 + (y[:, None] / (_LOW * wide)) ** 2
     return np.asarray(np.exp(-(reach**2)), dtype=np.float32)

@@ -14,8 +14,8 @@ from bench.perception.judged import Judge, changed
 from bench.perception.things import KINDS, LARGE, SMALL
 
 SHARES = (0.08, 0.12, 0.16, 0.25)
-WIDTHS = (0.02, 0.04, 0.08, 0.16, 0.32)
-"""Bounds of a thing's width over the frame's width."""
+COVERED = (0.01, 0.02, 0.05, 0.1, 0.2, 1.0)
+"""Bounds of the share of the region of interest that a thing's box covers."""
 LIMITS = (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
 
 
@@ -24,7 +24,7 @@ class Point:
     """Holds the figures at one setting.
 
     false: place -> clean frames that are not OK. noticed: "place, group" -> things noticed in time. seen: how
-    wide a thing is -> frames that are not OK, of those in which its foot is in the region of interest.
+    much of the region of interest a thing's box covers -> frames that are not OK.
     """
 
     tile_share: float
@@ -77,15 +77,15 @@ def _point(
     }
     counted = [one for one in driven if one.counts(ok)]
     seen = {
-        f"{low:.0%} to {high:.0%} of the width": share(
+        f"{low:.0%} to {high:.0%} of the ROI": share(
             [
                 not ok(frame.observation)
                 for one in counted
-                for frame, width in zip(one.frames, one.widths, strict=True)
-                if frame.observation is not None and width is not None and low <= width < high
+                for frame, part in zip(one.frames, one.covered, strict=True)
+                if frame.observation is not None and low <= part < high
             ]
         )
-        for low, high in pairwise(WIDTHS)
+        for low, high in pairwise(COVERED)
     }
     return Point(tile_share, limit, false, noticed, seen)
 

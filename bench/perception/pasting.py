@@ -27,8 +27,6 @@ _TINTED = 0.35
 """Likewise for its tint."""
 _SHADOW = 0.45
 """Share of the light that a contact shadow takes where it is darkest."""
-_LOW = 0.22
-"""A contact shadow's height over its width."""
 _SOFT = 4
 """Pixels around a thing over which its edge is soft."""
 
@@ -71,8 +69,9 @@ def paste(image: Image, cutout: Cutout, distance: float, aside: float) -> Image:
     rows, columns = image.shape[:2]
     corners = _corners(image.shape, cutout, distance, aside)
     half = (corners[2, 0] - corners[3, 0]) / 2
-    left, top = np.floor(corners.min(axis=0) - (_SOFT + half, _SOFT)).astype(int)
-    right, bottom = np.ceil(corners.max(axis=0) + (_SOFT + half, _SOFT + 2 * _LOW * half)).astype(int)
+    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    left, right = math.floor(left - _SOFT - half), math.ceil(right + _SOFT + half)
+    top, bottom = math.floor(top - _SOFT), math.ceil(bottom + _SOFT + 2 * _low(corners))
     x0, x1, y0, y1 = max(0, left), min(columns, right), max(0, top), min(rows, bottom)
     if x1 <= x0 or y1 <= y0:
         return image
@@ -134,7 +133,14 @@ def _light(image: Image) -> Floats:
 def _shadow(shape: tuple[int, ...], corners: NDArray[np.float64]) -> Floats:
     """Return how dark the ground is below a thing, (h, w) in [0, 1]: an ellipse around its foot."""
     foot = (corners[2] + corners[3]) / 2
-    wide = max(1.0, (corners[2, 0] - corners[3, 0]) * 0.5)
+    wide = max(1.0, (corners[2, 0] - corners[3, 0]) / 2)
+    low = max(1.0, _low(corners))
     x, y = np.arange(shape[1]) - foot[0], np.arange(shape[0]) - foot[1]
-    reach = (x[None, :] / wide) ** 2 + (y[:, None] / (_LOW * wide)) ** 2
+    reach = (x[None, :] / wide) ** 2 + (y[:, None] / low) ** 2
     return np.asarray(np.exp(-(reach**2)), dtype=np.float32)
+
+
+def _low(corners: NDArray[np.float64]) -> float:
+    """Return how many pixels a contact shadow reaches below a thing's foot."""
+    width, height = corners[2, 0] - corners[3, 0], corners[3, 1] - corners[0, 1]
+    return float(min(0.11 * width, 0.12 * height))

@@ -28,7 +28,7 @@ import cv2
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from bench.perception import cost, report
-from bench.perception.approaches import Approach, approaches, first_seen, measure_approaches, missed
+from bench.perception.approaches import Approach, approaches, first_seen, measure_approaches, missed, sources
 from bench.perception.figures import Figure
 from bench.perception.frames import DATA, Frames, read_frames
 from bench.perception.ground import measure_ground
@@ -78,11 +78,11 @@ def main() -> int:
         size = cost.size_mb(given.perceiver)
         last |= {"mb": None if size is None else round(size, 2)}
         figures |= {name: f"{last[name]}" for name in _COSTS}
-    text = report.markdown(figures, more.get("first_noticed", {}))
+    text = report.markdown(figures, more.get("first_noticed", {}), sources(driven))
     print(f"\n{text}\n\n{time.perf_counter() - begin:.0f} s")
     if given.out:
         settings = {"tile_share": judge.settings.tile_share, "thresholds": asdict(judge.settings.thresholds)}
-        told = {"command": " ".join(sys.argv[1:]), "model": perceiver.model_id, "settings": settings}
+        told = {"command": "make bench-perception", "model": perceiver.model_id, "settings": settings}
         report.write(given.out, {**told, "line": last}, figures, more)
         given.out.with_suffix(".md").write_text(text + "\n")
     print(json.dumps(last))

@@ -115,15 +115,26 @@ def measure_approaches(driven: Sequence[Approach]) -> dict[str, Figure]:
             own = [one for one in driven if one.kind in kinds and one.place == place]
             found[f"never noticed, {place}: {group}"] = _missed(own)
             for kind in kinds:
-                for source in dict.fromkeys(one.source for one in own if one.kind == kind):
-                    some = [one for one in own if one.kind == kind and one.source == source]
-                    found[f"  {place}, {kind} ({source})"] = _missed(some)
+                some = [one for one in own if one.kind == kind]
+                found[f"  {place}, {kind}"] = _missed(some)
+                several = dict.fromkeys(one.source for one in some)
+                for source in several if len(several) > 1 else ():
+                    few = [one for one in some if one.source == source]
+                    found[f"  {place}, {kind}, {source}"] = _missed(few)
     return found
 
 
 def missed(driven: Sequence[Approach], group: str) -> Figure:
     """Count what was never noticed of a group, at home and abroad together."""
     return _missed([one for one in driven if KINDS[one.kind].group == group])
+
+
+def sources(driven: Sequence[Approach]) -> dict[str, tuple[str, ...]]:
+    """Return for each kind where its cut-outs are from."""
+    return {
+        kind: tuple(dict.fromkeys(one.source for one in driven if one.kind == kind))
+        for kind in dict.fromkeys(one.kind for one in driven)
+    }
 
 
 def first_seen(driven: Sequence[Approach]) -> dict[str, dict[str, int]]:

@@ -82,14 +82,14 @@ class LabelledSet:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Holds all frames. home, abroad: labelled sets. remembered: other frames of home, which were trained on.
+    """Holds all frames. home, abroad: labelled sets. trained: the other drives of home.
 
     clean: pictures without labels of drivable ground. strange: pictures without labels of other places.
     """
 
     home: tuple[LabelledSet, ...]
     abroad: tuple[LabelledSet, ...]
-    remembered: tuple[LabelledFrame, ...]
+    trained: LabelledSet
     clean: tuple[Image, ...] = ()
     strange: tuple[Image, ...] = ()
 
@@ -106,7 +106,8 @@ def read_frames(data: Path, blocks: Sequence[int]) -> Frames:
         raise AnyTraverseError(f"{data / 'trail'} has no frame of {empty[0]}: choose others with --blocks")
     abroad = tuple(_read_set(folder) for folder in sorted((data / "abroad").iterdir()) if folder.is_dir())
     rest = tuple(f for f in every if f.number // BLOCK not in blocks and f.number % BLOCK < BLOCK - GAP)
-    return Frames(home, abroad, rest, _pictures(data / "sequence"), _pictures(data / "frames"))
+    trained = LabelledSet("other drives", rest, trail.classes.names, trail.classes.ignore)
+    return Frames(home, abroad, trained, _pictures(data / "sequence"), _pictures(data / "frames"))
 
 
 def _of_block(frames: Sequence[LabelledFrame], block: int) -> tuple[LabelledFrame, ...]:

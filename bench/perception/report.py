@@ -10,6 +10,7 @@ from typing import Any
 from bench.perception.approaches import DISTANCES
 from bench.perception.figures import Figure
 from bench.perception.scenes import FEW, MANY
+from bench.perception.stops import TRAINED
 from bench.perception.things import KINDS
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "perception.json"
@@ -50,6 +51,7 @@ def markdown(
 def _summary(figures: Mapping[str, Figure | str], sources: Mapping[str, tuple[str, ...]]) -> list[str]:
     """Return the lines of the table of home and abroad, with what was measured."""
     rows = [(title, name.format("home"), name.format("abroad")) for title, name in _PAIRS]
+    rows[3:3] = [("the same, of drives that it was trained on", f"clean frames stopped: {TRAINED}", "")]
     rows += [(title, "", name) for title, name in _ABROAD]
     for kind, own in sources.items():
         flat = " deep, flat" if kind == "tarp" else " high"

@@ -126,7 +126,7 @@ def measure_scenes(perceiver: Perceiver, frames: Frames, seed: int) -> dict[str,
         found.setdefault(f"near recall at {FEW}: next frame, verified", []).extend(
             _verified(perceiver, one.frames, drive, rng)
         )
-    rest = frames.remembered
+    rest = frames.trained.frames
     chosen = rng.choice(len(rest), min(MANY, len(rest)), replace=False)
     many = [seen(rest[i].image, rest[i].number) for i in chosen]
     rover = Rover(perceiver, many)

@@ -7,18 +7,23 @@ from collections.abc import Sequence
 
 from anytraverse.assessment import Assessment, Reason
 from bench.perception.figures import Figure, share
-from bench.perception.frames import PLANTS, Frames, LabelledSet
+from bench.perception.frames import PLANTS, Frames, LabelledSet, spread
 from bench.perception.judged import Judge
 
 LEAST = 0.02
 """Of the region of interest: a smaller thing need not be noticed."""
+TRAINED = "home, drives that the shipped network was trained on"
+_MOST = 200
+"""Clean frames of these drives, spread over them."""
 
 
 def clean_frames(judge: Judge, frames: Frames) -> dict[str, list[Assessment]]:
     """Judge the clean frames of every place."""
+    trained = frames.trained.clean
     return {
         "home": [judge.see(frame.image) for one in frames.home for frame in one.clean],
         "abroad": [judge.see(frame.image) for one in frames.abroad for frame in one.clean],
+        TRAINED: [judge.see(trained[i].image) for i in spread(len(trained), _MOST)],
         "sequence of another vehicle, no labels": judge.see_all(frames.clean),
     }
 

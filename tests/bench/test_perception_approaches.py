@@ -132,7 +132,7 @@ def test_a_sweep_judges_frames_again_with_every_setting(perceiver: Perceiver) ->
         "wall": gather(None, [], 1)["wall"],
         "barrel": gather(None, [], 1)["barrel"],
     }
-    ways = list(approaches(lenient, Frames((home,), (), ()), cutouts, 2, 1, whole=True))
+    ways = list(approaches(lenient, Frames((home,), (), home), cutouts, 2, 1, whole=True))
     assert [one.kind for one in ways] == ["barrel"] * 2 + ["wall"] * 2
     assert all(len(one.frames) == len(one.covered) == len(DISTANCES) for one in ways)
     clean = {"home": [judge.see(TRAIL)]}

@@ -51,8 +51,9 @@ def write(folder: Path, numbers: Sequence[int]) -> None:
     folder.mkdir(parents=True)
     (folder / "classes.json").write_text(json.dumps({"ignore": 255, "classes": list(NAMES)}))
     for number in numbers:
-        cv2.imwrite(str(folder / f"{number:04d}.jpg"), np.zeros((20, 30, 3), dtype=np.uint8))
-        cv2.imwrite(str(folder / f"{number:04d}.png"), np.zeros((20, 30), dtype=np.uint8))
+        earth = np.full((60, 90, 3), (90, 120 + number % 7, 150), dtype=np.uint8)
+        cv2.imwrite(str(folder / f"{number:04d}.jpg"), earth)
+        cv2.imwrite(str(folder / f"{number:04d}.png"), np.zeros((60, 90), dtype=np.uint8))
 
 
 def test_blocks_are_held_out_without_the_last_quarter_of_any_block(tmp_path: Path) -> None:
@@ -60,7 +61,7 @@ def test_blocks_are_held_out_without_the_last_quarter_of_any_block(tmp_path: Pat
     write(tmp_path / "abroad/there", [5])
     found = read_frames(tmp_path, (2, 4))
     assert [[one.number for one in drive.frames] for drive in found.home] == [[200, 274], [400]]
-    assert [one.number for one in found.remembered] == [0, 74]
+    assert [one.number for one in found.trained.frames] == [0, 74]
     assert [one.name for one in found.abroad] == ["there"]
 
 
@@ -75,3 +76,28 @@ def test_without_the_labelled_frames_it_says_so(
     monkeypatch.setattr("sys.argv", ["bench.perception", "--data", str(tmp_path)])
     assert bench.main() == 0
     assert "skipped" in json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def test_the_whole_bench_runs_on_a_few_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "trail", [0, 1, 200, 201, 400, 401])
+    write(tmp_path / "abroad/there", [1, 2])
+    out = tmp_path / "out/found.json"
+    options = f"--data {tmp_path} --cutouts {tmp_path} --approaches 1 --frames 3 --out {out} --sweep"
+    monkeypatch.setattr("sys.argv", ["bench.perception", *options.split()])
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    assert bench.main() == 0
+    line = json.loads(capsys.readouterr().out.splitlines()[-1])
+    asked = (
+        "iou_home iou_abroad false_home false_abroad noticed_abroad missed_small foreign_match_40 ms_frame mb"
+    )
+    assert set(asked.split()) <= set(line)
+    assert line["false_home"] in (0.0, 1.0)
+    assert line["ms_frame"] > 0
+    stored = json.loads(out.read_text())
+    assert stored["line"] == line
+    assert len(stored["sweep"]) == 40
+    assert stored["figures"]["foreign match at 40: the other held-out drives"]["of"] == 4
+    assert str(tmp_path) not in out.read_text()
+    assert "| clean frames stopped |" in out.with_suffix(".md").read_text()

@@ -15,12 +15,13 @@ from bench.perception.frames import Frames, LabelledSet, spread
 from bench.perception.judged import Judge
 from bench.perception.pasting import Cutout, covered, paste
 from bench.perception.things import KINDS, LARGE, OTHER, SMALL
-from companion.policy.stopping import CAUTIOUS, OVERSHOOT
 
-SPEED, REACT = 1.0, 0.4
-"""m/s that are commanded; seconds from a second frame that is not OK to the brakes."""
-FARTHEST, NEAREST, STEPS = 10.0, OVERSHOOT * SPEED * (REACT + CAUTIOUS), 9
-"""Metres of the first and the last frame, and how many there are. From 2.8 m a rover stops in front of it."""
+FARTHEST, NEAREST, STEPS = 10.0, 2.8, 9
+"""Metres of the first and the last frame, and how many there are.
+
+A rover that is commanded 1 m/s drives up to 1.12 m/s. From 2.8 m it stops in front of a thing: 0.4 s after
+the second frame it brakes, and braking takes 2.1 s times its speed.
+"""
 DISTANCES = tuple(float(d) for d in np.geomspace(FARTHEST, NEAREST, STEPS))
 ASIDE = 0.25
 """Metres to either side, at most, by which a thing stands beside the middle."""

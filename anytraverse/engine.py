@@ -258,8 +258,9 @@ class AnyTraverse:
     def _match(self, assessment: Assessment, observation: Observation) -> Match | None:
         if Reason.UNKNOWN_SCENE not in assessment.reasons:
             return None
-        best = self.memory.history.best(observation.embedding)
-        return best if best is not None and best.similarity >= self.settings.thresholds.scene else None
+        history = self.memory.history
+        best, least = history.best(observation.embedding), self.settings.thresholds.least_match(len(history))
+        return best if best is not None and best.similarity >= least else None
 
 
 def _refuse_foreign(memory: Memory, model_id: str) -> None:

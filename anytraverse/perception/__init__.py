@@ -64,11 +64,14 @@ class DefaultThresholds:
     roi: mean uncertainty of the ROI above which something in it is unknown, in (0, 1].
     scene: cosine to the reference below which the scene has changed, in [-1, 1].
     tile: uncertainty of the worst tile above which something is unknown, in (0, 1]; None: not judged.
+    match: (number of remembered scenes, cosine that a frame needs to match one of them), measured for this
+    embedding by `evaluation.scene_matching`; both rise. (): not measured, `scene` is used for any number.
     """
 
     roi: float
     scene: float
     tile: float | None = None
+    match: tuple[tuple[int, float], ...] = ()
 
 
 class Perceiver(Protocol):

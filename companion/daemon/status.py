@@ -88,6 +88,7 @@ class Status:
     def figures(self, now: float) -> dict[str, Any]:
         """Return all figures, for the status file: JSON values."""
         newest, camera, rate = self._calls.reason_filter.newest, self._vision.camera, self._vision.rate
+        ready = self._vision.ready
         return {
             "version": self._release,
             "service": self._is_service,
@@ -108,6 +109,7 @@ class Status:
                 "why": self._model.why,
                 "step_ms": round(1e3 * self._judging_s, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
+                "match_measured": ready is not None and bool(ready.settings.thresholds.match),
             },
             "judging": {
                 "rate": round(rate.value, 3),

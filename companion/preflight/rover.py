@@ -23,13 +23,15 @@ class Perceives(NamedTuple):
     """Holds the result of loading the perceiver.
 
     trouble: why it does not run. model: its name. step: seconds for a frame. tile: the threshold of the worst
-    tile, None: tiles are not judged.
+    tile, None: tiles are not judged. match_measured: whether it says how similar a match must be among many
+    remembered scenes.
     """
 
     trouble: str = ""
     model: str = ""
     step: float = 0.0
     tile: float | None = None
+    match_measured: bool = False
 
 
 def load_perceiver(config: Config) -> Perceives:
@@ -42,7 +44,8 @@ def load_perceiver(config: Config) -> Perceives:
     except AnyTraverseError as error:
         return Perceives(str(error))
     model = str(Model.of(ready.engine.perceiver))
-    return Perceives("", model, ready.step, ready.engine.settings.thresholds.tile)
+    limits = ready.engine.settings.thresholds
+    return Perceives("", model, ready.step, limits.tile, bool(limits.match))
 
 
 @dataclass

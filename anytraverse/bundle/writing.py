@@ -85,7 +85,8 @@ class BundleWriter:
             "image": asdict(image),
             "scene": scene,
             "scene_image": None if scene_image is None else asdict(scene_image),
-            "thresholds": asdict(thresholds),
+            # a bundle has no measured numbers for many remembered scenes: `scene` counts for any number
+            "thresholds": {name: getattr(thresholds, name) for name in ("roi", "scene", "tile")},
             "variants": {precision: dict(parts) for precision, parts in variants.items()},
             "details": dict(details or {}),
             "source": dict(source),

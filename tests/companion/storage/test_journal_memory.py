@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.adoption import adopted_memory
-from anytraverse.history import Entry, History, Place
+from anytraverse.history import Entry, History, Match, Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
@@ -152,7 +152,7 @@ def test_a_remembered_scene_changes_the_same_words_after_a_restart(journal: Jour
     memory = replace(memory.using(elsewhere, {}, {"bush": 3, "rock": 4, "mud": 4}), clock=5)
     journal.commit(Batch(memory=memory))
     found = _reopened(journal, folder)
-    after, _ = adopted_memory(found, found.history[0], str)
+    after, _ = adopted_memory(found, Match(found.history[0], 1.0), str, np.eye(2, dtype=np.float32)[0])
     assert after.preferences == Preferences.of({"grass": 1.0, "bush": 0.2, "rock": -0.5})
 
 

@@ -135,7 +135,8 @@ class Records:
             if number == self._shown[0]:
                 self._shown = number, ""
         elif number and number == self._shown[0] and drawn.thumbnail:
-            write = partial(self._write_pictures, number, drawn.thumbnail, drawn.panel, drawn.title)
+            pictures = drawn.thumbnail, drawn.panel, drawn.title
+            write = partial(self._write_pictures, number, *pictures, self._remembered())
             self._writer.queue_job("picture", write)
         else:
             self._writer.queue_job("picture", partial(self._archive.add, drawn.panel, drawn.title))
@@ -232,7 +233,7 @@ class Records:
     def _publish(self, call: Call, seen: Assessment, state: State, title: str) -> None:
         self._store_and_draw(call.id, seen, state, title)
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
-        job = partial(self._files.begin_record, call.id, record_of(call), answers)
+        job = partial(self._files.begin_record, call.id, record_of(call), answers, self._remembered())
         self._writer.queue_job("record", job)
 
     def _store_and_draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
@@ -241,10 +242,15 @@ class Records:
         self._shown = number, address(f"{number}.jpg") if accepted and self._archive.wanted else ""
         self._shown_frame = seen
 
-    def _write_pictures(self, number: int, small: bytes, large: bytes, title: str) -> None:
+    def _remembered(self) -> frozenset[int]:
+        return frozenset(entry.call_id for entry in self._vision.memory.history)
+
+    def _write_pictures(
+        self, number: int, small: bytes, large: bytes, title: str, remembered: frozenset[int]
+    ) -> None:
         """Write the pictures of a call or hold. Runs in the writer's thread."""
         try:
-            self._files.write_pictures(number, small, self._archive.add(large, title))
+            self._files.write_pictures(number, small, self._archive.add(large, title), remembered)
         except Exception:
             if self._shown[0] == number:
                 self._shown = number, ""

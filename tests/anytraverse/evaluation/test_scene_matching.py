@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from anytraverse.errors import SettingsError
 from anytraverse.evaluation.labels import DatasetError
@@ -18,8 +19,8 @@ def places(seed: int, remembered: int = 300, foreign: int = 400) -> Places:
     """Places at random on the sphere; a place that is seen again lies close to itself."""
     rng = np.random.default_rng(seed)
 
-    def unit(rows: np.ndarray) -> np.ndarray:
-        return (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
+    def unit(rows: NDArray[np.float64]) -> NDArray[np.float32]:
+        return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True), dtype=np.float32)
 
     known = unit(rng.normal(size=(remembered, SIZE)))
     same = rng.integers(0, remembered, 200)

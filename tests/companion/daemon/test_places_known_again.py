@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.storage.call_files import MAX_CALLS, CallFiles
 from companion.wire import notices
 from companion.wire.answers import OtherPlace, SetWord
 from companion.wire.ids import MAX_TEXT, Motion, Result, words_hash
 from tests.companion.daemon.rig import Rig
 
+PROTOCOL = Path(__file__).parents[3] / "docs" / "protocol.md"
 AGAIN = "Known place again: words of C1"
 
 
@@ -135,3 +140,34 @@ def test_words_that_do_not_fit_are_counted() -> None:
     assert len(lines) == 3
     assert lines[0] == "C12: a word of some length 0 0.5"
     assert lines[-1].endswith(" +6")
+
+
+def test_which_place_is_in_force_is_told_until_an_answer_moves_on_or_refuses_it(back: Rig) -> None:
+    matched(back)
+    known = back.daemon.state_file()["known_place"]
+    assert (known["call"], known["similarity"], known["picture"]) == (1, 0.9848, "/calls/1.jpg")
+    assert known["changed"] == {"grass": [1.0, 0.8]}
+    assert known["needed"] == 0.85
+    row = re.search(r"`known_place` \|(.*)", PROTOCOL.read_text())
+    assert row is not None
+    assert set(re.findall(r"`([a-z]+)`", row[1])) == set(known)
+    back.see(2.5, scene=100)
+    back.answer(0, Motion.NONE, OtherPlace(1), transaction=10)
+    back.see(0.5, scene=100)
+    assert back.daemon.state_file()["known_place"] is None
+    assert back.daemon.status()["known_place"] is None
+
+
+def test_pictures_of_remembered_calls_stay_when_those_of_other_calls_go(tmp_path: Path) -> None:
+    files, large = CallFiles(tmp_path), tmp_path / "large"
+    large.write_bytes(b"large")
+    for number in range(1, MAX_CALLS + 11):
+        files.begin_record(number, {}, (), {3, 5})
+        files.write_pictures(number, b"small", large, {3, 5})
+    left = {path.name for path in tmp_path.iterdir()} - {"large"}
+    assert {name for name in left if int(name.split(".")[0].split("-")[0]) <= 10} == {
+        f"{number}{size}.jpg" for number in (3, 5) for size in ("", "-large")
+    }
+    files.begin_record(MAX_CALLS + 11, {}, (), {5})
+    assert not (tmp_path / "3.jpg").exists()
+    assert (tmp_path / "5.jpg").read_bytes() == b"small"

@@ -126,7 +126,7 @@ def test_a_place_that_matched_is_shown_with_its_picture_its_words_and_how_to_ref
 def test_a_place_without_a_call_keeps_its_own_picture_and_where_none_matched_nothing_is_shown(
     tmp_path: Path,
 ) -> None:
-    known = {
+    known: dict[str, Any] = {
         "call": None,
         "similarity": 1,
         "needed": 0.9,

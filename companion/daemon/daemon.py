@@ -276,6 +276,9 @@ class Daemon:
             self.answer_handler.place_matched(now)
             text = self._report_match(judged.memory.adoption, seen, now)
             self.records.draw(seen, self.calls.state(now), text)
+        elif judged.changed and (scenes := judged.memory.history) and not scenes[-1].call_id:
+            # it has become the first reference
+            self.records.first_scene(seen, scenes[-1], self.calls.state(now))
         if self.records.replace_lost_frame(seen, now):
             self._link.send_text(texts.frame_lost(self.calls.current_id), WARNING, now)
         if seen.dropped:

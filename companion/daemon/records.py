@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.assessment import Assessment
+from anytraverse.history import Entry
 from companion.answers.handler import Reply
 from companion.calls.acceptance import Acceptance
 from companion.calls.decisions import Call
@@ -19,7 +20,7 @@ from companion.calls.machine import OperatorCalls
 from companion.daemon.persistence import Persistence
 from companion.storage import Journal, JournalError
 from companion.storage.batch import record_of
-from companion.storage.call_files import CallFiles, PictureArchive, address
+from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
 from companion.vision.client import Applied, Judged, VisionClient
@@ -63,6 +64,8 @@ class Records:
         self._stamp = stamp
         self._drawing: dict[int, int] = {}
         """Id of a frame -> id of the call or hold for which it is drawn."""
+        self._first_scene = 0, ""
+        """Id of the frame that became the first reference, and the name of its picture until it is drawn."""
         self._frame_lost = False
         self._shown = 0, ""
         """Id of the newest call or hold, and the path of its picture for the ground, "" without one."""
@@ -125,12 +128,22 @@ class Records:
         if self._archive.wanted:
             self._vision.draw(seen.frame.id, title, state)
 
+    def first_scene(self, seen: Assessment, entry: Entry, state: State) -> None:
+        """Have a picture of the first reference drawn, so that it can be shown when it matches."""
+        if self._archive.wanted and self._vision.draw(seen.frame.id, "first place", state):
+            self._first_scene = seen.frame.id, scene_name(entry)
+
     def drawn(self, drawn: Drawn) -> None:
         """Queue pictures that vision has drawn, and the PNG of the open call's frame for the journal."""
         number = self._drawing.pop(drawn.frame_id, 0) if drawn.stored else 0
         call = self._calls.call
         if number and drawn.png and call is not None and call.frame_id == drawn.frame_id:
             self._persistence.save_frame(drawn.frame_id, drawn.png)
+        if drawn.panel and drawn.frame_id == self._first_scene[0]:
+            names = {scene_name(entry) for entry in self._vision.memory.history if not entry.call_id}
+            write_scene = partial(self._files.write_scene, self._first_scene[1], drawn.panel, names)
+            self._writer.queue_job("picture", write_scene)
+            self._first_scene = 0, ""
         if not self._archive.wanted or not drawn.panel:
             if number == self._shown[0]:
                 self._shown = number, ""

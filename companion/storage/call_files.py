@@ -80,6 +80,17 @@ class CallFiles:
         self._write_record()
         self._prune(number, remembered)
 
+    def write_scene(self, name: str, picture: bytes, remembered: Collection[str]) -> None:
+        """Write the picture of a scene that no call taught, and delete those of scenes that are forgotten.
+
+        name: of `scene_name`. picture: JPEG. remembered: the names of all such scenes.
+        """
+        folder = self._folder.parent / SCENES
+        write_atomically(folder / name, picture)
+        for path in folder.glob("*.jpg"):
+            if path.name not in remembered:
+                path.unlink(missing_ok=True)
+
     def add_answer(self, call_id: int, answer: Mapping[str, Any]) -> None:
         """Add an answer to the newest call's record."""
         if call_id == self._record.get("id"):

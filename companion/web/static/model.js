@@ -134,7 +134,7 @@ export function place({ state = {} }) {
     title: known.call ? `Known place: that of call ${known.call}` : "Known place",
     picture: (known.picture ?? "").replace(/^(\/calls\/\d+)\.jpg$/, "$1-large.jpg"),
     rows: [
-      ["similarity", `${floored(known.similarity)}, at least ${floored(known.needed)} is needed`],
+      ["similarity", `${floored(known.similarity)}, at least ${raised(known.needed)} is needed`],
       ["since", known.since ? clock(known.since) : "not known"],
       ["changed", changed.join(", ") || "no word"],
       ["wrong?", `Not the same place: type \`other place${known.call ? ` ${known.call}` : ""}\` on the ground.`],
@@ -204,6 +204,7 @@ export function duration(seconds) {
   return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
 }
 
+const raised = (share) => (Math.ceil(100 * share - 1e-4) / 100).toFixed(2);
 const floored = (share) => (Math.floor(100 * share + 1e-4) / 100).toFixed(2); // one that is shown as 1 is 1
 const percent = (share) => (share == null ? "not known" : `${Math.round(100 * share)} %`);
 const gib = (mebibytes) => (mebibytes < 1024 ? `${mebibytes} MiB` : `${(mebibytes / 1024).toFixed(1)} GiB`);

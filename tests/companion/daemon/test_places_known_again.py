@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from companion.storage.call_files import MAX_CALLS, CallFiles
 from companion.wire import notices
-from companion.wire.answers import OtherPlace, SetWord
+from companion.wire.answers import NewEpisode, OtherPlace, SetWord
 from companion.wire.ids import MAX_TEXT, Motion, Result, words_hash
-from tests.companion.daemon.rig import Rig
+from tests.companion.daemon.rig import MakeRig, Rig
 
 PROTOCOL = Path(__file__).parents[3] / "docs" / "protocol.md"
 AGAIN = "Known place again: words of C1"
@@ -171,3 +171,22 @@ def test_pictures_of_remembered_calls_stay_when_those_of_other_calls_go(tmp_path
     files.begin_record(MAX_CALLS + 11, {}, (), {5})
     assert not (tmp_path / "3.jpg").exists()
     assert (tmp_path / "5.jpg").read_bytes() == b"small"
+
+
+def test_the_first_place_has_a_picture_too_and_only_remembered_ones_keep_theirs(make_rig: MakeRig) -> None:
+    rig = make_rig(pictures=9)
+    (first,) = (rig.folder / "scenes").iterdir()
+    forgotten = first.with_name("0123456789abcdef.jpg")
+    forgotten.write_bytes(first.read_bytes())
+    rig.answer(0, Motion.NONE, NewEpisode(), transaction=8)
+    rig.see(1.0)
+    rig.see(2.0, "drum", scene=90)
+    rig.answer(1, Motion.GO, SetWord("drum", 0.5))
+    rig.see(3.0, scene=90)
+    rig.see(1.0)
+    known = rig.daemon.state_file()["known_place"]
+    assert (known["call"], known["picture"][:8]) == (None, "/scenes/")
+    assert (rig.folder / known["picture"][1:]).read_bytes()[:2] == b"\xff\xd8"
+    assert not forgotten.exists()
+    served = rig.served.tree.entries("/scenes")
+    assert [f"/scenes/{one.name}" for one in served] == [known["picture"]]

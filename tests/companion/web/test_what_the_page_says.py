@@ -108,7 +108,7 @@ def test_a_place_that_matched_is_shown_with_its_picture_its_words_and_how_to_ref
         "scene": 31,
         "call": 12,
         "similarity": 0.9999,
-        "needed": 0.93,
+        "needed": 0.925,
         "since": None,
         "changed": {"gravel": [None, 1], "bush": [-0.5, -1], "mud": [-1, None]},
         "picture": "/calls/12.jpg",

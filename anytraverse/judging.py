@@ -75,8 +75,9 @@ class Thresholds:
         """Return the cosine that a frame needs to match one of `scenes` remembered ones.
 
         The more there are, the more a frame of another place resembles one of them by chance. Between two
-        numbers in `match` it is interpolated by the logarithm of `scenes`; beyond the last it rises on, up to
-        1. It is never below `scene`, which is all that counts where `match` is empty.
+        numbers in `match` it is interpolated by the logarithm of `scenes`. Beyond the last it rises on, at
+        least as it did on the whole, up to 1. It is never below `scene`, which is all that counts where
+        `match` is empty.
         """
         if not self.match:
             return self.scene
@@ -84,8 +85,8 @@ class Thresholds:
         at = math.log(max(1, scenes))
         least = float(np.interp(at, logs, cosines))
         if at > logs[-1] and len(logs) > 1:
-            slope = (cosines[-1] - cosines[-2]) / (logs[-1] - logs[-2])
-            least = min(1.0, cosines[-1] + slope * (at - logs[-1]))
+            slopes = [(cosines[-1] - cosines[n]) / (logs[-1] - logs[n]) for n in (0, -2)]
+            least = min(1.0, cosines[-1] + max(slopes) * (at - logs[-1]))
         return max(self.scene, least)
 
 

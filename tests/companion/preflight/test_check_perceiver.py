@@ -30,7 +30,7 @@ def test_a_running_companion_tells_it(tmp_path: Path, told: dict[str, object], s
 @pytest.mark.parametrize("scene", [None, 0.99])
 def test_a_configured_scene_threshold_leaves_the_perceivers_measured_numbers(scene: float | None) -> None:
     perceiver = Painted()
-    perceiver.defaults = DefaultThresholds(roi=0.3, scene=0.85, match=TABLE)  # type: ignore[misc]
+    perceiver.defaults = DefaultThresholds(roi=0.3, scene=0.85, match=TABLE)
     config = Config()
     config = replace(config, thresholds=replace(config.thresholds, scene=scene))
     limits = judging_settings(config, perceiver).thresholds

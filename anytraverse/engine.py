@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from anytraverse.adoption import adopted_memory
+from anytraverse.adoption import adopted_memory, refused_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
 from anytraverse.assessment import Assessment, Finding, Map, Observation, Reason
 from anytraverse.errors import ExampleError, PerceiverError
@@ -92,7 +92,9 @@ class AnyTraverse:
             return assessment
         if sum(self._matched) < self.settings.votes:
             return replace(assessment, match=match)
-        self.memory, dropped = adopted_memory(self.memory, match.entry, self.perceiver.meaning)
+        self.memory, dropped = adopted_memory(
+            self.memory, match, self.perceiver.meaning, observation.embedding, place.time
+        )
         self._matched.clear()
         return replace(self.judge(observation, now), match=match, adopted=match.entry, dropped=dropped)
 
@@ -148,28 +150,42 @@ class AnyTraverse:
         call: the frame of the call that is answered; None for words without a call, which teach no scene.
         Only changes and go enter the scene into H and move the reference to it, the latter only if the newest
         frame still resembles it: for these two an earlier frame's embedding will not do, and each gets its
-        own. Raises PreferencesError, ExampleError, PerceiverError; then nothing has changed.
+        own. A refused match is undone first, whatever else changes. Raises PreferencesError, ExampleError,
+        PerceiverError; then nothing has changed.
         """
         before, carried = self.memory, self._carried
+        teaches, refuses = changes.teaches or go, changes.other_place is not None
+        undone, forgotten = tuple[str, ...](), tuple[int, ...]()
         try:
-            if call is not None and (changes or go):
+            if call is not None and teaches:
                 self._see_scene(call)
+            if (call is not None and teaches) or refuses:
                 self._see_scene(self.newest)
-            self.memory, dropped = changed_memory(before, changes, self.perceiver, call)
+            if changes.other_place is not None:
+                newest = self.newest.embedding if self.newest is not None else None
+                self.memory, undone, forgotten = refused_memory(
+                    before, changes.other_place, newest, self.settings.thresholds, self.perceiver.meaning
+                )
+            self.memory, dropped = changed_memory(self.memory, changes, self.perceiver, call)
             remembered = False
-            if call is not None and (changes or go) and is_embedding(call.embedding):
+            if call is not None and teaches and is_embedding(call.embedding):
                 move = self._is_at(call.embedding)
                 place = place or Place()
                 if move:
                     self._carried = self._carried_on(call.embedding, now, place)
                 self.memory = self.memory.remembering(call.embedding, call_id, place, move=move)
                 remembered = True
-            return AnswerOutcome(
+            outcome = AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
                 newest=self.judge(self.newest, now) if self.newest is not None else None,
                 dropped=dropped,
                 remembered=remembered,
+                undone=undone,
+                forgotten=forgotten,
             )
+            if refuses:
+                self._matched.clear()
+            return outcome
         except Exception:
             self.memory, self._carried = before, carried
             raise
@@ -258,8 +274,9 @@ class AnyTraverse:
     def _match(self, assessment: Assessment, observation: Observation) -> Match | None:
         if Reason.UNKNOWN_SCENE not in assessment.reasons:
             return None
-        best = self.memory.history.best(observation.embedding)
-        return best if best is not None and best.similarity >= self.settings.thresholds.scene else None
+        history = self.memory.history
+        best, least = history.best(observation.embedding), self.settings.thresholds.least_match(len(history))
+        return best if best is not None and best.similarity >= least else None
 
 
 def _refuse_foreign(memory: Memory, model_id: str) -> None:

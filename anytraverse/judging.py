@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -49,6 +50,7 @@ class Thresholds:
 
     roi, tile: uncertainty, (0, 1]; tile None: not judged. scene: cosine, [-1, 1].
     trav: drivable share of the known pixels, [0, 1]. margin applies to all but the cosine.
+    match: (number of remembered scenes, least cosine of a match), both rising; see `least_match`.
     Raises SettingsError for a number out of its range.
     """
 
@@ -58,6 +60,7 @@ class Thresholds:
     trav: float = 0.4
     margin: float = 0.03
     similarity_margin: float = 0.01
+    match: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
         _check("roi", self.roi, 0.0 < self.roi <= 1.0, "above 0, at most 1")
@@ -66,11 +69,33 @@ class Thresholds:
         _check("trav", self.trav, 0.0 <= self.trav <= 1.0, "0 to 1")
         _check("margin", self.margin, 0.0 <= self.margin <= 1.0, "0 to 1")
         _check("similarity_margin", self.similarity_margin, 0.0 <= self.similarity_margin <= 1.0, "0 to 1")
+        entries, cosines = [0, *(row[0] for row in self.match)], [-1.0, *(row[1] for row in self.match)]
+        rising = all(one < next_one for one, next_one in pairwise(entries))
+        rising = rising and all(one <= next_one <= 1.0 for one, next_one in pairwise(cosines))
+        _check("match", self.match, rising, "pairs of a number of scenes and a cosine, both rising")
 
     @classmethod
     def of(cls, defaults: DefaultThresholds) -> Thresholds:
         """Take a perceiver's own thresholds, with the default of every other number."""
-        return cls(defaults.roi, defaults.scene, defaults.tile)
+        return cls(defaults.roi, defaults.scene, defaults.tile, match=defaults.match)
+
+    def least_match(self, scenes: int) -> float:
+        """Return the cosine that a frame needs to match one of `scenes` remembered ones.
+
+        The more there are, the more a frame of another place resembles one of them by chance. Between two
+        numbers in `match` it is interpolated by the logarithm of `scenes`. Beyond the last it rises on, at
+        least as it did on the whole, up to 1. It is never below `scene`, which is all that counts where
+        `match` is empty.
+        """
+        if not self.match:
+            return self.scene
+        logs, cosines = [math.log(row[0]) for row in self.match], [row[1] for row in self.match]
+        at = math.log(max(1, scenes))
+        least = float(np.interp(at, logs, cosines))
+        if at > logs[-1] and len(logs) > 1:
+            slopes = [(cosines[-1] - cosines[n]) / (logs[-1] - logs[n]) for n in (0, -2)]
+            least = min(1.0, cosines[-1] + max(slopes) * (at - logs[-1]))
+        return max(self.scene, least)
 
 
 @dataclass(frozen=True)

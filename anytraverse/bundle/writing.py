@@ -77,7 +77,8 @@ class BundleWriter:
         scene_image: Fit | None = None,
     ) -> Manifest:
         """Hash the files, write the manifest, rename the folder to `out`. Raises BundleError, OSError."""
-        limits = asdict(thresholds)
+        # a bundle has no measured numbers for many remembered scenes: `scene` counts for any number
+        limits = {name: getattr(thresholds, name) for name in ("roi", "scene", "tile", "tile_share")}
         if thresholds.tile_share == DefaultThresholds.tile_share:
             del limits["tile_share"]  # so that an older release reads the bundle
         values = {

@@ -65,12 +65,15 @@ class DefaultThresholds:
     scene: cosine to the reference below which the scene has changed, in [-1, 1].
     tile: uncertainty of the worst tile above which something is unknown, in (0, 1]; None: not judged.
     tile_share: side of the tiles for which `tile` was chosen, over the ROI's width, in (0, 1].
+    match: (number of remembered scenes, cosine that a frame needs to match one of them), measured for this
+    embedding by `evaluation.scene_matching`; both rise. (): not measured, `scene` is used for any number.
     """
 
     roi: float
     scene: float
     tile: float | None = None
     tile_share: float = 0.25
+    match: tuple[tuple[int, float], ...] = ()
 
 
 class Perceiver(Protocol):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from anytraverse.frame import Image
 from anytraverse.regions import Box
-from companion.policy.stopping import Outlook
+from companion.config.stopping import Outlook
 
 HEIGHT, VIEW, TILT = 0.5, 70.0, 0.0
 """The mount: metres above the ground; degrees of horizontal view, and of the axis below the horizon."""

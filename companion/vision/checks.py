@@ -11,9 +11,9 @@ import numpy as np
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
 from anytraverse.frame import is_intrinsics
-from anytraverse.history import Entry, History, Place, is_embedding
+from anytraverse.history import MAX_REFUSED, Entry, History, Place, is_embedding
 from anytraverse.judging import Settings
-from anytraverse.memory import Memory
+from anytraverse.memory import Adoption, Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
@@ -128,6 +128,7 @@ def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> 
 def _check_outcome(outcome: Any, now: float) -> None:
     _need(isinstance(outcome, AnswerOutcome), "an outcome")
     _need(all(map(_text, outcome.dropped)) and isinstance(outcome.remembered, bool), "what an answer changed")
+    _need(all(map(_text, outcome.undone)) and all(map(_whole, outcome.forgotten)), "what a refusal changed")
     for seen in (outcome.call, outcome.newest):
         if seen is not None:
             _check_assessment(seen, now)
@@ -213,6 +214,8 @@ def _check_update(update: Any) -> None:
     _need(memory.reference is None or _is_vector(memory.reference), "a reference")
     _need(all(_text(word) and _whole(at) for word, at in memory.settled.items()), "stamps of words")
     _check_examples(memory.examples)
+    if memory.adoption is not None:
+        _check_adoption(memory.adoption)
     for entry in update.entries:
         _check_entry(entry)
     _need(all(map(_whole, update.removed)) and all(map(_text, update.weak)), "rows of a memory")
@@ -223,10 +226,21 @@ def _check_entry(entry: Any) -> None:
     _need(all(map(_whole, (entry.order, entry.matched, entry.call_id))), "a remembered scene's stamps")
     _check_words(entry.preferences)
     _check_examples(entry.examples)
+    right = isinstance(entry.refused, tuple) and len(entry.refused) <= MAX_REFUSED
+    _need(right and all(map(_is_vector, entry.refused)), "the refused frames of a scene")
     where = entry.place
     _need(isinstance(where, Place) and len(where.attitude or (0, 0, 0)) == 3, "a remembered scene's place")
     known = (where.latitude, where.longitude, where.heading, where.time, *(where.attitude or ()))
     _need(all(one is None or (_number(one) and math.isfinite(one)) for one in known), "a scene's place")
+
+
+def _check_adoption(one: Any) -> None:
+    _need(isinstance(one, Adoption) and all(map(_whole, (one.order, one.call_id, one.clock))), "a match")
+    _need(_is_vector(one.embedding) and (one.reference is None or _is_vector(one.reference)), "its vectors")
+    _need(_number(one.similarity) and -1.0 <= one.similarity <= 1.0, "the similarity of a match")
+    _need(one.time is None or (_number(one.time) and math.isfinite(one.time)), "the time of a match")
+    _check_words(one.preferences)
+    _check_examples(one.examples)
 
 
 def _check_words(words: Any) -> None:

@@ -67,6 +67,7 @@ def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
         trav=given.trav,
         margin=config.call.margin,
         similarity_margin=config.call.similarity_margin,
+        match=own.match,
     )
     roi = config.roi
     return Settings(

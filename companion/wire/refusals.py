@@ -66,7 +66,7 @@ COUNTED: dict[Rejected, tuple[str, str]] = {
 
 TEXTS: tuple[tuple[str, str], ...] = (
     (notices.sender_refused(7), "system id 7 may not change anything: `[link] allowed_senders`"),
-    (notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), "31010 with other parameters"),
+    (notices.refused("p2 1-3, 4 weight, 5 policy, 6 other place"), "31010 with other parameters"),
     (texts.stale(7), "the answer's id is closed, or never was: read the newest call"),
     (texts.just_announced(Kind.CALL, 7), "an answer to id 0 less than 2 s after it was announced"),
     (texts.go_lapsed(Kind.CALL, 7), "vision took over 60 s for its words: the go is void"),

@@ -5,12 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
+from companion.wire.answers import (
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    OtherPlace,
+    SetWord,
+    TapBox,
+)
 from companion.wire.ids import Motion
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.terminal.commands import (
     Change,
     CommandError,
+    Elsewhere,
     Episode,
     Forget,
     ForgetAnswer,
@@ -80,7 +89,10 @@ def address(reply: Reply, rover: Rover, now: float) -> Addressed:
     call = rover.calls.get(target)
     if reply.call_id is not None and call is not None and not call.open:
         raise CommandError(f"call {target} is closed already: type `calls` for what is open")
-    if reply.call_id is None and target and rover.reported_for(target, now) < READ_S:
+    concerns_call = reply.motion is not Motion.NONE or not all(
+        isinstance(change, Elsewhere) for change in reply.changes
+    )
+    if concerns_call and reply.call_id is None and target and rover.reported_for(target, now) < READ_S:
         raise CommandError(f"{target} is new, so nothing was sent: read it, then type that again")
     if not target and reply.motion is not Motion.NONE:
         raise CommandError("no call is open, so nothing waits for this; words alone are taken: `bush: -1`")
@@ -100,6 +112,8 @@ def _operation(change: Change, target: int, call: Call | None) -> Operation:
             return ForgetCall(call_id)
         case Episode():
             return NewEpisode()
+        case Elsewhere(call_id):
+            return OtherPlace(call_id)
 
 
 def _tap(tap: Tap, target: int, call: Call | None) -> TapBox:

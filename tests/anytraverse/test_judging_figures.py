@@ -244,7 +244,7 @@ def test_a_perceivers_own_thresholds() -> None:
 def test_a_threshold_out_of_range_is_refused_by_name(wrong: dict[str, float]) -> None:
     [name] = wrong
     with pytest.raises(SettingsError, match=f"^{name} is "):
-        Thresholds(**wrong)
+        Thresholds(**wrong)  # type: ignore[arg-type]
 
 
 def test_the_starting_numbers() -> None:

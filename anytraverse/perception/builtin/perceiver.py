@@ -70,6 +70,7 @@ class GroundNetwork:
     """Implements `Perceiver` with a trained network, the package's own or one of the user's."""
 
     vocabulary = words_for(GROUND_WORDS)
+    infrared = True  # its training shows frames as a camera without infrared filter sees them
     _DEFAULTS = DefaultThresholds(
         roi=0.4,  # held-out filmed drives reach at most .34, and .32 with words for all that is in view
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold

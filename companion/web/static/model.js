@@ -125,6 +125,24 @@ export function computer({ status = {}, check = {} }) {
   ];
 }
 
+// The remembered place whose words are in force by a match; null where none is.
+export function place({ state = {} }) {
+  const known = state.known_place;
+  if (!known) return null;
+  const changed = Object.entries(known.changed ?? {}).map(([word, [was, now]]) =>
+    now == null ? `${word} out of use` : was == null ? `${word} ${now}` : `${word} ${now} (was ${was})`);
+  return {
+    title: known.call ? `Known place: that of call ${known.call}` : "Known place",
+    picture: (known.picture ?? "").replace(/^(\/calls\/\d+)\.jpg$/, "$1-large.jpg"),
+    rows: [
+      ["similarity", `${floored(known.similarity)}, at least ${raised(known.needed)} is needed`],
+      ["since", known.since ? clock(known.since) : "not known"],
+      ["changed", changed.join(", ") || "no word"],
+      ["wrong?", `Not the same place: type \`other place${known.call ? ` ${known.call}` : ""}\` on the ground.`],
+    ],
+  };
+}
+
 export function words({ state = {} }) {
   return Object.entries(state.words ?? {})
     .sort(([, a], [, b]) => b - a)
@@ -187,6 +205,8 @@ export function duration(seconds) {
   return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
 }
 
+const raised = (share) => (Math.ceil(100 * share - 1e-4) / 100).toFixed(2);
+const floored = (share) => (Math.floor(100 * share + 1e-4) / 100).toFixed(2); // one that is shown as 1 is 1
 const percent = (share) => (share == null ? "not known" : `${Math.round(100 * share)} %`);
 const gib = (mebibytes) => (mebibytes < 1024 ? `${mebibytes} MiB` : `${(mebibytes / 1024).toFixed(1)} GiB`);
 const capital = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}` : "");

@@ -244,7 +244,7 @@ def test_a_size_that_is_none_is_refused(size: str, capsys: Out) -> None:
 def test_the_tiles_that_a_threshold_is_meant_for_are_written_and_read(bundle: Make) -> None:
     folder = bundle("--thresholds", "tile=0.9,tile_share=0.08")
     assert manifest(folder)["thresholds"] == {"roi": 0.3, "scene": 0.75, "tile": 0.9, "tile_share": 0.08}
-    assert read_manifest(folder).thresholds == DefaultThresholds(0.3, 0.75, 0.9, 0.08)
+    assert read_manifest(folder).thresholds == DefaultThresholds(0.3, 0.75, 0.9, tile_share=0.08)
 
 
 @pytest.mark.parametrize("given", ["tile_share=0", "roi=2", "roof=0.3", "scene", "roi=nan", "scene=none"])

@@ -20,7 +20,7 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, Place
 from anytraverse.judging import Settings
-from anytraverse.memory import first_memory
+from anytraverse.memory import Adoption, first_memory
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
@@ -124,6 +124,11 @@ def entry_of(**changes: Any) -> Ready:
     return replace(READY, update=replace(UPDATE, entries=(replace(ENTRY, **changes),)))
 
 
+def match_of(**changes: Any) -> Ready:
+    """With a match whose words are in force."""
+    return memory_of(adoption=replace(Adoption(1, 7, 0.9, 3, VECTOR, WORDS, {}, VECTOR), **changes))
+
+
 def finding_of(**changes: Any) -> FrameJudged:
     """With one finding."""
     given = {**vars(Finding.fault("broken")), **changes}
@@ -137,6 +142,17 @@ for _ in range(100_000):
 WRONG: dict[str, Any] = {
     "nothing": None,
     "a number": 7,
+    "a refused frame that is no vector": entry_of(refused=(None,)),
+    "refused frames that are no tuple": entry_of(refused=[VECTOR]),
+    "more refused frames than are kept": entry_of(refused=(VECTOR,) * 9),
+    "a refused frame that is not finite": entry_of(refused=(VECTOR * NAN,)),
+    "a match in force that is none": memory_of(adoption=7),
+    "a match without a vector": match_of(embedding=None),
+    "a match of a similarity beyond 1": match_of(similarity=1.5),
+    "a match at no time": match_of(time=NAN),
+    "a match with words of the wrong kind": match_of(preferences={}),
+    "a match of a scene without a stamp": match_of(order=-1),
+    "a match with a reference that is not finite": match_of(reference=VECTOR * INF),
     "a class": FrameJudged,
     "a frame that is not newer": replace(LOOKED, assessment=replace(SEEN, frame=Frame(4, 1.0, picture()))),
     "a frame's id below 0": seen(frame=Frame(-5, 1.0, picture())),

@@ -41,7 +41,7 @@ FUNCTIONS: list[Callable[..., str]] = [
     function
     for module in (texts, notices)
     for name, function in inspect.getmembers(module, inspect.isfunction)
-    if function.__module__ == module.__name__ and not name.startswith("_")
+    if function.__module__ == module.__name__ and not name.startswith("_") and name != "matched_words"
 ]
 
 

@@ -230,12 +230,15 @@ class AnyTraverse:
         itself that it is `independent`: there a word's map does not depend on the other words asked for.
         """
         memory, kept = self.memory, observation.attended
-        prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
-        drivable = tuple(prompt for prompt in prompts if memory.preferences[prompt.word] > 0)
+        prompts = tuple(
+            Prompt(word, memory.examples.get(word, ()), weight > 0)
+            for word, weight in memory.preferences.items()
+        )
+        drivable = tuple(prompt for prompt in prompts if prompt.drivable)
         if getattr(self.perceiver, "independent", False):
             whole = kept[prompts] if prompts in kept else self.perceiver.attend(observation.features, prompts)
             observation.attended = {prompts: whole}
-            positive = [memory.preferences[prompt.word] > 0 for prompt in prompts]
+            positive = [bool(prompt.drivable) for prompt in prompts]
             return whole, whole[np.array(positive, dtype=np.bool_)] if len(whole) == len(positive) else whole
         observation.attended = {asked: kept[asked] for asked in (prompts, drivable) if asked in kept}
         for asked in (prompts, drivable):

@@ -51,10 +51,15 @@ class Example:
 
 @dataclass(frozen=True)
 class Prompt:
-    """Holds what to look for: a word, tapped examples of it, or both."""
+    """Holds what to look for: a word, tapped examples of it, or both.
+
+    drivable: whether its weight is above 0; None: not known. A perceiver may let the words of one side share
+    what they explain.
+    """
 
     word: str
     examples: tuple[Example, ...] = ()
+    drivable: bool | None = None
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ SLOPE = 6.0
 RIDGE = 0.3
 """Added to the diagonal of the background's covariance, so that rare directions do not dominate."""
 _BIASES = np.linspace(-1.5, 1.5, 13)
+_GAIN = 0.01  # of IoU, for which the network is biased: less is luck, and costs as much elsewhere
 _FEWEST = 200  # cells of a class from which its centre is calculated
 _NEVER = 1e6  # a limit that nothing reaches
 _SHARE = 0.15  # of all cells, by which distances are measured
@@ -74,8 +75,10 @@ def fitted_bias(results: Sequence[tuple[Outputs, Labels]], start: Calibration) -
         bias[list(DRIVABLE)] = raised
         scores.append(score(sample, replace(blind, bias=bias)).iou)
     smooth = np.convolve(np.pad(scores, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
+    chosen, none = int(np.argmax(smooth)), len(_BIASES) // 2
     best = np.zeros(len(CLASSES), dtype=np.float32)
-    best[list(DRIVABLE)] = _BIASES[int(np.argmax(smooth))]
+    if smooth[chosen] > smooth[none] + _GAIN:
+        best[list(DRIVABLE)] = _BIASES[chosen]
     return best
 
 

@@ -144,6 +144,8 @@ class Records:
             write_scene = partial(self._files.write_scene, self._first_scene[1], drawn.panel, names)
             self._writer.queue_job("picture", write_scene)
             self._first_scene = 0, ""
+            if not number:
+                return
         if not self._archive.wanted or not drawn.panel:
             if number == self._shown[0]:
                 self._shown = number, ""

@@ -68,7 +68,7 @@ def relit(image: Image, rng: Rng) -> Image:
     if rng.random() < 0.3:
         image = _softened(image, rng)
     light: Floats = np.float32(1 / 255) * np.asarray(image, dtype=np.float32)
-    if rng.random() < 0.06:
+    if rng.random() < 0.08:
         light = _infrared(light, rng)
     light = light @ _colours(rng).T
     light = np.clip(light, 0.0, 1.0, out=light)
@@ -76,14 +76,14 @@ def relit(image: Image, rng: Rng) -> Image:
         light **= np.float32(math.exp(rng.normal(0, 0.25)))
     if rng.random() < 0.5:
         light *= _shading(image.shape[:2], rng)[..., None]
-    if rng.random() < 0.2:
+    if rng.random() < 0.25:
         light = _veiled(light, rng)
     light *= np.float32(math.exp(np.clip(rng.normal(0, 0.35), -1.0, 0.75)))
     if rng.random() < 0.3:
         light += np.float32(rng.uniform(-0.04, 0.08))  # haze, or a black level
-    if rng.random() < 0.05:
+    if rng.random() < 0.08:
         light = light * np.float32(math.exp(rng.uniform(-1.8, -0.7))) + _noise(image.shape, rng)  # dusk
-    if rng.random() < 0.2:
+    if rng.random() < 0.3:
         light = light * _gains(rng)  # a wrong white balance, after the light
     light *= np.float32(max(1.0, _DARKEST / max(float(light.mean()), 1e-3)))
     if rng.random() < 0.5:

@@ -72,11 +72,10 @@ class GroundNetwork:
     vocabulary = words_for(GROUND_WORDS)
     infrared = True  # its training shows frames as a camera without infrared filter sees them
     _DEFAULTS = DefaultThresholds(
-        roi=0.4,  # held-out filmed drives reach at most .34, and .32 with words for all that is in view
+        roi=0.4,
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
-        # 1 % of the filmed frames by which it was chosen have a tile above it, and 1 % of simulated frames
-        # of an empty trail. Nearly all frames of things 2.5 to 4.5 m ahead have a tile of 0.9 and more.
-        tile=0.65,
+        tile=0.7,  # docs/builtin.md: recall of things by size against false stops
+        tile_share=0.08,
     )
 
     def __init__(self, model: Path, runtime: Runtime) -> None:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from anytraverse.perception.builtin.attention import distance, middle_cells
 from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs, network_input
-from anytraverse.perception.builtin.scene import SUMMARY
 from anytraverse.perception.builtin.taps import COLOURS, tap_cells
 from anytraverse.training.augment import cast
 from anytraverse.training.backbone import SCALES
@@ -48,8 +47,8 @@ def plain() -> Calibration:
         slope=SLOPE,
         tap_mean=np.zeros(taps, np.float32),
         tap_whitening=np.eye(taps, dtype=np.float32),
-        scene_mean=np.zeros(SUMMARY, np.float32),
-        scene_projection=np.eye(SUMMARY, dtype=np.float32)[:32],
+        scene_mean=np.zeros(1, np.float32),
+        scene_projection=np.ones((1, 1), np.float32),
         scene_threshold=0.5,
         scene_match=np.zeros((0, 2), np.float32),
     )

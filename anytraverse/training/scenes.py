@@ -21,9 +21,9 @@ from anytraverse.training.scores import Network, auroc
 SIZE = 32
 _VISITS = 3  # changed views of each frame
 _RIDGE = 0.1  # share of the total variance added to the diagonal of the covariance within places
-_RENDERED_WEIGHT = 8.0  # weight of rendered frames: driving on changes a frame more than another light does
+_RENDERED_WEIGHT = 4.0  # weight of rendered frames: driving on changes a frame more than another light does
 _FLATTENING = 0.35  # 0: directions count by how well they tell places apart; 0.5: all count equally
-_OTHERS = 0.10  # share of pairs of different drives that may count as the same place
+_OTHERS = 0.15  # share of pairs of different drives that may count as the same place
 _REVISITS = 0.97  # least share of revisits that count as the same place; it goes before `_OTHERS`
 
 

@@ -14,18 +14,27 @@ SAME_PLACE = 0.925
 
 _TOP = 1 / 3
 """Share of the frame's height that is left out at the top: it shows places not yet reached."""
-_CHANNELS = 112  # of the backbone at stride 16
-SUMMARY = 4 * _CHANNELS
-"""The length of `scene_summary`."""
+_BANDS = ((0.45, 0.65), (0.65, 1.0))
+"""Rows, in fractions of the frame's height: the ground some metres ahead, and the ground at the wheels."""
 
 
 def scene_summary(outputs: Outputs) -> Floats:
-    """Summarise the features at stride 16, (P,): means of the left, middle and right third, and the spread."""
-    features = outputs.sixteenth
-    rows, columns = features.shape[1:]
-    ground, third = features[:, int(_TOP * rows) :], max(1, columns // 3)
-    parts = (ground[..., :third], ground[..., third : columns - third], ground[..., columns - third :])
-    return np.concatenate([*(part.mean(axis=(1, 2)) for part in parts), ground.std(axis=(1, 2))])
+    """Summarise the frame, (P,), by what grows where and by the kinds of ground.
+
+    The former are the means of the backbone's features at stride 16 in the left, middle and right third; the
+    latter mean and standard deviation of the decoder's features in each of the `_BANDS`.
+    """
+    coarse, fine = outputs.sixteenth, outputs.features
+    columns, rows = coarse.shape[2], fine.shape[1]
+    ground, third = coarse[:, int(_TOP * coarse.shape[1]) :], max(1, columns // 3)
+    thirds = (ground[..., :third], ground[..., third : columns - third], ground[..., columns - third :])
+    bands = [fine[:, int(top * rows) : math.ceil(bottom * rows)] for top, bottom in _BANDS]
+    return np.concatenate(
+        [
+            *(part.mean(axis=(1, 2)) for part in thirds),
+            *(part for band in bands for part in (band.mean(axis=(1, 2)), band.std(axis=(1, 2)))),
+        ]
+    )
 
 
 def scene_vector(outputs: Outputs, calibration: Calibration) -> Floats:

@@ -71,7 +71,7 @@ class GroundNetwork:
 
     vocabulary = words_for(GROUND_WORDS)
     infrared = True  # its training shows frames as a camera without infrared filter sees them
-    _DEFAULTS = DefaultThresholds(
+    DEFAULTS = DefaultThresholds(
         roi=0.4,
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
         tile=0.7,  # docs/builtin.md: recall of things by size against false stops
@@ -87,7 +87,7 @@ class GroundNetwork:
         self.model_id = f"builtin-net-{hashlib.sha256(stored + numbers).hexdigest()[:12]}"
         self._calibration = Calibration.load(model.with_suffix(".npz"))
         match = tuple((round(float(number)), float(least)) for number, least in self._calibration.scene_match)
-        self.defaults = replace(self._DEFAULTS, match=match)
+        self.defaults = replace(self.DEFAULTS, match=match)
         self._run = open_network(model, runtime)
         self._check(model.name)
 

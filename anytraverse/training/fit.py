@@ -155,10 +155,10 @@ def _temporary_folder_beside(path: Path) -> Iterator[Path]:
 
 def stored(path: Path) -> tuple[Network, Calibration]:
     """Open a network and calibration that `write` wrote. Raises PerceiverError, TrainingError."""
-    calibration = Calibration.load(path.with_suffix(".npz"))
+    network, calibration = opened(path), Calibration.load(path.with_suffix(".npz"))
     if calibration.classes != CLASSES:
         raise TrainingError(f"{path.name} knows other classes than a fit: give another network")
-    return opened(path), calibration
+    return network, calibration
 
 
 def opened(path: Path) -> Network:

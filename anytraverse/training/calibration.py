@@ -77,8 +77,8 @@ def recalibrated(
     """Fit bias and limits; the limits stay so low that enough things pasted into these frames are noticed.
 
     required: share of them; None: as many as with `start`. False alarms on few frames say little of things:
-    alone, they raise the limits until things are explained away. A bias whose limits are then so low that more
-    of the drivable ground is uncertain than with `start` is taken by half, or not at all.
+    alone, they raise the limits until things are explained away. A bias whose limits are then so low that
+    more of the drivable ground is uncertain than with `start` is taken by half, or not at all.
     """
     things = seen(network, validation, _SEED, cutouts)
     least = recall(things, start) if required is None else required

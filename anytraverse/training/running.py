@@ -40,7 +40,7 @@ class Work:
 
 
 def run_fit(given: argparse.Namespace) -> int:
-    """Fit, compare and write. Returns the exit code: 1 when the fit is worse than what it would replace.
+    """Fit, compare and write. Returns the exit code: 1 when nothing was written.
 
     Raises AnyTraverseError, OSError.
     """
@@ -123,8 +123,9 @@ def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) ->
     compared = compare(model, before, validation, cutouts, chosen_here=True)
     tested = compare(model, before, test, cutouts, chosen_here=False) if len(test) else None
     refusal = compared.refusal()
+    unchanged = refusal is None and _unchanged(work, fitted)
     figures = {
-        "written": refusal is None,
+        "written": refusal is None and not unchanged,
         **compared.figures(),
         "test": tested.figures() if tested else None,
         "trained_on": len(training),
@@ -140,17 +141,30 @@ def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) ->
         _show("drives that chose its calibration", compared, details(model, validation, training))
         if tested:
             _show("test drives, only reported", tested, details(model, test, training))
-    if refusal is None:
+    if refusal is None and not unchanged:
         write(fitted, given.out)
         if not given.json:
             print(_next(given.out))
+    elif refusal is None:
+        _say(
+            "anytraverse fit: no other calibration is better on the drives held out without losing things. "
+            f"Nothing was written. {_advice(work, compared)}"
+        )
     else:
         _say(
             f"anytraverse fit: refused, worse than what it would replace: {refusal} on the drives held out. "
             f"Nothing was written. {_advice(work, compared)}"
         )
     print(json.dumps(figures, allow_nan=False))
-    return 0 if refusal is None else 1
+    return 0 if figures["written"] else 1
+
+
+def _unchanged(work: Work, fitted: Fitted) -> bool:
+    """Return whether the fit is the network that it began from."""
+    if work.start is None or work.options.steps:
+        return False
+    before, now = stored(work.start)[1], fitted.calibration
+    return np.array_equal(before.bias, now.bias) and np.array_equal(before.limits, now.limits)
 
 
 def _advice(work: Work, compared: Comparison) -> str:

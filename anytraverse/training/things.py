@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -83,7 +84,9 @@ def recall(
     It notices a thing when a tile whose middle is on it has a mean uncertainty above the tile threshold,
     where every known class has a word.
     """
-    return float(np.mean([noticed(thing, calibration, thresholds) for thing in things] or [np.nan]))
+    if not things:
+        return math.nan
+    return float(np.mean([noticed(thing, calibration, thresholds) for thing in things]))
 
 
 def noticed(thing: Seen, calibration: Calibration, thresholds: DefaultThresholds) -> bool:

@@ -271,7 +271,7 @@ def test_files_of_an_older_version_are_refused_with_what_to_do(tmp_path: Path) -
     with np.load(own.with_suffix(".npz")) as stored:
         kept = {name: stored[name] for name in stored.files if name != "limits"}
     np.savez(own.with_suffix(".npz"), gamma=9.8, **kept)
-    with pytest.raises(PerceiverError, match=r"own\.npz has no 'limits.*older version wrote it, fit it again"):
+    with pytest.raises(PerceiverError, match=r"own\.npz has no 'limits.*older version.*fit it again"):
         make_perceiver(f"builtin:{own}", Runtime(threads=1))
 
 

@@ -13,7 +13,10 @@ from anytraverse.training.widths import FEATURES, SCALES
 
 
 def made(
-    logits: Floats, features: Floats | None = None, eighth: Floats | None = None, sixteenth: Floats | None = None
+    logits: Floats,
+    features: Floats | None = None,
+    eighth: Floats | None = None,
+    sixteenth: Floats | None = None,
 ) -> Outputs:
     """Outputs with these logits, (C, h/4, w/4), and zeros for what is not given."""
     rows, columns = logits.shape[1:]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.frame import Image
 from anytraverse.perception.builtin.attention import distance, posteriors, strangeness
-from anytraverse.perception.builtin.calibration import Calibration
+from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs, network_size
 from anytraverse.perception.builtin.scene import SAME_PLACE, SUMMARY, scene_vector
 from anytraverse.perception.builtin.taps import learn_tap, tap_attention
@@ -157,10 +157,10 @@ def painted(image: Image) -> Outputs:
     """A network whose features are cosines of the colours."""
     rng = np.random.default_rng(9)
 
-    def waves(channels: int, step: int) -> np.ndarray:
+    def waves(channels: int, step: int) -> Floats:
         small = image[::step, ::step].astype(np.float32)
         turns = rng.normal(0, 0.02, (channels, 3)).astype(np.float32)
-        return np.cos(np.einsum("fc,hwc->fhw", turns, small))
+        return np.asarray(np.cos(np.einsum("fc,hwc->fhw", turns, small)), dtype=np.float32)
 
     logits = np.zeros((len(CLASSES), *image[::4, ::4].shape[:2]), np.float32)
     return made(logits, waves(FEATURES, 4), waves(SCALES[8], 8), waves(SCALES[16], 16))

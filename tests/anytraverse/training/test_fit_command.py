@@ -116,6 +116,27 @@ def test_a_calibration_alone_keeps_the_weights_and_loses_no_things(
         assert figures["things_noticed"] >= figures["things_noticed_replaced"] - 0.03
 
 
+def test_a_calibration_that_changes_nothing_is_not_written(
+    tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Out
+) -> None:
+    from anytraverse.training.fit import Fitted
+
+    monkeypatch.setattr(
+        "anytraverse.training.running.fit_on",
+        lambda start, *_: Fitted(start, Calibration.load(start.with_suffix(".npz"))),
+    )
+    out = tmp_path / "mine.onnx"
+    words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--steps", "0", "--json"]
+    assert main(words) == 1
+    told, said = capsys.readouterr()
+    figures = last_line(told)
+    assert not figures["written"]
+    assert figures["things_noticed"] == figures["things_noticed_replaced"]
+    assert "no other calibration is better" in said or "refused" in said
+    assert "--steps 0" not in said
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_too_few_frames_choose_no_calibration(tiny_folder: Path, tmp_path: Path, capsys: Out) -> None:
     out = tmp_path / "mine.onnx"
     assert main(["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "--steps", "0"]) == 2

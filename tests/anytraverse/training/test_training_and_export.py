@@ -35,7 +35,8 @@ def backbone() -> dict[str, Tensor]:
     """The backbone's weights as they ship."""
     from anytraverse.training.export import read_back
 
-    return read_back(SHIPPED).backbone.state_dict()
+    weights: dict[str, Tensor] = read_back(SHIPPED).backbone.state_dict()
+    return weights
 
 
 def untrained(seed: int = 0) -> GroundNet:
@@ -47,7 +48,8 @@ def untrained(seed: int = 0) -> GroundNet:
     torch.manual_seed(seed)
     net = GroundNet()
     net.backbone.load_state_dict(backbone())
-    return net.eval()
+    net.eval()
+    return net
 
 
 def few(folder: Path) -> Folder:

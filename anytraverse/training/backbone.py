@@ -41,8 +41,6 @@ STAGES = (
     Stage(4, 5, 2, 6, 192),
     Stage(1, 3, 1, 6, 320),
 )
-SCALES = {4: 24, 8: 40, 16: 112, 32: 320}
-"""Stride -> channels of the features that the backbone returns."""
 _LAST_OF_SCALE = (2, 4, 10, 15)  # blocks
 
 

@@ -14,11 +14,12 @@ from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs, network_input
 from anytraverse.perception.builtin.taps import COLOURS, tap_cells
 from anytraverse.training.augment import cast
-from anytraverse.training.backbone import SCALES
 from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN
+from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Folder, Labels
-from anytraverse.training.net import FEATURES, MIDDLE
 from anytraverse.training.scores import VIEWS, Network, gained, outputs, resized, score, softmax
+from anytraverse.training.things import bounded, recall, seen
+from anytraverse.training.widths import FEATURES, MIDDLE, SCALES
 
 ALLOWED = 0.01
 """Share of drivable validation cells beyond each of the two limits of strangeness."""
@@ -26,6 +27,10 @@ SLOPE = 6.0
 """Steepness of the strangeness about its limits."""
 RIDGE = 0.3
 """Added to the diagonal of the background's covariance, so that rare directions do not dominate."""
+FEWEST_FRAMES = 10
+"""Frames that may choose a calibration, at least."""
+_SEED = 9  # of the pasted things
+_SHARES = (1.0, 0.5, 0.0)  # of the change of the bias, the first that does no harm
 _BIASES = np.linspace(-1.5, 1.5, 13)
 _GAIN = 0.01  # of IoU, for which the network is biased: less is luck, and costs as much elsewhere
 _FEWEST = 200  # cells of a class from which its centre is calculated
@@ -59,6 +64,40 @@ def calibrated(network: Network, validation: Folder, start: Calibration) -> Cali
     results = [pair for gains in VIEWS.values() for pair in outputs(network, validation, gains)]
     biased = replace(start, bias=fitted_bias(results, start))
     return replace(biased, limits=fitted_limits(results, biased))
+
+
+def recalibrated(
+    network: Network,
+    validation: Folder,
+    start: Calibration,
+    cutouts: Sequence[Cutout] = (),
+    required: float | None = None,
+) -> Calibration:
+    """Fit bias and limits; the limits stay so low that enough things pasted into these frames are noticed.
+
+    required: share of them; None: as many as with `start`. False alarms on few frames say little of things:
+    alone, they raise the limits until things are explained away. A bias whose limits are then so low that
+    more of the drivable ground is uncertain than with `start` is taken by half, or not at all.
+    """
+    things = seen(network, validation, _SEED, cutouts)
+    least = recall(things, start) if required is None else required
+    results = [pair for gains in VIEWS.values() for pair in outputs(network, validation, gains)]
+    filmed = results[: len(validation)]
+    before, fitted = score(filmed, start), fitted_bias(results, start)
+    for share in _SHARES:
+        biased = replace(start, bias=start.bias + np.float32(share) * (fitted - start.bias))
+        found = bounded(things, replace(biased, limits=fitted_limits(results, biased)), least)
+        now = score(filmed, found)
+        if now.iou >= before.iou and now.unexplained <= before.unexplained:
+            return found
+    return bounded(things, start, least)
+
+
+def least_recall(
+    network: Network, validation: Folder, start: Calibration, cutouts: Sequence[Cutout]
+) -> float:
+    """Return the share of the same things that another network notices, for `recalibrated`."""
+    return recall(seen(network, validation, _SEED, cutouts), start)
 
 
 def fitted_bias(results: Sequence[tuple[Outputs, Labels]], start: Calibration) -> Floats:

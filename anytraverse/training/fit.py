@@ -17,7 +17,14 @@ from anytraverse.perception.builtin.calibration import Calibration
 from anytraverse.perception.builtin.network import network_input, open_network
 from anytraverse.perception.runtime import Runtime
 from anytraverse.training.backbone import pretrained
-from anytraverse.training.calibration import calibrated, fitted_distances, plain, tap_background
+from anytraverse.training.calibration import (
+    calibrated,
+    fitted_distances,
+    least_recall,
+    plain,
+    recalibrated,
+    tap_background,
+)
 from anytraverse.training.classes import CLASSES
 from anytraverse.training.export import LARGEST, export, read_back
 from anytraverse.training.fitting import Material, Options, Progress, train
@@ -66,15 +73,18 @@ def fit_on(
 ) -> Fitted:
     """Train on from a network that a training wrote; with 0 steps only its calibration changes.
 
-    The distances, the scene's projection and the background of taps stay as they were: few frames of few
-    places would make them worse. Raises TrainingError, PerceiverError.
+    The limits of strangeness stay so low that as many pasted things are noticed as before. The distances, the
+    scene's projection and the background of taps stay as they were: few frames of few places would make them
+    worse. Raises TrainingError, PerceiverError.
     """
     training, validation, _ = split.parts(material.real)
-    before = stored(start)[1]
-    path = start
+    network, before = stored(start)
+    cutouts = material.kept_cutouts
+    path, required = start, None
     if options.steps:
+        required = least_recall(network, validation, before, cutouts)
         path = _exported(read_back(start), replace(material, real=training), options, folder, progress)
-    return Fitted(path, calibrated(opened(path), validation, before))
+    return Fitted(path, recalibrated(opened(path), validation, before, cutouts, required))
 
 
 def _exported(
@@ -145,10 +155,10 @@ def _temporary_folder_beside(path: Path) -> Iterator[Path]:
 
 def stored(path: Path) -> tuple[Network, Calibration]:
     """Open a network and calibration that `write` wrote. Raises PerceiverError, TrainingError."""
-    calibration = Calibration.load(path.with_suffix(".npz"))
+    network, calibration = opened(path), Calibration.load(path.with_suffix(".npz"))
     if calibration.classes != CLASSES:
         raise TrainingError(f"{path.name} knows other classes than a fit: give another network")
-    return opened(path), calibration
+    return network, calibration
 
 
 def opened(path: Path) -> Network:

@@ -52,11 +52,15 @@ REFIT = Options(steps=150, rate=1e-3, decay=0.98, pull=1e-3)
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Holds what a network is trained on: filmed and rendered frames, and photographs of things to paste."""
+    """Holds what a network is trained on: filmed and rendered frames, and photographs of things to paste.
+
+    kept_cutouts: photographs that are not for training: things in them must be noticed by what was trained.
+    """
 
     real: Folder
     made: Folder = Folder(())
     cutouts: tuple[Cutout, ...] = ()
+    kept_cutouts: tuple[Cutout, ...] = ()
 
 
 Progress = Callable[[int, int, float, float], None]

@@ -9,15 +9,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from anytraverse.training.backbone import SCALES, Backbone
+from anytraverse.training.backbone import Backbone
 from anytraverse.training.classes import CLASSES
+from anytraverse.training.widths import FEATURES, SCALES
 
 WIDE = 48
 """Channels within the decoder."""
-FEATURES = 32
-"""Channels of the last layer before the class logits."""
-MIDDLE = SCALES[8] + SCALES[16]
-"""Channels of the features at strides 8 and 16, by which distances and scenes are judged."""
 
 
 class Separable(nn.Module):  # type: ignore[misc]

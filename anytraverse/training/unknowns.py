@@ -36,7 +36,7 @@ def paste_unknowns(
     picture, names = image.copy(), labels.copy()
     for _ in range(int(rng.integers(1, 4))):
         chosen = cutouts[int(rng.integers(len(cutouts)))] if cutouts and rng.random() < 0.5 else None
-        _paste(picture, names, image, rng, chosen)
+        paste_thing(picture, names, image, rng, chosen)
     return picture, names
 
 
@@ -86,13 +86,25 @@ def _ragged(shape: tuple[int, int], rng: Rng) -> NDArray[np.bool_]:
     return np.asarray(lumps > rng.uniform(0.2, 0.5), dtype=np.bool_).reshape(shape)
 
 
-def _paste(picture: Image, names: Labels, source: Image, rng: Rng, cutout: Cutout | None) -> None:
-    """Paste one thing into `picture` and `names`; its surface may be copied from `source`."""
+def paste_thing(
+    picture: Image,
+    names: Labels,
+    source: Image,
+    rng: Rng,
+    cutout: Cutout | None = None,
+    at: tuple[float, float] | None = None,
+) -> None:
+    """Paste one thing into `picture` and `names`; its surface may be copied from `source`.
+
+    at: column and row of its foot in pixels; None: drawn.
+    """
     rows, columns = names.shape
     high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)))
     wide = high * math.exp(rng.normal(0.0, 0.5 if rng.random() < 0.7 else 1.2))
     foot = np.clip(rng.normal(0.62, 0.2), 0.2, 1.1) * rows
     middle = rng.uniform(0, columns)
+    if at is not None:
+        middle, foot = at
     if cutout is not None:
         wide = min(high * cutout.shape[1] / cutout.shape[0], 0.6 * columns)
         placed = _placed(cutout, (rows, columns), (middle, foot - high / 2), (wide, high), rng)

@@ -81,19 +81,20 @@ def attention(
     sides: whether each word is drivable. The words of one side share what they explain: together it is the
     sum of the probabilities of their classes, which the word with the most evidence gets whole, and every
     other in proportion to its evidence. So trail beside grass, both drivable, is as certain as both together.
-    fits (N, h, w) or None: how well a point's colours suit each word, a factor on its classes. reach
+    fits (N, C, h, w) or None: how well a point's colours suit each word, a factor on its classes. reach
     (N, h, w) or None: the share of its classes that each word explains at each point; None: all.
     """
     if not len(own):
         return np.zeros((0, *probabilities.shape[1:]), dtype=np.float32)
     found = np.zeros((len(own), *probabilities.shape[1:]), dtype=np.float32)
-    evidence = np.tensordot(own, probabilities, 1)
     explains = (own > 0).astype(np.float32)[:, :, None, None]
-    for factor in (fits, reach):
-        if factor is not None:
-            explains = explains * factor[:, None]
-    if fits is not None:
-        evidence *= fits
+    if fits is None:
+        evidence = np.tensordot(own, probabilities, 1)
+    else:
+        evidence = np.einsum("nc,nchw,chw->nhw", own, fits, probabilities)
+        explains = explains * fits
+    if reach is not None:
+        explains = explains * reach[:, None]
     for side in set(sides):
         members = [index for index, each in enumerate(sides) if each == side]
         explained = (explains[members].max(axis=0) * probabilities).sum(axis=0)

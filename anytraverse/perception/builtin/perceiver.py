@@ -71,7 +71,7 @@ class GroundNetwork:
 
     vocabulary = words_for(GROUND_WORDS)
     infrared = True  # its training shows frames as a camera without infrared filter sees them
-    _DEFAULTS = DefaultThresholds(
+    DEFAULTS = DefaultThresholds(
         roi=0.4,
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
         tile=0.7,  # docs/builtin.md: recall of things by size against false stops
@@ -86,10 +86,10 @@ class GroundNetwork:
         stored, numbers = _read_file(model), _read_file(model.with_suffix(".npz"))
         self.model_id = f"builtin-net-{hashlib.sha256(stored + numbers).hexdigest()[:12]}"
         self._calibration = Calibration.load(model.with_suffix(".npz"))
-        match = tuple((round(float(number)), float(least)) for number, least in self._calibration.scene_match)
-        self.defaults = replace(self._DEFAULTS, match=match)
         self._run = open_network(model, runtime)
         self._check(model.name)
+        match = tuple((round(float(number)), float(least)) for number, least in self._calibration.scene_match)
+        self.defaults = replace(self.DEFAULTS, match=match)
 
     def meaning(self, word: str) -> str:
         """Return the concept that a word shares with its synonyms. Raises UnknownWordError."""

@@ -99,13 +99,13 @@ def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:
 
 
 def relative_fits(fits: Floats, covers: NDArray[np.bool_]) -> Floats:
-    """Divide colour fits by the best fit of all words that share a class, (N, h, w) in (0, 1].
+    """Divide colour fits by the best fit of all words that share a class, (N, C, h, w) in [0, 1].
 
-    covers (N, C): whether a word explains a class. So colours tell kinds of ground apart, and do not decide
-    whether it is ground at all.
+    covers (N, C): whether a word explains a class; where not, the fit is 0. So colours tell kinds of ground
+    apart, and do not decide whether it is ground at all: each class fits some word fully.
     """
-    kin = covers @ covers.T
-    return np.asarray(fits / np.stack([fits[own].max(axis=0) for own in kin]), dtype=np.float32)
+    shared = covers[:, :, None, None] * fits[:, None]
+    return np.asarray(shared / np.maximum(shared.max(axis=0), 1e-9), dtype=np.float32)
 
 
 def reach(concepts: Sequence[str], fits: Floats | None) -> Floats | None:

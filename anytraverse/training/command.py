@@ -61,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cutouts",
         type=Path,
         metavar="DIR",
-        help="photographs of things without a background, PNG with opacity, to paste as things without a name",
+        help="photographs of things without a background (PNG with opacity), to paste as things without a "
+        "name",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -29,10 +29,10 @@ _UNKNOWN_SHARE = 0.03  # rough share of pixels covered by pasted things, which n
 class Options:
     """Holds the options of a training.
 
-    steps: number of batches. batch: views in each. rate: the highest learning rate. made_share: share of views
-    from rendered frames, where there are any. drivable: weight of the loss for "drivable or not" beside that
-    for all classes. decay: of the average over weights. pull: weight of the squared distance from the weights
-    at the start (Li et al., L2-SP, 2018). threads: cores.
+    steps: number of batches. batch: views in each. rate: the highest learning rate. made_share: share of
+    views from rendered frames, where there are any. drivable: weight of the loss for "drivable or not" beside
+    that for all classes. decay: of the average over weights. pull: weight of the squared distance from the
+    weights at the start (Li et al., L2-SP, 2018). threads: cores.
     """
 
     seed: int = 0
@@ -58,7 +58,7 @@ class Material:
     """
 
     real: Folder
-    made: Folder = Folder(())
+    made: Folder = field(default_factory=lambda: Folder(()))
     cutouts: tuple[Cutout, ...] = ()
     kept_cutouts: tuple[Cutout, ...] = ()
 

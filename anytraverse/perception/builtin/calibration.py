@@ -20,8 +20,8 @@ class Calibration:
     """Holds the numbers beside a network of C classes, D features and M channels at strides 8 and 16.
 
     classes: their names, in the order of the logits. bias (C,): added to the logits.
-    distance_mean (M,), distance_whitening (M, M), distance_centres (K, M): see `distance`. limits (2,), slope:
-    see `strangeness`. tap_mean (T,), tap_whitening (T, T): statistics of the background; see taps.py.
+    distance_mean (M,), distance_whitening (M, M), distance_centres (K, M): see `distance`. limits (2,) and
+    slope: see `strangeness`. tap_mean (T,), tap_whitening (T, T): statistics of the background; see taps.py.
     scene_mean (P,), scene_projection (S, P), scene_threshold: see scene.py. scene_match (n, 2): numbers of
     remembered scenes, and the cosine from which a frame matches one of so many.
     """

@@ -15,7 +15,7 @@ from anytraverse.frame import Image
 from anytraverse.perception.builtin.attention import distance, posteriors, strangeness
 from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs, network_size
-from anytraverse.perception.builtin.scene import SAME_PLACE, SUMMARY, scene_vector
+from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
 from anytraverse.perception.builtin.taps import learn_tap, tap_attention
 from anytraverse.regions import Box
 from anytraverse.training.calibration import (
@@ -221,7 +221,3 @@ def test_a_calibration_of_an_older_version_is_refused_by_name(tmp_path: Path) ->
     np.savez(path, classes=np.array(CLASSES), bias=np.zeros(len(CLASSES)), gamma=9.8)
     with pytest.raises(PerceiverError, match=r"mine\.npz has no .*an older version wrote it, fit it again"):
         Calibration.load(path)
-
-
-def test_the_summary_of_a_scene_has_its_stated_length() -> None:
-    assert plain().scene_mean.shape == (SUMMARY,)

@@ -10,7 +10,6 @@ import pytest
 from anytraverse.perception.builtin.calibration import Calibration
 from anytraverse.perception.builtin.network import network_input, open_network
 from anytraverse.perception.builtin.perceiver import SHIPPED, GroundNetwork
-from anytraverse.perception.builtin.scene import SUMMARY
 from anytraverse.perception.builtin.taps import COLOURS
 from anytraverse.perception.runtime import Runtime
 from anytraverse.training.classes import CLASSES
@@ -28,7 +27,7 @@ def test_it_is_small_and_its_calibration_fits() -> None:
     assert calibration.tap_whitening.shape == (taps, taps)
     assert calibration.distance_centres.shape[1] == MIDDLE
     assert len(calibration.distance_centres) >= 3
-    assert calibration.scene_projection.shape == (32, SUMMARY)
+    assert calibration.scene_projection.shape == (32, 3 * SCALES[16] + 4 * FEATURES)
     assert 0 < calibration.limits[0] < 1
     assert 1 < calibration.limits[1] < 5  # the median distance of known ground is near 1
     assert 0 < calibration.scene_threshold < 0.925

@@ -110,6 +110,9 @@ class AnswerHandler:
             return self._reply(answer, target or 0, Result.REFUSED, str(error))
         if changes.other_place == 0 and now - self._matched_at < self._calls.numbers.announce_guard:
             return self._reply(answer, target or 0, Result.REFUSED, _JUST_MATCHED)
+        if changes.other_place == 0 and (adoption := self._vision.memory.adoption) is not None:
+            # Another place may match before the vision process has this answer.
+            changes = replace(changes, match=adoption.clock)
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
         subject: Call | Hold | None = call
         if changes.taps and call is None:
@@ -145,6 +148,7 @@ class AnswerHandler:
     def place_matched(self, now: float) -> None:
         """Note that a remembered scene has come into force."""
         self._matched_at = now
+        self._store.forget_refused_matches()
 
     def set_words(self, request: object, operations: Iterable[Operation]) -> bool:
         """Set words and weights without a call. False where too many requests wait, or vision hangs.

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from anytraverse.frame import Frame
 from companion.storage.call_files import MAX_CALLS, CallFiles
 from companion.wire import notices
 from companion.wire.answers import NewEpisode, OtherPlace, SetWord
 from companion.wire.ids import MAX_TEXT, Motion, Result, words_hash
-from tests.companion.daemon.rig import MakeRig, Rig
+from tests.companion.daemon.rig import MakeRig, Rig, picture
 
 PROTOCOL = Path(__file__).parents[3] / "docs" / "protocol.md"
 AGAIN = "Known place again: words of C1"
@@ -97,6 +98,43 @@ def test_a_refusal_that_names_no_place_waits_until_the_match_can_have_been_read(
     back.answer(0, Motion.NONE, OtherPlace(1), transaction=11)
     back.see(0.3, scene=100)
     assert back.acks[-1].result is Result.APPLIED
+
+
+def test_a_refusal_does_not_refuse_a_match_that_came_while_it_waited(back: Rig) -> None:
+    matched(back)
+    back.see(2.5, scene=100)
+    back.see(0.1)
+    first = back.engine.memory.adoption
+    back.answer(0, Motion.NONE, OtherPlace(), transaction=10)
+    back._turn()
+    back.frame_id += 1
+    back.child.judge(Frame(back.frame_id, back.clock.now - 0.02, picture()))
+    second = back.engine.memory.adoption
+    assert second is not first, "the first place has matched"
+    back.see(0.3)
+    assert (back.acks[-1].result, back.acks[-1].text) == (
+        Result.REFUSED,
+        "another place matched: read which, then say so again",
+    )
+    assert back.engine.memory.adoption is second
+
+
+def test_a_parameter_editor_refuses_the_next_match_a_moment_later(back: Rig) -> None:
+    matched(back)
+    back.see(2.5, scene=100)
+    back.set("AT_ANSWER", 4.0)
+    back.see(0.2, scene=100)
+    assert back.engine.memory.adoption is None
+    back.see(2.5, scene=90)
+    assert back.engine.memory.adoption is not None, "the place itself has matched"
+    texts = len(back.texts)
+    back.set("AT_ANSWER", 4.0)
+    back.see(0.2, scene=90)
+    assert back.echoes("AT_ANSWER")[-1] == 4.0
+    assert back.engine.memory.adoption is None
+    back.set("AT_ANSWER", 4.0)
+    back.see(0.2, scene=90)
+    assert sum(text.startswith("not that place") for text in back.texts[texts:]) == 1
 
 
 @pytest.mark.parametrize(("value", "answered"), [(14.0, True), (4.0, True), (24.0, False)])

@@ -24,8 +24,8 @@ class Perceives(NamedTuple):
     """Holds the result of loading the perceiver.
 
     trouble: why it does not run. model: its name. step: seconds for a frame. judging: the settings by which
-    it judges frames, None where it does not run. infrared: whether its maps hold for a camera without infrared
-    filter.
+    it judges frames, None where it does not run. infrared: whether its maps hold for a camera without
+    infrared filter.
     """
 
     trouble: str = ""

@@ -85,12 +85,12 @@ def refused_memory(
     """
     adoption = memory.adoption
     if adoption is None:
-        raise PreferencesError("no remembered place has matched: there is nothing to refuse")
+        raise PreferencesError("no place has matched: there is nothing to refuse")
     if call_id not in (0, adoption.call_id):
-        last = f"that of call {adoption.call_id}" if adoption.call_id else "one without a call"
-        raise PreferencesError(f"the last match was not the place of call {call_id}, but {last}")
+        place = f"the place of C{adoption.call_id}" if adoption.call_id else "a place without a call"
+        raise PreferencesError(f"{place} matched, not that of C{call_id}")
     if stamp not in (None, adoption.clock):
-        raise PreferencesError("another place matched: read which, then say so again")
+        raise PreferencesError("another place matched: read which, and say again")
     history = _taught(memory, adoption, newest, limits)
     kept = {entry.order for entry in history}
     forgotten = tuple(entry.order for entry in memory.history if entry.order not in kept)

@@ -143,7 +143,7 @@ def test_without_a_match_or_for_that_of_another_call_nothing_changes() -> None:
         rover.answer(other_place=0)
     rover = matched()
     before = rover.memory
-    with pytest.raises(PreferencesError, match="not the place of call 6, but that of call 5"):
+    with pytest.raises(PreferencesError, match="the place of C5 matched, not that of C6"):
         rover.answer(other_place=6)
     assert rover.memory is before
     with pytest.raises(UnknownWordError):  # what comes with it is refused, so all of it is

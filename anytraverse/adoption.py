@@ -64,7 +64,13 @@ def adopted_memory(
 
 
 def refused_memory(
-    memory: Memory, call_id: int, newest: Embedding | None, limits: Thresholds, meaning: Meaning
+    memory: Memory,
+    call_id: int,
+    newest: Embedding | None,
+    limits: Thresholds,
+    meaning: Meaning,
+    *,
+    stamp: int | None = None,
 ) -> tuple[Memory, tuple[str, ...], tuple[int, ...]]:
     """Return `memory` without the newest match: the place was another one than the remembered scene.
 
@@ -72,23 +78,26 @@ def refused_memory(
     that were answered since lose the words of the match, too. The frame that matched is noted at that scene,
     and at each other one that it matches, so that frames like it match none of them. So is the newest frame
     (its embedding; None: not known), if it still counts as that place.
-    call_id: the call of the refused scene; 0: whichever matched. Also returns the words that this dropped,
-    and the stamps of the scenes that were refused too often and are forgotten.
-    Raises PreferencesError when no match is in force, or that of another call.
+    call_id: the call of the refused scene; 0: whichever matched. stamp: of the refused match, None: whichever
+    is the newest. Also returns the words that this dropped, and the stamps of the scenes that were refused
+    too often and are forgotten.
+    Raises PreferencesError when no match is in force, or another one than was meant.
     """
     adoption = memory.adoption
     if adoption is None:
-        raise PreferencesError("no remembered place has matched: there is nothing to refuse")
+        raise PreferencesError("no place has matched: there is nothing to refuse")
     if call_id not in (0, adoption.call_id):
-        last = f"that of call {adoption.call_id}" if adoption.call_id else "one without a call"
-        raise PreferencesError(f"the last match was not the place of call {call_id}, but {last}")
+        place = f"the place of C{adoption.call_id}" if adoption.call_id else "a place without a call"
+        raise PreferencesError(f"{place} matched, not that of C{call_id}")
+    if stamp not in (None, adoption.clock):
+        raise PreferencesError("another place matched: read which, and say again")
     history = _taught(memory, adoption, newest, limits)
     kept = {entry.order for entry in history}
     forgotten = tuple(entry.order for entry in memory.history if entry.order not in kept)
     entries = []
     for entry in history:
         words, taps = entry.preferences, entry.examples
-        if entry.order > adoption.clock:
+        if entry.order > adoption.clock and entry.call_id:  # without a call it was imported
             words, taps = _undone(memory, adoption, words, taps, meaning)
         same = words is entry.preferences
         entries.append(entry if same else replace(entry, preferences=words, examples=taps))

@@ -37,7 +37,7 @@ class Changes:
     new_episode: forget the reference and all remembered scenes. missing_ok: forgetting an unknown word or
     call is no error; a setting that is sent again may have been applied already.
     other_place: the newest match is refused, see `refused_memory`; the call whose scene matched, 0: any.
-    None: it is not.
+    None: it is not. match: the stamp of the match that is meant (`Adoption.clock`); None: any.
     """
 
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -47,6 +47,7 @@ class Changes:
     new_episode: bool = False
     missing_ok: bool = False
     other_place: int | None = None
+    match: int | None = None
 
     def __bool__(self) -> bool:
         """Return whether anything is changed."""

@@ -163,8 +163,9 @@ class AnyTraverse:
                 self._see_scene(self.newest)
             if changes.other_place is not None:
                 newest = self.newest.embedding if self.newest is not None else None
+                limits, meaning = self.settings.thresholds, self.perceiver.meaning
                 self.memory, undone, forgotten = refused_memory(
-                    before, changes.other_place, newest, self.settings.thresholds, self.perceiver.meaning
+                    before, changes.other_place, newest, limits, meaning, stamp=changes.match
                 )
             self.memory, dropped = changed_memory(self.memory, changes, self.perceiver, call)
             remembered = False

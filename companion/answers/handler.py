@@ -86,7 +86,7 @@ class AnswerHandler:
         stored = self._store.before_restart(answer)
         if stored is not None:
             return self._again(answer, stored)
-        target = self._calls.resolve(answer.target, now)
+        target = None if answer.refuses_match else self._calls.resolve(answer.target, now)
         # Words need no open call or hold; any other answer to nothing is stale.
         alone = answer.target == 0 and not self._calls.current_id
         if target is None and not answer.refuses_match and not (answer.operations and alone):
@@ -109,7 +109,10 @@ class AnswerHandler:
         except AnyTraverseError as error:
             return self._reply(answer, target or 0, Result.REFUSED, str(error))
         if changes.other_place == 0 and now - self._matched_at < self._calls.numbers.announce_guard:
-            return self._reply(answer, target or 0, Result.REFUSED, _JUST_MATCHED)
+            return self._reply(answer, target or 0, Result.STALE, _JUST_MATCHED)
+        if changes.other_place == 0 and (adoption := self._vision.memory.adoption) is not None:
+            # Another place may match before the vision process has this answer.
+            changes = replace(changes, match=adoption.clock)
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
         subject: Call | Hold | None = call
         if changes.taps and call is None:
@@ -145,6 +148,7 @@ class AnswerHandler:
     def place_matched(self, now: float) -> None:
         """Note that a remembered scene has come into force."""
         self._matched_at = now
+        self._store.forget_refused_matches()
 
     def set_words(self, request: object, operations: Iterable[Operation]) -> bool:
         """Set words and weights without a call. False where too many requests wait, or vision hangs.

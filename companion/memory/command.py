@@ -96,7 +96,7 @@ def forget(file: str, which: Sequence[str]) -> int:
         left = [] if chosen is None else [one for one in memory.history if one.order not in chosen]
         after = replace(memory, history=History(left, memory.history.limit), clock=memory.clock + 1)
         if chosen is None:
-            after = replace(after, reference=None)
+            after = after.at(None)
         journal.commit(Batch(memory=after.using(after.preferences, after.examples)))
     delete_unused(folder, left)
     print(f"{len(memory.history) - len(left)} scenes are forgotten, {len(left)} are left")

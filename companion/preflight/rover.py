@@ -24,7 +24,7 @@ class Perceives(NamedTuple):
     """Holds the result of loading the perceiver.
 
     trouble: why it does not run. model: its name. step: seconds for a frame. judging: the settings by which
-    it judges frames, None where it does not run. infrared: whether its maps hold for a camera without an
+    it judges frames, None where it does not run. infrared: whether its maps hold for a camera without
     infrared filter.
     """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from anytraverse.history import Embedding, Entry, History, Place
+from anytraverse.history import MAX_REFUSED, Embedding, Entry, History, Place
 from anytraverse.memory import Adoption, Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
@@ -129,6 +130,8 @@ def _read_refused(rows: Query) -> dict[int, list[Embedding]]:
     refused: dict[int, list[Embedding]] = defaultdict(list)
     for stamp, embedding in rows("SELECT stamp, embedding FROM refused ORDER BY stamp, position"):
         refused[stamp].append(_vector(embedding))
+        if len(refused[stamp]) > MAX_REFUSED:
+            raise ValueError(f"scene {stamp} has more than {MAX_REFUSED} refused frames")
     return refused
 
 
@@ -137,6 +140,10 @@ def _read_adoption(rows: Query, words: Preferences, examples: Examples) -> Adopt
     if not found:
         return None
     ((stamp, call_id, similarity, clock, embedding, reference, time),) = found
+    if not all(isinstance(one, int) for one in (stamp, call_id, clock)) or not -1.0 <= similarity <= 1.0:
+        raise ValueError("the newest match is out of range")
+    if time is not None and not math.isfinite(time):
+        raise ValueError("the time of the newest match is not finite")
     before = None if reference is None else _vector(reference)
     return Adoption(stamp, call_id, similarity, clock, _vector(embedding), words, examples, before, time)
 

@@ -12,12 +12,12 @@ from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
 from anytraverse.frame import is_intrinsics
 from anytraverse.history import MAX_REFUSED, Entry, History, Place, is_embedding
-from anytraverse.judging import Settings
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Adoption, Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
-from anytraverse.roi import NamedTile, Passage, RoiFigures, Tile
+from anytraverse.roi import Corridor, NamedTile, Passage, RoiFigures, Tile
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.vision.messages import (
     LONGEST_TEXT,
@@ -82,8 +82,7 @@ def _check(message: Any, expected: Expected, now: float) -> None:
                 "a model",
             )
             _need(isinstance(model.infrared, bool), "whether a model handles infrared")
-            # `replace` runs the checks of __post_init__, which decoding has skipped.
-            _need(isinstance(settings, Settings) and bool(replace(settings)), "settings")
+            _check_settings(settings)
             _need(isinstance(notices, tuple) and all(map(_text, notices)), "notices")
             _need(_seconds(step), "seconds of a step")
             _check_update(update)
@@ -108,6 +107,22 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             _need(_text(text), "a text")
         case _:
             raise BadReportError(f"no report but {type(message).__name__}")
+
+
+def _check_settings(settings: Any) -> None:
+    _need(isinstance(settings, Settings) and isinstance(settings.region, Box), "settings")
+    limits, corridor = settings.thresholds, settings.corridor
+    _need(isinstance(limits, Thresholds) and isinstance(corridor, Corridor), "thresholds and a corridor")
+    _need(isinstance(limits.match, tuple), "the numbers for matches")
+    for scenes, least in limits.match:
+        _need(_whole(scenes) and scenes <= _U32 and _number(least), "the numbers for matches")
+    one_by_one = {**vars(limits), **vars(corridor), **vars(settings)}
+    for name in ("match", "thresholds", "corridor", "region", "pooling", "uncertainty"):
+        del one_by_one[name]
+    for name, value in one_by_one.items():
+        _need(_number(value) or (value is None and name in ("tile", "tile_width")), f"the setting {name}")
+    for part in (settings.region, limits, corridor, settings):
+        replace(part)  # runs the checks of __post_init__, which decoding has skipped
 
 
 def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> None:

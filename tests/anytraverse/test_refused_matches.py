@@ -98,6 +98,17 @@ def test_a_scene_that_was_answered_since_loses_the_words_of_the_match_and_stays_
     assert Reason.UNKNOWN_SCENE not in rover.see(90).reasons
 
 
+def test_a_scene_that_was_imported_since_keeps_its_words() -> None:
+    rover = matched(words=stamped(grass=(1, 0), drum=(-1, 0)))
+    imported = entry(0, stamped(trail=(1, 90)), order=90)
+    assert imported.call_id == 90
+    imported = replace(imported, call_id=0)
+    history = rover.memory.history.added(imported)
+    rover.engine.memory = replace(rover.memory, history=history, clock=90)
+    rover.answer(other_place=0)
+    assert rover.memory.history[-1] is imported
+
+
 def test_with_words_for_the_place_the_frame_of_the_call_is_remembered_without_those_of_the_match() -> None:
     rover = matched()
     call = rover.call(90, "grass", thing="drum")
@@ -132,7 +143,7 @@ def test_without_a_match_or_for_that_of_another_call_nothing_changes() -> None:
         rover.answer(other_place=0)
     rover = matched()
     before = rover.memory
-    with pytest.raises(PreferencesError, match="not the place of call 6, but that of call 5"):
+    with pytest.raises(PreferencesError, match="the place of C5 matched, not that of C6"):
         rover.answer(other_place=6)
     assert rover.memory is before
     with pytest.raises(UnknownWordError):  # what comes with it is refused, so all of it is

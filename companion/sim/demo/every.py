@@ -53,6 +53,8 @@ def judge_every(camera: str, out: Path, story: Story) -> int:
 
     Raises CameraError for anything but a folder of pictures, ConfigError and AnyTraverseError.
     """
+    if not camera:
+        raise SourceError("--every needs --camera folder:PATH, whose pictures it judges")
     kind, folder = split_source(camera)
     if kind != "folder":
         raise SourceError(f"--every judges the pictures of a folder, and {camera} is none: give folder:PATH")

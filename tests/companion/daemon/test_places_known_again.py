@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from anytraverse.frame import Frame
+from companion.calls.decisions import CallState
 from companion.storage.call_files import MAX_CALLS, CallFiles
 from companion.wire import notices
 from companion.wire.answers import NewEpisode, OtherPlace, SetWord
 from companion.wire.ids import MAX_TEXT, Motion, Result, words_hash
-from tests.companion.daemon.rig import MakeRig, Rig
+from tests.companion.daemon.rig import MakeRig, Rig, picture
 
 PROTOCOL = Path(__file__).parents[3] / "docs" / "protocol.md"
 AGAIN = "Known place again: words of C1"
@@ -91,12 +93,79 @@ def test_a_refusal_that_names_no_place_waits_until_the_match_can_have_been_read(
     back.answer(0, Motion.NONE, OtherPlace(), transaction=10)
     back.see(0.3, scene=100)
     assert (back.acks[-1].result, back.acks[-1].text) == (
-        Result.REFUSED,
+        Result.STALE,
         "it matched just now: read which, then say so again",
     )
     back.answer(0, Motion.NONE, OtherPlace(1), transaction=11)
     back.see(0.3, scene=100)
     assert back.acks[-1].result is Result.APPLIED
+
+
+def test_a_refusal_does_not_refuse_a_match_that_came_while_it_waited(back: Rig) -> None:
+    matched(back)
+    back.see(2.5, scene=100)
+    back.see(0.1)
+    first = back.engine.memory.adoption
+    back.answer(0, Motion.NONE, OtherPlace(), transaction=10)
+    back._turn()
+    back.frame_id += 1
+    back.child.judge(Frame(back.frame_id, back.clock.now - 0.02, picture()))
+    second = back.engine.memory.adoption
+    assert second is not first, "the first place has matched"
+    back.see(0.3)
+    assert (back.acks[-1].result, back.acks[-1].text) == (
+        Result.REFUSED,
+        "another place matched: read which, and say again",
+    )
+    assert back.engine.memory.adoption is second
+
+
+def test_a_parameter_editor_refuses_the_next_match_a_moment_later(back: Rig) -> None:
+    matched(back)
+    back.see(2.5, scene=100)
+    back.set("AT_ANSWER", 4.0)
+    back.see(0.2, scene=100)
+    assert back.engine.memory.adoption is None
+    back.see(2.5, scene=90)
+    assert back.engine.memory.adoption is not None, "the place itself has matched"
+    for _ in range(2):  # it may be sent again by itself
+        back.set("AT_ANSWER", 4.0)
+        back.see(0.2, scene=90)
+        assert back.echoes("AT_ANSWER")[-1] == 4.0
+        assert back.engine.memory.adoption is None
+
+
+def test_a_parameter_editor_that_repeats_a_refusal_of_itself_does_not_refuse_an_unread_match(
+    back: Rig,
+) -> None:
+    while not any(text.startswith(AGAIN) for text in back.texts):
+        back.see(0.1, scene=100)
+    for _ in range(4):
+        back.set("AT_ANSWER", 4.0)
+        back.see(1.0, scene=100)
+        assert back.echoes("AT_ANSWER")[-1] == 0.0
+    assert back.engine.memory.adoption is not None
+    back.see(5.0, scene=100)
+    back.set("AT_ANSWER", 4.0)
+    back.see(0.2, scene=100)
+    assert back.engine.memory.adoption is None
+
+
+@pytest.mark.parametrize("named", [0, 1])
+def test_a_refusal_takes_nothing_back_that_was_accepted(back: Rig, named: int) -> None:
+    matched(back)
+    back.see(2.5, "drum", scene=100)
+    back.see(2.5, "gnome", scene=100)
+    call = back.calls.call
+    assert call is not None
+    back.answer(call.id, Motion.GO, transaction=10)
+    back.see(0.3, "gnome", scene=100)
+    assert back.calls.call is call
+    assert call.state is CallState.ACCEPTED
+    back.answer(0, Motion.NONE, OtherPlace(named), transaction=11)
+    back.see(0.1, "gnome", scene=100)
+    assert back.acks[-1].result is Result.APPLIED
+    assert call.state is CallState.ACCEPTED
 
 
 @pytest.mark.parametrize(("value", "answered"), [(14.0, True), (4.0, True), (24.0, False)])
@@ -114,7 +183,7 @@ def test_without_a_match_it_is_refused_with_the_reason(rig: Rig) -> None:
     rig.answer(0, Motion.NONE, OtherPlace())
     rig.see(0.3)
     assert rig.acks[-1].result is Result.REFUSED
-    assert rig.acks[-1].text == "no remembered place has matched: there is nothing to refuse"
+    assert rig.acks[-1].text == "no place has matched: there is nothing to refuse"
 
 
 WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=64)

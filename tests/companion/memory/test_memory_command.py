@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.history import Entry, History, Place
+from anytraverse.adoption import adopted_memory
+from anytraverse.history import Entry, History, Match, Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import make_perceiver
 from anytraverse.preferences import Preferences
@@ -151,6 +152,21 @@ def test_scenes_are_forgotten_one_by_one_and_all(rover: Rover) -> None:
     assert memory is not None
     assert (len(memory.history), memory.reference) == (0, None)
     assert dict(memory.preferences) == {"grass": 1.0, "drum": -1.0}, "words in use stay"
+
+
+def test_after_all_scenes_are_forgotten_there_is_no_match_to_refuse(rover: Rover) -> None:
+    rover.taught(7)
+    memory = rover.memory
+    assert memory is not None
+    (scene,) = memory.history
+    memory, _ = adopted_memory(memory, Match(scene, 0.9), str, scene.embedding)
+    journal = Journal(rover.state)
+    journal.commit(Batch(memory=memory))
+    journal.close()
+    assert rover.type("forget", "all")[0] == 0
+    memory = rover.memory
+    assert memory is not None
+    assert (memory.reference, memory.adoption) == (None, None)
 
 
 def test_what_changes_the_memory_is_refused_while_a_companion_has_it_and_what_reads_is_not(

@@ -210,3 +210,30 @@ def test_examples_that_nothing_refers_to_are_dropped(journal: Journal, folder: P
     with sqlite3.connect(folder / "journal.db") as connection:
         assert connection.execute("SELECT count(*) FROM vectors").fetchone() == (0,)
     connection.close()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE adoption SET similarity = 9e999",
+        "UPDATE adoption SET similarity = 'near'",
+        "UPDATE adoption SET clock = 'late'",
+        "UPDATE adoption SET time = -9e999",
+        "UPDATE adoption SET embedding = x''",
+        "INSERT INTO refused SELECT 1, position + 8, embedding FROM refused",
+    ],
+)
+def test_a_match_or_refused_frame_that_cannot_be_makes_a_damaged_journal(tmp_path: Path, change: str) -> None:
+    vector = np.ones(4, np.float32)
+    scene = Entry(vector, Preferences.parse("grass: 1"), 1, 1, refused=(vector,) * 8)
+    memory = replace(first_memory("m", Preferences()), history=History([scene]), clock=2)
+    memory, _ = adopted_memory(memory, Match(scene, 0.9), str, vector, 1_790_000_000.0)
+    journal = Journal(tmp_path)
+    journal.commit(Batch(memory=memory))
+    journal.close()
+    with sqlite3.connect(tmp_path / "journal.db") as connection:
+        connection.execute(change)
+    connection.close()
+    journal = Journal(tmp_path)
+    journal.close()
+    assert journal.recovered_from is not None

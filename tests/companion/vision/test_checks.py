@@ -19,12 +19,12 @@ from anytraverse.assessment import Finding, Maps, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, Place
-from anytraverse.judging import Settings
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Adoption, first_memory
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
-from anytraverse.roi import Tile
+from anytraverse.roi import Corridor, Tile
 from companion.cameras.newest import CameraStatus
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
 from companion.vision.codec import Splitter, decode, encode
@@ -112,6 +112,19 @@ def unmade(kind: type, **given: Any) -> Any:
     value: Any = object.__new__(kind)
     vars(value).update(given)
     return value
+
+
+CORRIDOR = vars(Settings().corridor)
+
+
+def settings_of(**changes: Any) -> Ready:
+    """With other settings."""
+    return ready(settings=unmade(Settings, **{**vars(Settings()), **changes}))
+
+
+def limits_of(**changes: Any) -> Ready:
+    """With other thresholds."""
+    return settings_of(thresholds=unmade(Thresholds, **{**vars(Thresholds()), **changes}))
 
 
 def memory_of(**changes: Any) -> Ready:
@@ -245,6 +258,20 @@ WRONG: dict[str, Any] = {
     "settings out of range": replace(
         READY, settings=unmade(Settings, **{**vars(Settings()), "freshness": NAN})
     ),
+    "a tile that may be": settings_of(tile_width=True),
+    "a tile of an array": settings_of(tile_share=np.array([0.1])),
+    "a region that is none": settings_of(region=(0.3, 0.6, 0.7, 0.9)),
+    "no thresholds": settings_of(thresholds=None),
+    "a threshold of NaN": limits_of(roi=NAN),
+    "a threshold of text": limits_of(scene="0.8"),
+    "a match without pairs": limits_of(match=0.9),
+    "a match by NaN": limits_of(match=((1, NAN),)),
+    "a match by text": limits_of(match=((1, "a"),)),
+    "a match that falls": limits_of(match=((1, 0.9), (40, 0.8))),
+    "a match with endless scenes": limits_of(match=((1, 0.8), (INF, 0.9))),
+    "two matches for as many scenes": limits_of(match=((1, 0.8), (1, 0.9))),
+    "a corridor without gaps": settings_of(corridor=unmade(Corridor, **{**CORRIDOR, "gap": 0.0})),
+    "a corridor with a gap of NaN": settings_of(corridor=unmade(Corridor, **{**CORRIDOR, "gap": NAN})),
     "settings without a field": replace(READY, settings=unmade(Settings)),
     "a step of NaN": replace(READY, step=NAN),
     "an endless step": replace(READY, step=INF),

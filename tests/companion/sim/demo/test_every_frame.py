@@ -61,6 +61,6 @@ def test_only_a_folder_can_be_judged_so(tmp_path: Path, capsys: pytest.CaptureFi
     with pytest.raises(CameraError, match="give folder:PATH"):
         judge_every("video:drive.mp4", tmp_path, Story(io.StringIO()))
     assert main(["demo", "--every", "--out", str(tmp_path / "none")]) == 1
-    assert "names no camera" in capsys.readouterr().err
+    assert "--every needs --camera folder:PATH" in capsys.readouterr().err
     assert main(["demo", "--every", "--camera", f"folder:{tmp_path}", "--out", str(tmp_path / "none")]) == 1
     assert "holds no picture" in capsys.readouterr().err

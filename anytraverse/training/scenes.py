@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.evaluation.scene_matching import RATES, Places, fitted_match
+from anytraverse.evaluation.scene_matching import Places, fitted_match
 from anytraverse.frame import Image
 from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.scene import SAME_PLACE, scene_summary, scene_vector
@@ -23,6 +23,12 @@ _VISITS = 3  # changed views of each frame
 _RIDGE = 0.1  # share of the total variance added to the diagonal of the covariance within places
 _RENDERED_WEIGHT = 4.0  # weight of rendered frames: driving on changes a frame more than another light does
 _FLATTENING = 0.35  # 0: directions count by how well they tell places apart; 0.5: all count equally
+_RATES = {1: 0.2, 4: 0.2, 16: 0.2, 40: 0.2, 64: 0.2, 256: 0.4}
+"""Number of remembered scenes -> share of frames of other drives that may match any of them.
+
+These drives are of the same vehicle and region, and partly of the same tracks. Frames of other regions match
+far more rarely: docs/builtin.md has the figures.
+"""
 _OTHERS = 0.15  # share of pairs of different drives that may count as the same place
 _REVISITS = 0.97  # least share of revisits that count as the same place; it goes before `_OTHERS`
 
@@ -99,7 +105,7 @@ def _fitted_match(
     remembered = np.stack([scene_vector(network(f.image), fitted) for f in filmed.frames])
     again = np.stack([scene_vector(network(revisited(f.image, rng)), fitted) for f in filmed.frames])
     foreign = np.stack([scene_vector(network(f.image), fitted) for f in validation.frames])
-    rates = {number: rate for number, rate in RATES.items() if number <= len(remembered)}
+    rates = {number: rate for number, rate in _RATES.items() if number <= len(remembered)}
     places = Places(remembered, again, np.arange(len(again)), foreign)
     return np.array(fitted_match(places, rates), dtype=np.float32).reshape(-1, 2)
 

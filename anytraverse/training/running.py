@@ -17,7 +17,7 @@ from anytraverse.evaluation.progress import Progress
 from anytraverse.perception.builtin.perceiver import SHIPPED
 from anytraverse.training.calibration import FEWEST_FRAMES
 from anytraverse.training.classes import DRIVABLE
-from anytraverse.training.cutouts import read_cutouts, split_cutouts
+from anytraverse.training.cutouts import Cutout, read_cutouts, split_cutouts
 from anytraverse.training.fit import Fitted, check_out, details, fit, fit_on, stored, write
 from anytraverse.training.fitting import REFIT, Material, Options
 from anytraverse.training.folders import Folder, Split, read_folder, suggested
@@ -95,8 +95,11 @@ def prepared(given: argparse.Namespace) -> Work:
             f"the drives held out have {len(validation)} frames, and at least {FEWEST_FRAMES} must choose "
             "the calibration: label more frames on them, or hold out more drives with --validation"
         )
-    cutouts = split_cutouts(read_cutouts(given.cutouts)) if given.cutouts else ((), ())
-    return Work(Material(real, made, *cutouts), split, options, start, (replaced, model))
+    cutouts = read_cutouts(given.cutouts) if given.cutouts else ()
+    kept: tuple[Cutout, ...] = ()
+    if cutouts and start:  # from scratch all are needed: made things alone check that training
+        cutouts, kept = split_cutouts(cutouts)
+    return Work(Material(real, made, cutouts, kept), split, options, start, (replaced, model))
 
 
 def trained(work: Work, folder: Path) -> Fitted:

@@ -231,21 +231,22 @@ class AnyTraverse:
         itself that it is `independent`: there a word's map does not depend on the other words asked for.
         """
         memory, kept = self.memory, observation.attended
-        prompts = tuple(
-            Prompt(word, memory.examples.get(word, ()), weight > 0)
-            for word, weight in memory.preferences.items()
-        )
-        drivable = tuple(prompt for prompt in prompts if prompt.drivable)
+        positive = [weight > 0 for weight in memory.preferences.values()]
         if getattr(self.perceiver, "independent", False):
+            prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
             whole = kept[prompts] if prompts in kept else self.perceiver.attend(observation.features, prompts)
             observation.attended = {prompts: whole}
-            positive = [bool(prompt.drivable) for prompt in prompts]
             return whole, whole[np.array(positive, dtype=np.bool_)] if len(whole) == len(positive) else whole
-        observation.attended = {asked: kept[asked] for asked in (prompts, drivable) if asked in kept}
-        for asked in (prompts, drivable):
+        prompts = tuple(
+            Prompt(word, memory.examples.get(word, ()), drivable)
+            for word, drivable in zip(memory.preferences, positive, strict=True)
+        )
+        alone = tuple(prompt for prompt in prompts if prompt.drivable)
+        observation.attended = {asked: kept[asked] for asked in (prompts, alone) if asked in kept}
+        for asked in (prompts, alone):
             if asked not in observation.attended:
                 observation.attended[asked] = self.perceiver.attend(observation.features, asked)
-        return observation.attended[prompts], observation.attended[drivable]
+        return observation.attended[prompts], observation.attended[alone]
 
     def _similarity(self, embedding: Embedding) -> float | None:
         """Cosine to the reference, None without one; NaN where nothing can be compared."""

@@ -169,7 +169,7 @@ def test_the_scene_is_a_unit_vector_that_light_hardly_turns(eyes: GroundNetwork,
     assert float(here @ here) == pytest.approx(1.0, abs=1e-5)
     darker = eyes.embed(eyes.encode((drawn * 0.6).astype(np.uint8)))
     assert float(here @ darker) > eyes.defaults.scene
-    elsewhere = eyes.embed(eyes.encode(np.full_like(drawn, 128)))
+    elsewhere = eyes.embed(eyes.encode(np.random.default_rng(0).integers(0, 256, drawn.shape, dtype=np.uint8)))
     assert float(here @ elsewhere) < eyes.defaults.scene
 
 

@@ -109,7 +109,9 @@ class AnswerHandler:
         except AnyTraverseError as error:
             return self._reply(answer, target or 0, Result.REFUSED, str(error))
         if changes.other_place == 0 and now - self._matched_at < self._calls.numbers.announce_guard:
-            return self._reply(answer, target or 0, Result.STALE, _JUST_MATCHED)
+            # What a ground station repeats by itself must not count then: that is known of stale answers.
+            result = Result.STALE if answer.refuses_match else Result.REFUSED
+            return self._reply(answer, target or 0, result, _JUST_MATCHED)
         if changes.other_place == 0 and (adoption := self._vision.memory.adoption) is not None:
             # Another place may match before the vision process has this answer.
             changes = replace(changes, match=adoption.clock)

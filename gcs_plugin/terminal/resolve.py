@@ -85,14 +85,15 @@ def address(reply: Reply, rover: Rover, now: float) -> Addressed:
 
     Raises CommandError when no open call fits, or when the current call is too new to have been read.
     """
+    places = [OtherPlace(change.call_id) for change in reply.changes if isinstance(change, Elsewhere)]
+    if places and len(places) == len(reply.changes) and reply.motion is Motion.NONE:
+        # It concerns no call: it must arrive even if the open one closes meanwhile.
+        return Addressed(rover.system, 0, reply.motion, tuple(places))
     target = current_call(rover) if reply.call_id is None else reply.call_id
     call = rover.calls.get(target)
     if reply.call_id is not None and call is not None and not call.open:
         raise CommandError(f"call {target} is closed already: type `calls` for what is open")
-    concerns_call = reply.motion is not Motion.NONE or not all(
-        isinstance(change, Elsewhere) for change in reply.changes
-    )
-    if concerns_call and reply.call_id is None and target and rover.reported_for(target, now) < READ_S:
+    if reply.call_id is None and target and rover.reported_for(target, now) < READ_S:
         raise CommandError(f"{target} is new, so nothing was sent: read it, then type that again")
     if not target and reply.motion is not Motion.NONE:
         raise CommandError("no call is open, so nothing waits for this; words alone are taken: `bush: -1`")

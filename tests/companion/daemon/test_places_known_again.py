@@ -39,6 +39,10 @@ def matched(rig: Rig) -> None:
     assert any(text.startswith(AGAIN) for text in rig.texts), rig.texts
 
 
+def in_force(rig: Rig) -> bool:
+    return rig.engine.memory.adoption is not None
+
+
 def test_it_is_told_which_place_matched_how_well_and_with_which_words(back: Rig) -> None:
     matched(back)
     assert f"{AGAIN} (0.98)" in back.texts
@@ -125,14 +129,14 @@ def test_a_parameter_editor_refuses_the_next_match_a_moment_later(back: Rig) -> 
     back.see(2.5, scene=100)
     back.set("AT_ANSWER", 4.0)
     back.see(0.2, scene=100)
-    assert back.engine.memory.adoption is None
+    assert not in_force(back)
     back.see(2.5, scene=90)
-    assert back.engine.memory.adoption is not None, "the place itself has matched"
+    assert in_force(back), "the place itself has matched"
     for _ in range(2):  # it may be sent again by itself
         back.set("AT_ANSWER", 4.0)
         back.see(0.2, scene=90)
         assert back.echoes("AT_ANSWER")[-1] == 4.0
-        assert back.engine.memory.adoption is None
+        assert not in_force(back)
 
 
 def test_a_parameter_editor_that_repeats_a_refusal_of_itself_does_not_refuse_an_unread_match(
@@ -144,11 +148,11 @@ def test_a_parameter_editor_that_repeats_a_refusal_of_itself_does_not_refuse_an_
         back.set("AT_ANSWER", 4.0)
         back.see(1.0, scene=100)
         assert back.echoes("AT_ANSWER")[-1] == 0.0
-    assert back.engine.memory.adoption is not None
+    assert in_force(back)
     back.see(5.0, scene=100)
     back.set("AT_ANSWER", 4.0)
     back.see(0.2, scene=100)
-    assert back.engine.memory.adoption is None
+    assert not in_force(back)
 
 
 @pytest.mark.parametrize("named", [0, 1])

@@ -125,7 +125,7 @@ def test_that_a_place_is_another_one_concerns_no_call_and_is_sent_at_once(
     at.rovers[0].call = replace(thing_call, id=8, frame_id=5000)
     at.run(0.1)
     at.type("other place 3")
-    assert [operations for _, _, operations in at.rovers[0].applied] == [(OtherPlace(3),)]
+    assert at.rovers[0].applied == [(0, ids.Motion.NONE, (OtherPlace(3),))]
     assert at.paper.problems == []
 
 

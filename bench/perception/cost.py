@@ -46,7 +46,8 @@ def measure_cost(perceiver: str, frames: int) -> dict[str, float]:
         "--frames",
         str(frames),
     ]
-    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=_LONGEST)
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # as the vision process runs
+    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=_LONGEST, env=alone)
     figures: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return figures
 

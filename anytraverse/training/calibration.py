@@ -18,7 +18,7 @@ from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN
 from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Folder, Labels
 from anytraverse.training.scores import VIEWS, Network, gained, outputs, resized, score, softmax
-from anytraverse.training.things import bounded, recall, seen
+from anytraverse.training.things import ENOUGH, bounded, recall, seen
 from anytraverse.training.widths import FEATURES, MIDDLE, SCALES
 
 ALLOWED = 0.01
@@ -75,12 +75,13 @@ def recalibrated(
 ) -> Calibration:
     """Fit bias and limits; the limits stay so low that enough things pasted into these frames are noticed.
 
-    required: share of them; None: as many as with `start`. False alarms on few frames say little of things:
-    alone, they raise the limits until things are explained away. A bias whose limits are then so low that
-    more of the drivable ground is uncertain than with `start` is taken by half, or not at all.
+    required: share of them, None: as many as with `start`; no more than `ENOUGH` either way. False alarms on
+    few frames say little of things: alone, they raise the limits until things are explained away. A bias
+    whose limits are then so low that more of the drivable ground is uncertain than with `start` is taken by
+    half, or not at all.
     """
     things = seen(network, validation, _SEED, cutouts)
-    least = recall(things, start) if required is None else required
+    least = min(ENOUGH, recall(things, start) if required is None else required)
     results = [pair for gains in VIEWS.values() for pair in outputs(network, validation, gains)]
     filmed = results[: len(validation)]
     before, fitted = score(filmed, start), fitted_bias(results, start)

@@ -15,7 +15,7 @@ from anytraverse.training.classes import DRIVABLE, UNKNOWN
 from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import BLOCK, Folder
 from anytraverse.training.scores import SCALE, Network, Score, auroc, maps, outputs, score
-from anytraverse.training.things import recall, seen
+from anytraverse.training.things import ENOUGH, recall, seen
 from anytraverse.training.unknowns import paste_unknowns
 
 Model = tuple[Network, Calibration]
@@ -23,7 +23,7 @@ Model = tuple[Network, Calibration]
 FORGETS = 0.03
 """How much lower than before the AUROC of things without a name may be."""
 LOSES = 0.03
-"""How much lower than before the share of pasted things that a rover notices may be."""
+"""How much lower the share of pasted things that a rover notices may be than before, or than `ENOUGH`."""
 _SEED = 8  # for pasting things, so that both networks see the same ones
 
 
@@ -75,12 +75,12 @@ class Comparison:
             self.recalibrated is not None
             and self.noticed_recalibrated is not None
             and self.recalibrated > self.all.replaced.iou
-            and self.noticed_recalibrated >= self.noticed_before - LOSES
+            and self.noticed_recalibrated >= min(ENOUGH, self.noticed_before) - LOSES
         )
 
     def refusal(self) -> str | None:
         """Return why the fit is worse than the network it would replace, or None."""
-        if not self.noticed >= self.noticed_before - LOSES:  # NaN is a refusal
+        if not self.noticed >= min(ENOUGH, self.noticed_before) - LOSES:  # NaN is a refusal
             return (
                 f"a rover would notice {self.noticed:.3f} of {self.pasted} pasted things, "
                 f"before {self.noticed_before:.3f}"

@@ -40,6 +40,13 @@ class Seen:
     aspect: float
 
 
+ENOUGH = 0.9
+"""Recall of things that a fit must keep, where it was higher before.
+
+A network to which all ground is strange notices everything: to keep all of that would allow no fit.
+"""
+
+
 def pasted(folder: Folder, seed: int, cutouts: Sequence[Cutout] = ()) -> Iterator[tuple[Image, Flags]]:
     """Paste `THINGS` things, one into each copy of a frame; yield the copy and where the thing is, (h, w).
 

@@ -30,8 +30,8 @@ class ChildProcess:
         """Start the process. Raises OSError.
 
         command: gets the descriptor of its end, those of `inherits` and our process id appended. buffer:
-        bytes that may wait in the channel. environment: variables beside our own. reaped_within: seconds that `close` waits for the killed process.
-        One in an uninterruptible system call is left to the kernel.
+        bytes that may wait in the channel. environment: variables beside our own. reaped_within: seconds that
+        `close` waits for the killed process. One in an uninterruptible system call is left to the kernel.
         """
         self._reaped_within = reaped_within
         self.channel, far = socket.socketpair(socket.AF_UNIX, kind)

@@ -23,6 +23,8 @@ from anytraverse.perception.builtin.network import Outputs
 from anytraverse.perception.builtin.perceiver import SHIPPED, GroundNetwork
 from anytraverse.perception.builtin.words import GROUND_WORDS
 from anytraverse.perception.runtime import Runtime
+from companion.sim.field.render import Camera
+from companion.sim.field.things import World
 
 KNOWN = sorted(GROUND_WORDS)
 FRAMES = Path(__file__).parents[3] / "shared" / "data" / "trail"
@@ -163,14 +165,18 @@ def test_a_word_that_is_not_known_is_refused_with_the_nearest_first(
         attend(eyes, drawn, "grass", word)
 
 
-def test_the_scene_is_a_unit_vector_that_light_hardly_turns(eyes: GroundNetwork, drawn: Image) -> None:
-    here = eyes.embed(eyes.encode(drawn))
+def test_the_scene_is_a_unit_vector_that_light_hardly_turns(eyes: GroundNetwork) -> None:
+    world = World(31, ())
+    trail, camera = world.trail, Camera(world, 320, 240)
+    places = {trail.zone(trail.start + s): trail.start + s for s in (5.0, 50.0, 100.0)}
+    meadow, *others = (camera.render(trail.pose(s), 0.0)[0] for s in places.values())
+    here = eyes.embed(eyes.encode(meadow))
     assert here.dtype == np.float32
     assert float(here @ here) == pytest.approx(1.0, abs=1e-5)
-    darker = eyes.embed(eyes.encode((drawn * 0.6).astype(np.uint8)))
+    darker = eyes.embed(eyes.encode((meadow * 0.6).astype(np.uint8)))
     assert float(here @ darker) > eyes.defaults.scene
-    elsewhere = eyes.embed(eyes.encode(np.random.default_rng(0).integers(0, 256, drawn.shape, dtype=np.uint8)))
-    assert float(here @ elsewhere) < eyes.defaults.scene
+    assert others
+    assert all(float(here @ eyes.embed(eyes.encode(other))) < eyes.defaults.scene for other in others)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 3), (3, 900), (900, 3), (17, 31), (480, 640), (360, 640)])

@@ -20,10 +20,12 @@ from bench.perception.judged import Judge, changed
 from bench.perception.pasting import Cutout
 from bench.perception.sweep import sweep, table
 from bench.perception.things import KINDS, LARGE, SMALL, gather, photographs_in, regions
+from companion.sim.field.render import Camera
+from companion.sim.field.things import World
 
 FRAME = Frame(1, 0.0, np.zeros((2, 2, 3), dtype=np.uint8))
-TRAIL = np.full((120, 160, 3), (150, 120, 90), dtype=np.uint8)
-TRAIL[:40] = (170, 200, 240)
+_WORLD = World(31, ())
+TRAIL = Camera(_WORLD, 320, 240).render(_WORLD.trail.pose(_WORLD.trail.start + 5.0), 0.0)[0]
 
 
 def judged(ok: bool) -> Assessment:

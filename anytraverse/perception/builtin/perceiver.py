@@ -74,7 +74,7 @@ class GroundNetwork:
     DEFAULTS = DefaultThresholds(
         roi=0.4,
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
-        tile=0.7,  # docs/builtin.md: recall of things by size against false stops
+        tile=0.85,  # docs/builtin.md: recall of things by size against false stops
         tile_share=0.08,
     )
 

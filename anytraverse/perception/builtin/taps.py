@@ -31,7 +31,7 @@ _LOWEST, _HIGHEST = 0.35, 0.8  # limits of the score's threshold; 0 is the backg
 _BACKGROUND = 0.99  # quantile of the background's scores in the tapped frame, to stay below the threshold
 _BETWEEN = 0.4  # position of the threshold between that quantile (0) and the thing (1)
 _SOFT = 0.06  # width of the logistic step at the score's threshold
-_LIKENESS = 0.92  # share of the cosine that most cells of the thing have; other things have a lower one
+_LIKENESS = 0.95  # share of the cosine that most cells of the thing have; other things have a lower one
 _ALMOST_ALL = 0.3  # quantile of the cosines of the thing's cells that stands for "most"
 _SOFT_LIKENESS = 0.03  # width of the logistic step at the cosine's threshold
 

@@ -31,6 +31,7 @@ from anytraverse.perception.builtin.taps import (
     changed_views,
     learn_tap,
     likeness,
+    strange_part,
     tap_cells,
     whitened,
 )
@@ -119,7 +120,8 @@ class GroundNetwork:
             explained = 1 - self._strangeness(features)
             for each, prompt in zip(maps, prompts, strict=True):
                 for example in prompt.examples:
-                    np.maximum(each, self._tapped(white, explained, example), out=each)
+                    danger = prompt.drivable is False
+                    np.maximum(each, self._tapped(white, explained, example, danger), out=each)
         return maps
 
     def embed(self, features: Ground) -> Floats:
@@ -138,7 +140,7 @@ class GroundNetwork:
         ]
         strange = self._strangeness(features)
         learnt = learn_tap(views, box, self._calibration, strange)
-        surely = np.quantile(strange[box.mask(*strange.shape)], _STRANGENESS_QUANTILE)
+        surely = np.quantile(strange[strange_part(box.mask(*strange.shape), strange)], _STRANGENESS_QUANTILE)
         return Example(self.model_id, np.append(learnt, surely).astype(np.float32))
 
     def _check(self, name: str) -> None:
@@ -203,9 +205,9 @@ class GroundNetwork:
         kinds = None if fits is None else relative_fits(fits, own > 0)
         return attention(seen.probabilities, own, [drivable for _, drivable in words], kinds, far)
 
-    def _tapped(self, white: Floats, explained: Floats, example: Example) -> Floats:
+    def _tapped(self, white: Floats, explained: Floats, example: Example, danger: bool) -> Floats:
         vector = example.vector_for(self.model_id, len(self._calibration.tap_mean) + 3)
-        found = likeness(white, vector[:-1]) * (1 - explained * np.clip(vector[-1], 0, 1)) ** 2
+        found = likeness(white, vector[:-1], danger) * (1 - explained * np.clip(vector[-1], 0, 1)) ** 2
         return np.asarray(found, dtype=np.float32)
 
     def _strangeness(self, seen: Ground) -> Floats:

@@ -33,6 +33,7 @@ _BETWEEN = 0.4  # position of the threshold between that quantile (0) and the th
 _SOFT = 0.06  # width of the logistic step at the score's threshold
 _LIKENESS = 0.95  # share of the cosine that most cells of the thing have; other things have a lower one
 _ALMOST_ALL = 0.3  # quantile of the cosines of the thing's cells that stands for "most"
+_DANGER = 0.6  # share of both thresholds that a thing must reach that is not drivable
 _SOFT_LIKENESS = 0.03  # width of the logistic step at the cosine's threshold
 
 VIEWS: tuple[tuple[float, float, float], ...] = (
@@ -92,7 +93,7 @@ def learn_tap(
     if inside.sum() < _LEAST_CELLS:
         raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
     if strange is not None:
-        inside = _strange_part(inside, strange)
+        inside = strange_part(inside, strange)
     whites = [whitened(cells, calibration) for cells in views]
     direction = _direction(np.mean([white[inside].mean(axis=0) for white in whites], axis=0))
     alike = np.mean([white[inside] @ direction for white in whites], axis=0)
@@ -107,7 +108,7 @@ def learn_tap(
     return np.array([*direction, threshold, least], dtype=np.float32)
 
 
-def _strange_part(inside: Mask, strange: Floats) -> Mask:
+def strange_part(inside: Mask, strange: Floats) -> Mask:
     """Return the strange part of the box; the whole box where nothing in it is strange.
 
     In a box with known ground and something strange, the strange part is what the operator meant.
@@ -126,9 +127,15 @@ def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibr
     return found
 
 
-def likeness(white: Floats, example: NDArray[np.float32]) -> Floats:
-    """Calculate how surely each whitened cell shows the same as this example, (h, w) in [0, 1]."""
+def likeness(white: Floats, example: NDArray[np.float32], danger: bool = False) -> Floats:
+    """Calculate how surely each whitened cell shows the same as this example, (h, w) in [0, 1].
+
+    danger: the thing is not drivable. What hardly resembles it then counts, too: to take another thing for it
+    holds the rover all the same, while a part of it that is not found calls again and again.
+    """
     direction, threshold, least = example[:-2], example[-2], example[-1]
+    if danger:
+        threshold, least = _DANGER * threshold, _DANGER * least
     surely = _step((white @ direction - threshold) / _SOFT)
     surely *= _step((_cosine(white, direction) - least) / _SOFT_LIKENESS)
     return surely

@@ -36,6 +36,8 @@ class Changes:
 
     new_episode: forget the reference and all remembered scenes. missing_ok: forgetting an unknown word or
     call is no error; a setting that is sent again may have been applied already.
+    other_place: the newest match is refused, see `refused_memory`; the call whose scene matched, 0: any.
+    None: it is not. match: the stamp of the match that is meant (`Adoption.clock`); None: any.
     """
 
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -44,9 +46,16 @@ class Changes:
     forget_calls: tuple[int, ...] = ()
     new_episode: bool = False
     missing_ok: bool = False
+    other_place: int | None = None
+    match: int | None = None
 
     def __bool__(self) -> bool:
         """Return whether anything is changed."""
+        return self.teaches or self.other_place is not None
+
+    @property
+    def teaches(self) -> bool:
+        """Whether something is said of the scene of the call. That it is another place says nothing of it."""
         return bool(self.weights or self.taps or self.forget_words or self.forget_calls or self.new_episode)
 
 
@@ -56,13 +65,16 @@ class AnswerOutcome:
 
     call: the call's frame, judged again; None for words without a call. newest: the newest frame, judged
     again. dropped: words put out of use because at most 16 can be in use. remembered: whether H gained the
-    scene.
+    scene. undone: words that a refused match had put into use. forgotten: stamps of scenes that were refused
+    too often.
     """
 
     call: Assessment | None
     newest: Assessment | None
     dropped: tuple[str, ...] = ()
     remembered: bool = False
+    undone: tuple[str, ...] = ()
+    forgotten: tuple[int, ...] = ()
 
 
 def changed_memory(
@@ -70,12 +82,13 @@ def changed_memory(
 ) -> tuple[Memory, tuple[str, ...]]:
     """Return `memory` after `changes`, and the words that were dropped. All changes apply, or none.
 
+    The refusal of a match is left to `refused_memory`.
     Words and calls are forgotten first, words with their examples; then words are set.
     seen: the frame of the answered call, to which taps refer; None for words without a call, which scenes
     remembered before cannot change.
     Raises PreferencesError (UnknownWordError) and ExampleError.
     """
-    if not changes:
+    if not changes.teaches:
         return memory, ()
     clock = memory.clock + 1
     gone = {clean_word(word) for word in changes.forget_words}
@@ -97,7 +110,7 @@ def changed_memory(
     settled = dict.fromkeys(gone if seen is not None else {*gone, *settings}, clock)
     after = replace(memory, history=_forgetting(memory.history, changes), clock=clock)
     if changes.new_episode:
-        after = replace(after, reference=None)
+        after = after.at(None)
     return (
         after.using(preferences, examples, settled),
         tuple(word for word in before if word not in preferences),

@@ -167,7 +167,7 @@ class Assessment:
     def tile(self) -> Tile | None:
         """Where to look: the first bad one of the worst tile, the named tile and the corridor's gap.
 
-        The worst tile where none of them is bad; None without ROI figures.
+        The worst tile where none of them is bad; None without ROI figures. To a person `shown` is shown.
         """
         if self.roi is None:
             return None

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from anytraverse.adoption import adopted_memory
+from anytraverse.adoption import adopted_memory, refused_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
 from anytraverse.assessment import Assessment, Finding, Map, Observation, Reason
 from anytraverse.errors import ExampleError, PerceiverError
@@ -92,7 +92,9 @@ class AnyTraverse:
             return assessment
         if sum(self._matched) < self.settings.votes:
             return replace(assessment, match=match)
-        self.memory, dropped = adopted_memory(self.memory, match.entry, self.perceiver.meaning)
+        self.memory, dropped = adopted_memory(
+            self.memory, match, self.perceiver.meaning, observation.embedding, place.time
+        )
         self._matched.clear()
         return replace(self.judge(observation, now), match=match, adopted=match.entry, dropped=dropped)
 
@@ -148,28 +150,43 @@ class AnyTraverse:
         call: the frame of the call that is answered; None for words without a call, which teach no scene.
         Only changes and go enter the scene into H and move the reference to it, the latter only if the newest
         frame still resembles it: for these two an earlier frame's embedding will not do, and each gets its
-        own. Raises PreferencesError, ExampleError, PerceiverError; then nothing has changed.
+        own. A refused match is undone first, whatever else changes. Raises PreferencesError, ExampleError,
+        PerceiverError; then nothing has changed.
         """
         before, carried = self.memory, self._carried
+        teaches, refuses = changes.teaches or go, changes.other_place is not None
+        undone, forgotten = tuple[str, ...](), tuple[int, ...]()
         try:
-            if call is not None and (changes or go):
+            if call is not None and teaches:
                 self._see_scene(call)
+            if (call is not None and teaches) or refuses:
                 self._see_scene(self.newest)
-            self.memory, dropped = changed_memory(before, changes, self.perceiver, call)
+            if changes.other_place is not None:
+                newest = self.newest.embedding if self.newest is not None else None
+                limits, meaning = self.settings.thresholds, self.perceiver.meaning
+                self.memory, undone, forgotten = refused_memory(
+                    before, changes.other_place, newest, limits, meaning, stamp=changes.match
+                )
+            self.memory, dropped = changed_memory(self.memory, changes, self.perceiver, call)
             remembered = False
-            if call is not None and (changes or go) and is_embedding(call.embedding):
+            if call is not None and teaches and is_embedding(call.embedding):
                 move = self._is_at(call.embedding)
                 place = place or Place()
                 if move:
                     self._carried = self._carried_on(call.embedding, now, place)
                 self.memory = self.memory.remembering(call.embedding, call_id, place, move=move)
                 remembered = True
-            return AnswerOutcome(
+            outcome = AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
                 newest=self.judge(self.newest, now) if self.newest is not None else None,
                 dropped=dropped,
                 remembered=remembered,
+                undone=undone,
+                forgotten=forgotten,
             )
+            if refuses:
+                self._matched.clear()
+            return outcome
         except Exception:
             self.memory, self._carried = before, carried
             raise
@@ -214,18 +231,22 @@ class AnyTraverse:
         itself that it is `independent`: there a word's map does not depend on the other words asked for.
         """
         memory, kept = self.memory, observation.attended
-        prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
-        drivable = tuple(prompt for prompt in prompts if memory.preferences[prompt.word] > 0)
+        positive = [weight > 0 for weight in memory.preferences.values()]
         if getattr(self.perceiver, "independent", False):
+            prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
             whole = kept[prompts] if prompts in kept else self.perceiver.attend(observation.features, prompts)
             observation.attended = {prompts: whole}
-            positive = [memory.preferences[prompt.word] > 0 for prompt in prompts]
             return whole, whole[np.array(positive, dtype=np.bool_)] if len(whole) == len(positive) else whole
-        observation.attended = {asked: kept[asked] for asked in (prompts, drivable) if asked in kept}
-        for asked in (prompts, drivable):
+        prompts = tuple(
+            Prompt(word, memory.examples.get(word, ()), drivable)
+            for word, drivable in zip(memory.preferences, positive, strict=True)
+        )
+        alone = tuple(prompt for prompt in prompts if prompt.drivable)
+        observation.attended = {asked: kept[asked] for asked in (prompts, alone) if asked in kept}
+        for asked in (prompts, alone):
             if asked not in observation.attended:
                 observation.attended[asked] = self.perceiver.attend(observation.features, asked)
-        return observation.attended[prompts], observation.attended[drivable]
+        return observation.attended[prompts], observation.attended[alone]
 
     def _similarity(self, embedding: Embedding) -> float | None:
         """Cosine to the reference, None without one; NaN where nothing can be compared."""
@@ -258,8 +279,9 @@ class AnyTraverse:
     def _match(self, assessment: Assessment, observation: Observation) -> Match | None:
         if Reason.UNKNOWN_SCENE not in assessment.reasons:
             return None
-        best = self.memory.history.best(observation.embedding)
-        return best if best is not None and best.similarity >= self.settings.thresholds.scene else None
+        history = self.memory.history
+        best, least = history.best(observation.embedding), self.settings.thresholds.least_match(len(history))
+        return best if best is not None and best.similarity >= least else None
 
 
 def _refuse_foreign(memory: Memory, model_id: str) -> None:

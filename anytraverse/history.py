@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from anytraverse.perception import Example
 from anytraverse.preferences import Preferences
 
 _METRES_PER_DEGREE = 111_320.0
+
+MAX_REFUSED = 8
+"""Frames of other places that an entry keeps. An entry that matches falsely more often is forgotten."""
 
 Embedding = NDArray[np.float32]
 """A unit-norm scene embedding, (d,) float32."""
@@ -54,6 +58,7 @@ class Entry:
 
     order: the stamp of its making, unique. matched: the stamp of its last match.
     call_id: the call that was answered; 0 for the first scene, which became the reference without a call.
+    refused: embeddings of frames that matched it, and that an operator said show another place, at most 8.
     """
 
     embedding: Embedding
@@ -63,6 +68,7 @@ class Entry:
     call_id: int = 0
     examples: Mapping[str, tuple[Example, ...]] = field(default_factory=dict)
     place: Place = field(default_factory=Place)
+    refused: tuple[Embedding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +102,11 @@ def _cosines(rows: NDArray[np.float32], vector: Embedding) -> NDArray[np.float64
     return np.where(np.isfinite(norms), similarities, np.nan)
 
 
+def _refuses(entry: Entry, embedding: Embedding, similarity: float) -> bool:
+    """Return whether a refused frame resembles this one as much as the entry does, or cannot be compared."""
+    return any(not cosine(one, embedding) < similarity for one in entry.refused)
+
+
 class History(Sequence[Entry]):
     """Holds an immutable sequence of entries. Beyond `limit`, the least recently matched are removed."""
 
@@ -116,16 +127,40 @@ class History(Sequence[Entry]):
     def best(self, embedding: Embedding) -> Match | None:
         """Return the MOST similar entry (argmax of the cosine), whatever the cosine; of equals the newest.
 
-        Entries whose embedding is not finite or has another length are skipped. None when none is left.
+        Left out are those that `matches` leaves out. None when none is left.
         """
+        return next(self._nearest(embedding), None)
+
+    def matches(self, embedding: Embedding, least: float) -> list[Match]:
+        """Return the entries that a frame resembles by a cosine of at least `least`, the most similar first.
+
+        Entries whose embedding is not finite or has another length are left out, and those to which the frame
+        is not more similar than to a frame that was refused as another place.
+        """
+        return list(takewhile(lambda match: match.similarity >= least, self._nearest(embedding)))
+
+    def _nearest(self, embedding: Embedding) -> Iterator[Match]:
         fitting = [entry for entry in reversed(self._entries) if entry.embedding.shape == embedding.shape]
         if not fitting or embedding.ndim != 1:
-            return None
+            return
         similarities = _cosines(np.stack([entry.embedding for entry in fitting]), embedding)
-        if np.isnan(similarities).all():
-            return None
-        best = int(np.nanargmax(similarities))
-        return Match(fitting[best], float(similarities[best]))
+        for index in np.argsort(-similarities, kind="stable"):  # NaN comes last
+            entry, similarity = fitting[index], float(similarities[index])
+            if math.isfinite(similarity) and not _refuses(entry, embedding, similarity):
+                yield Match(entry, similarity)
+
+    def refusing(self, orders: Collection[int], embedding: Embedding) -> History:
+        """Return this history with a frame of another place noted at the entries of these stamps.
+
+        An entry that has `MAX_REFUSED` of them already is forgotten: it is no use as a place.
+        """
+        entries = []
+        for entry in self._entries:
+            if entry.order not in orders:
+                entries.append(entry)
+            elif len(entry.refused) < MAX_REFUSED:
+                entries.append(replace(entry, refused=(*entry.refused, embedding)))
+        return History(entries, self.limit)
 
     def added(self, entry: Entry) -> History:
         """Return this history with one more entry."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,6 +34,14 @@ _EXPLAINED = 0.2
 """Words of no positive weight name a thing when they explain at least this share of its strangeness."""
 _AROUND = 2.0
 """The gap's tile is enlarged by this factor to judge what closes the corridor."""
+SHOWN = 0.25
+"""Over the ROI's width: side of the square that is shown and tapped around a smaller tile.
+
+A part of a thing is not enough: of a thing that was tapped in a tile of .08 half as much was found again as
+of one that was tapped in this square.
+"""
+LARGEST_TILE = 0.25
+"""Over the ROI's width. A tile that is calculated from the camera's mount is no larger: see `Settings`."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +50,7 @@ class Thresholds:
 
     roi, tile: uncertainty, (0, 1]; tile None: not judged. scene: cosine, [-1, 1].
     trav: drivable share of the known pixels, [0, 1]. margin applies to all but the cosine.
+    match: (number of remembered scenes, least cosine of a match), both rising; see `least_match`.
     Raises SettingsError for a number out of its range.
     """
 
@@ -50,6 +60,7 @@ class Thresholds:
     trav: float = 0.4
     margin: float = 0.03
     similarity_margin: float = 0.01
+    match: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
         _check("roi", self.roi, 0.0 < self.roi <= 1.0, "above 0, at most 1")
@@ -58,21 +69,44 @@ class Thresholds:
         _check("trav", self.trav, 0.0 <= self.trav <= 1.0, "0 to 1")
         _check("margin", self.margin, 0.0 <= self.margin <= 1.0, "0 to 1")
         _check("similarity_margin", self.similarity_margin, 0.0 <= self.similarity_margin <= 1.0, "0 to 1")
+        entries, cosines = [0, *(row[0] for row in self.match)], [-1.0, *(row[1] for row in self.match)]
+        rising = all(one < next_one for one, next_one in pairwise(entries))
+        rising = rising and all(one <= next_one <= 1.0 for one, next_one in pairwise(cosines))
+        _check("match", self.match, rising, "pairs of a number of scenes and a cosine, both rising")
 
     @classmethod
     def of(cls, defaults: DefaultThresholds) -> Thresholds:
         """Take a perceiver's own thresholds, with the default of every other number."""
-        return cls(defaults.roi, defaults.scene, defaults.tile)
+        return cls(defaults.roi, defaults.scene, defaults.tile, match=defaults.match)
+
+    def least_match(self, scenes: int) -> float:
+        """Return the cosine that a frame needs to match one of `scenes` remembered ones.
+
+        The more there are, the more a frame of another place resembles one of them by chance. Between two
+        numbers in `match` it is interpolated by the logarithm of `scenes`. Beyond the last it rises on, at
+        least as it did on the whole, up to 1. It is never below `scene`, which is all that counts where
+        `match` is empty.
+        """
+        if not self.match:
+            return self.scene
+        logs, cosines = [math.log(row[0]) for row in self.match], [row[1] for row in self.match]
+        at = math.log(max(1, scenes))
+        least = float(np.interp(at, logs, cosines))
+        if at > logs[-1] and len(logs) > 1:
+            slopes = [(cosines[-1] - cosines[n]) / (logs[-1] - logs[n]) for n in (0, -2)]
+            least = min(1.0, cosines[-1] + max(slopes) * (at - logs[-1]))
+        return max(self.scene, least)
 
 
 @dataclass(frozen=True)
 class Settings:
     """Holds the settings by which frames are judged.
 
-    region: the ROI. tile_share: a tile's side over the ROI's width. freshness: seconds after which a frame is
-    too old to be OK. votes, window: so many of the last `window` frames must match a remembered scene before
-    it is adopted. scene_every: every n-th frame gets an embedding of its own, 1 to 100; see `SceneWatch`.
-    pooling, uncertainty: names in `POOLINGS` and `UNCERTAINTIES`.
+    region: the ROI. tile_share: a tile's side over the ROI's width, (0, 1]. tile_width: a tile's side over
+    the image's width, (0, 1], where it is known how wide the things are that must be seen; see `tile_side`.
+    freshness: seconds after which a frame is too old to be OK. votes, window: so many of the last `window`
+    frames must match a remembered scene before it is adopted. scene_every: every n-th frame gets an embedding
+    of its own, 1 to 100; see `SceneWatch`. pooling, uncertainty: names in `POOLINGS` and `UNCERTAINTIES`.
     Raises SettingsError for a number out of range or an unknown name.
     """
 
@@ -80,6 +114,7 @@ class Settings:
     thresholds: Thresholds = field(default_factory=Thresholds)
     corridor: Corridor = field(default_factory=lambda: Corridor(bottom=0.3, top=0.2))
     tile_share: float = 0.25
+    tile_width: float | None = None
     freshness: float = 1.0
     votes: int = 2
     window: int = 3
@@ -89,11 +124,31 @@ class Settings:
 
     def __post_init__(self) -> None:
         _check("tile_share", self.tile_share, 0.0 < self.tile_share <= 1.0, "above 0, at most 1")
+        known = self.tile_width is None or 0.0 < self.tile_width <= 1.0
+        _check("tile_width", self.tile_width, known, "above 0, at most 1")
         _check("freshness", self.freshness, 0.0 < self.freshness < math.inf, "seconds above 0")
         _check("votes", self.votes, 1 <= self.votes <= self.window, f"1 to the window, {self.window}")
         _check("scene_every", self.scene_every, 1 <= self.scene_every <= 100, "1 to 100 frames")
         _check("pooling", self.pooling, self.pooling in POOLINGS, " or ".join(POOLINGS))
         _check("uncertainty", self.uncertainty, self.uncertainty in UNCERTAINTIES, " or ".join(UNCERTAINTIES))
+
+    @classmethod
+    def of(cls, defaults: DefaultThresholds) -> Settings:
+        """Take a perceiver's own thresholds and tiles, with the default of every other setting."""
+        return cls(thresholds=Thresholds.of(defaults), tile_share=defaults.tile_share)
+
+    @property
+    def tile_side(self) -> float:
+        """A tile's side over the ROI's width, (0, 1]: tile_width, but from tile_share to `LARGEST_TILE`.
+
+        Where no tile_width is known it is tile_share. The tile's threshold was chosen for tile_share: smaller
+        tiles would be over it more often, and call more often for nothing.
+        """
+        if self.tile_width is None:
+            return self.tile_share
+        bounds = self.region.bounds
+        width = bounds.right - bounds.left
+        return max(self.tile_share, min(LARGEST_TILE, self.tile_width / width))
 
 
 def _check(name: str, value: object, holds: bool, expected: str) -> None:
@@ -159,10 +214,11 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
     """Calculate the ROI's figures; a fault when it holds no pixel. aspect: width / height of the frame."""
     height, width = maps.signed.shape
     inside = settings.region.mask(height, width)
-    worst = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_share)
+    worst = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_side)
     if worst is None:
         return Finding.fault("the ROI holds no pixel: make it larger")
     known = int(maps.known[inside].sum())
+    named = _named_tile(maps, aspect, settings, worst)
     return RoiFigures(
         uncertainty=float(maps.uncertainty[inside].mean()),
         strangeness=float(maps.strangeness[inside].mean()),
@@ -170,16 +226,39 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
         known_share=known / int(inside.sum()),
         drivable_share=int(maps.drivable[inside].sum()) / known if known else None,
         corridor=_passage(maps, aspect, settings),
-        worst_tile=worst,
-        named_tile=_named_tile(maps, aspect, settings, worst),
+        worst_tile=_with_square(worst, aspect, settings),
+        named_tile=named and replace(named, tile=_with_square(named.tile, aspect, settings)),
     )
+
+
+def _with_square(tile: Tile, aspect: float, settings: Settings) -> Tile:
+    """Return a tile that is smaller than `SHOWN` with the square around it, inside the ROI's bounds."""
+    if settings.tile_side >= SHOWN:
+        return tile
+    bounds, box = settings.region.bounds, tile.box
+    side = SHOWN * (bounds.right - bounds.left)
+    left, right = _around(box.left, box.right, side, (bounds.left, bounds.right))
+    top, bottom = _around(box.top, box.bottom, side * aspect, (bounds.top, bounds.bottom))
+    return replace(tile, around=Box(left, top, right, bottom))
+
+
+def _around(low: float, high: float, side: float, within: tuple[float, float]) -> tuple[float, float]:
+    """Return low and high, moved apart to `side` about their middle, and shifted to lie `within`.
+
+    It stays as it is where it is no shorter, and may leave `within` where it did so before.
+    """
+    if high - low >= side:
+        return low, high
+    start = max(within[0], min((low + high - side) / 2, within[1] - side))
+    return min(low, start), max(high, min(start + side, within[1]))
 
 
 def is_open(drivable: Mask, aspect: float, settings: Settings, corridor: Corridor | None = None) -> bool:
     """Return whether the vehicle fits through over `drivable`, (h, w). corridor: the settings' by default."""
     height, width = drivable.shape
-    tile = tile_size(height, width, settings.region.bounds, aspect, settings.tile_share)
-    return corridor_open(drivable, settings.region, corridor or settings.corridor, tile)
+    corridor = corridor or settings.corridor
+    gap = tile_size(height, width, settings.region.bounds, aspect, corridor.gap)
+    return corridor_open(drivable, settings.region, corridor, gap)
 
 
 def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settings) -> list[Finding]:
@@ -260,8 +339,8 @@ def _passage(maps: Maps, aspect: float, settings: Settings) -> Passage:
 
 
 def _gap(maps: Maps, missing: Mask, aspect: float, settings: Settings) -> Tile | None:
-    """Return the tile of the ROI in which the most pixels are `missing`, with its mean uncertainty."""
-    found = worst_tile(missing.astype(np.float32), settings.region, aspect, settings.tile_share)
+    """Return the square as large as a gap in which most pixels are `missing`, with its mean uncertainty."""
+    found = worst_tile(missing.astype(np.float32), settings.region, aspect, settings.corridor.gap)
     if found is None:
         return None
     rows, columns = found.box.slices(*missing.shape)
@@ -279,7 +358,7 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
         return None
     limit = settings.thresholds.tile
     calling = worst.box.mask(*maps.signed.shape) if limit is not None and worst.uncertainty > limit else None
-    tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_share, outside=calling)
+    tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_side, outside=calling)
     if tile is None:
         return None
     found = _with_word(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
@@ -288,7 +367,7 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     # What was found may be part of the thing that calls already, which may be larger than its tile. So search
     # for the tile in which words of no positive weight explain most.
     explained_difference = maps.strangeness - maps.uncertainty
-    beside = worst_tile(explained_difference, settings.region, aspect, settings.tile_share, outside=calling)
+    beside = worst_tile(explained_difference, settings.region, aspect, settings.tile_side, outside=calling)
     # its value is the difference, all of which these words explain: nothing is left
     return found if beside is None else _with_word(maps, beside, 0.0)
 

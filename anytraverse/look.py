@@ -15,7 +15,7 @@ from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError, PerceiverError
 from anytraverse.frame import Frame, Image
-from anytraverse.judging import Settings, Thresholds
+from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver, weak_words
 from anytraverse.preferences import Preferences
@@ -87,7 +87,7 @@ def read_picture(path: str) -> Image:
 
 def judge(image: Image, words: Preferences, perceiver: Perceiver) -> tuple[Assessment, Settings, float]:
     """Judge one picture without a reference scene; return assessment, settings and milliseconds taken."""
-    settings = Settings(thresholds=Thresholds.of(perceiver.defaults))
+    settings = Settings.of(perceiver.defaults)
     engine = AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, words))
     begin = time.perf_counter()
     assessment = engine.judge(engine.observe(Frame(1, 0.0, image)), 0.0)

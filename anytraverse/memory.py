@@ -15,6 +15,27 @@ Examples = Mapping[str, tuple[Example, ...]]
 
 
 @dataclass(frozen=True, eq=False)
+class Adoption:
+    """Holds how a remembered scene came into force by a match, and what it replaced, to undo it.
+
+    order, call_id: of the entry. embedding: of the frame that matched, similarity: its cosine to the entry's.
+    clock: the stamp of the match. preferences, examples: in force before. reference: the one before; None
+    once an answer has moved the reference on, so that another scene is in force. time: seconds since 1970,
+    None where that was not known.
+    """
+
+    order: int
+    call_id: int
+    similarity: float
+    clock: int
+    embedding: Embedding
+    preferences: Preferences
+    examples: Examples
+    reference: Embedding | None
+    time: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Memory:
     """Holds the words in force, the reference scene and the answered scenes of one model. Immutable.
 
@@ -23,6 +44,7 @@ class Memory:
     settled: word -> the stamp at which it was last set without a call, or forgotten; no remembered scene
     older than that changes it. Words set in answer to a call belong to that call's scene and are not listed,
     nor is a word that is neither in use nor in a remembered scene.
+    adoption: the newest match whose words came into force; None without one, and after it was refused.
     """
 
     model_id: str
@@ -33,6 +55,7 @@ class Memory:
     reference: Embedding | None = None
     history: History = field(default_factory=History)
     clock: int = 0
+    adoption: Adoption | None = None
 
     def using(
         self, preferences: Preferences, examples: Examples, settled: Mapping[str, int] | None = None
@@ -43,6 +66,7 @@ class Memory:
         """
         stamps = {**self.settled, **(settled or {})}
         known = {*preferences, *(word for entry in self.history for word in entry.preferences)}
+        known |= set(self.adoption.preferences) if self.adoption is not None else set()
         return replace(
             self,
             preferences=preferences,
@@ -59,8 +83,13 @@ class Memory:
         clock = self.clock + 1
         entry = Entry(embedding, self.preferences, clock, clock, call_id, self.examples, place)
         kept = self.history.without_call(call_id) if call_id else self.history
-        reference = embedding if move else self.reference
-        return replace(self, history=kept.added(entry), reference=reference, clock=clock)
+        after = replace(self, history=kept.added(entry), clock=clock)
+        return after.at(embedding) if move else after
+
+    def at(self, reference: Embedding | None) -> Memory:
+        """Return this memory with another reference, to which no match led. None: none, as at first."""
+        left = None if self.adoption is None or reference is None else replace(self.adoption, reference=None)
+        return replace(self, reference=reference, adoption=left)
 
 
 def first_memory(model_id: str, configured: Preferences, history_limit: int = 256) -> Memory:
@@ -114,13 +143,18 @@ def _restricted_to_model(saved: Memory, model_id: str) -> tuple[Memory, list[str
     if saved.model_id == model_id:
         entries = [_without_foreign_examples(entry, model_id) for entry in saved.history]
         history = History(entries, saved.history.limit)
-        return replace(saved, history=history, examples=_examples_of(saved.examples, model_id)), []
+        own = _examples_of(saved.examples, model_id)
+        adoption = saved.adoption
+        if adoption is not None:
+            adoption = replace(adoption, examples=_examples_of(adoption.examples, model_id))
+        return replace(saved, history=history, examples=own, adoption=adoption), []
     notice = (
         f"memory of model {saved.model_id} does not fit {model_id}: "
         f"{len(saved.history)} scenes and {len(saved.examples)} tapped words are left out"
     )
     history = History(limit=saved.history.limit)
-    return replace(saved, model_id=model_id, examples={}, reference=None, history=history), [notice]
+    after = replace(saved, model_id=model_id, examples={}, history=history)
+    return after.at(None), [notice]
 
 
 def _contradicted(preferences: Preferences, configured: Preferences, meaning: Meaning) -> set[str]:

@@ -208,7 +208,7 @@ def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> 
 def _draw_boxes(picture: Image, assessment: Assessment, roi: Box) -> None:
     outline(picture, roi, PAPER, 2)
     if assessment.tile is not None and looks_unsure(assessment):
-        outline(picture, assessment.tile.box, YELLOW, 2)
+        outline(picture, assessment.tile.shown, YELLOW, 2)
 
 
 def _roi_note(assessment: Assessment) -> str:

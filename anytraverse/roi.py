@@ -19,7 +19,7 @@ KNOWN = 0.5
 """A word explains a pixel when its attention there is at least this."""
 
 _GAP = 0.9
-"""A tile is a gap in the corridor when at least this share of its cells is not drivable."""
+"""A square is a gap in the corridor when at least this share of its cells is not drivable."""
 _ROUNDING = 1e-9
 
 
@@ -28,13 +28,16 @@ class Corridor:
     """Holds the vehicle's width as fractions of the image's width, at the bottom and the top of the ROI.
 
     share: of its cells that must be drivable in each of `bands` bands from near to far, (0, 1].
-    Raises SettingsError for fractions that are not above 0, and for a share or bands out of range.
+    gap: side of the smallest gap that closes the corridor, over the ROI's width, (0, 1]. A tile may be
+    smaller: single cells along ragged borders are not drivable, and would be a gap.
+    Raises SettingsError for fractions that are not above 0, and for share, bands or gap out of range.
     """
 
     bottom: float
     top: float
     share: float = 0.8
     bands: int = 5
+    gap: float = 0.25
 
     def __post_init__(self) -> None:
         if not (0.0 < self.bottom < math.inf and 0.0 < self.top < math.inf):
@@ -43,6 +46,8 @@ class Corridor:
             raise SettingsError(
                 f"{self} asks for nothing: give a share above 0, at most 1, and a band or more"
             )
+        if not 0.0 < self.gap <= 1.0:
+            raise SettingsError(f"{self} has no gap: give a share of the ROI's width above 0, at most 1")
 
     def roomier(self, factor: float, margin: float) -> Corridor:
         """Return this corridor for a vehicle `factor` times as wide, with its share raised by `margin`."""
@@ -52,10 +57,19 @@ class Corridor:
 
 @dataclass(frozen=True)
 class Tile:
-    """Holds a square window of the ROI and its mean uncertainty, in [0, 1]."""
+    """Holds a square window of the ROI and its mean uncertainty, in [0, 1].
+
+    around: a larger square around a window that is smaller than the things that are looked for.
+    """
 
     box: Box
     uncertainty: float
+    around: Box | None = None
+
+    @property
+    def shown(self) -> Box:
+        """The box that is shown and tapped: the square around the window where there is one."""
+        return self.around or self.box
 
 
 @dataclass(frozen=True)
@@ -84,8 +98,8 @@ class Passage:
 
     open: over drivable ground. passable: it would be open if all that is uncertain were drivable. roomy,
     passable_roomy: the same for a wider corridor, with a margin on its share.
-    gap: the tile in which most pixels close the corridor; None where it is open. explained: the share of the
-    strangeness around the gap that words of no positive weight explain, in [0, 1].
+    gap: the square as large as a gap in which most pixels close the corridor; None where it is open.
+    explained: the share of the strangeness around it that words of no positive weight explain, in [0, 1].
     """
 
     open: bool
@@ -175,11 +189,11 @@ def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArr
     return sums
 
 
-def corridor_open(drivable: Mask, region: Region, corridor: Corridor, tile: tuple[int, int]) -> bool:
+def corridor_open(drivable: Mask, region: Region, corridor: Corridor, gap: tuple[int, int]) -> bool:
     """Return whether a strip of the vehicle's width leads over drivable ground from the ROI's bottom to top.
 
-    drivable: (h, w). tile: rows and columns of a tile. The strip may shift by one pixel of the map a row. In
-    each of its bands at least `corridor.share` of its cells must be drivable, and no tile in it may be a gap.
+    drivable: (h, w). gap: rows and columns of a gap. The strip may shift by one pixel of the map a row. In
+    each of its bands at least `corridor.share` of its cells must be drivable, and no gap may be in it.
     False when the ROI holds no pixel.
     """
     height, width = drivable.shape
@@ -193,7 +207,7 @@ def corridor_open(drivable: Mask, region: Region, corridor: Corridor, tile: tupl
     strip = np.clip(np.rint(wanted), 1, across).astype(np.intp)[:, np.newaxis]
     left = np.arange(across) - strip // 2
     inside = (left >= 0) & (left + strip <= across)
-    gaps = _count_between(_gaps(missing, tile), left, left + strip - tile[1] + 1)
+    gaps = _count_between(_gaps(missing, gap), left, left + strip - gap[1] + 1)
     lost = np.where(inside & (gaps == 0), _count_between(missing, left, left + strip), np.inf)
     reachable = np.ones(across, dtype=np.bool_)
     for band in np.array_split(np.arange(count)[::-1], min(corridor.bands, count)):
@@ -213,11 +227,11 @@ def _least_nearby(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return least
 
 
-def _gaps(missing: Mask, tile: tuple[int, int]) -> Mask:
+def _gaps(missing: Mask, size: tuple[int, int]) -> Mask:
     """Mark (row, column) where a gap that begins in this column covers this row, (h, w)."""
     gaps = np.zeros(missing.shape, dtype=np.bool_)
-    found = _window_sums(missing.astype(np.float64), *tile) >= _GAP * tile[0] * tile[1]
-    for down in range(tile[0]):
+    found = _window_sums(missing.astype(np.float64), *size) >= _GAP * size[0] * size[1]
+    for down in range(size[0]):
         gaps[down : down + found.shape[0], : found.shape[1]] |= found
     return gaps
 

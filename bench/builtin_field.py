@@ -18,6 +18,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from anytraverse.answers import Changes, Tap
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
-from anytraverse.judging import Settings, Thresholds
+from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
@@ -140,7 +141,7 @@ def laps(perceiver: Perceiver, seed: int, size: tuple[int, int]) -> list[list[st
             if Reason.UNKNOWN_SCENE in judged.reasons or not ahead or judged.tile is None:
                 changes = Changes(weights=dict(Preferences.parse(WORDS[trail.zone(float(s) + 4.0)])))
             else:
-                changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, ahead[0].kind, -1.0),))
+                changes = Changes(taps=(Tap(judged.frame.id, judged.tile.shown, ahead[0].kind, -1.0),))
             outcome = engine.answer(
                 changes, now, call=judged.observation, call_id=len(calls[-1]) + 1, go=True
             )
@@ -158,9 +159,8 @@ def _away(pose: Pose, thing: Thing) -> float:
 
 
 def engine_of(perceiver: Perceiver, words: str) -> AnyTraverse:
-    settings = Settings(
-        region=REGION, thresholds=Thresholds.of(perceiver.defaults), corridor=Corridor(bottom=0.3, top=0.12)
-    )
+    corridor = Corridor(bottom=0.3, top=0.12)
+    settings = replace(Settings.of(perceiver.defaults), region=REGION, corridor=corridor)
     return AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
 
 

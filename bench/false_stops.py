@@ -21,7 +21,7 @@ from anytraverse.assessment import Observation
 from anytraverse.engine import AnyTraverse
 from anytraverse.evaluation.datasets import LabelledFolder
 from anytraverse.frame import Frame, Image
-from anytraverse.judging import Settings, Thresholds
+from anytraverse.judging import Settings
 from anytraverse.look import DEFAULT_PROMPTS, read_picture
 from anytraverse.memory import first_memory
 from anytraverse.perception import make_perceiver
@@ -64,7 +64,7 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     perceiver = make_perceiver(options.perceiver, Runtime(threads=1))
-    settings = Settings(thresholds=Thresholds.of(perceiver.defaults))
+    settings = Settings.of(perceiver.defaults)
     words = Preferences.parse(options.words)
     engine = AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, words))
     sets = {"clean": clean_frames(LabelledFolder(options.folder), options.drivable.split(","), options.count)}

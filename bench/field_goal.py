@@ -96,11 +96,11 @@ class Drive:
         left = self._left(ahead, s) if ahead is not None else math.inf
         asked = Reason.UNKNOWN_OBJECT in judged.reasons  # else the tile shows nothing that a tap could name
         if ahead is not None and left < NEAR and judged.tile and asked:
-            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, ahead.kind, -1.0),))
+            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.shown, ahead.kind, -1.0),))
             self.tally.called.append((ahead.kind, round(left, 1)))
             self.world.remove(ahead.id)
         elif self._teach and judged.tile and Reason.UNKNOWN_SCENE not in judged.reasons:
-            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.box, self._teach, 1.0),))
+            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.shown, self._teach, 1.0),))
             self.tally.taught += 1
         else:
             changes = Changes(weights=dict(Preferences.parse(WORDS[self.world.trail.zone(s + 4.0)])))

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import anytraverse.perception
-from anytraverse.perception.builtin.network import Calibration, posteriors
+from anytraverse.perception.builtin.attention import posteriors
+from anytraverse.perception.builtin.calibration import Calibration
 from anytraverse.training.fit import stored
 from anytraverse.training.folders import Folder, Labelled, read_folder
 from anytraverse.training.scores import SCALE, Network, maps, score
@@ -32,14 +33,14 @@ PALETTE[: len(_COLOURS)] = _COLOURS
 
 def row(network: Network, calibration: Calibration, frame: Labelled) -> tuple[float, NDArray[np.uint8]]:
     """Computes a frame's drivable IoU and its row of the sheet, RGB."""
-    logits, labels = network(frame.image)[0], frame.labels[::SCALE, ::SCALE]
-    traversability, uncertainty = maps(logits, calibration, labels.shape)
-    classes = posteriors(logits, calibration).argmax(axis=0).astype(np.uint8)
+    outputs, labels = network(frame.image), frame.labels[::SCALE, ::SCALE]
+    traversability, uncertainty = maps(outputs, calibration, labels.shape)
+    classes = posteriors(outputs, calibration).argmax(axis=0).astype(np.uint8)
     made = np.stack([uncertainty, traversability, np.zeros_like(uncertainty)], axis=-1) * 255
     size = WIDTH, round(WIDTH * frame.image.shape[0] / frame.image.shape[1])
     parts = [frame.image, PALETTE[labels], PALETTE[classes], made.astype(np.uint8)]
     sheet = np.hstack([cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in parts])
-    iou = score([(logits, labels)], calibration).iou
+    iou = score([(outputs, labels)], calibration).iou
     cv2.putText(sheet, f"{frame.number:04d} {iou:.2f}", (4, 14), 0, 0.45, (255, 40, 40), 1)
     return iou, np.asarray(sheet, dtype=np.uint8)
 

@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 from anytraverse.bundle.class_names import read_class_names
@@ -15,7 +16,7 @@ from anytraverse.bundle.network_files import copy_network
 from anytraverse.bundle.network_form import NetworkForm, NetworkOptions, network_form
 from anytraverse.bundle.writing import BundleWriter
 from anytraverse.errors import AnyTraverseError, BundleError
-from anytraverse.judging import Thresholds
+from anytraverse.judging import Settings
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.classes.details import ACTIVATIONS, LAYOUTS, InputForm, Triple, as_json
 from anytraverse.perception.classes.perceiver import KIND, PART, WEIGHTS
@@ -145,7 +146,8 @@ def _text(out: Path, manifest: Manifest, found: NetworkForm) -> str:
 
 def _thresholds_text(thresholds: DefaultThresholds) -> str:
     tile = "none" if thresholds.tile is None else f"{thresholds.tile:g}"
-    return f"roi={thresholds.roi:g},scene={thresholds.scene:g},tile={tile}"
+    share = thresholds.tile_share
+    return f"roi={thresholds.roi:g},scene={thresholds.scene:g},tile={tile},tile_share={share:g}"
 
 
 def _numbers(triple: Triple) -> str:
@@ -168,11 +170,7 @@ def _triple(text: str) -> Triple:
 
 
 def _thresholds(text: str) -> DefaultThresholds:
-    values: dict[str, float | None] = {
-        "roi": THRESHOLDS.roi,
-        "scene": THRESHOLDS.scene,
-        "tile": THRESHOLDS.tile,
-    }
+    values: dict[str, float | None] = asdict(THRESHOLDS)
     try:
         for part in text.split(","):
             name, _, value = part.partition("=")
@@ -181,7 +179,7 @@ def _thresholds(text: str) -> DefaultThresholds:
             none = name.strip() == "tile" and value.strip() == "none"
             values[name.strip()] = None if none else float(value)
         thresholds = DefaultThresholds(**values)  # type: ignore[arg-type]
-        Thresholds.of(thresholds)
+        Settings.of(thresholds)
     except (ValueError, AnyTraverseError) as error:
         raise argparse.ArgumentTypeError(f"{error}; write e.g. {_thresholds_text(THRESHOLDS)}") from None
     return thresholds

@@ -211,11 +211,13 @@ def _fit(fields: Fields) -> Fit:
 
 
 def _thresholds(fields: Fields) -> DefaultThresholds:
-    fields.only(("roi", "scene", "tile"))
+    fields.only(("roi", "scene", "tile", "tile_share"))
+    share = DefaultThresholds.tile_share  # of older bundles, and of those that leave it out
     return DefaultThresholds(
         roi=fields.number("roi", 1e-6, 1.0),
         scene=fields.number("scene", -1.0, 1.0),
         tile=None if fields.any("tile") is None else fields.number("tile", 1e-6, 1.0),
+        tile_share=fields.number("tile_share", 1e-6, 1.0) if "tile_share" in fields else share,
     )
 
 

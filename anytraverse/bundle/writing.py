@@ -77,6 +77,10 @@ class BundleWriter:
         scene_image: Fit | None = None,
     ) -> Manifest:
         """Hash the files, write the manifest, rename the folder to `out`. Raises BundleError, OSError."""
+        # a bundle has no measured numbers for many remembered scenes: `scene` counts for any number
+        limits = {name: getattr(thresholds, name) for name in ("roi", "scene", "tile", "tile_share")}
+        if thresholds.tile_share == DefaultThresholds.tile_share:
+            del limits["tile_share"]  # so that an older release reads the bundle
         values = {
             "format": FORMAT,
             "kind": kind,
@@ -85,7 +89,7 @@ class BundleWriter:
             "image": asdict(image),
             "scene": scene,
             "scene_image": None if scene_image is None else asdict(scene_image),
-            "thresholds": asdict(thresholds),
+            "thresholds": limits,
             "variants": {precision: dict(parts) for precision, parts in variants.items()},
             "details": dict(details or {}),
             "source": dict(source),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping
+from statistics import median
 from typing import Any
 
 from anytraverse.evaluation.arguments import (
@@ -18,6 +20,7 @@ from anytraverse.evaluation.arguments import (
 )
 from anytraverse.evaluation.drivable import DrivableScore, WordScore, score_drivable
 from anytraverse.evaluation.matching import match_words, parse_matches
+from anytraverse.evaluation.robustness import AS_FILMED, GroundScore, parse_degradations, score_degraded
 
 _WORST = 5
 
@@ -29,17 +32,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "each word finds its class. The last line is JSON."
     )
     add_shared(parser)
-    parser.add_argument(
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument(
         "--match",
         default="",
         metavar="LIST",
         help='the classes of words, e.g. "dirt path=smooth_trail,dirt path=rough_trail"; '
         "by default those of the same name or meaning",
     )
+    either.add_argument(
+        "--degrade",
+        metavar="LIST",
+        help='score drivable ground on degraded frames, too: "all", or names as in "fog,glare"',
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Score the frames, print the table and the JSON. Returns 0."""
+    if options.degrade is not None:
+        return _run_degraded(options)
     given = parse_matches(options.match)
     folder = open_folder(options)
     drivable = folder.classes.choose(options.drivable.split(","))
@@ -52,6 +63,51 @@ def run(options: argparse.Namespace) -> int:
         print(text_of(score, heading(options, figures)))
     print(json.dumps(figures, allow_nan=False))
     return 0
+
+
+def _run_degraded(options: argparse.Namespace) -> int:
+    names = parse_degradations(options.degrade)
+    folder = open_folder(options)
+    drivable = folder.classes.choose(options.drivable.split(","))
+    seeing = open_perceiver(options)
+    with Watched(folder) as frames:
+        scores, times = score_degraded(frames, seeing, folder.classes, drivable, names)
+    rows = {name: ground_figures(score) for name, score in scores.items()}
+    figures = {"degraded": rows, "ms_per_frame": round(median(times), 2), "drivable": drivable}
+    figures |= setting(options, seeing, frames, len(times))
+    if not options.json:
+        print(degraded_text(rows, heading(options, figures)))
+    print(json.dumps(figures, allow_nan=False))
+    return 0
+
+
+def ground_figures(score: GroundScore) -> dict[str, float | None]:
+    """Return the scores under one degradation for JSON."""
+    return {
+        "iou_pooled": rounded(score.ground.pooled),
+        "iou_known_pooled": rounded(score.known.pooled),
+        "uncertainty_mean": rounded(score.uncertainty.value),
+        "drivable_above_half": rounded(score.above.value),
+    }
+
+
+def degraded_text(rows: Mapping[str, Mapping[str, float | None]], first: str) -> str:
+    """Return the scores as a table for a person, each with its difference to "as filmed".
+
+    rows: what `ground_figures` returned, by name; `AS_FILMED` is one of them. first: the first line.
+    """
+    filmed = rows[AS_FILMED]
+    heads = "".join(f"{head:>16}" for head in ("IoU", "known IoU", "uncertainty", "above 0.5"))
+    lines = [first, f"  {'drivable ground':16}{heads}"]
+    for name, row in rows.items():
+        cells = "".join(_cell(value, None if row is filmed else filmed[key]) for key, value in row.items())
+        lines.append(f"    {name:14}{cells}".rstrip())
+    return "\n".join(lines)
+
+
+def _cell(value: float | None, before: float | None) -> str:
+    change = "" if value is None or before is None else f"{value - before:+.3f}"
+    return f"{shown(value):>8}{change:>8}"
 
 
 def figures_of(score: DrivableScore) -> dict[str, Any]:

@@ -129,3 +129,21 @@ class Share:
     def value(self) -> float | None:
         """The share, [0, 1]; None without any value."""
         return self.above / self.total if self.total else None
+
+
+@dataclass
+class Mean:
+    """Calculates the mean of values."""
+
+    sum: float = 0.0
+    total: int = 0
+
+    def add(self, values: Values) -> None:
+        """Add values."""
+        self.sum += float(values.sum(dtype=np.float64))
+        self.total += values.size
+
+    @property
+    def value(self) -> float | None:
+        """The mean; None without any value."""
+        return self.sum / self.total if self.total else None

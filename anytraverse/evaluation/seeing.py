@@ -39,8 +39,8 @@ class PerceiverRun:
         refuse_contradictions(words, perceiver.meaning)
         self.perceiver = perceiver
         self.words = words
-        self._prompts = [Prompt(word) for word in words]
-        self._drivable = [Prompt(word) for word, weight in words.items() if weight > 0]
+        self._prompts = [Prompt(word, drivable=weight > 0) for word, weight in words.items()]
+        self._drivable = [prompt for prompt in self._prompts if prompt.drivable]
         self._settings = Settings()
 
     def look(self, frame: LabelledFrame) -> Seen:

@@ -51,10 +51,15 @@ class Example:
 
 @dataclass(frozen=True)
 class Prompt:
-    """Holds what to look for: a word, tapped examples of it, or both."""
+    """Holds what to look for: a word, tapped examples of it, or both.
+
+    drivable: whether its weight is above 0; None: not known. A perceiver may let the words of one side share
+    what they explain.
+    """
 
     word: str
     examples: tuple[Example, ...] = ()
+    drivable: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -64,11 +69,16 @@ class DefaultThresholds:
     roi: mean uncertainty of the ROI above which something in it is unknown, in (0, 1].
     scene: cosine to the reference below which the scene has changed, in [-1, 1].
     tile: uncertainty of the worst tile above which something is unknown, in (0, 1]; None: not judged.
+    tile_share: side of the tiles for which `tile` was chosen, over the ROI's width, in (0, 1].
+    match: (number of remembered scenes, cosine that a frame needs to match one of them), measured for this
+    embedding by `evaluation.scene_matching`; both rise. (): not measured, `scene` is used for any number.
     """
 
     roi: float
     scene: float
     tile: float | None = None
+    tile_share: float = 0.25
+    match: tuple[tuple[int, float], ...] = ()
 
 
 class Perceiver(Protocol):
@@ -118,6 +128,14 @@ def weak_words(perceiver: Perceiver, words: Iterable[str]) -> tuple[str, ...]:
     """
     trust = getattr(perceiver, "trust", None)
     return tuple(word for word in words if trust is not None and trust(word) == WEAK)
+
+
+def handles_infrared(perceiver: Perceiver) -> bool:
+    """Return whether its maps hold for a camera without infrared filter (NoIR), whose plants are pink.
+
+    `infrared`, a bool, is optional in a perceiver. One without it is not trained for such pictures.
+    """
+    return getattr(perceiver, "infrared", False) is True
 
 
 KINDS: dict[str, tuple[str, str]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from anytraverse.frame import Image
 from anytraverse.training.classes import UNLABELLED
+from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Labels
 from anytraverse.training.unknowns import move_patches, paste_unknowns
 
@@ -18,16 +20,19 @@ Floats = NDArray[np.float32]
 
 LARGEST_TURN = 7.0  # degrees
 SMALLEST_CROP = 0.45  # of the frame's width
+_DARKEST = 0.07  # mean light of a view: a camera exposes longer before it gets darker
 _GREY = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
-def changed(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tuple[Image, Labels]:
+def changed(
+    image: Image, labels: Labels, size: tuple[int, int], rng: Rng, cutouts: Sequence[Cutout] = ()
+) -> tuple[Image, Labels]:
     """Make a random view of a frame and its labels, both of `size` = (width, height)."""
     picture, names = moved(image, labels, size, rng)
     if rng.random() < 0.4:
         picture, names = move_patches(picture, names, rng)
     if rng.random() < 0.6:
-        picture, names = paste_unknowns(picture, names, rng)
+        picture, names = paste_unknowns(picture, names, rng, cutouts)
     return relit(picture, rng), names
 
 
@@ -59,19 +64,28 @@ def moved(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tupl
 
 
 def relit(image: Image, rng: Rng) -> Image:
-    """Change light and camera: colours, gamma, exposure, shade, haze, blur, noise, JPEG."""
+    """Change light, weather and camera: colours, gamma, exposure, shade, glare, fog, blur, noise, JPEG."""
     if rng.random() < 0.3:
         image = _softened(image, rng)
-    light = image.astype(np.float32) / 255
+    light: Floats = np.float32(1 / 255) * np.asarray(image, dtype=np.float32)
+    if rng.random() < 0.08:
+        light = _infrared(light, rng)
     light = light @ _colours(rng).T
     light = np.clip(light, 0.0, 1.0, out=light)
     if rng.random() < 0.6:
         light **= np.float32(math.exp(rng.normal(0, 0.25)))
     if rng.random() < 0.5:
         light *= _shading(image.shape[:2], rng)[..., None]
+    if rng.random() < 0.25:
+        light = _veiled(light, rng)
     light *= np.float32(math.exp(np.clip(rng.normal(0, 0.35), -1.0, 0.75)))
     if rng.random() < 0.3:
         light += np.float32(rng.uniform(-0.04, 0.08))  # haze, or a black level
+    if rng.random() < 0.08:
+        light = light * np.float32(math.exp(rng.uniform(-1.8, -0.7))) + _noise(image.shape, rng)  # dusk
+    if rng.random() < 0.3:
+        light = light * _gains(rng)  # a wrong white balance, after the light
+    light *= np.float32(max(1.0, _DARKEST / max(float(light.mean()), 1e-3)))
     if rng.random() < 0.5:
         light += _noise(image.shape, rng)
     made = np.asarray(np.clip(light * 255, 0, 255), dtype=np.uint8)
@@ -81,6 +95,47 @@ def relit(image: Image, rng: Rng) -> Image:
             cv2.imdecode(cv2.imencode(".jpg", made, quality)[1], cv2.IMREAD_COLOR), dtype=np.uint8
         )
     return made
+
+
+def cast(image: Image, rng: Rng) -> Image:
+    """Change exposure and white balance alone."""
+    gains = _gains(rng) * np.float32(rng.uniform(0.6, 1.4))
+    return np.asarray(np.clip(image * gains, 0, 255), dtype=np.uint8)
+
+
+def _gains(rng: Rng) -> Floats:
+    """Draw gains of red, green and blue, (3,), as far apart as those of a camera without a white balance."""
+    gains = np.exp(rng.uniform(-0.7, 0.7, 3))
+    return np.asarray(gains / gains.mean(), dtype=np.float32)
+
+
+def _infrared(light: Floats, rng: Rng) -> Floats:
+    """Add near infrared, as a camera without its filter sees it: plants shine, mostly in red and blue."""
+    red, green, blue = np.moveaxis(light, -1, 0)
+    plants = np.clip(2 * green - red - blue, 0.0, 1.0)
+    near = light.mean(axis=-1) * np.float32(rng.uniform(0.5, 1.0)) + plants * np.float32(
+        rng.uniform(0.5, 2.5)
+    )
+    share = np.array([1.0, rng.uniform(0.3, 0.7), rng.uniform(0.6, 1.0)], dtype=np.float32)
+    seen = light + np.float32(rng.uniform(0.3, 1.2)) * near[..., None] * share
+    return np.asarray(seen * (light.mean() / max(float(seen.mean()), 1e-3)), dtype=np.float32)
+
+
+def _veiled(light: Floats, rng: Rng) -> Floats:
+    """Lay a veil over the frame: the glare of a low sun from one point, or fog that is denser at the top."""
+    rows, columns = light.shape[:2]
+    y, x = np.mgrid[:rows, :columns].astype(np.float32)
+    if rng.random() < 0.5:
+        at_x, at_y = rng.uniform(-0.2, 1.2) * columns, rng.uniform(-0.3, 0.5) * rows
+        far = np.hypot(x - at_x, y - at_y) / (rng.uniform(0.3, 1.2) * columns)
+        veil = rng.uniform(0.3, 1.1) * np.exp(-far) + rng.uniform(0.0, 0.2)
+        colour = np.array([1.0, rng.uniform(0.85, 1.0), rng.uniform(0.6, 1.0)])
+    else:
+        depth = np.clip(1.0 - y / rows + rng.uniform(-0.2, 0.2), 0.0, None)
+        veil = 1.0 - np.exp(-rng.uniform(0.5, 3.0) * depth)
+        colour = np.full(3, rng.uniform(0.6, 0.95)) * np.exp(rng.normal(0, 0.03, 3))
+    veil = np.clip(veil, 0.0, 1.0)[..., None]
+    return np.asarray(light * (1 - veil) + colour * veil, dtype=np.float32)
 
 
 def _colours(rng: Rng) -> Floats:
@@ -113,9 +168,15 @@ def _shading(shape: tuple[int, int], rng: Rng) -> Floats:
         soft = np.exp(rng.normal(0, 0.3, (3, 4))).astype(np.float32)
         return np.asarray(cv2.resize(soft, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
     shade = np.ones(shape, dtype=np.float32)
+    if rng.random() < 0.3:  # the shadows of leaves
+        coarse = rng.uniform(size=tuple(max(2, side // int(rng.integers(3, 9))) for side in shape))
+        spots = np.asarray(
+            cv2.resize(coarse.astype(np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
+        )
+        shade[spots > rng.uniform(0.4, 0.8)] = rng.uniform(0.35, 0.75)
     for _ in range(int(rng.integers(1, 5))):
         corners = rng.uniform([0, 0.3 * rows], [columns, rows], (4, 2)).astype(np.int32)
-        cv2.fillConvexPoly(shade, cv2.convexHull(corners), float(rng.uniform(0.3, 0.7)))
+        cv2.fillConvexPoly(shade, cv2.convexHull(corners), float(rng.uniform(0.25, 0.7)))
     return np.asarray(cv2.GaussianBlur(shade, (0, 0), rng.uniform(0.7, 4.0)), dtype=np.float32)
 
 

@@ -57,6 +57,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="a labelled folder of rendered frames",
     )
+    parser.add_argument(
+        "--cutouts",
+        type=Path,
+        metavar="DIR",
+        help="photographs of things without a background (PNG with opacity), to paste as things without a "
+        "name",
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument(
         "--steps", type=int, metavar="N", help="0 with a network to begin from: calibrate it only"

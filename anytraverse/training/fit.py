@@ -10,64 +10,96 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import torch
 
 from anytraverse.errors import TrainingError
-from anytraverse.perception.builtin.network import Calibration, network_input, open_network
+from anytraverse.perception.builtin.calibration import Calibration
+from anytraverse.perception.builtin.network import network_input, open_network
 from anytraverse.perception.runtime import Runtime
-from anytraverse.training.calibration import calibrated, plain, tap_background
+from anytraverse.training.backbone import pretrained
+from anytraverse.training.calibration import (
+    calibrated,
+    fitted_distances,
+    least_recall,
+    plain,
+    recalibrated,
+    tap_background,
+)
 from anytraverse.training.classes import CLASSES
-from anytraverse.training.export import LARGEST, as_network, export
-from anytraverse.training.fitting import Options, Progress, train
+from anytraverse.training.export import LARGEST, export, read_back
+from anytraverse.training.fitting import Material, Options, Progress, train
 from anytraverse.training.folders import Folder, Split
-from anytraverse.training.net import FEATURES, GroundNet
-from anytraverse.training.refitting import read_back, refit
+from anytraverse.training.net import GroundNet
 from anytraverse.training.scenes import cosines, fitted_scene, scene_auroc
 from anytraverse.training.scores import VIEWS, Network, class_ranks, outputs, score
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Holds a trained and calibrated network."""
+    """Holds a trained network, FILE.onnx in a temporary folder, and its calibration."""
 
-    net: GroundNet
+    network: Path
     calibration: Calibration
 
     @property
     def model(self) -> tuple[Network, Calibration]:
         """The network as a function, and its calibration, for scoring."""
-        return as_network(self.net), self.calibration
+        return opened(self.network), self.calibration
 
 
 def fit(
-    real: Folder, made: Folder, split: Split, options: Options, progress: Progress | None = None
+    material: Material, split: Split, options: Options, folder: Path, progress: Progress | None = None
 ) -> Fitted:
-    """Train from scratch on all blocks but those of `split`, calibrate on validation.
+    """Train from the ImageNet weights on all blocks but those of `split`, calibrate on validation.
 
-    Raises TrainingError.
+    folder: where the network is written. Raises TrainingError.
     """
-    training, validation, _ = split.parts(real)
-    net = train(training, made, options, progress)
-    return Fitted(net, calibrate(as_network(net), training, made, validation, options.seed))
+    training, validation, _ = split.parts(material.real)
+    torch.manual_seed(options.seed)
+    net = GroundNet()
+    net.backbone = pretrained().requires_grad_(requires_grad=False)
+    path = _exported(net, replace(material, real=training), options, folder, progress)
+    network = opened(path)
+    return Fitted(path, calibrate(network, training, material.made, validation, options.seed))
 
 
 def fit_on(
-    start: Path, real: Folder, made: Folder, split: Split, options: Options, progress: Progress | None = None
+    start: Path,
+    material: Material,
+    split: Split,
+    options: Options,
+    folder: Path,
+    progress: Progress | None = None,
 ) -> Fitted:
     """Train on from a network that a training wrote; with 0 steps only its calibration changes.
 
-    The scene's projection and the background of taps stay as they were: few frames of few places would make
-    them worse. Raises TrainingError, PerceiverError.
+    The limits of strangeness stay so low that as many pasted things are noticed as before. The distances, the
+    scene's projection and the background of taps stay as they were: few frames of few places would make them
+    worse. Raises TrainingError, PerceiverError.
     """
-    training, validation, _ = split.parts(real)
-    before = stored(start)[1]
-    net = refit(read_back(start), training, made, options, progress)
-    return Fitted(net, calibrated(as_network(net), validation, before))
+    training, validation, _ = split.parts(material.real)
+    network, before = stored(start)
+    cutouts = material.kept_cutouts
+    path, required = start, None
+    if options.steps:
+        required = least_recall(network, validation, before, cutouts)
+        path = _exported(read_back(start), replace(material, real=training), options, folder, progress)
+    return Fitted(path, recalibrated(opened(path), validation, before, cutouts, required))
+
+
+def _exported(
+    net: GroundNet, material: Material, options: Options, folder: Path, progress: Progress | None
+) -> Path:
+    path = folder / "trained.onnx"
+    export(train(net, material, options, progress), path, material.real)
+    return path
 
 
 def calibrate(network: Network, training: Folder, made: Folder, validation: Folder, seed: int) -> Calibration:
     """Fit the whole calibration of a network."""
     mean, whitening = tap_background(network, validation)
-    start = replace(plain(FEATURES), tap_mean=mean, tap_whitening=whitening)
+    start = fitted_distances(network, training, plain(), seed)
+    start = replace(start, tap_mean=mean, tap_whitening=whitening)
     return fitted_scene(network, training, made, validation, calibrated(network, validation, start), seed)
 
 
@@ -101,7 +133,7 @@ def write(fitted: Fitted, path: Path) -> None:
     with _temporary_folder_beside(path) as folder_beside:
         network = folder_beside / path.name
         numbers = network.with_suffix(".npz")
-        export(fitted.net, network)
+        network.write_bytes(fitted.network.read_bytes())
         fitted.calibration.save(numbers)
         numbers.replace(path.with_suffix(".npz"))
         network.replace(path)
@@ -123,8 +155,13 @@ def _temporary_folder_beside(path: Path) -> Iterator[Path]:
 
 def stored(path: Path) -> tuple[Network, Calibration]:
     """Open a network and calibration that `write` wrote. Raises PerceiverError, TrainingError."""
-    run = open_network(path, Runtime(threads=1))
-    calibration = Calibration.load(path.with_suffix(".npz"))
+    network, calibration = opened(path), Calibration.load(path.with_suffix(".npz"))
     if calibration.classes != CLASSES:
         raise TrainingError(f"{path.name} knows other classes than a fit: give another network")
-    return (lambda image: run(network_input(image))), calibration
+    return network, calibration
+
+
+def opened(path: Path) -> Network:
+    """Open a network as a function of a frame of any size. Raises PerceiverError."""
+    run = open_network(path, Runtime(threads=1))
+    return lambda image: run(network_input(image))

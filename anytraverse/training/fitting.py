@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from anytraverse.training.augment import changed
 from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN, UNLABELLED
+from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Folder, Labelled
 from anytraverse.training.net import GroundNet
 
 STRIDE = 4
-SIZES = ((256, 128), (256, 144), (256, 160), (256, 192))
+SIZES = ((256, 128), (256, 160), (256, 192))
 """Widths and heights of the training views, with the aspects of common cameras."""
-_SIZE_ODDS = (0.35, 0.3, 0.15, 0.2)
+_SIZE_ODDS = (0.4, 0.3, 0.3)
 _UNKNOWN_SHARE = 0.03  # rough share of pixels covered by pasted things, which no label shows beforehand
 
 
@@ -28,66 +29,99 @@ _UNKNOWN_SHARE = 0.03  # rough share of pixels covered by pasted things, which n
 class Options:
     """Holds the options of a training.
 
-    steps: number of batches. batch: views in each. rate: the highest learning rate. wide: factor on the
-    network's width. made_share: share of views from rendered frames, where there are any. drivable: weight of
-    the loss for "drivable or not" beside that for all classes. decay: of the average over weights.
-    threads: cores.
+    steps: number of batches. batch: views in each. rate: the highest learning rate. made_share: share of
+    views from rendered frames, where there are any. drivable: weight of the loss for "drivable or not" beside
+    that for all classes. decay: of the average over weights. pull: weight of the squared distance from the
+    weights at the start (Li et al., L2-SP, 2018). threads: cores.
     """
 
     seed: int = 0
-    steps: int = 2600
+    steps: int = 900
     batch: int = 16
     rate: float = 4e-3
-    wide: float = 1.25
     made_share: float = 0.3
     drivable: float = 1.0
-    decay: float = 0.998
+    decay: float = 0.996
+    pull: float = 0.0
     threads: int = 1
+
+
+REFIT = Options(steps=150, rate=1e-3, decay=0.98, pull=1e-3)
+"""Options that suit a trained network."""
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """Holds what a network is trained on: filmed and rendered frames, and photographs of things to paste.
+
+    kept_cutouts: photographs that are not for training: things in them must be noticed by what was trained.
+    """
+
+    real: Folder
+    made: Folder = field(default_factory=lambda: Folder(()))
+    cutouts: tuple[Cutout, ...] = ()
+    kept_cutouts: tuple[Cutout, ...] = ()
 
 
 Progress = Callable[[int, int, float, float], None]
 """Called now and then with: steps done, steps in all, mean loss lately, seconds left."""
 
 
-def train(real: Folder, made: Folder, options: Options, progress: Progress | None = None) -> GroundNet:
-    """Train on filmed and, for a share of the views, on rendered frames; return the average over weights."""
+def train(
+    net: GroundNet, material: Material, options: Options, progress: Progress | None = None
+) -> GroundNet:
+    """Train the decoder of `net`, which is changed, and return it with the average over its weights.
+
+    The backbone is not trained. Without steps the network is returned as it is.
+    """
     torch.set_num_threads(options.threads)
+    net.eval()
+    if not options.steps:
+        return net
     torch.manual_seed(options.seed)
     torch.use_deterministic_algorithms(mode=True)
     rng = np.random.default_rng([options.seed, 4])
-    net = GroundNet(wide=options.wide).to(memory_format=torch.channels_last)
-    average = deepcopy(net).eval()
-    optimizer = torch.optim.AdamW(_groups(net), lr=options.rate)
+    net = net.to(memory_format=torch.channels_last)
+    learnt = list(net.decoder.parameters())
+    home = [p.detach().clone() for p in learnt]
+    average = AveragedModel(net.decoder, multi_avg_fn=get_ema_multi_avg_fn(options.decay), use_buffers=True)
+    optimizer = torch.optim.AdamW(_groups(net.decoder), lr=options.rate)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, options.rate, total_steps=options.steps, pct_start=min(0.15, 300 / options.steps)
     )
-    weights = class_weights(real)
+    weights = class_weights(material.real)
     begin, lately = time.monotonic(), 0.0
     for step in range(options.steps):
-        frames, labels = batch(real, made, options, rng)
+        frames, labels = batch(material, options, rng)
         net.train()
         loss = loss_of(net(frames)[0], labels, weights, options.drivable)
+        if options.pull:
+            moved = sum(((p - h) ** 2).sum() for p, h in zip(learnt, home, strict=True))
+            loss = loss + options.pull * moved
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(net.parameters(), 5.0)
+        nn.utils.clip_grad_norm_(learnt, 5.0)
         optimizer.step()
         schedule.step()
-        _update_average(average, net, min(options.decay, (step + 1) / (step + 10)))
+        average.update_parameters(net.decoder)
         lately += 0.02 * (float(loss.detach()) - lately) if step else float(loss.detach())
         if progress and ((step + 1) % 50 == 0 or step + 1 == options.steps):
             spent = time.monotonic() - begin
             progress(step + 1, options.steps, lately, spent / (step + 1) * (options.steps - step - 1))
-    finished: GroundNet = average.to(memory_format=torch.contiguous_format)
+    net.decoder = average.module
+    net.eval()
+    finished: GroundNet = net.to(memory_format=torch.contiguous_format)
     return finished
 
 
-def batch(real: Folder, made: Folder, options: Options, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+def batch(material: Material, options: Options, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
     """Draw augmented views (n, 3, h, w), float 0 to 255, and their classes (n, h/4, w/4) at the logits."""
     size = SIZES[int(rng.choice(len(SIZES), p=_SIZE_ODDS))]
     views = []
     for _ in range(options.batch):
-        frame = _random_frame(made if len(made) and rng.random() < options.made_share else real, rng)
-        views.append(changed(frame.image, frame.labels, size, rng))
+        rendered = len(material.made) and rng.random() < options.made_share
+        frame = _random_frame(material.made if rendered else material.real, rng)
+        views.append(changed(frame.image, frame.labels, size, rng, material.cutouts))
     frames = torch.from_numpy(np.stack([view for view, _ in views])).permute(0, 3, 1, 2)
     labels = np.stack([names[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE] for _, names in views])
     return frames.float().contiguous(memory_format=torch.channels_last), torch.from_numpy(
@@ -126,12 +160,3 @@ def _groups(net: nn.Module) -> list[dict[str, object]]:
     heavy = [p for p in net.parameters() if p.requires_grad and p.ndim > 1]
     light = [p for p in net.parameters() if p.requires_grad and p.ndim <= 1]
     return [{"params": heavy, "weight_decay": 0.01}, {"params": light, "weight_decay": 0.0}]
-
-
-def _update_average(average: nn.Module, net: nn.Module, decay: float) -> None:
-    with torch.no_grad():
-        for mean, new in zip(average.state_dict().values(), net.state_dict().values(), strict=True):
-            if mean.is_floating_point():
-                mean.lerp_(new, 1 - decay)
-            else:
-                mean.copy_(new)

@@ -1,7 +1,7 @@
 """Defines the built-in perceiver's network: from a frame to logits and features at a quarter of its size.
 
-A U-net of depthwise separable convolutions (Howard et al., MobileNets, 2017) with dilations at its bottom
-(Yu and Koltun, 2016) and a global context (Liu et al., ParseNet, 2015).
+A frozen ImageNet backbone, and a small decoder in the shape of a U (Ronneberger et al., 2015) of depthwise
+separable convolutions (Howard et al., MobileNets, 2017) with a global context (Liu et al., ParseNet, 2015).
 """
 
 from __future__ import annotations
@@ -9,22 +9,22 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from anytraverse.training.backbone import Backbone
 from anytraverse.training.classes import CLASSES
+from anytraverse.training.widths import FEATURES, SCALES
 
-STEM, QUARTER, EIGHTH, SIXTEENTH = 16, 32, 64, 96
-FEATURES = 32
-"""Channels of the last layer before the class logits."""
-_DARK = 0.05  # share of the frame's mean added to its light: keeps the log of black finite and limits noise
+WIDE = 48
+"""Channels within the decoder."""
 
 
 class Separable(nn.Module):  # type: ignore[misc]
     """Applies a depthwise 3x3 and a pointwise convolution, with a residual if the shape does not change."""
 
-    def __init__(self, inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> None:
+    def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
-        self.residual = stride == 1 and inputs == outputs
+        self.residual = inputs == outputs
         self.body = nn.Sequential(
-            nn.Conv2d(inputs, inputs, 3, stride, dilation, dilation, groups=inputs, bias=False),
+            nn.Conv2d(inputs, inputs, 3, padding=1, groups=inputs, bias=False),
             nn.BatchNorm2d(inputs),
             nn.ReLU(),
             nn.Conv2d(inputs, outputs, 1, bias=False),
@@ -32,7 +32,7 @@ class Separable(nn.Module):  # type: ignore[misc]
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        """Apply it; the result has the same height and width, or half of them with stride 2."""
+        """Apply it; the result has the same height and width."""
         y = self.body(x)
         return torch.relu(x + y if self.residual else y)
 
@@ -44,52 +44,57 @@ class Pointwise(nn.Sequential):  # type: ignore[misc]
         super().__init__(nn.Conv2d(inputs, outputs, 1, bias=False), nn.BatchNorm2d(outputs))
 
 
-class GroundNet(nn.Module):  # type: ignore[misc]
-    """Maps frames (n, 3, h, w) to logits (n, C, h/4, w/4) and features (n, 32, h/4, w/4).
+class Decoder(nn.Module):  # type: ignore[misc]
+    """Maps the backbone's features to logits (n, C, h/4, w/4) and features (n, 32, h/4, w/4)."""
 
-    Frames are RGB, 0 to 255, with sides that are multiples of 16. The first layers get the logarithm of light
-    over the frame's mean: the exposure cancels out, and the white balance becomes an offset.
-    """
-
-    def __init__(self, classes: int = len(CLASSES), wide: float = 1.0) -> None:
+    def __init__(self, classes: int = len(CLASSES)) -> None:
         super().__init__()
-        stem, quarter, eighth, bottom = (round(wide * n) for n in (STEM, QUARTER, EIGHTH, SIXTEENTH))
-        self.luminance = nn.Conv2d(3, 1, 1, bias=False).requires_grad_(requires_grad=False)
-        nn.init.constant_(self.luminance.weight, 1 / 3)
-        self.stem = nn.Sequential(nn.Conv2d(3, stem, 3, 2, 1, bias=False), nn.BatchNorm2d(stem), nn.ReLU())
-        self.quarter = nn.Sequential(Separable(stem, quarter, 2), Separable(quarter, quarter))
-        self.eighth = nn.Sequential(
-            Separable(quarter, eighth, 2), *(Separable(eighth, eighth) for _ in range(2))
-        )
-        self.bottom = nn.Sequential(
-            Separable(eighth, bottom, 2), *(Separable(bottom, bottom, dilation=d) for d in (1, 2, 4, 1))
-        )
-        self.context = nn.Sequential(nn.Conv2d(bottom, bottom, 1), nn.ReLU(), nn.Conv2d(bottom, FEATURES, 1))
-        self.from_bottom = Pointwise(bottom, FEATURES)
-        self.from_eighth = Pointwise(eighth, FEATURES)
-        self.from_quarter = Pointwise(quarter, FEATURES)
-        self.mix_eighth = Separable(FEATURES, FEATURES)
-        self.mix_quarter = nn.Sequential(Separable(FEATURES, FEATURES), Separable(FEATURES, FEATURES))
+        bottom = SCALES[32]
+        self.context = nn.Sequential(nn.Conv2d(bottom, WIDE, 1), nn.ReLU(), nn.Conv2d(WIDE, WIDE, 1))
+        self.from_scale = nn.ModuleList(Pointwise(channels, WIDE) for channels in SCALES.values())
+        self.mix_sixteenth = Separable(WIDE, WIDE)
+        self.mix_eighth = Separable(WIDE, WIDE)
+        self.mix_quarter = nn.Sequential(Separable(WIDE, WIDE), Separable(WIDE, FEATURES))
         self.forget = nn.Dropout2d(0.1)
         self.head = nn.Conv2d(FEATURES, classes, 1)
 
-    def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, scales: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
         """Return logits and features."""
-        light = frames / (self.luminance(_global_mean(frames)) + 1.0)
-        quarter = self.quarter(self.stem(torch.log(light + _DARK)))
-        eighth = self.eighth(quarter)
-        bottom = self.bottom(eighth)
-        context = self.context(_global_mean(bottom))
-        joined = self.mix_eighth(
-            torch.relu(_upsampled(self.from_bottom(bottom) + context) + self.from_eighth(eighth))
+        context = self.context(nn.functional.adaptive_avg_pool2d(scales[3], 1))
+        quarter, eighth, sixteenth, bottom = (
+            part(scale) for part, scale in zip(self.from_scale, scales, strict=True)
         )
-        features = self.mix_quarter(torch.relu(_upsampled(joined) + self.from_quarter(quarter)))
+        joined = self.mix_sixteenth(torch.relu(_upsampled(bottom + context) + sixteenth))
+        joined = self.mix_eighth(torch.relu(_upsampled(joined) + eighth))
+        features = self.mix_quarter(torch.relu(_upsampled(joined) + quarter))
         return self.head(self.forget(features)), features
 
 
-def _global_mean(x: Tensor) -> Tensor:
-    """Average each channel over the frame, (n, c, 1, 1), by pooling: OpenCV cannot read a mean over axes."""
-    return nn.functional.adaptive_avg_pool2d(x, 1)
+class GroundNet(nn.Module):  # type: ignore[misc]
+    """Maps frames (n, 3, h, w) to logits (n, C, h/4, w/4), features (n, 32, h/4, w/4) and two middle scales.
+
+    Frames are RGB, 0 to 255, with sides that are multiples of 32. The middle scales are the backbone's
+    features at strides 8, (n, 40, h/8, w/8), and 16, (n, 112, h/16, w/16). The backbone is never trained:
+    its normalisation and weights stay as they are.
+    """
+
+    def __init__(self, classes: int = len(CLASSES)) -> None:
+        super().__init__()
+        self.backbone = Backbone().requires_grad_(requires_grad=False)
+        self.decoder = Decoder(classes)
+
+    def train(self, mode: bool = True) -> GroundNet:
+        """Set the training mode of the decoder; the backbone stays in evaluation mode."""
+        super().train(mode)
+        self.backbone.eval()
+        return self
+
+    def forward(self, frames: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return logits, features, and the backbone's features at strides 8 and 16."""
+        with torch.no_grad():
+            scales = self.backbone(frames)
+        logits, features = self.decoder(scales)
+        return logits, features, scales[1], scales[2]
 
 
 def _upsampled(x: Tensor) -> Tensor:

@@ -8,18 +8,20 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from anytraverse.errors import AnyTraverseError, TrainingError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.perception.builtin.perceiver import SHIPPED
+from anytraverse.training.calibration import FEWEST_FRAMES
 from anytraverse.training.classes import DRIVABLE
+from anytraverse.training.cutouts import Cutout, read_cutouts, split_cutouts
 from anytraverse.training.fit import Fitted, check_out, details, fit, fit_on, stored, write
-from anytraverse.training.fitting import Options
+from anytraverse.training.fitting import REFIT, Material, Options
 from anytraverse.training.folders import Folder, Split, read_folder, suggested
 from anytraverse.training.held_out import Comparison, Model, compare
-from anytraverse.training.refitting import REFIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +32,7 @@ class Work:
     worse than, and that network.
     """
 
-    real: Folder
-    made: Folder
+    material: Material
     split: Split
     options: Options
     start: Path | None
@@ -39,15 +40,16 @@ class Work:
 
 
 def run_fit(given: argparse.Namespace) -> int:
-    """Fit, compare and write. Returns the exit code: 1 when the fit is worse than what it would replace.
+    """Fit, compare and write. Returns the exit code: 1 when nothing was written.
 
     Raises AnyTraverseError, OSError.
     """
     try:
         work = prepared(given)
-        fitted = trained(work)
-        _say("scoring on the drives that were held out")
-        return _compare_and_write(given, work, fitted)
+        with TemporaryDirectory() as folder:
+            fitted = trained(work, Path(folder))
+            _say("scoring on the drives that were held out")
+            return _compare_and_write(given, work, fitted)
     except KeyboardInterrupt:
         _say("stopped: nothing was written")
         raise
@@ -88,11 +90,20 @@ def prepared(given: argparse.Namespace) -> Work:
                 f"nothing on the drives {name} is labelled drivable: label the ground that may be driven as "
                 "trail, rough trail or grass"
             )
-    return Work(real, made, split, options, start, (replaced, model))
+    if len(validation) < FEWEST_FRAMES:
+        raise TrainingError(
+            f"the drives held out have {len(validation)} frames, and at least {FEWEST_FRAMES} must choose "
+            "the calibration: label more frames on them, or hold out more drives with --validation"
+        )
+    cutouts = read_cutouts(given.cutouts) if given.cutouts else ()
+    kept: tuple[Cutout, ...] = ()
+    if cutouts and start:  # from scratch all are needed: made things alone check that training
+        cutouts, kept = split_cutouts(cutouts)
+    return Work(Material(real, made, cutouts, kept), split, options, start, (replaced, model))
 
 
-def trained(work: Work) -> Fitted:
-    """Train with a progress bar. Raises TrainingError."""
+def trained(work: Work, folder: Path) -> Fitted:
+    """Train with a progress bar; the network is written to `folder`. Raises TrainingError."""
     bar, shown = Progress(work.options.steps, "steps"), 0
 
     def report_progress(done: int, _steps: int, loss: float, _left: float) -> None:
@@ -102,20 +113,22 @@ def trained(work: Work) -> Fitted:
 
     try:
         if work.start is None:
-            return fit(work.real, work.made, work.split, work.options, report_progress)
-        return fit_on(work.start, work.real, work.made, work.split, work.options, report_progress)
+            return fit(work.material, work.split, work.options, folder, report_progress)
+        return fit_on(work.start, work.material, work.split, work.options, folder, report_progress)
     finally:
         bar.close()
 
 
 def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) -> int:
-    training, validation, test = work.split.parts(work.real)
+    training, validation, test = work.split.parts(work.material.real)
     (replaced, before), model = work.replaced, fitted.model
-    compared = compare(model, before, validation, chosen_here=True)
-    tested = compare(model, before, test, chosen_here=False) if len(test) else None
+    cutouts = work.material.kept_cutouts
+    compared = compare(model, before, validation, cutouts, chosen_here=True)
+    tested = compare(model, before, test, cutouts, chosen_here=False) if len(test) else None
     refusal = compared.refusal()
+    unchanged = refusal is None and _unchanged(work, fitted)
     figures = {
-        "written": refusal is None,
+        "written": refusal is None and not unchanged,
         **compared.figures(),
         "test": tested.figures() if tested else None,
         "trained_on": len(training),
@@ -131,22 +144,39 @@ def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) ->
         _show("drives that chose its calibration", compared, details(model, validation, training))
         if tested:
             _show("test drives, only reported", tested, details(model, test, training))
-    if refusal is None:
+    if refusal is None and not unchanged:
         write(fitted, given.out)
         if not given.json:
             print(_next(given.out))
+    elif refusal is None:
+        _say(
+            "anytraverse fit: no other calibration is better on the drives held out without losing things. "
+            f"Nothing was written. {_advice(work, compared)}"
+        )
     else:
         _say(
             f"anytraverse fit: refused, worse than what it would replace: {refusal} on the drives held out. "
-            "Nothing was written. Label more drives, or try another --seed"
-            + (
-                ", or fit the calibration only: --steps 0"
-                if work.start and compared.calibrating_helps
-                else ""
-            )
+            f"Nothing was written. {_advice(work, compared)}"
         )
     print(json.dumps(figures, allow_nan=False))
-    return 0 if refusal is None else 1
+    return 0 if figures["written"] else 1
+
+
+def _unchanged(work: Work, fitted: Fitted) -> bool:
+    """Return whether the fit is the network that it began from."""
+    if work.start is None or work.options.steps:
+        return False
+    before, now = stored(work.start)[1], fitted.calibration
+    return np.array_equal(before.bias, now.bias) and np.array_equal(before.limits, now.limits)
+
+
+def _advice(work: Work, compared: Comparison) -> str:
+    if not work.options.steps:
+        return "Label more drives, or keep the network as it is"
+    advice = "Label more drives, or try another --seed"
+    if work.start and compared.calibrating_helps:
+        advice += ", or fit the calibration only: --steps 0"
+    return advice
 
 
 def _show(what: str, compared: Comparison, more: list[str]) -> None:

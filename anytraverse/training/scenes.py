@@ -11,18 +11,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.evaluation.scene_matching import Places, fitted_match
 from anytraverse.frame import Image
-from anytraverse.perception.builtin.network import Calibration
+from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.scene import SAME_PLACE, scene_summary, scene_vector
 from anytraverse.training.folders import BLOCK, Folder
-from anytraverse.training.scores import Floats, Network, auroc
+from anytraverse.training.scores import Network, auroc
 
 SIZE = 32
 _VISITS = 3  # changed views of each frame
 _RIDGE = 0.1  # share of the total variance added to the diagonal of the covariance within places
-_RENDERED_WEIGHT = 8.0  # weight of rendered frames: driving on changes a frame more than another light does
+_RENDERED_WEIGHT = 4.0  # weight of rendered frames: driving on changes a frame more than another light does
 _FLATTENING = 0.35  # 0: directions count by how well they tell places apart; 0.5: all count equally
-_OTHERS = 0.10  # share of pairs of different drives that may count as the same place
+_RATES = {1: 0.2, 4: 0.2, 16: 0.2, 40: 0.2, 64: 0.2, 256: 0.4}
+"""Number of remembered scenes -> share of frames of other drives that may match any of them.
+
+These drives are of the same vehicle and region, and partly of the same tracks. Frames of other regions match
+far more rarely: docs/builtin.md has the figures.
+"""
+_OTHERS = 0.15  # share of pairs of different drives that may count as the same place
 _REVISITS = 0.97  # least share of revisits that count as the same place; it goes before `_OTHERS`
 
 
@@ -52,7 +59,7 @@ def fitted_scene(
     within = (visits - middles[:, None]).reshape(-1, visits.shape[-1]) * np.sqrt(_VISITS / (_VISITS - 1))
     everything = [middles]
     if len(made) > SIZE:
-        passes = np.stack([scene_summary(network(frame.image)[1]) for frame in made.frames])
+        passes = np.stack([scene_summary(network(frame.image)) for frame in made.frames])
         within = np.concatenate([within, _RENDERED_WEIGHT * _deviations(passes, made)])
         everything.append(passes)
     total = np.concatenate(everything)
@@ -65,7 +72,8 @@ def fitted_scene(
         scene_threshold=0.5,
     )
     same, other = cosines(network, validation, filmed, fitted, rng)
-    return replace(fitted, scene_threshold=_threshold(same, other))
+    fitted = replace(fitted, scene_threshold=_threshold(same, other))
+    return replace(fitted, scene_match=_fitted_match(network, filmed, validation, fitted, rng))
 
 
 def cosines(
@@ -76,15 +84,30 @@ def cosines(
     Every fourth frame of `others` is among the latter. The cosines are those before the constant entry.
     """
     plain = replace(calibration, scene_threshold=SAME_PLACE)
-    first = np.stack([scene_vector(network(f.image)[1], plain) for f in folder.frames])
-    again = np.stack([scene_vector(network(revisited(f.image, rng))[1], plain) for f in folder.frames])
-    elsewhere = [scene_vector(network(f.image)[1], plain) for f in others.frames[::4]]
+    first = np.stack([scene_vector(network(f.image), plain) for f in folder.frames])
+    again = np.stack([scene_vector(network(revisited(f.image, rng)), plain) for f in folder.frames])
+    elsewhere = [scene_vector(network(f.image), plain) for f in others.frames[::4]]
     blocks = np.array([f.number // BLOCK for f in (*folder.frames, *others.frames[::4])])
     every = first @ np.stack([*again, *elsewhere]).T
     apart = blocks[: len(first), None] != blocks[None]
     if not apart.any():
         apart = np.eye(*every.shape) == 0
     return np.asarray(np.diag(every), dtype=np.float32), np.asarray(every[apart], dtype=np.float32)
+
+
+def _fitted_match(
+    network: Network, filmed: Folder, validation: Folder, fitted: Calibration, rng: np.random.Generator
+) -> Floats:
+    """Fit the cosine of a match for each number of remembered scenes, (n, 2): see `scene_matching`.
+
+    Remembered are frames of `filmed`; foreign are those of `validation`, which are of other drives.
+    """
+    remembered = np.stack([scene_vector(network(f.image), fitted) for f in filmed.frames])
+    again = np.stack([scene_vector(network(revisited(f.image, rng)), fitted) for f in filmed.frames])
+    foreign = np.stack([scene_vector(network(f.image), fitted) for f in validation.frames])
+    rates = {number: rate for number, rate in _RATES.items() if number <= len(remembered)}
+    places = Places(remembered, again, np.arange(len(again)), foreign)
+    return np.array(fitted_match(places, rates), dtype=np.float32).reshape(-1, 2)
 
 
 def scene_auroc(same: Floats, other: Floats) -> float:
@@ -96,7 +119,7 @@ def _visits(network: Network, folder: Folder, rng: np.random.Generator) -> NDArr
     """Summarise changed views of each frame, (frames, views, 4 D)."""
     return np.stack(
         [
-            np.stack([scene_summary(network(revisited(frame.image, rng))[1]) for _ in range(_VISITS)])
+            np.stack([scene_summary(network(revisited(frame.image, rng))) for _ in range(_VISITS)])
             for frame in folder.frames
         ]
     ).astype(np.float64)

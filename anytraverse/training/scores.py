@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.perception.builtin.network import Calibration, attention, posteriors
+from anytraverse.perception.builtin.attention import attention, posteriors
+from anytraverse.perception.builtin.calibration import Calibration, Floats
+from anytraverse.perception.builtin.network import Outputs
 from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN, UNLABELLED
 from anytraverse.training.folders import Folder, Labels
 
-Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
-Network = Callable[[Image], tuple[Floats, Floats]]
-"""A frame of any size -> logits (C, h, w) and features (D, h, w)."""
+Network = Callable[[Image], Outputs]
+"""A frame of any size -> the network's outputs."""
 
 SCALE = 2  # labels are scored at every second pixel of the frames in memory
 
@@ -51,17 +52,17 @@ def gained(image: Image, gains: tuple[float, float, float]) -> Image:
 
 def outputs(
     network: Network, folder: Folder, gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
-) -> list[tuple[Floats, Labels]]:
-    """Run the network on each frame; return its logits (C, h, w) and its labels at `SCALE`."""
-    return [(network(gained(f.image, gains))[0], f.labels[::SCALE, ::SCALE]) for f in folder.frames]
+) -> list[tuple[Outputs, Labels]]:
+    """Run the network on each frame; return its outputs and its labels at `SCALE`."""
+    return [(network(gained(f.image, gains)), f.labels[::SCALE, ::SCALE]) for f in folder.frames]
 
 
-def score(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) -> Score:
+def score(results: Iterable[tuple[Outputs, Labels]], calibration: Calibration) -> Score:
     """Calculate the score when all known classes are asked for by name."""
     both = either = unexplained = ground = 0
     each = []
-    for logits, labels in results:
-        traversability, uncertainty = maps(logits, calibration, labels.shape)
+    for made, labels in results:
+        traversability, uncertainty = maps(made, calibration, labels.shape)
         judged, true = labels != UNLABELLED, np.isin(labels, DRIVABLE)
         found = (traversability >= 0.5) & judged
         both, either = both + (found & true).sum(), either + (found | true).sum()
@@ -73,12 +74,12 @@ def score(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) ->
     )
 
 
-def maps(logits: Floats, calibration: Calibration, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+def maps(made: Outputs, calibration: Calibration, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Make traversability and uncertainty maps of a shape (rows, columns), with a word for every class."""
-    found = attention(posteriors(logits, calibration), _WORDS, _WORDS, calibration.gamma)
+    found = attention(posteriors(made, calibration), _WORDS, [weight > 0 for weight in _WEIGHTS])
     signed = found * _WEIGHTS[:, None, None]
     best = np.take_along_axis(signed, np.abs(signed).argmax(axis=0)[None], axis=0)[0]
-    return _resized(np.clip(best, 0, 1), shape), _resized(1 - found.max(axis=0), shape)
+    return resized(np.clip(best, 0, 1), shape), resized(1 - found.max(axis=0), shape)
 
 
 def _words() -> tuple[Floats, Floats]:
@@ -92,7 +93,14 @@ def _words() -> tuple[Floats, Floats]:
 _WORDS, _WEIGHTS = _words()
 
 
-def _resized(values: Floats, shape: tuple[int, ...]) -> Floats:
+def softmax(logits: Floats) -> Floats:
+    """Calculate the softmax over the first axis, of the same shape."""
+    powers = np.exp(logits - logits.max(axis=0))
+    return np.asarray(powers / powers.sum(axis=0), dtype=np.float32)
+
+
+def resized(values: Floats, shape: tuple[int, ...]) -> Floats:
+    """Resize a map to (rows, columns), linearly."""
     return np.asarray(
         cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dtype=np.float32
     )
@@ -109,13 +117,13 @@ def auroc(scores: Floats, true: Flags) -> float:
     return (total - positive * (positive + 1) / 2) / (positive * (count - positive))
 
 
-def class_ranks(results: Iterable[tuple[Floats, Labels]], calibration: Calibration) -> dict[str, float]:
+def class_ranks(results: Iterable[tuple[Outputs, Labels]], calibration: Calibration) -> dict[str, float]:
     """Calculate the AUROC of each class's posterior against all other labels."""
     found: list[Floats] = []
     true: list[Labels] = []
-    for logits, labels in results:
-        probabilities = posteriors(logits, calibration)
-        small = np.stack([_resized(one, labels.shape) for one in probabilities], axis=-1)[::2, ::2]
+    for made, labels in results:
+        probabilities = posteriors(made, calibration)
+        small = np.stack([resized(one, labels.shape) for one in probabilities], axis=-1)[::2, ::2]
         judged = labels[::2, ::2] != UNLABELLED
         found.append(small[judged])
         true.append(labels[::2, ::2][judged])

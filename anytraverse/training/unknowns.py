@@ -1,12 +1,13 @@
-"""Pastes artificial things into frames, which teach the network the class of things without a name.
+"""Pastes things into frames, which teach the network the class of things without a name.
 
-They have random shapes and surfaces. They are meant to resemble nothing in particular: no drum, rock or log
-is drawn on purpose.
+Made things have random shapes and surfaces. They are meant to resemble nothing in particular: no drum, rock
+or log is drawn on purpose. Others are photographs without a background.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from anytraverse.frame import Image
 from anytraverse.training.classes import CLASSES, UNKNOWN, UNLABELLED
+from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Labels
 
 Rng = np.random.Generator
@@ -24,11 +26,17 @@ _GROUND = tuple(CLASSES.index(name) for name in ("smooth trail", "rough trail", 
 EDGE = 1  # pixels around a thing that are left unlabelled
 
 
-def paste_unknowns(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]:
-    """Paste one to three things of some 5 to 50 % of the frame's height, mostly on the ground; label them."""
+def paste_unknowns(
+    image: Image, labels: Labels, rng: Rng, cutouts: Sequence[Cutout] = ()
+) -> tuple[Image, Labels]:
+    """Paste one to three things of some 5 to 50 % of the frame's height, mostly on the ground; label them.
+
+    Where there are `cutouts`, photographs of things, half of the things are of these.
+    """
     picture, names = image.copy(), labels.copy()
     for _ in range(int(rng.integers(1, 4))):
-        _paste(picture, names, image, rng)
+        chosen = cutouts[int(rng.integers(len(cutouts)))] if cutouts and rng.random() < 0.5 else None
+        paste_thing(picture, names, image, rng, chosen)
     return picture, names
 
 
@@ -78,21 +86,41 @@ def _ragged(shape: tuple[int, int], rng: Rng) -> NDArray[np.bool_]:
     return np.asarray(lumps > rng.uniform(0.2, 0.5), dtype=np.bool_).reshape(shape)
 
 
-def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:
-    """Paste one thing into `picture` and `names`; its surface may be copied from `source`."""
+def paste_thing(
+    picture: Image,
+    names: Labels,
+    source: Image,
+    rng: Rng,
+    cutout: Cutout | None = None,
+    at: tuple[float, float] | None = None,
+) -> None:
+    """Paste one thing into `picture` and `names`; its surface may be copied from `source`.
+
+    at: column and row of its foot in pixels; None: drawn.
+    """
     rows, columns = names.shape
     high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)))
     wide = high * math.exp(rng.normal(0.0, 0.5 if rng.random() < 0.7 else 1.2))
     foot = np.clip(rng.normal(0.62, 0.2), 0.2, 1.1) * rows
-    centre = rng.uniform(0, columns), foot - high / 2
-    mask = _shape((rows, columns), centre, (wide, high), rng)
+    middle = rng.uniform(0, columns)
+    if at is not None:
+        middle, foot = at
+    if cutout is not None:
+        wide = min(high * cutout.shape[1] / cutout.shape[0], 0.6 * columns)
+        placed = _placed(cutout, (rows, columns), (middle, foot - high / 2), (wide, high), rng)
+        mask: Floats = np.float32(1 / 255) * np.asarray(placed[..., 3], dtype=np.float32)
+    else:
+        mask = _shape((rows, columns), (middle, foot - high / 2), (wide, high), rng)
     box = cv2.boundingRect((mask > 0.5).astype(np.uint8))
     left, top, width, height = box
     if width < 3 or height < 3:
         return
     window = (slice(top, top + height), slice(left, left + width))
-    surface = _surface((height, width), source, rng) * _relief((height, width), rng)[..., None]
     level = float(source[window].mean()) / 128
+    if cutout is not None:
+        surface = _recoloured(placed[window][..., :3], rng)
+    else:
+        surface = _surface((height, width), source, rng) * _relief((height, width), rng)[..., None]
     if rng.random() < 0.7:  # lit like its surroundings
         surface = surface * np.float32(np.clip(level * math.exp(rng.normal(0, 0.3)), 0.1, 2.0))
     if rng.random() < 0.6:
@@ -104,6 +132,40 @@ def _paste(picture: Image, names: Labels, source: Image, rng: Rng) -> None:
     around = cv2.dilate(solid, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
     names[(around > 0) & (solid == 0)] = UNLABELLED
     names[solid > 0] = UNKNOWN
+
+
+def _placed(
+    cutout: Cutout,
+    shape: tuple[int, int],
+    centre: tuple[float, float],
+    size: tuple[float, float],
+    rng: Rng,
+) -> NDArray[np.uint8]:
+    """Draw a cut-out of a size (width, height) at a point, turned a little or lying, (rows, columns, 4)."""
+    high, wide = cutout.shape[:2]
+    shrunk = cv2.resize(
+        cutout, (max(1, round(size[0])), max(1, round(size[1]))), interpolation=cv2.INTER_AREA
+    )
+    high, wide = shrunk.shape[:2]
+    turn = math.radians(rng.normal(0, 8) if rng.random() < 0.85 else rng.uniform(0, 360))
+    mirror = -1.0 if rng.random() < 0.5 else 1.0
+    c, s = math.cos(turn), math.sin(turn)
+    linear = np.array([[c, -s], [s, c]]) @ np.diag([mirror, 1.0])
+    matrix = np.column_stack([linear, np.array(centre) - linear @ np.array([wide / 2, high / 2])])
+    return np.asarray(cv2.warpAffine(shrunk, matrix, shape[::-1], flags=cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def _recoloured(colours: NDArray[np.uint8], rng: Rng) -> Floats:
+    """Change the colours of a thing: paler or grey, tinted, lighter or darker; RGB 0 to 255."""
+    surface: Floats = colours.astype(np.float32)
+    if rng.random() < 0.5:
+        grey = surface.mean(axis=2, keepdims=True)
+        surface = grey + np.float32(rng.uniform(0.0, 1.3)) * (surface - grey)
+    if rng.random() < 0.5:
+        surface = surface * np.exp(rng.normal(0, 0.25, 3)).astype(np.float32)
+    contrast = np.float32(math.exp(rng.normal(0, 0.2)))
+    mean = np.float32(surface.mean())
+    return np.asarray(mean + contrast * (surface - mean), dtype=np.float32)
 
 
 def _shape(

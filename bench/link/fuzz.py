@@ -29,7 +29,15 @@ from companion.link.parser import Parser
 from companion.sim.loopback_link import pair
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.vehicle.ardupilot import ScriptHold
-from companion.wire.answers import Acknowledgement, ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
+from companion.wire.answers import (
+    Acknowledgement,
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    OtherPlace,
+    SetWord,
+    TapBox,
+)
 from companion.wire.ids import (
     AUTOPILOT_COMPONENT_ID,
     Motion,
@@ -221,7 +229,7 @@ def _is_operation(operation: object) -> bool:
             left, top, right, bottom = box
             inside = 0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0
             return inside and frame_id >= 0 and isinstance(word, str) and -1.0 <= weight <= 1.0
-        case ForgetWord() | ForgetCall() | NewEpisode():
+        case ForgetWord() | ForgetCall() | NewEpisode() | OtherPlace():
             return True
         case _:
             return False

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
-from companion.policy.stopping import ARDUPILOT, Brakes, fit
 from companion.sim.field.onboard import install
 from companion.sim.field.rover import STANDSTILL, STEP, Drive, Rover
 from companion.sim.field.simulation import Simulation
 from companion.sim.field.things import World
+from companion.vehicle.brakes import ARDUPILOT, Brakes, fit
 
 SPARE = 1.0
 """Seconds granted beyond what is computed: a heartbeat's period."""

@@ -9,7 +9,15 @@ from typing import Any
 
 from anytraverse.answers import Changes, Tap
 from anytraverse.regions import Box
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
+from companion.wire.answers import (
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    OtherPlace,
+    SetWord,
+    TapBox,
+)
 from companion.wire.ids import Motion, SenderId
 
 
@@ -49,6 +57,12 @@ class Answer:
             return owner, self.transaction
         return owner, self.target, self.motion, self.operations, self.name, self.raw
 
+    @property
+    def refuses_match(self) -> bool:
+        """Whether it says only that a match was not the same place, which concerns no call."""
+        alone = self.motion is Motion.NONE and bool(self.operations)
+        return alone and all(isinstance(one, OtherPlace) for one in self.operations)
+
 
 def changes_of(operations: Iterable[Operation]) -> Changes:
     """Convert the operations of a payload to changes. Raises AnyTraverseError for an invalid box."""
@@ -56,7 +70,7 @@ def changes_of(operations: Iterable[Operation]) -> Changes:
     taps: list[Tap] = []
     words: list[str] = []
     calls: list[int] = []
-    new_episode = False
+    new_episode, other_place = False, None
     for operation in operations:
         match operation:
             case SetWord(word, weight):
@@ -69,4 +83,6 @@ def changes_of(operations: Iterable[Operation]) -> Changes:
                 calls.append(call_id)
             case NewEpisode():
                 new_episode = True
-    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode)
+            case OtherPlace(call_id):
+                other_place = call_id
+    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode, other_place=other_place)

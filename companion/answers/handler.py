@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -9,7 +10,7 @@ from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment
 from anytraverse.errors import AnyTraverseError
 from companion.answers.answer import Answer, changes_of
-from companion.answers.outcome import closed_call, outcome_text, stale_text, unremembered
+from companion.answers.outcome import closed_call, outcome_text, refused_match_text, stale_text, unremembered
 from companion.answers.store import AnswerStore
 from companion.calls.decisions import Call, Decision
 from companion.calls.hold import Hold
@@ -17,11 +18,12 @@ from companion.calls.machine import OperatorCalls
 from companion.telemetry.summary import flags
 from companion.vision.client import Applied, VisionClient, VisionLostError
 from companion.wire import notices, texts
-from companion.wire.answers import Acknowledgement, Operation
+from companion.wire.answers import Acknowledgement, Operation, OtherPlace
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 
 _VISION_BUSY = "vision is busy: send it again"
 _NO_PICTURE = "no picture to tap in: say the word alone"
+_JUST_MATCHED = "it matched just now: read which, then say so again"
 _FRAME_PATIENCE = 10.0
 """Seconds after a restart in which answers get BUSY until the call's frame is judged again."""
 
@@ -76,6 +78,7 @@ class AnswerHandler:
         self._calls = calls
         self._vision = vision
         self._last_sent = self._last_applied = self._last_cancelled = 0
+        self._matched_at = -math.inf
         self._store = store
 
     def receive(self, answer: Answer, now: float) -> Handled:
@@ -83,9 +86,10 @@ class AnswerHandler:
         stored = self._store.before_restart(answer)
         if stored is not None:
             return self._again(answer, stored)
-        target = self._calls.resolve(answer.target, now)
+        target = None if answer.refuses_match else self._calls.resolve(answer.target, now)
         # Words need no open call or hold; any other answer to nothing is stale.
-        if target is None and not (answer.operations and answer.target == 0 and not self._calls.current_id):
+        alone = answer.target == 0 and not self._calls.current_id
+        if target is None and not answer.refuses_match and not (answer.operations and alone):
             text = stale_text(self._calls, answer.target)
             return self._reply(answer, answer.target, Result.STALE, text)
         decisions: list[Decision] = []
@@ -104,6 +108,13 @@ class AnswerHandler:
             changes = changes_of(answer.operations)
         except AnyTraverseError as error:
             return self._reply(answer, target or 0, Result.REFUSED, str(error))
+        if changes.other_place == 0 and now - self._matched_at < self._calls.numbers.announce_guard:
+            # What a ground station repeats by itself must not count then: that is known of stale answers.
+            result = Result.STALE if answer.refuses_match else Result.REFUSED
+            return self._reply(answer, target or 0, result, _JUST_MATCHED)
+        if changes.other_place == 0 and (adoption := self._vision.memory.adoption) is not None:
+            # Another place may match before the vision process has this answer.
+            changes = replace(changes, match=adoption.clock)
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
         subject: Call | Hold | None = call
         if changes.taps and call is None:
@@ -135,6 +146,11 @@ class AnswerHandler:
             return self._reply(answer, target, Result.BUSY, _VISION_BUSY)
         self._last_sent = pending.number
         return Handled()
+
+    def place_matched(self, now: float) -> None:
+        """Note that a remembered scene has come into force."""
+        self._matched_at = now
+        self._store.forget_refused_matches()
 
     def set_words(self, request: object, operations: Iterable[Operation]) -> bool:
         """Set words and weights without a call. False where too many requests wait, or vision hangs.
@@ -171,6 +187,8 @@ class AnswerHandler:
         )
         if (late or (go and cancelled)) and self._calls.current_id == pending.target:
             text = (texts.go_lapsed if late else texts.go_taken_back)(self._calls.kind, pending.target)
+        if any(isinstance(one, OtherPlace) for one in pending.answer.operations):
+            text = refused_match_text(text, forgotten=outcome is not None and bool(outcome.forgotten))
         if outcome is not None and outcome.dropped:
             text = f"{text}; {notices.word_dropped(', '.join(outcome.dropped))}"
         return self._reply(

@@ -69,6 +69,11 @@ def outcome_text(
     return texts.fit(f"{texts.name(kind, target)} noted: still {'open' if call else 'holding'}")
 
 
+def refused_match_text(text: str, *, forgotten: bool) -> str:
+    """Return `text` with what a refused match led to. forgotten: a scene was refused too often to be kept."""
+    return f"not that place{', a scene is forgotten' if forgotten else ''}; {text}"
+
+
 def stale_text(calls: OperatorCalls, target: int) -> str:
     """Return the text for an answer to `target` that is not open, or to 0 where nothing may be meant."""
     if target == 0 and calls.current_id:

@@ -85,9 +85,9 @@ class AnswerStore:
     - A TUNNEL's transaction is a repetition for as long as it is known.
     - A COMMAND is one within 5 s, when its confirmation count says so; else it is a new answer.
     - AT_ANSWER has no such mark: the same "go" or "look again" within 5 s is one, with the call's id or with
-      0. "Stay" is always new, as it may follow a go. An answer to id 0 that was stale counts as repeated for
-      5 s, too: ground stations set a refused parameter again by themselves, and would otherwise answer a new
-      call that the operator has not read.
+      0. So is "other place", until another place matches. "Stay" is always new, as it may follow a go. An
+      answer to id 0 that was stale counts as repeated for 5 s, too: ground stations set a refused parameter
+      again by themselves, and would otherwise answer a new call that the operator has not read.
     - A TEXT is one only while it is undecided.
 
     An answer that is sent again while it is undecided is a repetition in any case, except for a "stay" by
@@ -150,6 +150,16 @@ class AnswerStore:
             self._entries.pop(key)
             if known:
                 self._entries.put(key, KnownAnswer(now, reply))
+
+    def forget_refused_matches(self) -> None:
+        """Forget the decided AT_ANSWERs that refused a match: now they may mean the next one."""
+        of_matches = [
+            key
+            for key, known in self._entries.items()
+            if key[0][1] is Via.AT_ANSWER and known.reply is not None and key[3]
+        ]
+        for key in of_matches:
+            self._entries.pop(key)
 
     def before_restart(self, answer: Answer) -> Acknowledgement | None:
         """Return the reply from before the restart, None without one. Its figures are those of no frame."""

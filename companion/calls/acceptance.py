@@ -213,7 +213,7 @@ def _beside(seen: Assessment, inside: Mask, numbers: Numbers, *, by_name: bool) 
         seen.maps.strangeness if by_name else seen.maps.uncertainty,
         judging.region,
         width / height,
-        judging.tile_share,
+        judging.tile_side,
         outside=inside,
     )
     return tile.uncertainty if tile is not None else 0.0

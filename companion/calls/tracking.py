@@ -11,6 +11,8 @@ from companion.calls.numbers import Numbers
 
 _UNCERTAIN_PIXEL = 0.5
 """Uncertainty above which a pixel belongs to the thing, where tiles have no threshold."""
+_REACH = 0.25
+"""Over the ROI's width: a thing comes nearer by less than this from frame to frame."""
 NAMED_FIGURES = frozenset({NAMED_TILE, NAMED_MEAN})
 """The figures of things that only a negative word explains."""
 
@@ -27,12 +29,12 @@ def track(
 
     blocks: the thing blocks the way, so that ground in the ROI that is not drivable belongs to it, too.
     at_once: take all connected uncertain pixels, as when the thing is accepted. Otherwise the mask grows
-    by less than a tile's side, since a thing comes no nearer than that from frame to frame. An uncertain
+    by less than `_REACH`, since a thing comes no nearer than that from frame to frame. An uncertain
     area that reaches further is another thing that touches it: of that, only what is straight below the
     mask is taken.
 
     Pixels that a negative word explains belong to the thing, too. Left out, they would count as a second
-    thing beside it. But the word may explain the ground around as well, so at most a tile's side of such
+    thing beside it. But the word may explain the ground around as well, so at most `_REACH` of such
     pixels is taken at the start, and later only those straight below.
     """
     limit = numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
@@ -44,17 +46,17 @@ def track(
         uncertain = uncertain | (~maps.drivable & numbers.judging.region.mask(*uncertain.shape))
     uncertain, strange = coarse(uncertain), coarse(strange)
     thing = resized(thing, *uncertain.shape)
-    side = tile_side(uncertain.shape[1], numbers)
+    reach = _reach(uncertain.shape[1], numbers)
     if at_once:
         found = connected(thing & uncertain, uncertain, max(uncertain.shape))
-        return wider(connected(found, strange, side))
-    not_above, straight = below(thing, side), below(thing, 0)
+        return wider(connected(found, strange, reach))
+    not_above, straight = below(thing, reach), below(thing, 0)
     uncertain = uncertain & not_above
-    found = connected(thing & uncertain, uncertain, side - 1)
+    found = connected(thing & uncertain, uncertain, reach - 1)
     beyond = connected(found, uncertain, 1) & ~found
     found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
     if named_reasons(seen):
-        found = found | connected(thing & strange, strange & straight, side - 1)
+        found = found | connected(thing & strange, strange & straight, reach - 1)
     return wider(found) & not_above if found.any() else thing
 
 
@@ -66,7 +68,7 @@ def sized(thing: Mask | None, seen: Assessment) -> Mask:
     return np.zeros(shape, dtype=np.bool_) if thing is None else resized(thing, *shape)
 
 
-def tile_side(width: int, numbers: Numbers) -> int:
-    """Return a tile's side in pixels, for a map that is `width` pixels wide."""
+def _reach(width: int, numbers: Numbers) -> int:
+    """Return `_REACH` in pixels, for a map that is `width` pixels wide."""
     bounds = numbers.judging.region.bounds
-    return max(1, round(numbers.judging.tile_share * (bounds.right - bounds.left) * width))
+    return max(1, round(_REACH * (bounds.right - bounds.left) * width))

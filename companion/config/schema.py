@@ -61,6 +61,15 @@ class Camera(Section):
         None, number(0, 1, above=True), "exposure time of a v4l2 camera in s; unset: automatic"
     )
     depth: bool = setting(False, flag, "whether an oak camera measures depth, too")  # noqa: FBT003
+    infrared: str = setting(
+        "auto",
+        choice("auto", "handle", "refuse"),
+        "a camera that shows infrared (NoIR): handle it, refuse policy hold, or as the perceiver is trained",
+    )
+
+    def handles_infrared(self, *, trained: bool) -> bool:
+        """Whether policy hold is allowed with a NoIR camera. trained: whether the perceiver is, for that."""
+        return trained if self.infrared == "auto" else self.infrared == "handle"
 
     def conflicts(self) -> Iterator[Conflict]:
         if (self.width is None) != (self.height is None):
@@ -158,7 +167,12 @@ class Roi(Section):
     top: float = setting(0.6, number(0, 1), "upper side")
     right: float = setting(0.667, number(0, 1), "right side")
     bottom: float = setting(0.95, number(0, 1), "lower side")
-    tile_share: float = setting(0.25, number(0.05, 1), "side of a tile as a fraction of the ROI's width")
+    tile_share: float | None = setting(
+        None,
+        number(0.05, 1),
+        "side of a tile as a fraction of the ROI's width; unset: calculated from mount and speed where these "
+        "are set, else the perceiver's own",
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         if self.left >= self.right:

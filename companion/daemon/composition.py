@@ -14,6 +14,7 @@ from companion.answers.handler import AnswerHandler
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.config import Config
+from companion.config.stopping import Stopping, describe_tile
 from companion.daemon.daemon import Daemon
 from companion.daemon.persistence import Persistence
 from companion.daemon.records import Records
@@ -21,7 +22,6 @@ from companion.link.link import Link
 from companion.policy.hold_gate import HoldGate
 from companion.policy.service import PolicyService
 from companion.policy.shadow_statistics import ShadowStatistics
-from companion.policy.stopping import Stopping
 from companion.settings.mapping import (
     call_numbers,
     first_values,
@@ -74,6 +74,8 @@ def compose(
     if journal.recovered_from is not None:
         startup_notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
     overrides, judging = restore_settings(config, ready, saved.get("settings"), startup_notices)
+    text, in_time = describe_tile(config, judging)
+    log.log(logging.INFO if in_time else logging.WARNING, "%s", text)
     hold_gate = HoldGate(config, Pace(ready.step, 1.0 / config.camera.rate, judging.freshness))
     policy_state = restored_policy(config, saved.get("policy"), now)
     if policy_state.wants_hold and not _may_hold(hold_gate, judging, startup_notices):

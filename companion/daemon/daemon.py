@@ -7,6 +7,8 @@ import time
 from functools import partial
 from typing import Any
 
+from anytraverse.assessment import Assessment
+from anytraverse.memory import Adoption
 from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.hold import HoldState
@@ -244,7 +246,9 @@ class Daemon:
     def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self.calls.numbers.px4_hold)
-        decisions = self.settings.policy.check_hold_again(autopilot, now)
+        decisions = self.settings.policy.check_hold_again(
+            autopilot, now, misled_by_infrared=self._vision.misled_by_infrared
+        )
         report = ModeReport(vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot)
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)
@@ -263,6 +267,10 @@ class Daemon:
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._status.frame_judged(judged)
+        if self._vision.misled_by_infrared and self._link.vehicle is None:
+            # With an autopilot each of its heartbeats checks it.
+            decisions = self.settings.policy.check_hold_again(None, now, misled_by_infrared=True)
+            self._executor.carry_out(decisions, now)
         self.persistence.save_memory(judged.memory)
         self.records.forget_lost_frames()
         # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.
@@ -271,10 +279,12 @@ class Daemon:
             self.calls.assessed(seen, now, memory_stored=memory_stored), now, at_once=True
         )
         if seen.adopted is not None:
-            text = notices.known_place(seen.adopted.call_id)
-            log.info("%s (similarity %.3f)", text, seen.match.similarity if seen.match else 0.0)
-            self._link.send_text(text, INFO, now)
+            self.answer_handler.place_matched(now)
+            text = self._report_match(judged.memory.adoption, seen, now)
             self.records.draw(seen, self.calls.state(now), text)
+        elif judged.changed and (scenes := judged.memory.history) and not scenes[-1].call_id:
+            # it has become the first reference
+            self.records.first_scene(seen, scenes[-1], self.calls.state(now))
         if self.records.replace_lost_frame(seen, now):
             self._link.send_text(texts.frame_lost(self.calls.current_id), WARNING, now)
         if seen.dropped:
@@ -293,6 +303,17 @@ class Daemon:
                 figures["AT_SIM"] = seen.similarity
             self._link.numbers({**figures, "AT_CALL": float(self.calls.current_id)}, now)
         self.records.frame_judged(judged)
+
+    def _report_match(self, adoption: Adoption | None, seen: Assessment, now: float) -> str:
+        """Report which scene matched, and with which words. Returns the first text."""
+        if adoption is None:
+            return ""
+        text = notices.known_place(adoption.call_id, adoption.similarity)
+        words = notices.matched_words(adoption.call_id, adoption.preferences, seen.words)
+        log.info("%s", "; ".join([text, *words]))
+        for line in (text, *words):
+            self._link.send_text(line, INFO, now)
+        return text
 
     def _applied(self, applied: Applied, now: float) -> None:
         self.persistence.save_memory(applied.memory)

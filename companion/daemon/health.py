@@ -14,6 +14,7 @@ from companion.tasks import Liveness
 from companion.telemetry.summary import fault_name
 from companion.vehicle import known_autopilot
 from companion.vision.client import VisionClient
+from companion.vision.infrared import REMEDY
 from companion.wire import notices, texts
 from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING, Policy
 
@@ -94,6 +95,7 @@ class HealthMonitor:
         self._autopilot_silent = False
         self._unknown_autopilot: tuple[int, int] | None = None
         self._unreliable = False
+        self._infrared = False
         self._rate, self._stuck = vision.rate.value, ""
 
     def silent(self, now: float) -> list[str]:
@@ -142,6 +144,7 @@ class HealthMonitor:
         self._check_faults(now)
         self._check_vision_deaths(now)
         self._check_judging_rate(now)
+        self._check_infrared(now)
         self._check_autopilot_present(now)
         self._check_autopilot_kind(now)
         if self._link.trouble != self._link_trouble:
@@ -179,6 +182,15 @@ class HealthMonitor:
         text = notices.judging_rate(rate.value, rate.steps[0], rate.why if lower else "")
         log.log(logging.WARNING if lower else logging.INFO, "%s", text)
         self._link.send_text(text, WARNING if lower else NOTICE, now)
+
+    def _check_infrared(self, now: float) -> None:
+        if (self._vision.infrared is True) is self._infrared:
+            return
+        self._infrared = not self._infrared
+        misled = self._vision.misled_by_infrared
+        text = notices.infrared(handled=not misled) if self._infrared else notices.infrared_over()
+        log.warning("%s", REMEDY if misled else text)
+        self._link.send_text(text, WARNING if misled else NOTICE, now)
 
     def _check_autopilot_silence(self, now: float) -> None:
         if self._calls.autopilot_silent(now) == self._autopilot_silent:

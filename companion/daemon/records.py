@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.assessment import Assessment
+from anytraverse.history import Entry
 from companion.answers.handler import Reply
 from companion.calls.acceptance import Acceptance
 from companion.calls.decisions import Call
@@ -19,7 +20,7 @@ from companion.calls.machine import OperatorCalls
 from companion.daemon.persistence import Persistence
 from companion.storage import Journal, JournalError
 from companion.storage.batch import record_of
-from companion.storage.call_files import CallFiles, PictureArchive, address
+from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
 from companion.vision.client import Applied, Judged, VisionClient
@@ -63,6 +64,8 @@ class Records:
         self._stamp = stamp
         self._drawing: dict[int, int] = {}
         """Id of a frame -> id of the call or hold for which it is drawn."""
+        self._first_scene = 0, ""
+        """Id of the frame that became the first reference, and the name of its picture until it is drawn."""
         self._frame_lost = False
         self._shown = 0, ""
         """Id of the newest call or hold, and the path of its picture for the ground, "" without one."""
@@ -125,17 +128,30 @@ class Records:
         if self._archive.wanted:
             self._vision.draw(seen.frame.id, title, state)
 
+    def first_scene(self, seen: Assessment, entry: Entry, state: State) -> None:
+        """Have a picture of the first reference drawn, so that it can be shown when it matches."""
+        if self._archive.wanted and self._vision.draw(seen.frame.id, "first place", state):
+            self._first_scene = seen.frame.id, scene_name(entry)
+
     def drawn(self, drawn: Drawn) -> None:
         """Queue pictures that vision has drawn, and the PNG of the open call's frame for the journal."""
         number = self._drawing.pop(drawn.frame_id, 0) if drawn.stored else 0
         call = self._calls.call
         if number and drawn.png and call is not None and call.frame_id == drawn.frame_id:
             self._persistence.save_frame(drawn.frame_id, drawn.png)
+        if drawn.panel and drawn.frame_id == self._first_scene[0]:
+            names = {scene_name(entry) for entry in self._vision.memory.history if not entry.call_id}
+            write_scene = partial(self._files.write_scene, self._first_scene[1], drawn.panel, names)
+            self._writer.queue_job("picture", write_scene)
+            self._first_scene = 0, ""
+            if not number:
+                return
         if not self._archive.wanted or not drawn.panel:
             if number == self._shown[0]:
                 self._shown = number, ""
         elif number and number == self._shown[0] and drawn.thumbnail:
-            write = partial(self._write_pictures, number, drawn.thumbnail, drawn.panel, drawn.title)
+            pictures = drawn.thumbnail, drawn.panel, drawn.title
+            write = partial(self._write_pictures, number, *pictures, self._remembered())
             self._writer.queue_job("picture", write)
         else:
             self._writer.queue_job("picture", partial(self._archive.add, drawn.panel, drawn.title))
@@ -232,7 +248,7 @@ class Records:
     def _publish(self, call: Call, seen: Assessment, state: State, title: str) -> None:
         self._store_and_draw(call.id, seen, state, title)
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
-        job = partial(self._files.begin_record, call.id, record_of(call), answers)
+        job = partial(self._files.begin_record, call.id, record_of(call), answers, self._remembered())
         self._writer.queue_job("record", job)
 
     def _store_and_draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
@@ -241,10 +257,15 @@ class Records:
         self._shown = number, address(f"{number}.jpg") if accepted and self._archive.wanted else ""
         self._shown_frame = seen
 
-    def _write_pictures(self, number: int, small: bytes, large: bytes, title: str) -> None:
+    def _remembered(self) -> frozenset[int]:
+        return frozenset(entry.call_id for entry in self._vision.memory.history)
+
+    def _write_pictures(
+        self, number: int, small: bytes, large: bytes, title: str, remembered: frozenset[int]
+    ) -> None:
         """Write the pictures of a call or hold. Runs in the writer's thread."""
         try:
-            self._files.write_pictures(number, small, self._archive.add(large, title))
+            self._files.write_pictures(number, small, self._archive.add(large, title), remembered)
         except Exception:
             if self._shown[0] == number:
                 self._shown = number, ""

@@ -14,6 +14,7 @@ from companion.daemon.records import Records
 from companion.daemon.trial_call import TrialCall
 from companion.link.link import Link
 from companion.settings.service import SettingsService
+from companion.storage.call_files import scene_picture
 from companion.system.computer import Computer
 from companion.telemetry.summary import current_data
 from companion.vehicle.position import place_figures
@@ -88,6 +89,7 @@ class Status:
     def figures(self, now: float) -> dict[str, Any]:
         """Return all figures, for the status file: JSON values."""
         newest, camera, rate = self._calls.reason_filter.newest, self._vision.camera, self._vision.rate
+        ready = self._vision.ready
         return {
             "version": self._release,
             "service": self._is_service,
@@ -100,6 +102,7 @@ class Status:
             "shadow": self._settings.statistics.figures(self._calls.shadow),
             "words": self._vision.words.format(),
             "set_by_ground": self._settings.overrides.figures(),
+            "known_place": self._known_place(),
             "roi_uncertainty": newest.roi.uncertainty if newest and newest.roi else None,
             "similarity": newest.similarity if newest else None,
             "perceiver": {
@@ -108,6 +111,8 @@ class Status:
                 "why": self._model.why,
                 "step_ms": round(1e3 * self._judging_s, 1),
                 "scene_age": round(newest.scene_age, 3) if newest else None,
+                "infrared": self._model.infrared,
+                "match_measured": ready is not None and bool(ready.settings.thresholds.match),
             },
             "judging": {
                 "rate": round(rate.value, 3),
@@ -129,6 +134,7 @@ class Status:
                 "timed_by": camera.timed_by,
                 "depth": camera.depth,
                 "intrinsics": camera.intrinsics,
+                "infrared": self._vision.infrared,
             },
             "computer": self.computer.newest,
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
@@ -151,6 +157,7 @@ class Status:
             "latency_ms": status["latency_ms"],
             "judging": status["judging"],
             "open": None if current is None else _open(current),
+            "known_place": status["known_place"],
             "words": {word: round(words[word], _DIGITS) for word in words},
             "vocabulary": self._settings.vocabulary,
             "settings": {name: round(value, _DIGITS) for name, value in self._settings.settings.items()},
@@ -158,6 +165,25 @@ class Status:
             "place": place_figures(place),
             "computer": status["computer"],
             "link": {name: status["link"][name] for name in _OF_THE_LINK},
+        }
+
+    def _known_place(self) -> dict[str, Any] | None:
+        """Return which remembered scene is in force by a match, and what it changed; None: none is."""
+        memory = self._vision.memory
+        adoption = memory.adoption
+        if adoption is None or adoption.reference is None:
+            return None
+        entry = next((one for one in memory.history if one.order == adoption.order), None)
+        before, after = adoption.preferences, memory.preferences
+        changed = [word for word in {**before, **after} if before.get(word) != after.get(word)]
+        return {
+            "scene": adoption.order,
+            "call": adoption.call_id or None,
+            "similarity": round(adoption.similarity, _DIGITS),
+            "needed": round(self._calls.numbers.judging.thresholds.least_match(len(memory.history)), _DIGITS),
+            "since": None if adoption.time is None else round(adoption.time, 2),
+            "changed": {word: [before.get(word), after.get(word)] for word in changed},
+            "picture": "" if entry is None else scene_picture(entry),
         }
 
 

@@ -18,10 +18,19 @@ from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetWord, Operation, SetWord
+from companion.wire.answers import (
+    Acknowledgement,
+    AnswerMessage,
+    ForgetWord,
+    Operation,
+    OtherPlace,
+    SetWord,
+)
 from companion.wire.ids import (
     ANSWER_COMMAND,
     CHANGING_RESULTS,
+    OTHER_PLACE,
+    REFUSE_MATCH,
     SET_POLICY,
     SET_WEIGHT,
     TUNNEL_ACKNOWLEDGEMENT,
@@ -159,16 +168,19 @@ class AnswerService:
         if answer is None:
             self._access.rejected["command"] += 1
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
-            self._text_sender.refuse(notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), now)
+            self._text_sender.refuse(notices.refused("p2 1-3, 4 weight, 5 policy, 6 other place"), now)
             return None
         return self.admit(answer, now)
 
     def parameter(self, request: ParameterRequest, now: float) -> Answer | None:
         """Take AT_ANSWER, an answer without words from a parameter editor: id x 10 + motion; 0 is ignored.
 
+        4 in the place of a motion refuses the newest match.
         The echo is the value when it was accepted, else 0; later reads give 0.
         """
         target, code = divmod(int(request.value), 10)
+        if code == OTHER_PLACE:
+            return self.admit(_refusal(request.sender, Via.AT_ANSWER, target), now)
         if not 1 <= code <= max(Motion):
             if request.value:
                 self._access.rejected["range"] += 1
@@ -212,7 +224,7 @@ class AnswerService:
             case Via.COMMAND:
                 self._command_ack(answer.sender, _COMMAND_RESULTS[reply.result], now)
             case Via.AT_ANSWER:
-                value = 10 * answer.target + answer.motion if accepted else 0
+                value = _parameter_value(answer) if accepted else 0
                 self._parameters.echo(ANSWER, float(value), answer.sender, now)
             case Via.TEXT:
                 result = mavlink.PARAM_ACK_ACCEPTED if accepted else mavlink.PARAM_ACK_FAILED
@@ -233,11 +245,13 @@ class AnswerService:
 
     def _read_command(self, sender: SenderId, message: Any) -> Answer | None:
         target = _integer(message.param1, 0, MAX_ID)
-        code = _integer(message.param2, 1, SET_WEIGHT)
-        if target is None or code is None:
+        code = _integer(message.param2, 1, REFUSE_MATCH)
+        if target is None or code is None or code == SET_POLICY:
             return None
         # The same command again is a new answer, unless this count, which COMMAND_INT lacks, is above 0.
         again = getattr(message, "confirmation", 0)
+        if code == REFUSE_MATCH:
+            return replace(_refusal(sender, Via.COMMAND, target), confirmation=again)
         if code != SET_WEIGHT:
             return Answer(sender, Via.COMMAND, target, Motion(code), confirmation=again)
         operation = self._weight(message.param3, message.param4)
@@ -251,6 +265,17 @@ class AnswerService:
         if entry is None or entry.word is None or not entry.accepts(value):
             return None
         return ForgetWord(entry.word) if value == entry.special else SetWord(entry.word, round(value, 6))
+
+
+def _refusal(sender: SenderId, via: Via, call_id: int) -> Answer:
+    return Answer(sender, via, 0, Motion.NONE, (OtherPlace(call_id),))
+
+
+def _parameter_value(answer: Answer) -> int:
+    match answer.operations:
+        case (OtherPlace(call_id),):
+            return 10 * call_id + OTHER_PLACE
+    return 10 * answer.target + answer.motion
 
 
 def _integer(value: float, first: int, last: int) -> int | None:

@@ -65,9 +65,11 @@ def show_scene(file: str, number: int, out: str | None = None) -> int:
     for word, weight in entry.preferences.items():
         taps = len(entry.examples.get(word, ()))
         print(f"word      {word}: {weight:g}{f', tapped {taps} x' if taps else ''}")
+    if entry.refused:
+        print(f"refused   {len(entry.refused)} frames that an operator said are another place")
     picture = picture_of(folder, entry)
     if picture is None:
-        print("picture   none: those of the newest 50 calls are kept, and those that were imported")
+        print("picture   none: those of calls are kept, unless [pictures] keep is 0, and imported ones")
         return 0 if out is None else 1
     print(f"picture   {picture}")
     if out is not None:
@@ -94,7 +96,7 @@ def forget(file: str, which: Sequence[str]) -> int:
         left = [] if chosen is None else [one for one in memory.history if one.order not in chosen]
         after = replace(memory, history=History(left, memory.history.limit), clock=memory.clock + 1)
         if chosen is None:
-            after = replace(after, reference=None)
+            after = after.at(None)
         journal.commit(Batch(memory=after.using(after.preferences, after.examples)))
     delete_unused(folder, left)
     print(f"{len(memory.history) - len(left)} scenes are forgotten, {len(left)} are left")

@@ -10,7 +10,7 @@ from anytraverse.history import Entry
 from companion.memory.pictures import picture_of
 from companion.vehicle.position import place_figures
 
-HEAD = f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  {'picture':<7}  words"
+HEAD = f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  {'picture':<7}  {'refused':>7}  words"
 
 
 def row(folder: Path, entry: Entry) -> str:
@@ -21,7 +21,7 @@ def row(folder: Path, entry: Entry) -> str:
         for word, weight in entry.preferences.items()
     )
     columns = f"{entry.order:>5}  {call_text(entry):<6}  {time_text(entry):<16}  {place_text(entry):<20}"
-    return f"{columns}  {picture:<7}  {words}"
+    return f"{columns}  {picture:<7}  {len(entry.refused):>7}  {words}"
 
 
 def call_text(entry: Entry) -> str:
@@ -53,5 +53,6 @@ def figures(folder: Path, entry: Entry) -> dict[str, Any]:
         "place": place_figures(entry.place),
         "words": dict(entry.preferences),
         "tapped": {word: len(taps) for word, taps in entry.examples.items()},
+        "refused": len(entry.refused),
         "picture": None if picture is None else str(picture),
     }

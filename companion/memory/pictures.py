@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterable
 from contextlib import suppress
@@ -10,11 +9,9 @@ from pathlib import Path
 
 from anytraverse.history import Entry
 from companion.memory.scene_file import MAX_PICTURE
+from companion.storage.call_files import SCENES, scene_name
 from companion.system.atomic_write import write_atomically
 from companion.system.regular_file import open_regular
-
-_IMPORTED = "scenes"
-"""The folder of imported pictures, named by the scene's embedding: the ids of calls are a rover's own."""
 
 
 def picture_of(folder: Path, entry: Entry) -> Path | None:
@@ -46,11 +43,11 @@ def store_picture(folder: Path, entry: Entry, picture: bytes) -> bool:
 def delete_unused(folder: Path, entries: Iterable[Entry]) -> None:
     """Delete imported pictures of which no scene is left."""
     used = {_imported(folder, entry) for entry in entries}
-    for path in (folder / _IMPORTED).glob("*.jpg"):
+    for path in (folder / SCENES).glob("*.jpg"):
         if path not in used:
             with suppress(OSError):
                 path.unlink()
 
 
 def _imported(folder: Path, entry: Entry) -> Path:
-    return folder / _IMPORTED / f"{hashlib.sha256(entry.embedding.tobytes()).hexdigest()[:16]}.jpg"
+    return folder / SCENES / scene_name(entry)

@@ -21,7 +21,7 @@ import numpy as np
 from anytraverse.answers import MAX_EXAMPLES
 from anytraverse.decoding import picture_size
 from anytraverse.errors import AnyTraverseError
-from anytraverse.history import Embedding, Entry, Place, is_embedding
+from anytraverse.history import MAX_REFUSED, Embedding, Entry, Place, is_embedding
 from anytraverse.perception import Example, Perceiver
 from anytraverse.preferences import MAX_WORDS, Preferences, Setting
 from anytraverse.release import own_version
@@ -123,6 +123,7 @@ def _record(entry: Entry, model_id: str, vectors: dict[bytes, int], picture: byt
         "attitude": place.attitude,
         "call": entry.call_id,
         "picture": _encoded(picture) if picture else None,
+        **({"refused": [_encoded(_bytes(one)) for one in entry.refused]} if entry.refused else {}),
     }
 
 
@@ -184,6 +185,7 @@ def _scene(row: Mapping[str, Any], examples: list[Example], expected: Expected) 
         call_id=_count(row.get("call"), 0xFFFF, "call"),
         examples={word: tuple(_taps(numbers, examples)) for word, numbers in taps.items()},
         place=_place(row.get("place"), row.get("attitude")),
+        refused=tuple(_refused(row.get("refused", []), expected.embedding)),
     )
     return Scene(entry, _picture(row.get("picture")))
 
@@ -193,6 +195,13 @@ def _taps(numbers: object, examples: list[Example]) -> Iterator[Example]:
         raise ValueError(f"a word has 1 to {MAX_EXAMPLES} examples")
     for number in numbers:
         yield examples[_count(number, len(examples) - 1, "examples")]
+
+
+def _refused(vectors: object, length: int) -> Iterator[Embedding]:
+    if not isinstance(vectors, list) or len(vectors) > MAX_REFUSED:
+        raise ValueError(f"a scene has at most {MAX_REFUSED} refused frames")
+    for vector in vectors:
+        yield _vector(vector, length)
 
 
 def _place(figures: object, angles: object) -> Place:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.config import Config
-from companion.policy.stopping import Stopping, judge_stopping
+from companion.config.stopping import Stopping, judge_stopping, with_settings
+from companion.vision.infrared import REMEDY, TEXT
 from companion.vision.warm_up import too_slow
 from companion.wire import notices
 
@@ -47,8 +48,9 @@ def unchecked(missing: str) -> str:
     )
 
 
-Refuses = Callable[[Settings, float], HoldRefusal | None]
-"""Decides whether the vehicle may be held, by the settings and the autopilot's overrun in metres."""
+Refuses = Callable[[Settings, float, bool], HoldRefusal | None]
+"""Decides whether the vehicle may be held: of the settings, the autopilot's overrun in metres, and whether
+infrared misleads the perceiver."""
 
 
 class HoldGate:
@@ -63,27 +65,20 @@ class HoldGate:
 
         overrun: metres, see `Autopilot`.
         """
-        bounds = judging.region.bounds
-        roi = replace(
-            self._config.roi,
-            left=bounds.left,
-            top=bounds.top,
-            right=bounds.right,
-            bottom=bounds.bottom,
-            tile_share=judging.tile_share,
-        )
-        config = replace(self._config, roi=roi)
+        config = with_settings(self._config, judging)
         return judge_stopping(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
 
-    def refuses(self, judging: Settings, overrun: float = 0.0) -> HoldRefusal | None:
+    def refuses(
+        self, judging: Settings, overrun: float = 0.0, misled_by_infrared: bool = False
+    ) -> HoldRefusal | None:
         """Return why the vehicle may not be held, None where it may.
 
         What cannot be calculated is refused, unless [stopping] unchecked is set.
         """
         stopping = self.stopping(judging, overrun)
-        if isinstance(stopping, str) and self._config.stopping.unchecked:
-            return hold_refusal(self._pace, None)
-        return hold_refusal(self._pace, stopping)
+        unchecked = isinstance(stopping, str) and self._config.stopping.unchecked
+        refusal = hold_refusal(self._pace, None if unchecked else stopping)
+        return infrared_refusal() if refusal is None and misled_by_infrared else refusal
 
 
 def hold_refusal(pace: Pace, stopping: Stopping | str | None) -> HoldRefusal | None:
@@ -103,3 +98,9 @@ def hold_refusal(pace: Pace, stopping: Stopping | str | None) -> HoldRefusal | N
         short, reminder = notices.hold_outruns(speed, fits), notices.only_reports_outrunning(speed, fits)
         return HoldRefusal(why, short, reminder, notices.outruns(speed, fits))
     return None
+
+
+def infrared_refusal() -> HoldRefusal:
+    """Return the refusal of policy hold for a camera whose infrared misleads the perceiver."""
+    why = f"policy hold is refused: {REMEDY}"
+    return HoldRefusal(why, notices.hold_infrared(), notices.only_reports_infrared(), TEXT)

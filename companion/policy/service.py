@@ -44,7 +44,7 @@ class PolicyService:
         self._calls = calls
         self.state = state
         self._refuses = refuses
-        self._judged_for = calls.numbers.judging, 0.0
+        self._judged_for = calls.numbers.judging, 0.0, False
         self._refusal = refuses(*self._judged_for)
         self._after_write = after_write
         if state.switch is not None:
@@ -95,12 +95,15 @@ class PolicyService:
         self._after_write(lambda _, now: self._link.commands.acknowledge(request, result, now))
         return decisions
 
-    def check_hold_again(self, autopilot: Autopilot | None, now: float) -> list[Decision]:
-        """Check again whether the vehicle may be held, where the autopilot or the settings have changed.
+    def check_hold_again(
+        self, autopilot: Autopilot | None, now: float, *, misled_by_infrared: bool
+    ) -> list[Decision]:
+        """Check again whether the vehicle may be held, where autopilot, settings or camera have changed.
 
         A hold policy that is not allowed any more is changed to report.
         """
-        known = self._calls.numbers.judging, autopilot.overrun if autopilot is not None else 0.0
+        overrun = autopilot.overrun if autopilot is not None else 0.0
+        known = self._calls.numbers.judging, overrun, misled_by_infrared
         if known == self._judged_for:
             return []
         refused, self._judged_for, self._refusal = self._refusal, known, self._refuses(*known)
@@ -122,7 +125,9 @@ class PolicyService:
 
         They are refused where hold is requested, and could not be allowed with them.
         """
-        return self._refuses(judging, self._judged_for[1]) if self.state.requested is Policy.HOLD else None
+        if self.state.requested is not Policy.HOLD:
+            return None
+        return self._refuses(judging, *self._judged_for[1:])
 
     def rc_channels_received(self, pulses: RcChannels, now: float) -> list[Decision]:
         """Take in the RC channels."""

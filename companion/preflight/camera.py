@@ -9,8 +9,9 @@ from companion.cameras import without_credentials
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.vision.exposure import ADVICE
+from companion.vision.infrared import REMEDY, SHARE, TEXT
 
-CAMERA, FRAMES, EXPOSURE = "camera", "frames", "exposure"
+CAMERA, FRAMES, EXPOSURE, INFRARED = "camera", "frames", "exposure", "infrared"
 _ASPECT_OFF = 0.02
 _SLOW = 0.8
 """Share of [camera] rate below which a camera is too slow for it."""
@@ -98,3 +99,24 @@ def check_exposure(rover: Rover) -> list[Finding]:
     if seen.white > _WHITE_SHARE:
         return [warned(EXPOSURE, f"{what}: a shorter exposure, or turn the camera away from the sun")]
     return [passed(EXPOSURE, what)]
+
+
+def check_infrared(rover: Rover) -> list[Finding]:
+    """Check that the camera has an infrared filter, or that the perceiver handles one without."""
+    if rover.running is not None:
+        shown = rover.told("camera").get("infrared")
+        if shown is None:
+            return [skipped(INFRARED, "not known yet: ask again when it has judged frames for two minutes")]
+        trained = rover.told("perceiver").get("infrared") is True
+    elif rover.seen.trouble:
+        return [skipped(INFRARED, "not measured: no picture came")]
+    elif rover.seen.magenta is None:
+        return [skipped(INFRARED, "not measured: the picture is too dark or too bright")]
+    else:
+        shown = rover.seen.magenta >= SHARE
+        trained = shown and rover.perceives.infrared
+    if not shown:
+        return [passed(INFRARED, "the camera shows none")]
+    if rover.config.camera.handles_infrared(trained=trained):
+        return [passed(INFRARED, f"{TEXT}: {'the perceiver is trained for it' if trained else 'accepted'}")]
+    return [(failed if rover.holds else warned)(INFRARED, REMEDY)]

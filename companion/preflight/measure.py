@@ -18,11 +18,11 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import ConfigError, load_config, state_folder
 from companion.config.link_settings import LinkError
-from companion.policy.stopping import Measured, fit
 from companion.preflight.autopilot import silence, talking
 from companion.preflight.here import status
 from companion.preflight.interview import ARDUPILOT, Heartbeat
 from companion.vehicle import known_autopilot
+from companion.vehicle.brakes import Measured, fit
 
 LONGEST = 3600.0
 """Seconds after which measuring ends by itself."""

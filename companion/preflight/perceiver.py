@@ -8,6 +8,7 @@ from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.vision.warm_up import too_slow
 
 CHECK = "perceiver"
+_UNMEASURED = "; how often a foreign place matches one of many remembered ones is not measured for it"
 
 
 def check_perceiver(rover: Rover) -> list[Finding]:
@@ -17,12 +18,13 @@ def check_perceiver(rover: Rover) -> list[Finding]:
         model, step = str(told.get("model", "unknown")), told.get("step_ms")
         if not isinstance(step, float | int) or rover.running.get("latency_ms") is None:
             return [skipped(CHECK, f"{model}, not timed yet: ask again when some frames have been judged")]
-        step = step / 1e3
+        step, measured = step / 1e3, told.get("match_measured") is True
     else:
-        trouble, model, step, _ = rover.perceives
+        trouble, model, step, judging, *_ = rover.perceives
         if trouble:
             return [failed(CHECK, trouble)]
+        measured = judging is not None and bool(judging.thresholds.match)
     pace = Pace(step, 1.0 / rover.config.camera.rate, rover.config.freshness)
     if not pace.keeps:
         return [(failed if rover.holds else warned)(CHECK, too_slow(pace))]
-    return [passed(CHECK, f"{model}, {1e3 * step:.0f} ms a frame")]
+    return [passed(CHECK, f"{model}, {1e3 * step:.0f} ms a frame{'' if measured else _UNMEASURED}")]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.judging import Settings
 from companion.config import Config
 from companion.preflight.autopilot import Asked, ask_first
 from companion.preflight.watching import Seen, watch
@@ -22,14 +23,16 @@ _SAMPLE = 0.3
 class Perceives(NamedTuple):
     """Holds the result of loading the perceiver.
 
-    trouble: why it does not run. model: its name. step: seconds for a frame. tile: the threshold of the worst
-    tile, None: tiles are not judged.
+    trouble: why it does not run. model: its name. step: seconds for a frame. judging: the settings by which
+    it judges frames, None where it does not run. infrared: whether its maps hold for a camera without
+    infrared filter.
     """
 
     trouble: str = ""
     model: str = ""
     step: float = 0.0
-    tile: float | None = None
+    judging: Settings | None = None
+    infrared: bool = False
 
 
 def load_perceiver(config: Config) -> Perceives:
@@ -41,8 +44,8 @@ def load_perceiver(config: Config) -> Perceives:
         ready = load_and_warm_up(config, None)
     except AnyTraverseError as error:
         return Perceives(str(error))
-    model = str(Model.of(ready.engine.perceiver))
-    return Perceives("", model, ready.step, ready.engine.settings.thresholds.tile)
+    model = Model.of(ready.engine.perceiver)
+    return Perceives("", str(model), ready.step, ready.engine.settings, model.infrared)
 
 
 @dataclass

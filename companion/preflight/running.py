@@ -80,6 +80,7 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         (
             f"{camera.get('state', 'unknown')}{f': {why}' if why else ''}, {_picture(camera)}"
             f"{camera.get('read', 0)} frames read, {said.get('frames', 0)} judged"
+            f"{', shows infrared (NoIR)' if camera.get('infrared') else ''}"
         ),
     )
     lowered = ""

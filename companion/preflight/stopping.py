@@ -1,13 +1,14 @@
-"""Checks whether the vehicle can stop before an obstacle that the camera shows."""
+"""Checks whether the vehicle can stop before an obstacle that the camera shows, and how large a tile is."""
 
 from __future__ import annotations
 
+from companion.config.stopping import describe_tile, judge_stopping, with_settings
 from companion.policy.hold_gate import unchecked
-from companion.policy.stopping import judge_stopping
 from companion.preflight.rover import Rover
-from companion.preflight.rules import Finding, failed, passed, warned
+from companion.preflight.rules import Finding, failed, passed, skipped, warned
 
 CHECK = "stopping"
+TILE = "tile"
 
 
 def check_stopping(rover: Rover) -> list[Finding]:
@@ -20,7 +21,10 @@ def check_stopping(rover: Rover) -> list[Finding]:
         return [passed(CHECK, "the companion that runs allows policy hold")]
     config, asked = rover.config, rover.asked
     name, fastest = asked.speed if asked.speed is not None else ("", None)
-    judged = judge_stopping(config, rover.perceives.step, rover.perceives.tile, fastest, asked.overrun)
+    perceives, limit = rover.perceives, None
+    if (judging := perceives.judging) is not None:
+        config, limit = with_settings(config, judging), judging.thresholds.tile
+    judged = judge_stopping(config, perceives.step, limit, fastest, asked.overrun)
     if isinstance(judged, str):
         if rover.holds and not config.stopping.unchecked:
             return [failed(CHECK, unchecked(judged))]
@@ -33,3 +37,14 @@ def check_stopping(rover: Rover) -> list[Finding]:
         return [passed(CHECK, by + judged.describe())]
     refusal = "policy hold is refused: " if rover.holds else ""
     return [worst(CHECK, f"{refusal}{by}{judged.describe()}")]
+
+
+def check_tile(rover: Rover) -> list[Finding]:
+    """Tell how large a tile is, and check that a rock fills it while the vehicle can still stop."""
+    if rover.running is not None:
+        return [skipped(TILE, "the companion that runs has told it in its log, at its start")]
+    judging = rover.perceives.judging
+    if judging is None:
+        return [skipped(TILE, "not known without a perceiver that runs")]
+    text, in_time = describe_tile(rover.config, judging)
+    return [(passed if in_time else warned)(TILE, text)]

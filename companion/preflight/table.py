@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from companion.preflight.camera import check_camera, check_exposure, check_frames
+from companion.preflight.camera import check_camera, check_exposure, check_frames, check_infrared
 from companion.preflight.computer import (
     check_clock,
     check_heat,
@@ -22,7 +22,7 @@ from companion.preflight.perceiver import check_perceiver
 from companion.preflight.rights import check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed
-from companion.preflight.stopping import check_stopping
+from companion.preflight.stopping import check_stopping, check_tile
 
 
 class Check(NamedTuple):
@@ -54,12 +54,14 @@ CHECKS = (
     Check("camera",     check_camera,     "whether a first picture comes, shaped as `[mount] aspect` says"),
     Check("frames",     check_frames,     "how many pictures a second come, and how old they are"),
     Check("exposure",   check_exposure,   "whether the picture is too dark, too bright, or of one colour"),
+    Check("infrared",   check_infrared,   "whether the camera has no infrared filter, and that is handled"),
     Check("perceiver",  check_perceiver,  "whether the model loads, and keeps the freshness limit T"),
     Check("link",       check_link,       "whether an autopilot is heard within 10 s, on any connection"),
     Check("autopilot",  check_autopilot,  "its parameters that would make a hold unsafe or useless"),
     Check("forwarding", check_forwarding, "whether a ground station is heard, and may answer"),
     Check("signing",    check_signing,    "whether frames are signed, and the key fits"),
     Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
+    Check("tile",       check_tile,       "how large a tile is: the smallest area that can cause a call"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
 )
 # fmt: on

@@ -22,6 +22,7 @@ from companion.cameras import (
 )
 from companion.config import Config
 from companion.vision.exposure import exposure_name
+from companion.vision.infrared import magenta_share
 
 SEEN_WITHIN = 5.0
 """Seconds to wait for the first picture."""
@@ -38,7 +39,8 @@ class Seen:
     trouble: why no picture came; then nothing else counts. width, height: pixels. rate: pictures a second,
     None where too few came. age: seconds from capture to arrival, the median. bad: damaged pictures.
     brightness, contrast: mean and standard deviation of the newest picture, of 255. white: share of its
-    pixels that are white. exposure: its name as in `ADVICE` of vision/exposure.
+    pixels that are white. exposure: its name as in `ADVICE` of vision/exposure. magenta: the median of the
+    pictures' `magenta_share`, None where all are too dark or too bright.
     """
 
     trouble: str = ""
@@ -51,6 +53,7 @@ class Seen:
     contrast: float = 0.0
     white: float = 0.0
     exposure: str = ""
+    magenta: float | None = None
 
 
 @dataclass
@@ -60,6 +63,7 @@ class _Watched:
     why: str = f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address"
     arrived: list[float] = field(default_factory=list)
     ages: list[float] = field(default_factory=list)
+    magenta: list[float] = field(default_factory=list)
     bad: int = 0
     ended: bool = False
     newest: Capture | None = None
@@ -82,6 +86,9 @@ class _Watched:
         self.arrived.append(now)
         self.ages.append(now - capture.captured_at)
         self.newest = capture
+        share = magenta_share(capture.image)
+        if share is not None:
+            self.magenta.append(share)
 
 
 def _read_for(source: str, options: CameraOptions, seconds: float) -> _Watched:
@@ -130,6 +137,7 @@ def watch(config: Config) -> Seen:
         contrast=float(grey.std()),
         white=float((grey >= _WHITE).mean()),
         exposure=exposure_name(image, Box(roi.left, roi.top, roi.right, roi.bottom)),
+        magenta=median(watched.magenta) if watched.magenta else None,
     )
 
 

@@ -43,7 +43,7 @@ def record_of(call: Call) -> dict[str, Any]:
         "words": seen.words.format() if seen is not None else None,
         "roi_uncertainty": roi.uncertainty if roi is not None else None,
         "worst_tile": tile.uncertainty if tile is not None else None,
-        "worst_tile_box": _sides(tile.box) if tile is not None else None,
+        "worst_tile_box": _sides(tile.shown) if tile is not None else None,
         "drivable_share": roi.drivable_share if roi is not None else None,
         "similarity": seen.similarity if seen is not None else None,
         "place": place_figures(call.place),

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from anytraverse.history import Entry
 from companion.system.atomic_write import write_atomically
 
 PATTERN = "[0-9]*.j*"
 """Names of the folder's files that are served."""
 MAX_CALLS = 50
 """Calls whose files are stored; the oldest are deleted."""
+MAX_REMEMBERED = 256
+"""Calls beyond these whose pictures stay for as long as the scene that they taught is remembered."""
+SCENES = "scenes"
+"""The folder of pictures of scenes that no call of this rover taught."""
+SCENE_PATTERN = "[0-9a-f]*.jpg"
 ANSWERS = 32
 """Answers in the record of a call, the newest ones."""
 _NAME = re.compile(r"\.?([0-9]{1,5})(-large)?\.(json|jpg)(\.part)?\Z", re.ASCII)
@@ -31,8 +38,13 @@ class CallFiles:
         self._pictured_id = 0
         """Id of the call or hold whose pictures were written last."""
 
-    def write_pictures(self, number: int, small: bytes, large: Path) -> None:
-        """Write the pictures of a call or hold. small: JPEG sized for a radio. large: file of the archive."""
+    def write_pictures(
+        self, number: int, small: bytes, large: Path, remembered: Collection[int] = ()
+    ) -> None:
+        """Write the pictures of a call or hold. small: JPEG sized for a radio. large: file of the archive.
+
+        remembered: calls that taught scenes which are remembered.
+        """
         self._write(f"{number}.jpg", small)
         target = self._folder / f"{number}-large.jpg"
         target.unlink(missing_ok=True)
@@ -44,12 +56,19 @@ class CallFiles:
         if number == self._record.get("id"):
             self._record |= _addresses(number)
             self._write_record()
-        self._prune(number)
+        self._prune(number, remembered)
 
     def begin_record(
-        self, number: int, figures: Mapping[str, Any], answers: Sequence[Mapping[str, Any]] = ()
+        self,
+        number: int,
+        figures: Mapping[str, Any],
+        answers: Sequence[Mapping[str, Any]] = (),
+        remembered: Collection[int] = (),
     ) -> None:
-        """Write the record of a new call. figures: of `record_of`. answers: those given before a restart."""
+        """Write the record of a new call. figures: of `record_of`. answers: those given before a restart.
+
+        remembered: as above.
+        """
         self._record = {
             "id": number,
             **figures,
@@ -59,7 +78,18 @@ class CallFiles:
             "answers": [dict(answer) for answer in answers][-ANSWERS:],
         }
         self._write_record()
-        self._prune(number)
+        self._prune(number, remembered)
+
+    def write_scene(self, name: str, picture: bytes, remembered: Collection[str]) -> None:
+        """Write the picture of a scene that no call taught, and delete those of scenes that are forgotten.
+
+        name: of `scene_name`. picture: JPEG. remembered: the names of all such scenes.
+        """
+        folder = self._folder.parent / SCENES
+        write_atomically(folder / name, picture)
+        for path in folder.glob("*.jpg"):
+            if path.name not in remembered:
+                path.unlink(missing_ok=True)
 
     def add_answer(self, call_id: int, answer: Mapping[str, Any]) -> None:
         """Add an answer to the newest call's record."""
@@ -79,8 +109,8 @@ class CallFiles:
     def _write(self, name: str, content: bytes) -> None:
         write_atomically(self._folder / name, content)
 
-    def _prune(self, newest: int) -> None:
-        """Delete the files of all but the newest calls.
+    def _prune(self, newest: int, remembered: Collection[int]) -> None:
+        """Delete the files of all but the newest calls, and all but the pictures of remembered ones.
 
         Their age is the distance of their 16-bit ids from the newest: the files' times may be wrong, since a
         rover often boots without a clock.
@@ -89,14 +119,28 @@ class CallFiles:
         for path in self._folder.iterdir():
             if named := _NAME.match(path.name):
                 found.setdefault(newest - int(named[1]) & 0xFFFF, []).append(path)
+        kept = 0
         for age in sorted(found)[MAX_CALLS:]:
+            keeps = kept < MAX_REMEMBERED and newest - age & 0xFFFF in remembered
+            kept += keeps
             for path in found[age]:
-                path.unlink(missing_ok=True)
+                if not (keeps and path.suffix == ".jpg" and not path.name.startswith(".")):
+                    path.unlink(missing_ok=True)
 
 
 def address(name: str) -> str:
     """Return the path by which the ground reads a file of the folder."""
     return f"/calls/{name}"
+
+
+def scene_picture(entry: Entry) -> str:
+    """Return the path by which the ground reads a remembered scene's picture, if there is one."""
+    return address(f"{entry.call_id}.jpg") if entry.call_id else f"/{SCENES}/{scene_name(entry)}"
+
+
+def scene_name(entry: Entry) -> str:
+    """Return the name of a picture in `SCENES`: by the embedding, since ids of calls are a rover's own."""
+    return f"{hashlib.sha256(entry.embedding.tobytes()).hexdigest()[:16]}.jpg"
 
 
 def _addresses(number: int) -> dict[str, str]:

@@ -20,7 +20,7 @@ class Damaged(JournalError):  # noqa: N818
     """The file's content is damaged, so that it cannot be read as a journal."""
 
 
-VERSION = 3
+VERSION = 4
 _APPLICATION_ID = 0x41547251
 """SQLite's application_id, by which a journal is told from another program's file."""
 _PAGE = 4096
@@ -30,6 +30,14 @@ _ERRORS = (sqlite3.Error, UnicodeDecodeError)
 _DAMAGE_TEXTS = ("no such column", "Could not decode")
 """Beginnings of messages by which SQLite reports a damaged file as another error."""
 
+_REFUSED = (
+    "stamp INTEGER NOT NULL, position INTEGER NOT NULL, embedding BLOB NOT NULL,"
+    " PRIMARY KEY (stamp, position)"
+)
+_ADOPTION = (
+    "only INTEGER PRIMARY KEY CHECK (only = 1), stamp INTEGER NOT NULL, call_id INTEGER NOT NULL,"
+    " similarity REAL NOT NULL, clock INTEGER NOT NULL, embedding BLOB NOT NULL, reference BLOB, time REAL"
+)
 _FRAME = "only INTEGER PRIMARY KEY CHECK (only = 1), frame_id INTEGER NOT NULL, png BLOB NOT NULL"
 _TABLES = {
     "memory": "only INTEGER PRIMARY KEY CHECK (only = 1), model_id TEXT NOT NULL, clock INTEGER NOT NULL,"
@@ -50,17 +58,22 @@ _TABLES = {
     "answers": "number INTEGER PRIMARY KEY, call_id INTEGER NOT NULL, answered_at REAL NOT NULL,"
     " record TEXT NOT NULL",
     "frame": _FRAME,
+    "refused": _REFUSED,
+    "adoption": _ADOPTION,
 }
-"""Table -> its columns. `owner` of words and examples: an entry's stamp, or an OWNER_ of `memory_rows`."""
+"""Table -> its columns. `owner` of words and examples: an entry's stamp, or an OWNER_ of `memory_rows`.
+refused: frames that are another place than the entry of that stamp. adoption: the newest match.
+"""
 FRAME_SINCE = 3
 """The first version whose file contains the frame of the open call."""
 _UPGRADES = {
     2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw")),
     FRAME_SINCE: (f"CREATE TABLE frame ({_FRAME})",),
+    4: (f"CREATE TABLE refused ({_REFUSED})", f"CREATE TABLE adoption ({_ADOPTION})"),
 }
 """Version -> the statements that upgrade a file of the version before."""
-_NEW_TABLES = {"frame"}
-"""Tables that a file of an older version lacks."""
+_NEW_TABLES = {"frame", "refused", "adoption"}
+"""Tables that a file of an older version may lack."""
 _LONGEST_LOG = 4 << 20
 """Bytes of the write-ahead log from which on `tidy` copies it into the file."""
 

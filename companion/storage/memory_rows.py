@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -9,20 +10,26 @@ from typing import Any
 
 import numpy as np
 
-from anytraverse.history import Embedding, Entry, History, Place
-from anytraverse.memory import Memory
+from anytraverse.history import MAX_REFUSED, Embedding, Entry, History, Place
+from anytraverse.memory import Adoption, Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
 from companion.storage.database import Damaged
 
 OWNER_IN_USE = -1
 OWNER_CONFIGURED = -2
-"""`owner` of the words in use and of the configured words; a remembered scene's is its stamp, 0 or more."""
+OWNER_BEFORE_MATCH = -3
+"""`owner` of the words in use, of the configured ones, and of those in use before the newest match; a
+remembered scene's is its stamp, 0 or more."""
 
 Examples = Mapping[str, tuple[Example, ...]]
 Query = Callable[[str], list[tuple[Any, ...]]]
 
 _FLOATS = np.dtype("<f4")
+
+
+_OF_ENTRIES = (("entries", "stamp"), ("words", "owner"), ("examples", "owner"), ("refused", "stamp"))
+"""Tables with rows of entries, and the column of the entry's stamp."""
 
 
 def read_memory(rows: Query) -> Memory | None:
@@ -32,7 +39,7 @@ def read_memory(rows: Query) -> Memory | None:
         if not found:
             return None
         ((model_id, clock, scenes, reference),) = found
-        words, examples = _read_words(rows), _read_examples(rows)
+        words, examples, refused = _read_words(rows), _read_examples(rows), _read_refused(rows)
         entries = [
             Entry(
                 embedding=_vector(embedding),
@@ -42,6 +49,7 @@ def read_memory(rows: Query) -> Memory | None:
                 call_id=call_id,
                 examples=examples.get(stamp, {}),
                 place=_place(*place),
+                refused=tuple(refused.get(stamp, ())),
             )
             for stamp, matched, call_id, embedding, *place in rows(
                 "SELECT stamp, matched, call_id, embedding,"
@@ -57,6 +65,9 @@ def read_memory(rows: Query) -> Memory | None:
             reference=None if reference is None else _vector(reference),
             history=History(entries, scenes),
             clock=clock,
+            adoption=_read_adoption(
+                rows, Preferences(words.get(OWNER_BEFORE_MATCH)), examples.get(OWNER_BEFORE_MATCH, {})
+            ),
         )
     except (ValueError, TypeError, LookupError) as error:
         raise Damaged(f"the memory cannot be read: {error}") from error
@@ -70,7 +81,7 @@ def write_memory(connection: sqlite3.Connection, memory: Memory, stored: Memory 
         (memory.model_id, memory.clock, memory.history.limit, reference),
     )
     if stored is None:
-        for table in ("entries", "words", "examples", "settled"):
+        for table in ("entries", "words", "examples", "settled", "refused", "adoption"):
             connection.execute(f"DELETE FROM {table}")
     _write_words(connection, OWNER_IN_USE, memory.preferences, stored.preferences if stored else None)
     _write_words(connection, OWNER_CONFIGURED, memory.configured, stored.configured if stored else None)
@@ -78,12 +89,14 @@ def write_memory(connection: sqlite3.Connection, memory: Memory, stored: Memory 
     if stored is None or memory.settled != stored.settled:
         connection.execute("DELETE FROM settled")
         connection.executemany("INSERT INTO settled VALUES (?, ?)", memory.settled.items())
+    if stored is None or memory.adoption is not stored.adoption:
+        _write_adoption(connection, memory.adoption)
     before = {entry.order: entry for entry in stored.history} if stored is not None else {}
     after = {entry.order: entry for entry in memory.history}
     # Compared by identity: entries are never changed, only replaced.
     for stamp, old in before.items():
         if after.get(stamp) is not old:
-            for table, column in (("entries", "stamp"), ("words", "owner"), ("examples", "owner")):
+            for table, column in _OF_ENTRIES:
                 connection.execute(f"DELETE FROM {table} WHERE {column} = ?", (stamp,))
     for stamp, entry in after.items():
         if before.get(stamp) is not entry:
@@ -111,6 +124,46 @@ def _read_examples(rows: Query) -> dict[int, dict[str, tuple[Example, ...]]]:
     ):
         examples[owner][word] = (*examples[owner].get(word, ()), vectors[number])
     return examples
+
+
+def _read_refused(rows: Query) -> dict[int, list[Embedding]]:
+    refused: dict[int, list[Embedding]] = defaultdict(list)
+    for stamp, embedding in rows("SELECT stamp, embedding FROM refused ORDER BY stamp, position"):
+        refused[stamp].append(_vector(embedding))
+        if len(refused[stamp]) > MAX_REFUSED:
+            raise ValueError(f"scene {stamp} has more than {MAX_REFUSED} refused frames")
+    return refused
+
+
+def _read_adoption(rows: Query, words: Preferences, examples: Examples) -> Adoption | None:
+    found = rows("SELECT stamp, call_id, similarity, clock, embedding, reference, time FROM adoption")
+    if not found:
+        return None
+    ((stamp, call_id, similarity, clock, embedding, reference, time),) = found
+    if not all(isinstance(one, int) for one in (stamp, call_id, clock)) or not -1.0 <= similarity <= 1.0:
+        raise ValueError("the newest match is out of range")
+    if time is not None and not math.isfinite(time):
+        raise ValueError("the time of the newest match is not finite")
+    before = None if reference is None else _vector(reference)
+    return Adoption(stamp, call_id, similarity, clock, _vector(embedding), words, examples, before, time)
+
+
+def _write_adoption(connection: sqlite3.Connection, one: Adoption | None) -> None:
+    connection.execute("DELETE FROM adoption")
+    _write_words(connection, OWNER_BEFORE_MATCH, one.preferences if one else Preferences())
+    _write_examples(connection, OWNER_BEFORE_MATCH, one.examples if one else {})
+    if one is not None:
+        reference = None if one.reference is None else _blob(one.reference)
+        figures = (
+            one.order,
+            one.call_id,
+            one.similarity,
+            one.clock,
+            _blob(one.embedding),
+            reference,
+            one.time,
+        )
+        connection.execute("INSERT INTO adoption VALUES (1, ?, ?, ?, ?, ?, ?, ?)", figures)
 
 
 def _write_words(
@@ -159,6 +212,10 @@ def _write_entry(connection: sqlite3.Connection, entry: Entry) -> None:
     )
     _write_words(connection, entry.order, entry.preferences)
     _write_examples(connection, entry.order, entry.examples)
+    connection.executemany(
+        "INSERT INTO refused VALUES (?, ?, ?)",
+        [(entry.order, position, _blob(one)) for position, one in enumerate(entry.refused)],
+    )
 
 
 def _place(

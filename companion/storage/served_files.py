@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Map
-from companion.storage.call_files import PATTERN
+from companion.storage.call_files import PATTERN, SCENE_PATTERN, SCENES
 from companion.storage.file_reader import Reader
 from companion.storage.log_file import FOLDER, NAME
 from companion.storage.served_tree import (
@@ -156,7 +156,7 @@ def _png(grey: NDArray[np.uint8]) -> bytes:
 
 
 class ServedFiles:
-    """Serves /state.json, /check.json, /calls, /maps and /logs."""
+    """Serves /state.json, /check.json, /calls, /maps, /scenes and /logs."""
 
     def __init__(self, folder: Path, reader: Reader | None = None) -> None:
         """folder: the journal's. reader: reads what is on the disk."""
@@ -172,6 +172,7 @@ class ServedFiles:
                 "check.json": Document(lambda: _as_json(self._checks())),
                 "calls": Folder(self.calls, PATTERN, reader),
                 "maps": NewestMaps(self._newest_frame).documents(),
+                SCENES: Folder(folder / SCENES, SCENE_PATTERN, reader),
                 "logs": Folder(folder / FOLDER, f"{NAME}*", reader),
             }
         )

@@ -8,7 +8,7 @@ import os
 import signal
 import socket
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 _SET_DEATH_SIGNAL = 1
@@ -24,13 +24,14 @@ class ChildProcess:
         kind: socket.SocketKind = socket.SOCK_STREAM,
         buffer: int,
         inherits: Sequence[int] = (),
+        environment: Mapping[str, str] | None = None,
         reaped_within: float,
     ) -> None:
         """Start the process. Raises OSError.
 
         command: gets the descriptor of its end, those of `inherits` and our process id appended. buffer:
-        bytes that may wait in the channel. reaped_within: seconds that `close` waits for the killed process.
-        One in an uninterruptible system call is left to the kernel.
+        bytes that may wait in the channel. environment: variables beside our own. reaped_within: seconds that
+        `close` waits for the killed process. One in an uninterruptible system call is left to the kernel.
         """
         self._reaped_within = reaped_within
         self.channel, far = socket.socketpair(socket.AF_UNIX, kind)
@@ -43,6 +44,7 @@ class ChildProcess:
                 [*command, *map(str, descriptors), str(os.getpid())],
                 pass_fds=descriptors,
                 stdin=subprocess.DEVNULL,
+                env={**os.environ, **(environment or {})},
                 stdout=subprocess.DEVNULL,  # stderr is inherited, for faulthandler
             )
         except OSError:

@@ -137,7 +137,7 @@ def call_data(
         frame_id=frame_id,
         age_s=max(0, round(age)),
         roi=fractions(region.bounds),
-        worst_tile_box=fractions(tile.box) if tile and points else None,
+        worst_tile_box=fractions(tile.shown) if tile and points else None,
         roi_uncertainty=roi.uncertainty if roi else None,
         worst_tile=tile.uncertainty if tile else None,
         drivable_share=roi.drivable_share if roi else None,

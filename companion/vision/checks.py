@@ -11,13 +11,13 @@ import numpy as np
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
 from anytraverse.frame import is_intrinsics
-from anytraverse.history import Entry, History, Place, is_embedding
-from anytraverse.judging import Settings
-from anytraverse.memory import Memory
+from anytraverse.history import MAX_REFUSED, Entry, History, Place, is_embedding
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import Adoption, Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
-from anytraverse.roi import NamedTile, Passage, RoiFigures, Tile
+from anytraverse.roi import Corridor, NamedTile, Passage, RoiFigures, Tile
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.vision.messages import (
     LONGEST_TEXT,
@@ -81,8 +81,8 @@ def _check(message: Any, expected: Expected, now: float) -> None:
                 isinstance(model, Model) and all(map(_text, (model.id, model.precision, model.why))),
                 "a model",
             )
-            # `replace` runs the checks of __post_init__, which decoding has skipped.
-            _need(isinstance(settings, Settings) and bool(replace(settings)), "settings")
+            _need(isinstance(model.infrared, bool), "whether a model handles infrared")
+            _check_settings(settings)
             _need(isinstance(notices, tuple) and all(map(_text, notices)), "notices")
             _need(_seconds(step), "seconds of a step")
             _check_update(update)
@@ -109,6 +109,22 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             raise BadReportError(f"no report but {type(message).__name__}")
 
 
+def _check_settings(settings: Any) -> None:
+    _need(isinstance(settings, Settings) and isinstance(settings.region, Box), "settings")
+    limits, corridor = settings.thresholds, settings.corridor
+    _need(isinstance(limits, Thresholds) and isinstance(corridor, Corridor), "thresholds and a corridor")
+    _need(isinstance(limits.match, tuple), "the numbers for matches")
+    for scenes, least in limits.match:
+        _need(_whole(scenes) and scenes <= _U32 and _number(least), "the numbers for matches")
+    one_by_one = {**vars(limits), **vars(corridor), **vars(settings)}
+    for name in ("match", "thresholds", "corridor", "region", "pooling", "uncertainty"):
+        del one_by_one[name]
+    for name, value in one_by_one.items():
+        _need(_number(value) or (value is None and name in ("tile", "tile_width")), f"the setting {name}")
+    for part in (settings.region, limits, corridor, settings):
+        replace(part)  # runs the checks of __post_init__, which decoding has skipped
+
+
 def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> None:
     seen = judged.assessment
     _check_assessment(seen, now)
@@ -118,6 +134,7 @@ def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> 
     _need(_whole(judged.revision), "a revision")
     _need(isinstance(judged.sectors, tuple) and len(judged.sectors) <= 16, "sectors")
     _need(all(share is None or _fraction(share) for share in judged.sectors), "a sector's share")
+    _need(judged.infrared is None or isinstance(judged.infrared, bool), "whether the camera shows infrared")
     if judged.update is not None:
         _check_update(judged.update)
     expected.last_frame = seen.frame.id
@@ -126,6 +143,7 @@ def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> 
 def _check_outcome(outcome: Any, now: float) -> None:
     _need(isinstance(outcome, AnswerOutcome), "an outcome")
     _need(all(map(_text, outcome.dropped)) and isinstance(outcome.remembered, bool), "what an answer changed")
+    _need(all(map(_text, outcome.undone)) and all(map(_whole, outcome.forgotten)), "what a refusal changed")
     for seen in (outcome.call, outcome.newest):
         if seen is not None:
             _check_assessment(seen, now)
@@ -195,7 +213,8 @@ def _check_roi(roi: Any) -> None:
         shares.append(named.explained)
     for tile in tiles:
         _need(isinstance(tile, Tile) and isinstance(tile.box, Box), "a tile's box")
-        shares += [tile.uncertainty, *astuple(tile.box)]
+        _need(tile.around is None or isinstance(tile.around, Box), "the square around a tile")
+        shares += [tile.uncertainty, *astuple(tile.box), *(astuple(tile.around) if tile.around else ())]
     _need(all(_fraction(share) for share in shares), "figures of the ROI")
     _need(roi.drivable_share is None or _fraction(roi.drivable_share), "a drivable share")
 
@@ -210,6 +229,8 @@ def _check_update(update: Any) -> None:
     _need(memory.reference is None or _is_vector(memory.reference), "a reference")
     _need(all(_text(word) and _whole(at) for word, at in memory.settled.items()), "stamps of words")
     _check_examples(memory.examples)
+    if memory.adoption is not None:
+        _check_adoption(memory.adoption)
     for entry in update.entries:
         _check_entry(entry)
     _need(all(map(_whole, update.removed)) and all(map(_text, update.weak)), "rows of a memory")
@@ -220,10 +241,21 @@ def _check_entry(entry: Any) -> None:
     _need(all(map(_whole, (entry.order, entry.matched, entry.call_id))), "a remembered scene's stamps")
     _check_words(entry.preferences)
     _check_examples(entry.examples)
+    right = isinstance(entry.refused, tuple) and len(entry.refused) <= MAX_REFUSED
+    _need(right and all(map(_is_vector, entry.refused)), "the refused frames of a scene")
     where = entry.place
     _need(isinstance(where, Place) and len(where.attitude or (0, 0, 0)) == 3, "a remembered scene's place")
     known = (where.latitude, where.longitude, where.heading, where.time, *(where.attitude or ()))
     _need(all(one is None or (_number(one) and math.isfinite(one)) for one in known), "a scene's place")
+
+
+def _check_adoption(one: Any) -> None:
+    _need(isinstance(one, Adoption) and all(map(_whole, (one.order, one.call_id, one.clock))), "a match")
+    _need(_is_vector(one.embedding) and (one.reference is None or _is_vector(one.reference)), "its vectors")
+    _need(_number(one.similarity) and -1.0 <= one.similarity <= 1.0, "the similarity of a match")
+    _need(one.time is None or (_number(one.time) and math.isfinite(one.time)), "the time of a match")
+    _check_words(one.preferences)
+    _check_examples(one.examples)
 
 
 def _check_words(words: Any) -> None:

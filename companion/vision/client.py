@@ -97,9 +97,9 @@ class VisionClient:
     """Converses with the vision process. The main loop calls `poll` in every turn.
 
     watchdog: whether the process lives. rate: how often it is to judge. weak: words in use that the perceiver
-    recognises badly. camera, delivered_at: as last reported. ready: the first report that a perceiver was
-    loaded. failed: why it cannot be loaded, "" otherwise. trouble: why nothing is judged now, "" while all is
-    well.
+    recognises badly. camera, delivered_at: as last reported. infrared: whether the camera shows infrared,
+    None: not known yet. ready: the first report that a perceiver was loaded. failed: why it cannot be loaded,
+    "" otherwise. trouble: why nothing is judged now, "" while all is well.
     """
 
     def __init__(
@@ -134,6 +134,7 @@ class VisionClient:
         self.failed = ""
         self.weak: tuple[str, ...] = ()
         self.camera = CameraStatus()
+        self.infrared: bool | None = None
         self.delivered_at: float | None = None
         self.trouble = "vision starting"
 
@@ -150,6 +151,12 @@ class VisionClient:
     def words(self) -> Preferences:
         """Return the words in use. Only where there is a `memory`."""
         return self.memory.preferences
+
+    @property
+    def misled_by_infrared(self) -> bool:
+        """Whether the camera shows infrared, and neither perceiver nor configuration handle that."""
+        trained = self.ready is not None and self.ready.model.infrared
+        return self.infrared is True and not self._config.camera.handles_infrared(trained=trained)
 
     @property
     def newest_request(self) -> int:
@@ -293,6 +300,8 @@ class VisionClient:
                 known, changed = self._copy.revision, report.update is not None
                 if report.revision != known:
                     raise BadReportError(f"a frame under revision {report.revision}, not {known}")
+                # A new process does not know it yet: the camera is the same.
+                self.infrared = self.infrared if report.infrared is None else report.infrared
                 seen, at, duration = report.assessment, report.at, report.duration
                 self.rate.judged(duration)
                 return [Judged(seen, self.memory, at, duration, report.sectors, changed)]

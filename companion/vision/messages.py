@@ -10,7 +10,7 @@ from anytraverse.assessment import Assessment
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
-from anytraverse.perception import Perceiver
+from anytraverse.perception import Perceiver, handles_infrared
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
 from companion.wire.ids import State
@@ -21,12 +21,14 @@ class Model(NamedTuple):
 
     precision, why: the variant of the bundle that runs, and why that one; "" without a bundle.
     int8_idle: whether the bundle contains an int8 variant that does not run.
+    infrared: whether its maps hold for a camera without infrared filter.
     """
 
     id: str
     precision: str = ""
     why: str = ""
     int8_idle: bool = False
+    infrared: bool = False
 
     @classmethod
     def of(cls, perceiver: Perceiver) -> Model:
@@ -34,7 +36,8 @@ class Model(NamedTuple):
         precision = getattr(perceiver, "precision", "")
         manifest = getattr(perceiver, "manifest", None)
         idle = manifest is not None and "int8" in manifest.variants and precision != "int8"
-        return cls(perceiver.model_id, precision, getattr(perceiver, "why", ""), idle)
+        why = getattr(perceiver, "why", "")
+        return cls(perceiver.model_id, precision, why, idle, handles_infrared(perceiver))
 
     def __str__(self) -> str:
         return f"{self.id}, {self.precision}: {self.why}" if self.precision else self.id
@@ -196,6 +199,7 @@ class FrameJudged:
     revision: of the memory by which it was judged. at: monotonic seconds when judging ended. duration:
     seconds of judging. sectors: drivable share of each image column over the ROI's rows, None where nothing
     is known. update: the change of the memory by the frame itself, as the first reference or by a match.
+    infrared: whether the camera shows infrared, None: not known yet.
     """
 
     assessment: Assessment
@@ -204,6 +208,7 @@ class FrameJudged:
     duration: float
     sectors: tuple[float | None, ...]
     update: MemoryUpdate | None = None
+    infrared: bool | None = None
 
 
 @dataclass(frozen=True)

@@ -51,8 +51,8 @@ def _marked(seen: Assessment, region: Region, width: int) -> Image:
     picture = fitted(seen.frame.image, width)
     _frame(picture, region.bounds, PAPER)
     if seen.tile is not None and looks_unsure(seen):
-        _frame(picture, seen.tile.box, INK, around=2)
-        _frame(picture, seen.tile.box, YELLOW, around=1)
+        _frame(picture, seen.tile.shown, INK, around=2)
+        _frame(picture, seen.tile.shown, YELLOW, around=1)
     return picture
 
 

@@ -23,6 +23,7 @@ from anytraverse.roi import Corridor
 from anytraverse.synonyms import meaning_of
 from companion.config import Config
 from companion.config.schema import LONGEST_FRESHNESS
+from companion.config.stopping import tile_width
 
 log = logging.getLogger(__name__)
 
@@ -66,13 +67,15 @@ def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
         trav=given.trav,
         margin=config.call.margin,
         similarity_margin=config.call.similarity_margin,
+        match=own.match,
     )
     roi = config.roi
     return Settings(
         region=Box(roi.left, roi.top, roi.right, roi.bottom),
         thresholds=thresholds,
         corridor=Corridor(config.corridor.bottom, config.corridor.top),
-        tile_share=roi.tile_share,
+        tile_share=perceiver.defaults.tile_share if roi.tile_share is None else roi.tile_share,
+        tile_width=tile_width(config) if roi.tile_share is None else None,
         freshness=config.freshness,
         votes=config.call.votes,
         window=config.call.window,

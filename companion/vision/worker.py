@@ -20,6 +20,7 @@ from anytraverse.roi import sectors
 from companion.vision import pictures
 from companion.vision.exposure import ADVICE, ExposureDetector
 from companion.vision.freeze_detector import FreezeDetector
+from companion.vision.infrared import InfraredDetector
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Apply,
@@ -57,6 +58,7 @@ class Worker:
         self._freeze_detector = FreezeDetector()
         self._exposure_detector = ExposureDetector()
         self._badly_exposed = ""
+        self._infrared_detector = InfraredDetector()
         self._recent: OrderedDict[int, Assessment] = OrderedDict()
         self._stored: OrderedDict[int, Assessment] = OrderedDict()
         self._logged_at = float("-inf")
@@ -91,8 +93,8 @@ class Worker:
             self._recent.popitem(last=False)
         maps, region = seen.maps, self._engine.settings.region
         shares = sectors(maps.known, maps.drivable, region) if maps is not None else ()
-        update = self._update()
-        return FrameJudged(seen, self.revision, now, now - started, shares, update)
+        update, infrared = self._update(), self._infrared_detector.check(frame.image, started)
+        return FrameJudged(seen, self.revision, now, now - started, shares, update, infrared)
 
     def _camera_faults(self, frame: Frame, now: float) -> list[Finding]:
         """Return what has been wrong with the pictures for longer than T: frozen, or badly exposed."""

@@ -21,18 +21,23 @@ _RECORD = re.compile(r"([0-9]{1,5})\.json", re.ASCII)
 
 
 class StateFolder:
-    """Reads the daemon's state folder. No name comes from a client: they are made of numbers here.
+    """Reads the daemon's state folder. No name comes from a client: they are made of numbers and hashes here.
 
     Each method waits for the disk, and raises OSError.
     """
 
     def __init__(self, folder: str) -> None:
         self._calls = Path(folder, "calls")
+        self._scenes = Path(folder, "scenes")
         self._logs = Path(folder, "logs")
 
     def picture(self, number: int, *, large: bool) -> bytes:
         """Return the picture of a call or hold, as JPEG. large: with maps, else as radios carry it."""
         return _read(self._calls, f"{number}-large.jpg" if large else f"{number}.jpg", _LARGEST_PICTURE)
+
+    def scene(self, name: str) -> bytes:
+        """Return the picture of a remembered scene that no call taught, JPEG. name: 16 digits of a hash."""
+        return _read(self._scenes, f"{name}.jpg", _LARGEST_PICTURE)
 
     def calls(self) -> list[dict[str, Any]]:
         """Return the records of the newest calls, the newest first. One that cannot be read is left out."""

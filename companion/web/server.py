@@ -49,6 +49,7 @@ _STATIC = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _STREAM = "text/event-stream"
 _PICTURE = re.compile(r"([0-9]{1,5})(-large)?\.jpg", re.ASCII)
+_SCENE = re.compile(r"([0-9a-f]{16})\.jpg", re.ASCII)
 _T = TypeVar("_T")
 
 
@@ -73,6 +74,7 @@ class Site:
             Route("/metrics", self._show_metrics),
             Route("/calls.json", self._calls),
             Route("/calls/{name}", self._picture),
+            Route("/scenes/{name}", self._scene),
             Route("/log.txt", self._log),
             *(Route(f"/{name}.json", self._document(name)) for name in ("status", "state", "check")),
             *(Route(path, _fixed(content, kind)) for path, content, kind in _static()),
@@ -141,6 +143,15 @@ class Site:
             return PlainTextResponse("there is no such file\n", 404)
         return await self._read(
             lambda: self._folder.picture(int(named[1]), large=named[2] is not None),
+            lambda content: Response(content, media_type="image/jpeg"),
+        )
+
+    async def _scene(self, request: Request) -> Response:
+        named = _SCENE.fullmatch(request.path_params["name"])
+        if named is None:
+            return PlainTextResponse("there is no such file\n", 404)
+        return await self._read(
+            lambda: self._folder.scene(named[1]),
             lambda content: Response(content, media_type="image/jpeg"),
         )
 

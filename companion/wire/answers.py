@@ -34,6 +34,7 @@ class _Code(IntEnum):
     FORGET_WORD = 3
     FORGET_CALL = 4
     NEW_EPISODE = 5
+    OTHER_PLACE = 6
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,14 @@ class NewEpisode:
     """Remove all answered scenes from the history."""
 
 
-Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode
+@dataclass(frozen=True)
+class OtherPlace:
+    """Refuse the newest match. id: the call whose scene matched, 0: whichever did."""
+
+    id: int = 0
+
+
+Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode | OtherPlace
 
 
 def _pack_operation(operation: Operation) -> bytes:
@@ -96,6 +104,8 @@ def _pack_operation(operation: Operation) -> bytes:
             return _CODE.pack(_Code.FORGET_CALL) + layouts.FORGET_CALL.struct.pack(call_id)
         case NewEpisode():
             return _CODE.pack(_Code.NEW_EPISODE)
+        case OtherPlace(call_id):
+            return _CODE.pack(_Code.OTHER_PLACE) + layouts.OTHER_PLACE.struct.pack(call_id)
 
 
 def _weight(raw: int) -> float:
@@ -123,6 +133,9 @@ def _read_operation(reader: Reader) -> Operation:
         return ForgetCall(call_id)
     if code == _Code.NEW_EPISODE:
         return NewEpisode()
+    if code == _Code.OTHER_PLACE:
+        (call_id,) = reader.take(layouts.OTHER_PLACE.struct)
+        return OtherPlace(call_id)
     raise PayloadError(f"operation {code} is unknown: update this end")
 
 

@@ -75,7 +75,11 @@ LINES: dict[str, Line] = {
         "unsolicited traffic on the first connection; 0: unlimited", "B/s", "300, `[link] budget`", _KEPT
     ),
     "AT_ANSWER": Line(
-        "id of the call or hold x 10 + 1 go, 2 stay, 3 look again; id 0: the current one", "", "0", _NO
+        "id of the call or hold x 10 + 1 go, 2 stay, 3 look again; id 0: the current one. Or the call whose "
+        "place matched x 10 + 4: it is another place; id 0: whichever matched",
+        "",
+        "0",
+        _NO,
     ),
 }
 _WORD = "any"

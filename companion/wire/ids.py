@@ -107,6 +107,12 @@ SET_POLICY = 5
 """param2 of the answer command: param3 is a `Policy`; param1 is ignored."""
 
 
+REFUSE_MATCH = 6
+"""param2 of the answer command: refuses the newest match; param1: the call whose place matched, 0: any."""
+OTHER_PLACE = 4
+"""The same as the last digit of AT_ANSWER."""
+
+
 class Result(IntEnum):
     """The result of an answer."""
 

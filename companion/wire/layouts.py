@@ -139,7 +139,12 @@ FORGET_CALL = Layout(
     start=1,
 )
 NEW_EPISODE = Layout("5 NEW EPISODE: forget all answered places", start=1)
-OPERATIONS = {1: SET, 2: TAP, 3: FORGET_WORD, 4: FORGET_CALL, 5: NEW_EPISODE}
+OTHER_PLACE = Layout(
+    "6 OTHER PLACE: the newest match was not the same place, and is undone",
+    Field("H", "id", "of the call whose place matched, 0: whichever did"),
+    start=1,
+)
+OPERATIONS = {1: SET, 2: TAP, 3: FORGET_WORD, 4: FORGET_CALL, 5: NEW_EPISODE, 6: OTHER_PLACE}
 
 ACKNOWLEDGEMENT = Layout(
     "Acknowledgement, 45004",

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from companion.wire.ids import COMPONENT_ID, Policy
+from companion.wire.ids import COMPONENT_ID, MAX_TEXT, Policy
+from companion.wire.packing import shortened
 from companion.wire.texts import REASONS, fit
 
 
@@ -134,6 +135,26 @@ def only_reports_unchecked() -> str:
     return "Only reports: set [mount] and [stopping]"
 
 
+def hold_infrared() -> str:
+    """Refuses policy hold, because the camera shows infrared and the perceiver is not trained for that."""
+    return "HOLD refused: camera shows infrared (NoIR)"
+
+
+def only_reports_infrared() -> str:
+    """Reports that the configured policy hold is not in force, because the camera shows infrared."""
+    return "Only reports: camera shows infrared (NoIR)"
+
+
+def infrared(*, handled: bool) -> str:
+    """Reports that the camera shows infrared. handled: whether the vehicle may be held all the same."""
+    return f"Camera shows infrared (NoIR): {'handled' if handled else 'HOLD is refused'}"
+
+
+def infrared_over() -> str:
+    """Reports that the camera does not show infrared any more."""
+    return "Camera shows no infrared any more"
+
+
 def hold_fits() -> str:
     """Reports that settings now allow policy hold. Only the operator sets it again."""
     return "HOLD fits again: set AT_POLICY 2"
@@ -160,12 +181,42 @@ def no_lower_rate(why: str) -> str:
     return fit(f"{why.capitalize()}: cannot judge less, cool it")
 
 
-def known_place(call: int) -> str:
+def known_place(call: int, similarity: float | None) -> str:
     """Reports that the words of a remembered scene are in force. call: its call, 0 without one.
 
     Without one are the first scene, and those that were imported from another rover.
+    similarity: cosine of the frame to it, rounded down: one that is reported as 1 must be 1.
     """
-    return fit(f"Known place again: words of C{call}" if call else "Known place again: words of that place")
+    whose = f"C{call}" if call else "that place"
+    if similarity is None or not math.isfinite(similarity):
+        return fit(f"Known place again: words of {whose}")
+    shown = math.floor(100 * min(1.0, max(-1.0, similarity)) + 1e-4) / 100
+    return fit(f"Known place again: words of {whose} ({shown:.2f})")
+
+
+_WORD_LINES = 3
+
+
+def matched_words(call: int, before: Mapping[str, float], after: Mapping[str, float]) -> list[str]:
+    """Reports which words a remembered scene changed: "C12: gravel 1, bush -1 (was -0.5)"; at most 3 texts.
+
+    Words that it put out of use are reported by `out_of_use`. call: 0 without one.
+    """
+    changed = [
+        f"{word} {weight:g}{f' (was {before[word]:g})' if word in before else ''}"
+        for word, weight in after.items()
+        if before.get(word) != weight
+    ]
+    head, lines = f"C{call}: " if call else "There: ", list[list[str]]()
+    for word in changed:
+        if lines and len((head + ", ".join([*lines[-1], word])).encode()) <= MAX_TEXT:
+            lines[-1].append(word)
+        else:
+            lines.append([word])
+    texts = [fit(head + ", ".join(line)) for line in lines[:_WORD_LINES]]
+    if left := sum(map(len, lines[_WORD_LINES:])):
+        texts[-1] = f"{shortened(texts[-1], MAX_TEXT - 4)} +{left}"
+    return texts
 
 
 def vision_unreliable(*, hold: bool) -> str:
@@ -230,7 +281,7 @@ def kept_for_hold(parameter: str, reason: str) -> str:
 
 def answer_refused() -> str:
     """Refuses a value of AT_ANSWER that has no meaning."""
-    return "AT_ANSWER: id x 10 + 1 go, 2 stay, 3 look again"
+    return "AT_ANSWER: id*10 +1 go 2 stay 3 look 4 other place"
 
 
 def other_version() -> str:

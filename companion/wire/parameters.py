@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from companion.wire.ids import Motion, Policy
+from companion.wire.ids import OTHER_PLACE, Policy
 from companion.wire.messages import MESSAGES
 
 MAX_NAME = 16
@@ -37,7 +37,8 @@ NUMBER_RATE = "AT_NUM_HZ"
 BUDGET = "AT_BUDGET"
 """B/s of unsolicited traffic on the first connection."""
 ANSWER = "AT_ANSWER"
-"""An answer without words: id of the call or hold x 10 + `Motion`; id 0 is the current one. It reads as 0."""
+"""An answer without words: id of the call or hold x 10 + `Motion`; id 0 is the current one. Or the call whose
+place matched x 10 + 4: it is another place. It reads as 0."""
 WORDS_TEXT = "AT_WORDS"
 """All words with their weights as one text; only in the extended parameter protocol."""
 SHADOW_HOLDS = "AT_SHD_HOLDS"
@@ -111,7 +112,7 @@ _MORE = (
     Parameter(SUMMARY_RATE, _SUMMARY_HZ, 0.0, 5.0),
     Parameter(NUMBER_RATE, _NUMBER_HZ, 0.0, 2.0),
     Parameter(BUDGET, 300.0, 50.0, 1e6, special=0.0),
-    Parameter(ANSWER, 0.0, 0.0, 10.0 * 0xFFFF + max(Motion), whole=True),
+    Parameter(ANSWER, 0.0, 0.0, 10.0 * 0xFFFF + OTHER_PLACE, whole=True),
 )
 """Settings that were added later. They come last, so that the words keep their indices."""
 

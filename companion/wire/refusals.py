@@ -66,7 +66,7 @@ COUNTED: dict[Rejected, tuple[str, str]] = {
 
 TEXTS: tuple[tuple[str, str], ...] = (
     (notices.sender_refused(7), "system id 7 may not change anything: `[link] allowed_senders`"),
-    (notices.refused("p1 id, p2 1-3, 4 index weight, 5 policy"), "31010 with other parameters"),
+    (notices.refused("p2 1-3, 4 weight, 5 policy, 6 other place"), "31010 with other parameters"),
     (texts.stale(7), "the answer's id is closed, or never was: read the newest call"),
     (texts.just_announced(Kind.CALL, 7), "an answer to id 0 less than 2 s after it was announced"),
     (texts.go_lapsed(Kind.CALL, 7), "vision took over 60 s for its words: the go is void"),
@@ -78,6 +78,7 @@ TEXTS: tuple[tuple[str, str], ...] = (
     (notices.hold_refused(0.7), "policy hold: its perceiver takes 0.7 s a frame"),
     (notices.hold_outruns(4.0, 1.3), "policy hold: it drives 4 m/s, 1.3 m/s would do"),
     (notices.hold_unchecked(), "policy hold: nobody can say whether it stops in time"),
+    (notices.hold_infrared(), "policy hold: plants are pink, and the perceiver is not trained for that"),
     (notices.switch_wins("RC7"), "a policy by radio while the remote control's switch says off"),
     (notices.other_version(), "a TUNNEL answer of another layout version"),
     (notices.refused('"7" has no weight'), "anything else: what follows says why"),

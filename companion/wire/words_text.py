@@ -6,7 +6,15 @@ from collections.abc import Mapping
 
 from anytraverse.errors import PreferencesError
 from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
+from companion.wire.answers import (
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    OtherPlace,
+    SetWord,
+    TapBox,
+)
 from companion.wire.parameters import NOT_IN_USE
 
 MAX_TEXT_VALUE = 128
@@ -44,6 +52,8 @@ def operation_text(operation: Operation) -> str:
             return f"forget call {call_id}"
         case NewEpisode():
             return "new episode"
+        case OtherPlace(call_id):
+            return f"other place {call_id}" if call_id else "other place"
 
 
 def read_words(text: str) -> tuple[Operation, ...]:

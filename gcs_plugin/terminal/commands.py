@@ -5,7 +5,7 @@
     [rover N] picture [call id] [large]
 
 Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
-`forget call 7`, `new episode`.
+`forget call 7`, `new episode`, `other place`, `other place 7`.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ _FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
 _PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(\s+large)?\Z", re.ASCII | re.IGNORECASE)
 _ORDER = re.compile(r"(go|ok|stay|look|forget|set|answer|policy|rover)\s+\S", re.IGNORECASE)
+_OTHER_PLACE = re.compile(
+    r"(?:other|not\s+(?:the|that)(?:\s+same)?)\s+place(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE
+)
 _NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
 
 
@@ -80,7 +83,14 @@ class Episode:
     """Forgets all remembered scenes: `new episode`."""
 
 
-Change = Word | Tap | Forget | ForgetAnswer | Episode
+@dataclass(frozen=True)
+class Elsewhere:
+    """Refuses the newest match: `other place`, `other place 7`. call_id: whose place matched, 0: any."""
+
+    call_id: int = 0
+
+
+Change = Word | Tap | Forget | ForgetAnswer | Episode | Elsewhere
 
 
 @dataclass(frozen=True)
@@ -202,6 +212,8 @@ def _changes(rest: str) -> tuple[Change, ...]:
 def _change(segment: str) -> Change:
     if _NEW_EPISODE.match(segment):
         return Episode()
+    if found := _OTHER_PLACE.match(segment):
+        return Elsewhere(0 if found[1] is None else _in_range("call", int(found[1]), 1, 0xFFFF))
     if found := _FORGET_CALL.match(segment):
         return ForgetAnswer(_in_range("call", int(found[1]), 1, 0xFFFF))
     if segment.lower() == "forget call":

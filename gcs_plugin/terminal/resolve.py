@@ -5,12 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord, TapBox
+from companion.wire.answers import (
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    OtherPlace,
+    SetWord,
+    TapBox,
+)
 from companion.wire.ids import Motion
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.terminal.commands import (
     Change,
     CommandError,
+    Elsewhere,
     Episode,
     Forget,
     ForgetAnswer,
@@ -76,6 +85,10 @@ def address(reply: Reply, rover: Rover, now: float) -> Addressed:
 
     Raises CommandError when no open call fits, or when the current call is too new to have been read.
     """
+    places = [OtherPlace(change.call_id) for change in reply.changes if isinstance(change, Elsewhere)]
+    if places and len(places) == len(reply.changes) and reply.motion is Motion.NONE:
+        # It concerns no call: it must arrive even if the open one closes meanwhile.
+        return Addressed(rover.system, 0, reply.motion, tuple(places))
     target = current_call(rover) if reply.call_id is None else reply.call_id
     call = rover.calls.get(target)
     if reply.call_id is not None and call is not None and not call.open:
@@ -100,6 +113,8 @@ def _operation(change: Change, target: int, call: Call | None) -> Operation:
             return ForgetCall(call_id)
         case Episode():
             return NewEpisode()
+        case Elsewhere(call_id):
+            return OtherPlace(call_id)
 
 
 def _tap(tap: Tap, target: int, call: Call | None) -> TapBox:

@@ -77,6 +77,7 @@ HELP = """\
   bush: -1                 a word and its weight: 1 drive over it, -1 never. Several: bush: -1; grass: 1
   tap drum -1              what the call points at is a "drum"; with a box: tap drum -1 0.40 0.55 0.60 0.80
   forget bush              take a word out of use; `forget call 7`: what call 7 taught; `new episode`: all
+  other place              the place that "matches" is another one: its words go, and it matches so no more
   bush: -1, go             any change, and drive on; also `tap drum -1 go`
   policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
   picture                  fetch what the call saw, to tap in it; `picture 7`, and `picture 7 large`

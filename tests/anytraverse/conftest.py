@@ -140,9 +140,10 @@ class Rover:
         forget_calls: tuple[int, ...] = (),
         new_episode: bool = False,
         missing_ok: bool = False,
+        other_place: int | None = None,
     ) -> AnswerOutcome:
         """Answer as the operator would."""
-        changes = Changes(weights or {}, taps, forget, forget_calls, new_episode, missing_ok)
+        changes = Changes(weights or {}, taps, forget, forget_calls, new_episode, missing_ok, other_place)
         return self.engine.answer(changes, self.now, call=call, call_id=call_id, go=go)
 
 

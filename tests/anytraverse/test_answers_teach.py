@@ -163,7 +163,7 @@ def test_a_change_of_weights_that_turns_no_sign_asks_for_nothing(rover: Rover) -
     assert outcome.call.ok
 
 
-def test_where_words_share_what_they_explain_a_turned_sign_asks_for_the_drivable_ones_alone(
+def test_where_words_share_what_they_explain_a_turned_sign_asks_for_all_again_and_for_the_drivable_ones(
     rover: Rover, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rover.eyes, "independent", False)
@@ -171,7 +171,7 @@ def test_where_words_share_what_they_explain_a_turned_sign_asks_for_the_drivable
     rover.answer({"drum": -1}, call, 7)
     attended = rover.eyes.attended
     rover.answer({"drum": 0.8}, call, 7)
-    assert rover.eyes.attended == attended + 1, "of the one frame there is"
+    assert rover.eyes.attended == attended + 2, "of the one frame there is"
 
 
 def test_a_new_word_runs_the_network_once_for_each_frame(rover: Rover) -> None:

@@ -244,7 +244,7 @@ def test_a_perceivers_own_thresholds() -> None:
 def test_a_threshold_out_of_range_is_refused_by_name(wrong: dict[str, float]) -> None:
     [name] = wrong
     with pytest.raises(SettingsError, match=f"^{name} is "):
-        Thresholds(**wrong)
+        Thresholds(**wrong)  # type: ignore[arg-type]
 
 
 def test_the_starting_numbers() -> None:
@@ -257,13 +257,16 @@ def test_the_starting_numbers() -> None:
 def test_the_ends_of_each_range_can_be_used() -> None:
     Thresholds(roi=1, scene=1, tile=1, trav=1, margin=1, similarity_margin=1)
     lowest = Thresholds(scene=-1, trav=0, margin=0, similarity_margin=0)
-    Settings(thresholds=lowest, tile_share=1, votes=3, window=3)
+    Settings(thresholds=lowest, tile_share=1, tile_width=1, votes=3, window=3)
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
         {"tile_share": 0.0},
+        {"tile_width": 0.0},
+        {"tile_width": 1.1},
+        {"tile_width": math.nan},
         {"freshness": 0.0},
         {"freshness": math.inf},
         {"votes": 0},
@@ -276,3 +279,60 @@ def test_a_setting_out_of_range_is_refused_by_name(wrong: dict[str, Any]) -> Non
     [name] = wrong
     with pytest.raises(SettingsError, match=f"^{name} is "):
         Settings(**wrong)
+
+
+def test_the_tiles_of_a_perceiver_go_with_its_threshold() -> None:
+    own = DefaultThresholds(0.2, 0.7, 0.9, tile_share=0.08)
+    assert Settings.of(own) == Settings(thresholds=Thresholds.of(own), tile_share=0.08)
+    assert Settings.of(own).tile_side == 0.08
+
+
+@pytest.mark.parametrize(
+    ("width", "own", "side"), [(0.05, 0.08, 0.1), (0.01, 0.08, 0.08), (0.4, 0.08, 0.25), (0.05, 0.5, 0.5)]
+)
+def test_a_tile_whose_width_is_known_has_it_between_the_perceivers_own_and_a_quarter(
+    width: float, own: float, side: float
+) -> None:
+    half = Settings(region=Box(0.25, 0, 0.75, 1), tile_share=own, tile_width=width)
+    assert half.tile_side == pytest.approx(side)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.12, 0.08])
+def test_a_hole_smaller_than_a_gap_leaves_the_corridor_open_however_small_tiles_are(share: float) -> None:
+    attention = np.ones((1, 40, 64), dtype=np.float32)
+    attention[0, 28:30, 31:33] = 0.0
+    settings = replace(Settings(), tile_share=share, corridor=Corridor(0.3, 0.2))
+    maps = make_maps(attention, [1.0], settings)
+    assert isinstance(maps, Maps)
+    roi = roi_figures(maps, 1.6, settings)
+    assert not isinstance(roi, Finding)
+    assert roi.corridor.open
+    assert roi.worst_tile.uncertainty == pytest.approx({0.25: 4 / 25, 0.12: 4 / 9, 0.08: 1.0}[share])
+    closing = replace(settings, corridor=replace(settings.corridor, gap=0.08))
+    closed = roi_figures(maps, 1.6, closing)
+    assert not isinstance(closed, Finding)
+    assert not closed.corridor.open
+
+
+@pytest.mark.parametrize("share", [0.05, 0.08, 0.2, 0.25, 0.5])
+@pytest.mark.parametrize("at", [(24, 22), (24, 40), (36, 22), (36, 40), (30, 31)])
+def test_around_a_small_tile_a_square_of_a_quarter_of_the_roi_is_shown(
+    share: float, at: tuple[int, int]
+) -> None:
+    attention = np.ones((1, 40, 64), dtype=np.float32)
+    attention[0, at[0] : at[0] + 2, at[1] : at[1] + 2] = 0.0
+    settings = Settings(tile_share=share)
+    maps = make_maps(attention, [1.0], settings)
+    assert isinstance(maps, Maps)
+    roi = roi_figures(maps, 1.6, settings)
+    assert not isinstance(roi, Finding)
+    tile, shown = roi.worst_tile.box, roi.worst_tile.shown
+    assert (roi.worst_tile.around is None) == (share >= 0.25)
+    assert shown.left <= tile.left < tile.right <= shown.right
+    assert shown.top <= tile.top < tile.bottom <= shown.bottom
+    if share < 0.25:
+        assert shown.right - shown.left >= 0.25 / 3 - 1e-9
+        assert shown.bottom - shown.top >= 0.25 / 3 * 1.6 - 1e-9
+        bounds, cell = settings.region.bounds, 1 / 40
+        assert bounds.left - cell <= shown.left < shown.right <= bounds.right + cell
+        assert bounds.top - cell <= shown.top < shown.bottom <= bounds.bottom + cell

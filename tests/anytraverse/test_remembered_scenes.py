@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Embedding, Entry, History
-from anytraverse.judging import Settings
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
@@ -288,3 +291,44 @@ def test_a_frame_with_a_fault_does_not_vote(make_rover: type[Rover]) -> None:
         seen = rover.see(90, captured_at=rover.now - 60)
         assert seen.reasons == {Reason.FAULT, Reason.UNKNOWN_SCENE}
         assert seen.adopted is None
+
+
+MEASURED = Thresholds(scene=0.85, match=((1, 0.80), (4, 0.90), (16, 0.96)))
+
+
+def test_without_measured_numbers_the_scenes_own_threshold_counts_for_any_number() -> None:
+    assert {Thresholds(scene=0.85).least_match(n) for n in (0, 1, 40, 10_000)} == {0.85}
+
+
+def test_between_two_measured_numbers_it_rises_with_the_logarithm_and_beyond_the_last_up_to_1() -> None:
+    assert MEASURED.least_match(0) == MEASURED.least_match(1) == 0.85  # never below the scene's own
+    assert MEASURED.least_match(4) == pytest.approx(0.90)
+    assert MEASURED.least_match(8) == pytest.approx(0.93)
+    assert MEASURED.least_match(23) == pytest.approx(0.96 + 0.04 * math.log(23 / 16, 2))
+    assert MEASURED.least_match(256) == 1.0
+    flat = replace(MEASURED, match=(*MEASURED.match, (64, 0.96)))  # more false matches were allowed
+    assert flat.least_match(128) > 0.98
+
+
+def test_a_configured_scene_threshold_is_the_least_and_lowers_no_measured_number() -> None:
+    assert replace(MEASURED, scene=0.93).least_match(4) == 0.93
+    assert replace(MEASURED, scene=0.2).least_match(4) == pytest.approx(0.90)
+
+
+@given(st.integers(0, 20_000), st.integers(0, 20_000))
+def test_more_scenes_never_make_a_match_easier(one: int, other: int) -> None:
+    fewer, more = sorted((one, other))
+    assert 0.85 <= MEASURED.least_match(fewer) <= MEASURED.least_match(more) <= 1.0
+
+
+@pytest.mark.parametrize("others", [0, 15])
+def test_a_frame_that_matches_one_scene_of_few_does_not_match_one_of_many(
+    make_rover: type[Rover], others: int
+) -> None:
+    """20 degrees apart is a cosine of .94: enough for one of 2 scenes, too little for one of 16."""
+    far = (entry(-90 - n, GRASS, order=6 + n) for n in range(others))
+    rover = make_rover(
+        "", memory=memory(GRASS, entry(90, TRAIL_TOO), *far), settings=Settings(thresholds=MEASURED)
+    )
+    rover.see(70, "trail")
+    assert (rover.see(70, "trail").adopted is not None) == (others == 0)

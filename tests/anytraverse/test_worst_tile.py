@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from anytraverse.regions import Box
-from anytraverse.roi import worst_tile
+from anytraverse.roi import tile_size, worst_tile
 
 Uncertainty = NDArray[np.float32]
 ROI = Box(0.25, 0.5, 0.75, 1.0)
@@ -83,6 +83,39 @@ def test_a_tile_is_square_in_the_picture_whatever_the_maps_shape() -> None:
     assert tile is not None
     picture_width, picture_height = 2.0 * (tile.box.right - tile.box.left), tile.box.bottom - tile.box.top
     assert picture_width == pytest.approx(picture_height, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "share", "size"),
+    [
+        (40, 64, 0.25, (5, 5)),
+        (40, 64, 0.12, (3, 3)),
+        (40, 64, 0.08, (2, 2)),
+        (48, 64, 0.08, (2, 2)),
+        (32, 64, 0.08, (2, 2)),
+        (34, 64, 0.08, (2, 2)),
+        (40, 64, 0.01, (1, 1)),
+        (352, 352, 0.08, (13, 9)),
+    ],
+)
+def test_small_tiles_are_as_many_cells_as_fit_best(
+    height: int, width: int, share: float, size: tuple[int, int]
+) -> None:
+    aspect = width / height if height != width else 4 / 3
+    assert tile_size(height, width, Box(1 / 3, 0.6, 2 / 3, 0.95), aspect, share) == size
+
+
+@given(st.integers(0, 2**16), st.integers(1, 4), st.integers(1, 4))
+@settings(max_examples=80)
+def test_a_tile_several_times_as_large_is_never_worse_than_the_worst_small_one(
+    seed: int, small: int, times: int
+) -> None:
+    uncertainty = np.random.default_rng(seed).random((32, 32), dtype=np.float32)
+    whole = Box(0, 0, 1, 1)
+    one, other = (worst_tile(uncertainty, whole, 1.0, side / 32) for side in (small, small * times))
+    assert one is not None
+    assert other is not None
+    assert other.uncertainty <= one.uncertainty + 1e-9
 
 
 def test_what_stands_in_the_accepted_box_does_not_count_outside_it() -> None:

@@ -19,7 +19,7 @@ from bench.stopping.limits import SPARE, Limit, braking, script_timeout
 from bench.stopping.runs import FAST, GROUPS, LATE, Job, Run, untested
 from bench.stopping.stops import Stop, stopped
 from companion.config import load_config
-from companion.policy.stopping import Stopping, judge_stopping
+from companion.config.stopping import Stopping, judge_stopping
 from companion.sim.demo.config import write_config
 from companion.wire.ids import Policy, State
 

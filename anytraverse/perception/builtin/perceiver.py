@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,33 +16,32 @@ import numpy as np
 from anytraverse.errors import PerceiverError, UnknownWordError
 from anytraverse.frame import Image, check_image
 from anytraverse.perception import WEAK, DefaultThresholds, Example, Prompt
+from anytraverse.perception.builtin.attention import UNKNOWN, attention, posteriors
+from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import (
     GREATEST_HEIGHT,
     WIDTH,
-    Calibration,
-    Floats,
-    attention,
+    Outputs,
     network_input,
     open_network,
-    posteriors,
 )
-from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
+from anytraverse.perception.builtin.scene import SAME_PLACE, scene_summary, scene_vector
 from anytraverse.perception.builtin.taps import (
     COLOURS,
     changed_views,
     learn_tap,
     likeness,
+    strange_part,
     tap_cells,
     whitened,
 )
 from anytraverse.perception.builtin.vocabulary import concept_of, words_for
 from anytraverse.perception.builtin.words import (
     GROUND_WORDS,
-    UNKNOWN,
     colour_fits,
+    own_weights,
     reach,
     relative_fits,
-    word_tables,
 )
 from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
@@ -56,28 +55,28 @@ _STRANGENESS_QUANTILE = 0.75
 
 @dataclass(eq=False)
 class Ground:
-    """Holds a frame's input (1, 3, H, W), class probabilities (C, h, w) and features (D, h, w)."""
+    """Holds a frame's input (1, 3, H, W), the network's outputs and the class probabilities (C, h, w)."""
 
     frame: Floats
+    outputs: Outputs
     probabilities: Floats
-    features: Floats
 
     @cached_property
     def cells(self) -> Floats:
         """Features and colours, (h, w, T), for taps and for words of a colour."""
-        return tap_cells(self.features, self.frame)
+        return tap_cells(self.outputs, self.frame)
 
 
 class GroundNetwork:
     """Implements `Perceiver` with a trained network, the package's own or one of the user's."""
 
     vocabulary = words_for(GROUND_WORDS)
-    defaults = DefaultThresholds(
-        roi=0.4,  # held-out filmed drives reach at most .34, and .32 with words for all that is in view
+    infrared = True  # its training shows frames as a camera without infrared filter sees them
+    DEFAULTS = DefaultThresholds(
+        roi=0.4,
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
-        # 1 % of the filmed frames by which it was chosen have a tile above it, and 1 % of simulated frames
-        # of an empty trail. Nearly all frames of things 2.5 to 4.5 m ahead have a tile of 0.9 and more.
-        tile=0.65,
+        tile=0.85,  # docs/builtin.md: recall of things by size against false stops
+        tile_share=0.08,
     )
 
     def __init__(self, model: Path, runtime: Runtime) -> None:
@@ -90,6 +89,8 @@ class GroundNetwork:
         self._calibration = Calibration.load(model.with_suffix(".npz"))
         self._run = open_network(model, runtime)
         self._check(model.name)
+        match = tuple((round(float(number)), float(least)) for number, least in self._calibration.scene_match)
+        self.defaults = replace(self.DEFAULTS, match=match)
 
     def meaning(self, word: str) -> str:
         """Return the concept that a word shares with its synonyms. Raises UnknownWordError."""
@@ -108,19 +109,24 @@ class GroundNetwork:
         """Make attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
         maps = np.zeros((len(prompts), *features.probabilities.shape[1:]), dtype=np.float32)
         concepts = [self._concept(prompt) for prompt in prompts]
-        known = [concept for concept in concepts if concept is not None]
+        known = [
+            (concept, prompt.drivable)
+            for concept, prompt in zip(concepts, prompts, strict=True)
+            if concept is not None
+        ]
         maps[[concept is not None for concept in concepts]] = self._words(features, known)
         if any(prompt.examples for prompt in prompts):
             white = whitened(features.cells, self._calibration)
             explained = 1 - self._strangeness(features)
             for each, prompt in zip(maps, prompts, strict=True):
                 for example in prompt.examples:
-                    np.maximum(each, self._tapped(white, explained, example), out=each)
+                    danger = prompt.drivable is False
+                    np.maximum(each, self._tapped(white, explained, example, danger), out=each)
         return maps
 
     def embed(self, features: Ground) -> Floats:
         """Make the scene's embedding, a unit vector: see `scene_vector`. Raises PerceiverError."""
-        vector = scene_vector(features.features, self._calibration)
+        vector = scene_vector(features.outputs, self._calibration)
         if not np.isfinite(vector).all():
             raise PerceiverError("the scene's embedding is not finite")
         return vector
@@ -134,37 +140,45 @@ class GroundNetwork:
         ]
         strange = self._strangeness(features)
         learnt = learn_tap(views, box, self._calibration, strange)
-        surely = np.quantile(strange[box.mask(*strange.shape)], _STRANGENESS_QUANTILE)
+        surely = np.quantile(strange[strange_part(box.mask(*strange.shape), strange)], _STRANGENESS_QUANTILE)
         return Example(self.model_id, np.append(learnt, surely).astype(np.float32))
 
     def _check(self, name: str) -> None:
         """Run the network once, and check that calibration, words and network fit together."""
         numbers = self._calibration
-        logits, features = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
-        classes, wide = len(numbers.classes), len(features)
+        outputs = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
+        middle = len(outputs.eighth) + len(outputs.sixteenth)
+        taps = len(outputs.features) + len(outputs.eighth) + COLOURS
+        places = len(scene_summary(outputs))
         shapes = {
-            numbers.bias.shape: (len(logits),),
-            numbers.tap_mean.shape: (wide + COLOURS,),
-            numbers.tap_whitening.shape: (wide + COLOURS, wide + COLOURS),
-            numbers.scene_mean.shape: (4 * wide,),
-            numbers.scene_projection.shape[1:]: (4 * wide,),
+            "bias": (numbers.bias.shape, (len(outputs.logits),)),
+            "distance_mean": (numbers.distance_mean.shape, (middle,)),
+            "distance_whitening": (numbers.distance_whitening.shape, (middle, middle)),
+            "distance_centres": (numbers.distance_centres.shape[1:], (middle,)),
+            "limits": (numbers.limits.shape, (2,)),
+            "tap_mean": (numbers.tap_mean.shape, (taps,)),
+            "tap_whitening": (numbers.tap_whitening.shape, (taps, taps)),
+            "scene_mean": (numbers.scene_mean.shape, (places,)),
+            "scene_projection": (numbers.scene_projection.shape[1:], (places,)),
+            "scene_match": (numbers.scene_match.shape[1:], (2,)),
         }
         covered = {UNKNOWN} | {name for word in GROUND_WORDS.values() for name in word.covers}
         if (
-            classes != len(logits)
-            or any(found != wanted for found, wanted in shapes.items())
+            len(numbers.classes) != len(outputs.logits)
+            or any(found != wanted for found, wanted in shapes.values())
             or not covered <= set(numbers.classes)
-            or not (numbers.gamma > 0 and -1 < numbers.scene_threshold <= SAME_PLACE)
+            or not (numbers.limits > 0).all()
+            or not (numbers.slope > 0 and -1 < numbers.scene_threshold <= SAME_PLACE)
         ):
             raise PerceiverError(
                 f"{name} and its .npz are no pair of one training: copy both files again, or fit it again"
             )
 
     def _ground(self, frame: Floats) -> Ground:
-        logits, features = self._run(frame)
-        if not (np.isfinite(logits).all() and np.isfinite(features).all()):
+        outputs = self._run(frame)
+        if not all(np.isfinite(output).all() for output in outputs):
             raise PerceiverError("the network's output is not finite: its file is broken, install it again")
-        return Ground(frame, posteriors(logits, self._calibration), features)
+        return Ground(frame, outputs, posteriors(outputs, self._calibration))
 
     def _concept(self, prompt: Prompt) -> str | None:
         """Return the concept of the prompt's word; None where only its examples count.
@@ -180,19 +194,20 @@ class GroundNetwork:
             return None
         return None if prompt.examples and GROUND_WORDS[concept].trust == WEAK else concept
 
-    def _words(self, seen: Ground, concepts: Sequence[str]) -> Floats:
-        covers, own = word_tables(concepts, self._calibration.classes)
+    def _words(self, seen: Ground, words: Sequence[tuple[str, bool | None]]) -> Floats:
+        """Make the attention maps of concepts, each with whether it is drivable."""
+        concepts = [concept for concept, _ in words]
+        own = own_weights(concepts, self._calibration.classes)
         fits = None
         if any(GROUND_WORDS[concept].colour for concept in concepts):
             fits = colour_fits(concepts, seen.cells[..., -COLOURS:][..., :3])
         far = reach(concepts, fits)
-        kinds = None if fits is None else relative_fits(fits, covers)
-        unknown = self._calibration.classes.index(UNKNOWN)
-        return attention(seen.probabilities, covers, own, self._calibration.gamma, kinds, far, unknown)
+        kinds = None if fits is None else relative_fits(fits, own > 0)
+        return attention(seen.probabilities, own, [drivable for _, drivable in words], kinds, far)
 
-    def _tapped(self, white: Floats, explained: Floats, example: Example) -> Floats:
+    def _tapped(self, white: Floats, explained: Floats, example: Example, danger: bool) -> Floats:
         vector = example.vector_for(self.model_id, len(self._calibration.tap_mean) + 3)
-        found = likeness(white, vector[:-1]) * (1 - explained * np.clip(vector[-1], 0, 1)) ** 2
+        found = likeness(white, vector[:-1], danger) * (1 - explained * np.clip(vector[-1], 0, 1)) ** 2
         return np.asarray(found, dtype=np.float32)
 
     def _strangeness(self, seen: Ground) -> Floats:
@@ -202,8 +217,8 @@ class GroundNetwork:
         alone, a brown drum is also found in brown earth. A thing that the network took for known ground when
         it was tapped is searched everywhere.
         """
-        unknown = seen.probabilities[self._calibration.classes.index(UNKNOWN)]
-        return np.asarray(1 - np.clip(1 - unknown, 0, 1) ** self._calibration.gamma, dtype=np.float32)
+        strange: Floats = seen.probabilities[self._calibration.classes.index(UNKNOWN)]
+        return strange
 
 
 def _read_file(path: Path) -> bytes:

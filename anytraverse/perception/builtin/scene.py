@@ -6,35 +6,45 @@ import math
 
 import numpy as np
 
-from anytraverse.perception.builtin.network import Calibration, Floats
+from anytraverse.perception.builtin.calibration import Calibration, Floats
+from anytraverse.perception.builtin.network import Outputs
 
 SAME_PLACE = 0.925
 """Cosine below which the scene has changed, as it is in the paper for CLIP's embedding."""
 
-
-BANDS = ((0.45, 0.65), (0.65, 1.0))
-"""Bands of rows, in fractions of the frame's height: the ground some metres ahead with what grows beside it,
-and the ground at the wheels. The rows above are left out: they show places not yet reached."""
-
-
-def scene_summary(features: Floats) -> Floats:
-    """Calculate mean and standard deviation of each feature in each of the `BANDS`, (4 D,) from (D, h, w)."""
-    rows = features.shape[1]
-    parts = []
-    for top, bottom in BANDS:
-        band = features[:, int(top * rows) : math.ceil(bottom * rows)].reshape(len(features), -1)
-        parts += [band.mean(axis=1), band.std(axis=1)]
-    return np.concatenate(parts)
+_TOP = 1 / 3
+"""Share of the frame's height that is left out at the top: it shows places not yet reached."""
+_BANDS = ((0.45, 0.65), (0.65, 1.0))
+"""Rows, in fractions of the frame's height: the ground some metres ahead, and the ground at the wheels."""
 
 
-def scene_vector(features: Floats, calibration: Calibration) -> Floats:
+def scene_summary(outputs: Outputs) -> Floats:
+    """Summarise the frame, (P,), by what grows where and by the kinds of ground.
+
+    The former are the means of the backbone's features at stride 16 in the left, middle and right third; the
+    latter mean and standard deviation of the decoder's features in each of the `_BANDS`.
+    """
+    coarse, fine = outputs.sixteenth, outputs.features
+    columns, rows = coarse.shape[2], fine.shape[1]
+    ground, third = coarse[:, int(_TOP * coarse.shape[1]) :], max(1, columns // 3)
+    thirds = (ground[..., :third], ground[..., third : columns - third], ground[..., columns - third :])
+    bands = [fine[:, int(top * rows) : math.ceil(bottom * rows)] for top, bottom in _BANDS]
+    return np.concatenate(
+        [
+            *(part.mean(axis=(1, 2)) for part in thirds),
+            *(part for band in bands for part in (band.mean(axis=(1, 2)), band.std(axis=(1, 2)))),
+        ]
+    )
+
+
+def scene_vector(outputs: Outputs, calibration: Calibration) -> Floats:
     """Make the scene's embedding, (1 + S,), of unit length.
 
     The summary is whitened and projected to S numbers of unit length. Their cosine c tells places apart at
     the fitted threshold t. A constant first entry maps c to the cosine 1 - (1 - c) 0.075 / (1 - t), so that
     t becomes `SAME_PLACE`, 0.925.
     """
-    place = calibration.scene_projection @ (scene_summary(features) - calibration.scene_mean)
+    place = calibration.scene_projection @ (scene_summary(outputs) - calibration.scene_mean)
     place /= max(float(np.linalg.norm(place)), 1e-6)
     varying = (1 - SAME_PLACE) / (1 - calibration.scene_threshold)
     return np.concatenate([[math.sqrt(1 - varying)], math.sqrt(varying) * place]).astype(np.float32)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import ExampleError
 from anytraverse.frame import Image
-from anytraverse.perception.builtin.network import Calibration, Floats
+from anytraverse.perception.builtin.calibration import Calibration, Floats
+from anytraverse.perception.builtin.network import Outputs
 from anytraverse.regions import Box
 
 Mask = NDArray[np.bool_]
@@ -30,8 +31,9 @@ _LOWEST, _HIGHEST = 0.35, 0.8  # limits of the score's threshold; 0 is the backg
 _BACKGROUND = 0.99  # quantile of the background's scores in the tapped frame, to stay below the threshold
 _BETWEEN = 0.4  # position of the threshold between that quantile (0) and the thing (1)
 _SOFT = 0.06  # width of the logistic step at the score's threshold
-_LIKENESS = 0.92  # share of the cosine that most cells of the thing have; other things have a lower one
+_LIKENESS = 0.95  # share of the cosine that most cells of the thing have; other things have a lower one
 _ALMOST_ALL = 0.3  # quantile of the cosines of the thing's cells that stands for "most"
+_DANGER = 0.6  # share of both thresholds that a thing must reach that is not drivable
 _SOFT_LIKENESS = 0.03  # width of the logistic step at the cosine's threshold
 
 VIEWS: tuple[tuple[float, float, float], ...] = (
@@ -50,13 +52,15 @@ def changed_views(image: Image) -> list[Image]:
     return [np.asarray(np.clip(image * np.asarray(gains), 0, 255), dtype=np.uint8) for gains in VIEWS]
 
 
-def tap_cells(features: Floats, frame: Floats) -> Floats:
-    """Append colours to the features, (h, w, T) from features (D, h, w) and the network's input (1, 3, H, W).
+def tap_cells(outputs: Outputs, frame: Floats) -> Floats:
+    """Join features and colours, (h, w, T): the decoder's (D, h, w), the backbone's at stride 8, and colours.
+
+    frame: the network's input, (1, 3, H, W).
 
     The colours are log R/G, log of yellow over blue, log of light over the frame's mean, and the log of the
     contrast within a cell and around it.
     """
-    size = features.shape[2], features.shape[1]
+    size = outputs.features.shape[2], outputs.features.shape[1]
     pixels = np.ascontiguousarray(frame[0].transpose(1, 2, 0))
     mean = float(pixels.mean()) + 1.0
     dim = _DIM * mean
@@ -70,7 +74,9 @@ def tap_cells(features: Floats, frame: Floats) -> Floats:
     coarse = np.log(np.maximum(cv2.blur(local * local, (5, 5)) - around * around, 0.0) + _FLAT**2)
     light = np.log(small.mean(axis=2) + dim) - np.log(mean + dim)
     colours = np.stack([red - green, (red + green) / 2 - blue, light, 0.5 * fine, 0.5 * coarse], axis=-1)
-    return np.concatenate([features.transpose(1, 2, 0), colours], axis=-1).astype(np.float32)
+    eighth = np.ascontiguousarray(outputs.eighth.transpose(1, 2, 0))
+    textures = cv2.resize(eighth, size, interpolation=cv2.INTER_LINEAR)
+    return np.concatenate([outputs.features.transpose(1, 2, 0), textures, colours], axis=-1, dtype=np.float32)
 
 
 def learn_tap(
@@ -87,7 +93,7 @@ def learn_tap(
     if inside.sum() < _LEAST_CELLS:
         raise ExampleError("the box is too small to learn from: draw a larger one around the thing")
     if strange is not None:
-        inside = _strange_part(inside, strange)
+        inside = strange_part(inside, strange)
     whites = [whitened(cells, calibration) for cells in views]
     direction = _direction(np.mean([white[inside].mean(axis=0) for white in whites], axis=0))
     alike = np.mean([white[inside] @ direction for white in whites], axis=0)
@@ -102,7 +108,7 @@ def learn_tap(
     return np.array([*direction, threshold, least], dtype=np.float32)
 
 
-def _strange_part(inside: Mask, strange: Floats) -> Mask:
+def strange_part(inside: Mask, strange: Floats) -> Mask:
     """Return the strange part of the box; the whole box where nothing in it is strange.
 
     In a box with known ground and something strange, the strange part is what the operator meant.
@@ -121,9 +127,15 @@ def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibr
     return found
 
 
-def likeness(white: Floats, example: NDArray[np.float32]) -> Floats:
-    """Calculate how surely each whitened cell shows the same as this example, (h, w) in [0, 1]."""
+def likeness(white: Floats, example: NDArray[np.float32], danger: bool = False) -> Floats:
+    """Calculate how surely each whitened cell shows the same as this example, (h, w) in [0, 1].
+
+    danger: the thing is not drivable. What hardly resembles it then counts, too: to take another thing for it
+    holds the rover all the same, while a part of it that is not found calls again and again.
+    """
     direction, threshold, least = example[:-2], example[-2], example[-1]
+    if danger:
+        threshold, least = _DANGER * threshold, _DANGER * least
     surely = _step((white @ direction - threshold) / _SOFT)
     surely *= _step((_cosine(white, direction) - least) / _SOFT_LIKENESS)
     return surely

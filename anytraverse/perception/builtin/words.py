@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from anytraverse.perception import WEAK
-from anytraverse.perception.builtin.network import Floats
+from anytraverse.perception.builtin.attention import UNKNOWN
+from anytraverse.perception.builtin.calibration import Floats
 
 GOOD, FAIR = "good", "fair"
 """Trust in a word. Good: it is found. Fair: it is found, but confused with similar ones. `WEAK`: a guess."""
@@ -41,8 +43,6 @@ class GroundWord(NamedTuple):
     colour: Colour | None = None
 
 
-UNKNOWN = "unknown"
-"""The class of things without a name."""
 _TRAIL = ("smooth trail", "rough trail")
 _TALL = ("low vegetation", "high vegetation")
 
@@ -67,20 +67,18 @@ GROUND_WORDS: dict[str, GroundWord] = {
 """Concept -> its meaning. "snow" is missing, since no frame of the training shows any."""
 
 
-def word_tables(concepts: Sequence[str], classes: Sequence[str]) -> tuple[Floats, Floats]:
-    """Make `covers` and `own` of these concepts for `attention`, (N, C) each. Raises KeyError.
+def own_weights(concepts: Sequence[str], classes: Sequence[str]) -> Floats:
+    """Make `own` of these concepts for `attention`, (N, C). Raises KeyError.
 
     Where several concepts cover a class, it is evidence only for the one with the largest weight: grass for
     "grass" and not also for "vegetation", which would otherwise win where both kinds of plants are likely.
     """
-    covers = np.zeros((len(concepts), len(classes)), dtype=np.float32)
-    own = np.zeros_like(covers)
+    own = np.zeros((len(concepts), len(classes)), dtype=np.float32)
     for row, concept in enumerate(concepts):
         word = GROUND_WORDS[concept]
         for name in word.covers:
-            covers[row, classes.index(name)] = 1.0
             own[row, classes.index(name)] = word.own.get(name, 1.0)
-    return covers, np.where(own == own.max(axis=0, initial=0.0), own, np.float32(0))
+    return np.where(own == own.max(axis=0, initial=0.0), own, np.float32(0))
 
 
 def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:
@@ -100,13 +98,14 @@ def colour_fits(concepts: Sequence[str], colours: Floats) -> Floats | None:
     return fits
 
 
-def relative_fits(fits: Floats, covers: Floats) -> Floats:
-    """Divide colour fits by the best fit of all words that share a class, (N, h, w) in (0, 1].
+def relative_fits(fits: Floats, covers: NDArray[np.bool_]) -> Floats:
+    """Divide colour fits by the best fit of all words that share a class, (N, C, h, w) in [0, 1].
 
-    So colours tell kinds of ground apart, and do not decide whether it is ground at all.
+    covers (N, C): whether a word explains a class; where not, the fit is 0. So colours tell kinds of ground
+    apart, and do not decide whether it is ground at all: each class fits some word fully.
     """
-    kin = covers @ covers.T > 0
-    return np.asarray(fits / np.stack([fits[own].max(axis=0) for own in kin]), dtype=np.float32)
+    shared = covers[:, :, None, None] * fits[:, None]
+    return np.asarray(shared / np.maximum(shared.max(axis=0), 1e-9), dtype=np.float32)
 
 
 def reach(concepts: Sequence[str], fits: Floats | None) -> Floats | None:

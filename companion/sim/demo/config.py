@@ -6,9 +6,9 @@ import json
 import math
 from pathlib import Path
 
-from companion.policy.stopping import ARDUPILOT, fit
 from companion.sim.field.lens import FIELD_OF_VIEW, HEIGHT, PITCH
 from companion.sim.field.rover import Body
+from companion.vehicle.brakes import ARDUPILOT, fit
 
 _MARK = "# Written by `companion demo`."
 _TEXT = """\

@@ -11,6 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from anytraverse.errors import AnyTraverseError
+from companion.cameras import CameraError
 from companion.sim.demo.child import Child, ChildError
 from companion.sim.demo.config import write_config, written_by_demo
 from companion.sim.demo.director import Director, Stage, summary, verdict
@@ -21,7 +23,7 @@ from companion.sim.field.control import FieldControl, FieldError
 
 SPEED = 1.5
 """m/s that the simulated rover drives."""
-_OLD = ("state", "logs", "contact-sheet.png")
+_OLD = ("state", "logs", "contact-sheet.png", "frames.jsonl")
 
 
 def main(options: argparse.Namespace) -> int:
@@ -36,12 +38,16 @@ def main(options: argparse.Namespace) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _end)
     try:
+        if options.every:
+            from companion.sim.demo.every import judge_every
+
+            return judge_every(options.camera or "", out, story)
         if options.camera:
             from companion.sim.demo.rehearsal import run_camera_demo
 
             return run_camera_demo(options.camera, out, story, auto=options.auto)
         return _play(options, out, story)
-    except (ChildError, FieldError) as error:
+    except (ChildError, FieldError, CameraError, AnyTraverseError) as error:
         print(f"companion demo: {error}", file=sys.stderr)
         return 1
 

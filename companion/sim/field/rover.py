@@ -41,7 +41,7 @@ class Body:
     """The rover's body. It accelerates at 1 m/s2 by default; `Drive.BRAKE` stops it from 2.5 m/s in 2.6 m.
 
     `Drive.HOLD` decelerates by `easing` x speed + `easing_rest`. Its stopping distances are within 2 % of
-    those of ArduPilot Rover 4.7-dev in its own simulation (companion.policy.stopping.ARDUPILOT).
+    those of ArduPilot Rover 4.7-dev in its own simulation (companion.vehicle.brakes.ARDUPILOT).
     """
 
     mass: float = 80.0  # kg

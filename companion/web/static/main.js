@@ -54,6 +54,7 @@ new Feed((kind, content, late) => {
       news = { ...content, receivedAt: now() - late };
       views.showFacts("now", model.facts(news));
       views.showFacts("computer", model.computer(news));
+      views.showPlace(model.place(news));
       views.showWords(model.words(news));
       views.showChecks(model.checks(news));
       views.showAbout(`AnyTraverse companion ${news.status?.version ?? ""}. This page only shows: answer calls from a ground station.`);

@@ -99,7 +99,8 @@ export function facts({ status = {}, state = {} }) {
     ["uncertainty", percent(status.roi_uncertainty)],
     ["similarity", status.similarity == null ? "not known" : status.similarity.toFixed(2)],
     ["camera", [camera.state, camera.reason, camera.width ? `${camera.width} × ${camera.height}` : "",
-      camera.rate == null ? "" : `${camera.rate.toFixed(1)} a second`].filter(Boolean).join(", ")],
+      camera.rate == null ? "" : `${camera.rate.toFixed(1)} a second`,
+      camera.infrared ? "shows infrared (NoIR)" : ""].filter(Boolean).join(", ")],
     ["latency", status.latency_ms == null ? "not known" : `${Math.round(status.latency_ms)} ms from capture until judged`],
     ["judging", judging.rate == null ? "" : `${judging.rate} of ${judging.configured} a second${judging.lowered_by ? `: ${judging.lowered_by}` : ""}`],
     ["perceiver", [perceiver.model, perceiver.precision].filter(Boolean).join(", ")],
@@ -122,6 +123,24 @@ export function computer({ status = {}, check = {} }) {
     ["page", status.web?.restarts ? `started again ${status.web.restarts} ×` : "running"],
     ...(check.age > CHECKS_FRESH ? [["measured", "more than a minute ago: the disk may hang"]] : []),
   ];
+}
+
+// The remembered place whose words are in force by a match; null where none is.
+export function place({ state = {} }) {
+  const known = state.known_place;
+  if (!known) return null;
+  const changed = Object.entries(known.changed ?? {}).map(([word, [was, now]]) =>
+    now == null ? `${word} out of use` : was == null ? `${word} ${now}` : `${word} ${now} (was ${was})`);
+  return {
+    title: known.call ? `Known place: that of call ${known.call}` : "Known place",
+    picture: (known.picture ?? "").replace(/^(\/calls\/\d+)\.jpg$/, "$1-large.jpg"),
+    rows: [
+      ["similarity", `${floored(known.similarity)}, at least ${raised(known.needed)} is needed`],
+      ["since", known.since ? clock(known.since) : "not known"],
+      ["changed", changed.join(", ") || "no word"],
+      ["wrong?", `Not the same place: type \`other place${known.call ? ` ${known.call}` : ""}\` on the ground.`],
+    ],
+  };
 }
 
 export function words({ state = {} }) {
@@ -186,6 +205,8 @@ export function duration(seconds) {
   return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
 }
 
+const raised = (share) => (Math.ceil(100 * share - 1e-4) / 100).toFixed(2);
+const floored = (share) => (Math.floor(100 * share + 1e-4) / 100).toFixed(2); // one that is shown as 1 is 1
 const percent = (share) => (share == null ? "not known" : `${Math.round(100 * share)} %`);
 const gib = (mebibytes) => (mebibytes < 1024 ? `${mebibytes} MiB` : `${(mebibytes / 1024).toFixed(1)} GiB`);
 const capital = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}` : "");

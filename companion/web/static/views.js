@@ -41,6 +41,26 @@ export function showFacts(id, rows) {
     part.replaceChildren(...rows.map(([name, text]) => element("div", {}, element("dt", {}, name), element("dd", {}, text)))));
 }
 
+// place: of `model.place`, or null. Its picture may be gone: then that is said.
+export function showPlace(place) {
+  changed("place", place, (part) => {
+    part.hidden = place === null;
+    if (place === null) return;
+    document.getElementById("place-title").replaceChildren(place.title);
+    showFacts("place-facts", place.rows);
+    const [picture, note] = ["place-picture", "place-note"].map((id) => document.getElementById(id));
+    const show = (there) => {
+      picture.hidden = !there;
+      note.replaceChildren(there ? "" : "No picture of it is kept.");
+    };
+    show(false);
+    picture.onload = () => show(true);
+    picture.onerror = () => show(false);
+    if (place.picture) picture.src = place.picture;
+    else picture.removeAttribute("src");
+  });
+}
+
 export function showWords(words) {
   changed("words", words, (part) =>
     part.replaceChildren(...words.map(({ word, weight, tone }) =>

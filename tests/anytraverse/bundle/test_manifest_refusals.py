@@ -36,7 +36,7 @@ def test_what_was_written_is_read(folder: Path) -> None:
     manifest = read_manifest(folder, "sham")
     assert manifest.model_id == "sham-1"
     assert (manifest.image.width, manifest.image.filter) == (64, "bilinear")
-    assert manifest.thresholds.tile is None
+    assert (manifest.thresholds.tile, manifest.thresholds.tile_share) == (None, 0.25)
     assert manifest.scene_image is None
     assert manifest.source["licence"] == "none"
     assert set(manifest.files) == {"image.onnx", "image.int8.onnx", "text/tokens.json"}
@@ -157,6 +157,7 @@ def test_a_bundle_reached_by_a_link_is_read(folder: Path, tmp_path: Path) -> Non
         (("scene",), "other", 'scene is "other", expected one of'),
         (("scene",), "clip-b32", "scene_image is null, expected the input"),
         (("thresholds", "roi"), "high", 'roi is "high", expected a number'),
+        (("thresholds", "tile_share"), 0, "tile_share is 0, expected a number from"),
         (("thresholds", "scene"), -2, "scene is -2, expected a number from -1 to 1"),
         (("variants",), {"int8": {}}, "fp32 is missing"),
         (("variants", "fp32", "image"), "absent.onnx", 'image is "absent.onnx", expected one of'),

@@ -15,10 +15,11 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
+from anytraverse.bundle.manifest import read_manifest
 from anytraverse.cli import main
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.frame import Image
-from anytraverse.perception import Prompt, make_perceiver
+from anytraverse.perception import DefaultThresholds, Prompt, make_perceiver
 
 Make = Callable[..., Path]
 Out = pytest.CaptureFixture[str]
@@ -240,7 +241,13 @@ def test_a_size_that_is_none_is_refused(size: str, capsys: Out) -> None:
     assert "WIDTHxHEIGHT" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("given", ["roi=2", "roof=0.3", "scene", "roi=nan", "scene=none"])
+def test_the_tiles_that_a_threshold_is_meant_for_are_written_and_read(bundle: Make) -> None:
+    folder = bundle("--thresholds", "tile=0.9,tile_share=0.08")
+    assert manifest(folder)["thresholds"] == {"roi": 0.3, "scene": 0.75, "tile": 0.9, "tile_share": 0.08}
+    assert read_manifest(folder).thresholds == DefaultThresholds(0.3, 0.75, 0.9, tile_share=0.08)
+
+
+@pytest.mark.parametrize("given", ["tile_share=0", "roi=2", "roof=0.3", "scene", "roi=nan", "scene=none"])
 def test_thresholds_that_are_none_are_refused(given: str, capsys: Out) -> None:
     with pytest.raises(SystemExit):
         main(["bundle", "classes", "m", "o", "--names", "n", "--thresholds", given])

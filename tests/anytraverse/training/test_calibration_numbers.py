@@ -7,33 +7,47 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.frame import Image
-from anytraverse.perception.builtin.network import Calibration, Floats, attention, network_size, posteriors
+from anytraverse.perception.builtin.attention import distance, posteriors, strangeness
+from anytraverse.perception.builtin.calibration import Calibration, Floats
+from anytraverse.perception.builtin.network import Outputs, network_size
 from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
 from anytraverse.perception.builtin.taps import learn_tap, tap_attention
 from anytraverse.regions import Box
-from anytraverse.training.calibration import fitted_bias, fitted_gamma, plain, tap_background
-from anytraverse.training.classes import CLASSES
+from anytraverse.training.calibration import (
+    fitted_bias,
+    fitted_distances,
+    fitted_limits,
+    plain,
+    tap_background,
+)
+from anytraverse.training.classes import CLASSES, UNKNOWN
 from anytraverse.training.folders import Folder, Labelled, Labels
 from anytraverse.training.scenes import cosines, fitted_scene, scene_auroc
-from anytraverse.training.scores import auroc, score
+from anytraverse.training.scores import auroc, resized, score
+from anytraverse.training.widths import FEATURES, MIDDLE, SCALES
+from tests.anytraverse.training.made_outputs import made
 
 GRASS, TREE = CLASSES.index("grass"), CLASSES.index("high vegetation")
+TAPS = len(plain().tap_mean)
 
 
-def outputs(lean: float, rng: np.random.Generator) -> list[tuple[Floats, Labels]]:
-    """Logits that know grass from trees, with grass held back by `lean`."""
-    made = []
+def outputs(lean: float, rng: np.random.Generator) -> list[tuple[Outputs, Labels]]:
+    """Logits that know grass from trees, with grass held back by `lean`; distances vary at random."""
+    found = []
     for _ in range(30):
         labels = np.where(np.arange(24)[:, None] < 12, TREE, GRASS).astype(np.uint8).repeat(32, axis=1)
         logits = rng.normal(0, 0.7, (len(CLASSES), 24, 32)).astype(np.float32)
         logits[GRASS][labels == GRASS] += 4
         logits[TREE][labels == TREE] += 4
         logits[GRASS] -= lean
-        made.append((logits, labels))
-    return made
+        eighth = rng.normal(0, 1, (SCALES[8], 12, 16)).astype(np.float32)
+        found.append((made(logits, eighth=eighth), labels))
+    return found
 
 
 def test_a_bias_gives_back_what_the_training_held_back() -> None:
@@ -43,38 +57,76 @@ def test_a_bias_gives_back_what_the_training_held_back() -> None:
     assert score(results, replace(plain(), bias=bias)).iou >= score(results, plain()).iou
 
 
-def test_gamma_leaves_only_the_allowed_share_of_ground_unexplained() -> None:
+@pytest.mark.parametrize("allowed", [0.02, 0.1])
+def test_each_limit_is_exceeded_by_the_allowed_share_of_drivable_ground(allowed: float) -> None:
     results = outputs(0.0, np.random.default_rng(1))
-    for allowed in (0.02, 0.1):
-        gamma = fitted_gamma(results, plain(), allowed)
-        found = score(results, replace(plain(), gamma=gamma))
-        assert found.unexplained == pytest.approx(allowed, abs=0.015)
+    limits = fitted_limits(results, plain(), allowed)
+    things, near = [], []
+    for seen, labels in results:
+        powers = np.exp(seen.logits)
+        things.append((powers[UNKNOWN] / powers.sum(axis=0))[labels == GRASS])
+        near.append(resized(distance(seen, plain()), labels.shape)[labels == GRASS])
+    assert (np.concatenate(things) > limits[0]).mean() == pytest.approx(allowed, abs=0.001)
+    assert (np.concatenate(near) > limits[1]).mean() == pytest.approx(allowed, abs=0.001)
 
 
-def test_what_no_asked_word_means_stays_uncertain() -> None:
-    logits = np.zeros((len(CLASSES), 1, 2), np.float32)
-    logits[GRASS, 0, 0] = 9
-    logits[-1, 0, 1] = 9
-    words = np.eye(len(CLASSES), dtype=np.float32)[[GRASS, TREE]]
-    probabilities = posteriors(logits, plain())
-    found = attention(probabilities, words, words, gamma=5.0)
-    assert found[0, 0, 0] > 0.95
-    assert found[:, 0, 1].max() < 0.05
-    twice = attention(probabilities, np.vstack([words, words]), np.vstack([words, words]), gamma=5.0)
-    assert twice[:2] == pytest.approx(found)  # a synonym explains nothing twice
-    assert attention(probabilities, words[:0], words[:0], 5.0).shape == (0, 1, 2)
+def test_what_is_at_half_of_both_limits_or_at_one_of_them_is_half_strange() -> None:
+    calibration = replace(plain(), limits=np.array([0.2, 3.0], np.float32))
+    thing = np.array([[0.0, 0.2, 0.4, 0.0, 0.9]], np.float32)
+    far = np.array([[0.0, 3.0, 0.0, 6.0, 9.0]], np.float32)
+    assert strangeness(thing, far, calibration)[0] == pytest.approx([0, 0.5, 0.5, 0.5, 1], abs=0.01)
 
 
-def test_ground_between_two_names_is_as_known_as_the_one_asked_for_is_likely() -> None:
-    grass, tree, strange = np.array([0.6, 0.4, 0.0]), np.array([0.4, 0.6, 0.0]), np.array([0.6, 0.1, 0.3])
-    probabilities = np.zeros((len(CLASSES), 1, 3), np.float32)
-    probabilities[[GRASS, TREE, -1], 0] = np.stack([grass, tree, strange], axis=1)
-    eye = np.eye(len(CLASSES), dtype=np.float32)
-    alone = attention(probabilities, eye[[GRASS]], eye[[GRASS]], 10.0, unknown=len(CLASSES) - 1)[0, 0]
-    assert alone == pytest.approx([0.6, 0.4, 0.7**10 * 0.6 / 0.7], abs=1e-6)
-    for words in (eye[:-1], eye):
-        by_all = attention(probabilities, words, words, 10.0, unknown=len(CLASSES) - 1)
-        assert by_all == pytest.approx(attention(probabilities, words, words, 10.0), abs=1e-6)
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10_000), limits=st.tuples(st.floats(0.01, 1), st.floats(0.1, 9)))
+def test_posteriors_are_probabilities_of_which_strangeness_leaves_the_rest_to_the_names(
+    seed: int, limits: tuple[float, float]
+) -> None:
+    rng = np.random.default_rng(seed)
+    seen = made(
+        rng.normal(0, 4, (len(CLASSES), 8, 8)).astype(np.float32),
+        eighth=rng.normal(0, 3, (SCALES[8], 4, 4)).astype(np.float32),
+    )
+    calibration = replace(plain(), limits=np.array(limits, np.float32))
+    found = posteriors(seen, calibration)
+    assert found.min() >= 0
+    assert found.sum(axis=0) == pytest.approx(np.ones((8, 8)), abs=1e-4)
+    named = np.exp(seen.logits[:UNKNOWN] - seen.logits.max(axis=0))
+    surely = found[:UNKNOWN] > 1e-3
+    ratio = found[:UNKNOWN] / np.maximum(1 - found[UNKNOWN], 1e-6)
+    assert ratio[surely] == pytest.approx((named / named.sum(axis=0))[surely], abs=1e-2)
+
+
+def test_the_distance_is_to_the_nearest_class_in_units_of_its_spread() -> None:
+    rng = np.random.default_rng(6)
+    middles = {GRASS: 3.0, TREE: -3.0}
+
+    def network(image: Image) -> Outputs:
+        labels = image[::8, ::8, 0]
+        centre = np.zeros(labels.shape)
+        for name, middle in middles.items():
+            centre[labels == name] = middle
+        eighth = 2 * (centre + rng.normal(0, 0.5, (SCALES[8], *labels.shape)))
+        sixteenth = rng.normal(0, 1, (SCALES[16], *(max(1, side // 2) for side in labels.shape)))
+        rows, columns = (2 * side for side in labels.shape)
+        logits = np.zeros((len(CLASSES), rows, columns), np.float32)
+        return made(logits, eighth=eighth.astype(np.float32), sixteenth=sixteenth.astype(np.float32))
+
+    def frame(number: int, name: int) -> Labelled:
+        labels = np.full((256, 256), name, np.uint8)
+        return Labelled(number, labels[..., None].repeat(3, axis=2), labels)
+
+    folder = Folder((frame(0, GRASS), frame(1, TREE), frame(2, GRASS), frame(3, TREE)))
+    plainly = replace(plain(), limits=np.array([1, 1], np.float32))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("anytraverse.training.calibration.cast", lambda image, _: image)
+        fitted = fitted_distances(network, folder, plainly, 0)
+    assert fitted.distance_centres.shape == (2, MIDDLE)
+    known = float(np.median(distance(network(folder.frames[0].image), fitted)))
+    assert known == pytest.approx(1.0, abs=0.25)
+    middles[0] = 30.0
+    strange = distance(network(np.zeros((256, 256, 3), np.uint8)), fitted)
+    assert float(np.median(strange)) > 3
 
 
 def test_ranks_count_ties_as_half() -> None:
@@ -85,9 +137,9 @@ def test_ranks_count_ties_as_half() -> None:
 def test_common_cameras_are_hardly_stretched() -> None:
     for width, height in ((640, 480), (640, 340), (1280, 720), (1920, 1200), (688, 550), (2026, 620)):
         wide, high = network_size(width, height)
-        assert wide % 16 == 0
-        assert high % 16 == 0
-        assert abs((wide / high) / (width / height) - 1) < 0.07
+        assert wide % 32 == 0
+        assert high % 32 == 0
+        assert abs((width / height) / (wide / high) - 1) < 0.115
     assert network_size(10, 1000) == (256, 256)
 
 
@@ -101,11 +153,17 @@ def frames(count: int, rng: np.random.Generator) -> Folder:
     return Folder(tuple(made))
 
 
-def painted(image: Image) -> tuple[Floats, Floats]:
-    """A network whose 32 features are cosines of the colours."""
-    small = image[::4, ::4].astype(np.float32)
-    turns = np.random.default_rng(9).normal(0, 0.02, (32, 3)).astype(np.float32)
-    return np.zeros((8, *small.shape[:2]), np.float32), np.cos(np.einsum("fc,hwc->fhw", turns, small))
+def painted(image: Image) -> Outputs:
+    """A network whose features are cosines of the colours."""
+    rng = np.random.default_rng(9)
+
+    def waves(channels: int, step: int) -> Floats:
+        small = image[::step, ::step].astype(np.float32)
+        turns = rng.normal(0, 0.02, (channels, 3)).astype(np.float32)
+        return np.asarray(np.cos(np.einsum("fc,hwc->fhw", turns, small)), dtype=np.float32)
+
+    logits = np.zeros((len(CLASSES), *image[::4, ::4].shape[:2]), np.float32)
+    return made(logits, waves(FEATURES, 4), waves(SCALES[8], 8), waves(SCALES[16], 16))
 
 
 def test_scenes_pass_at_the_papers_threshold() -> None:
@@ -113,7 +171,7 @@ def test_scenes_pass_at_the_papers_threshold() -> None:
     calibration = fitted_scene(painted, frames(60, rng), Folder(()), frames(30, rng), plain())
     same, other = cosines(painted, frames(30, rng), Folder(()), calibration, rng)
     assert scene_auroc(same, other) > 0.9
-    first, second = (painted(frame.image)[1] for frame in frames(2, rng).frames)
+    first, second = (painted(frame.image) for frame in frames(2, rng).frames)
     a, b = scene_vector(first, calibration), scene_vector(second, calibration)
     assert np.linalg.norm(a) == pytest.approx(1, abs=1e-5)
     plainly = replace(calibration, scene_threshold=SAME_PLACE)
@@ -123,10 +181,9 @@ def test_scenes_pass_at_the_papers_threshold() -> None:
 
 def test_a_tap_finds_its_thing_and_not_the_background() -> None:
     rng = np.random.default_rng(3)
-    mean, whitening = np.zeros(37, np.float32), np.eye(37, dtype=np.float32)
-    calibration = replace(plain(), tap_mean=mean, tap_whitening=whitening)
-    thing = rng.normal(0, 3, 37)
-    views = [rng.normal(0, 1, (20, 30, 37)).astype(np.float32) for _ in range(6)]
+    calibration = plain()
+    thing = rng.normal(0, 3, TAPS)
+    views = [rng.normal(0, 1, (20, 30, TAPS)).astype(np.float32) for _ in range(6)]
     for cells in views:
         cells[8:14, 10:16] += thing
     example = learn_tap(views, Box(10 / 30, 8 / 20, 16 / 30, 14 / 20), calibration)
@@ -139,20 +196,28 @@ def test_a_tap_finds_its_thing_and_not_the_background() -> None:
 
 def test_the_background_of_taps_is_whitened() -> None:
     mean, whitening = tap_background(painted, frames(12, np.random.default_rng(4)))
-    assert mean.shape == (37,)
-    assert whitening.shape == (37, 37)
+    assert mean.shape == (TAPS,)
+    assert whitening.shape == (TAPS, TAPS)
     assert np.isfinite(whitening).all()
 
 
 def test_a_calibration_survives_its_file_and_a_torn_one_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "builtin.npz"
-    replace(plain(), gamma=4.5).save(path)
+    replace(plain(), limits=np.array([0.25, 2.0], np.float32), slope=4.5).save(path)
     read = Calibration.load(path)
-    assert read.gamma == 4.5
+    assert read.limits.tolist() == [0.25, 2.0]
+    assert read.slope == 4.5
     assert read.classes == CLASSES
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(PerceiverError, match="install it again"):
+    with pytest.raises(PerceiverError, match=r"builtin\.npz cannot be read .*install it again"):
         Calibration.load(path)
-    replace(plain(), gamma=float("nan")).save(path)
-    with pytest.raises(PerceiverError, match="not finite"):
+    replace(plain(), slope=float("nan")).save(path)
+    with pytest.raises(PerceiverError, match=r"builtin\.npz is not finite: fit it again"):
+        Calibration.load(path)
+
+
+def test_a_calibration_of_an_older_version_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "mine.npz"
+    np.savez(path, classes=np.array(CLASSES), bias=np.zeros(len(CLASSES)), gamma=9.8)
+    with pytest.raises(PerceiverError, match=r"mine\.npz has no .*an older version wrote it, fit it again"):
         Calibration.load(path)

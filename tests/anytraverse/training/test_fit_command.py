@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from anytraverse.cli import main
 from anytraverse.errors import TrainingError
 from anytraverse.perception import Prompt, make_perceiver
+from anytraverse.perception.builtin.calibration import Calibration
+from anytraverse.perception.builtin.perceiver import SHIPPED
+from anytraverse.training.calibration import FEWEST_FRAMES
 from anytraverse.training.folders import read_folder
 
 pytestmark = pytest.mark.needs_export
@@ -26,17 +31,32 @@ def last_line(told: str) -> dict[str, Any]:
     return found
 
 
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer things and views, so that the tests are fast."""
+    monkeypatch.setattr("anytraverse.training.things.THINGS", 24)
+    monkeypatch.setattr("anytraverse.training.calibration.VIEWS", {"as filmed": (1.0, 1.0, 1.0)})
+
+
+def by_false_alarms(start: Path, *_: object, **__: object) -> Any:
+    """Fit by false alarms alone, as it once was: the limits are so high that nothing is strange."""
+    from anytraverse.training.fit import Fitted
+
+    numbers = Calibration.load(start.with_suffix(".npz"))
+    return Fitted(start, replace(numbers, limits=np.full(2, 1e6, np.float32)))
+
+
 def test_few_frames_refit_the_shipped_network_and_a_worse_fit_does_not_replace_it(
     tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Out
 ) -> None:
     from anytraverse.training.fitting import Options
 
-    monkeypatch.setattr("anytraverse.training.running.REFIT", Options(steps=12, batch=4, rate=2e-3))
+    monkeypatch.setattr("anytraverse.training.running.REFIT", Options(steps=6, batch=4, rate=2e-3))
     out = tmp_path / "mine.onnx"
     words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--test", "3"]
     assert main(words) == 0
     told, progress = capsys.readouterr()
-    assert "12/12 steps" in progress
+    assert "6/6 steps" in progress
     table = [
         line.split() for line in told.splitlines() if line.split()[0] in {"0100-0199", "0200-0299", "all"}
     ]
@@ -44,27 +64,127 @@ def test_few_frames_refit_the_shipped_network_and_a_worse_fit_does_not_replace_i
     assert f'name = "builtin:{out}"' in told
     figures = last_line(told)
     assert figures["written"]
-    assert figures["iou_pooled"] > figures["iou_replaced_recalibrated"] > figures["iou_replaced"]
+    assert figures["iou_pooled"] >= figures["iou_replaced_recalibrated"] >= figures["iou_replaced"]
+    assert figures["iou_pooled"] > figures["iou_replaced"]
+    assert figures["things_pasted"] > 20
+    assert figures["things_noticed"] >= min(0.9, figures["things_noticed_replaced"]) - 0.03
     assert float(table[2][2]) == pytest.approx(figures["iou_pooled"], abs=6e-4)
     assert [drive["drive"] for drive in figures["test"]["drives"]] == ["0300-0399"]
     eyes = make_perceiver(f"builtin:{out}")
     seen = eyes.encode(read_folder(tiny_folder).frames[0].image)
-    assert eyes.attend(seen, [Prompt("grass")]).max() > 0.9
+    assert eyes.attend(seen, [Prompt("grass"), Prompt("sky")]).max() > 0.8
 
     written = out.read_bytes(), out.with_suffix(".npz").read_bytes()
-    assert main([*words, "--from", "scratch", "--steps", "2", "--json"]) == 1
+    monkeypatch.setattr("anytraverse.training.running.fit_on", by_false_alarms)
+    assert main([*words, "--json"]) == 1
     told, said = capsys.readouterr()
     refused = last_line(told)
     assert told.count("\n") == 1
     assert not refused["written"]
     assert refused["replaces"] == str(out)
-    assert refused["iou_pooled"] < refused["iou_replaced"]
-    both = re.search(r"drivable IoU (0\.\d+), before (0\.\d+)", said)
-    assert both
-    assert float(both[1]) == pytest.approx(refused["iou_pooled"], abs=6e-4)
-    assert float(both[2]) >= refused["iou_replaced"] - 6e-4
+    assert re.search(r"refused, worse than what it would replace: .* 0\.\d+ .*, before [01]\.\d+", said)
     assert (out.read_bytes(), out.with_suffix(".npz").read_bytes()) == written
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz", "mine.onnx"]
+
+
+def test_a_calibration_that_hides_things_is_refused_and_is_not_advised_again(
+    tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Out
+) -> None:
+    monkeypatch.setattr("anytraverse.training.running.fit_on", by_false_alarms)
+    out = tmp_path / "mine.onnx"
+    words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--json"]
+    assert main([*words, "--steps", "0"]) == 1
+    told, said = capsys.readouterr()
+    refused = last_line(told)
+    assert refused["things_noticed"] < refused["things_noticed_replaced"] - 0.03
+    assert "of 24 pasted things, before" in said
+    assert "--steps 0" not in said
+    assert "keep the network as it is" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_calibration_alone_keeps_the_weights_and_loses_no_things(
+    tiny_folder: Path, tmp_path: Path, capsys: Out
+) -> None:
+    out = tmp_path / "mine.onnx"
+    words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--steps", "0", "--json"]
+    code = main(words)
+    figures = last_line(capsys.readouterr().out)
+    assert figures["written"] == (code == 0) == out.exists()
+    if code == 0:
+        assert out.read_bytes() == SHIPPED.read_bytes()
+        assert figures["things_noticed"] >= min(0.9, figures["things_noticed_replaced"]) - 0.03
+
+
+def test_a_calibration_that_changes_nothing_is_not_written(
+    tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Out
+) -> None:
+    from anytraverse.training.fit import Fitted
+
+    monkeypatch.setattr(
+        "anytraverse.training.running.fit_on",
+        lambda start, *_: Fitted(start, Calibration.load(start.with_suffix(".npz"))),
+    )
+    out = tmp_path / "mine.onnx"
+    words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--steps", "0", "--json"]
+    assert main(words) == 1
+    told, said = capsys.readouterr()
+    figures = last_line(told)
+    assert not figures["written"]
+    assert figures["things_noticed"] == figures["things_noticed_replaced"]
+    assert "no other calibration is better" in said or "refused" in said
+    assert "--steps 0" not in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_too_few_frames_choose_no_calibration(tiny_folder: Path, tmp_path: Path, capsys: Out) -> None:
+    out = tmp_path / "mine.onnx"
+    assert main(["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "--steps", "0"]) == 2
+    said = capsys.readouterr().err
+    assert f"have 6 frames, and at least {FEWEST_FRAMES} must choose the calibration" in said
+    assert not out.exists()
+
+
+def test_photographs_of_things_are_split_between_the_training_and_the_check(
+    tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Out
+) -> None:
+    given: list[Any] = []
+
+    def stopped(work: Any, _: Path) -> None:
+        given.append(work.material)
+        raise KeyboardInterrupt
+
+    things = tmp_path / "things"
+    (things / "more").mkdir(parents=True)
+    for number in range(7):
+        picture = np.full((300, 20, 4), 30 * number, np.uint8)
+        cv2.imwrite(str(things / "more" / f"{number}.png"), picture)
+    cv2.imwrite(str(things / "flat.png"), np.zeros((9, 9, 3), np.uint8))
+    monkeypatch.setattr("anytraverse.training.running.trained", stopped)
+    words = ["fit", str(tiny_folder), "--out", str(tmp_path / "mine.onnx"), "--validation", "1", "2"]
+    assert main([*words, "--cutouts", str(things)]) == 130
+    material = given[0]
+    assert [int(one[0, 0, 0]) for one in material.kept_cutouts] == [0, 150]
+    assert [int(one[0, 0, 0]) for one in material.cutouts] == [30, 60, 90, 120, 180]
+    assert all(one.shape == (256, 17, 4) for one in material.cutouts)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_photographs_are_refused_before_the_training(
+    tiny_folder: Path, tmp_path: Path, capsys: Out, count: int
+) -> None:
+    things = tmp_path / "things"
+    things.mkdir()
+    cv2.imwrite(str(things / "flat.png"), np.zeros((9, 9, 3), np.uint8))
+    (things / "torn.png").write_bytes(b"torn")
+    for number in range(count):
+        cv2.imwrite(str(things / f"{number}.png"), np.zeros((9, 9, 4), np.uint8))
+    words = ["fit", str(tiny_folder), "--out", str(tmp_path / "mine.onnx"), "--validation", "1", "2"]
+    assert main([*words, "--cutouts", str(things)]) == 2
+    assert f"holds {count} PNG pictures with an opacity channel" in capsys.readouterr().err
+    assert main([*words, "--cutouts", str(tmp_path / "nowhere")]) == 2
+    assert "give another --cutouts" in capsys.readouterr().err
 
 
 def without_first_drive(folder: Path) -> None:
@@ -142,28 +262,23 @@ def test_ctrl_c_writes_nothing(
 
     monkeypatch.setattr("anytraverse.training.running.fit_on", interrupted)
     monkeypatch.chdir(tmp_path)
-    assert main(["fit", str(tiny_folder)]) == 130
+    assert main(["fit", str(tiny_folder), "--validation", "1", "2"]) == 130
     assert capsys.readouterr().err == "stopped: nothing was written\n"
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import torch
-
-    from anytraverse.perception.builtin.network import Calibration
     from anytraverse.training.calibration import plain
     from anytraverse.training.fit import Fitted, write
-    from anytraverse.training.net import GroundNet
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    torch.manual_seed(0)
     out = tmp_path / "mine.onnx"
-    write(Fitted(GroundNet(wide=0.5), plain()), out)
+    write(Fitted(SHIPPED, plain()), out)
     written = [(path.name, path.read_bytes()) for path in sorted(tmp_path.iterdir())]
     monkeypatch.setattr(Calibration, "save", full)
     with pytest.raises(TrainingError, match=r"no space left.*make room .*Nothing was written"):
-        write(Fitted(GroundNet(wide=0.5), plain()), out)
+        write(Fitted(SHIPPED, replace(plain(), slope=1.0)), out)
     assert [(path.name, path.read_bytes()) for path in sorted(tmp_path.iterdir())] == written
-    assert np.isfinite(Calibration.load(out.with_suffix(".npz")).gamma)
+    assert Calibration.load(out.with_suffix(".npz")).slope == plain().slope

@@ -24,6 +24,7 @@ _VISION = SimpleNamespace(
     camera=CameraStatus(),
     watchdog=SimpleNamespace(alive_at=0.0, unreliable=False),
     rate=JudgingRate(10.0, 1.0, 3),
+    infrared=None,
 )
 
 

@@ -141,7 +141,9 @@ def test_the_checks_are_served_as_they_were_found_last(make_rig: MakeRig) -> Non
     found = {row["check"]: (row["verdict"], row["text"]) for row in json.loads(content)["checks"]}
     assert list(found) == [check.name for check in CHECKS]
     assert found["camera"] == ("pass", "delivering, with the companion that runs")
-    assert found["perceiver"] == ("pass", "painted-1, 0 ms a frame")
+    verdict, text = found["perceiver"]
+    assert verdict == "pass"
+    assert text.startswith("painted-1, 0 ms a frame; how often a foreign place matches")
     assert found["link"] == ("pass", "the companion that runs hears the autopilot on main")
     assert found["stopping"] == ("pass", "the companion that runs allows policy hold")
     assert not any("itself fails" in text for _, text in found.values())
@@ -169,6 +171,8 @@ def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) 
     inner += [checks, *checks["checks"]]
     page = (Path(__file__).resolve().parents[3] / "docs" / "protocol.md").read_text()
     section = page.split("### What the documents say")[1].split("\n### ")[0]
+    # test_places_known_again has the keys inside of it
+    section = re.sub(r"(`known_place` \|).*", r"\1", section)
     assert set().union(state, call, *inner) == set(re.findall(r"`([a-z][a-z_]*)`", section))
 
 

@@ -65,7 +65,7 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
         assert client.process_ftp_reply("Get", timeout=20).error_code == 0
         return copy.read_bytes()
 
-    assert listed("/").keys() == {"@PARAM", "state.json", "check.json", "calls", "maps", "logs"}
+    assert listed("/").keys() == {"@PARAM", "state.json", "check.json", "calls", "maps", "scenes", "logs"}
     number = call.id
     wanted, deadline = {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg"}, time.monotonic() + 10.0
     while not listed("/calls").keys() >= wanted and time.monotonic() < deadline:

@@ -137,6 +137,7 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
     status = json.loads(path.read_text())
     assert set(status) == {
         "state",
+        "known_place",
         "reasons",
         "current_id",
         "policy",

@@ -16,6 +16,7 @@ from companion.wire.answers import (
     ForgetWord,
     NewEpisode,
     Operation,
+    OtherPlace,
     SetWord,
     TapBox,
 )
@@ -281,6 +282,13 @@ def test_a_stock_ground_station_sets_a_weight_by_command(stage: LoopbackLink) ->
     ]
 
 
+@pytest.mark.parametrize("call", [0, 12])
+def test_a_stock_ground_station_refuses_a_match_by_command(stage: LoopbackLink, call: int) -> None:
+    assert heard(stage, command(call, 6)) == [
+        Answer(GROUND, Via.COMMAND, 0, Motion.NONE, (OtherPlace(call),))
+    ]
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -289,7 +297,8 @@ def test_a_stock_ground_station_sets_a_weight_by_command(stage: LoopbackLink) ->
         (7, 0, 0, 0),
         (7, 5, 4, 0),
         (7, 5, math.nan, 0),
-        (7, 6, 0, 0),
+        (7, 7, 0, 0),
+        (-1, 6, 0, 0),
         (7, 1.5, 0, 0),
         (-1, 1, 0, 0),
         (70_000, 1, 0, 0),

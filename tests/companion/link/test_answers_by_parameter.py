@@ -57,7 +57,7 @@ def test_id_and_motion_are_one_number_and_the_echo_carries_it(
 
 
 @pytest.mark.parametrize(
-    "value", [10.0, 74.0, 9.0, 71.5, -71.0, 655360.0, 655361.0, float("nan"), float("inf")]
+    "value", [10.0, 75.0, 9.0, 71.5, -71.0, 655360.0, 655361.0, float("nan"), float("inf")]
 )
 def test_what_says_nothing_is_refused_with_a_text_and_echoed_as_nothing(
     stage: LoopbackLink, value: float

@@ -13,6 +13,7 @@ from companion.cli import main
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.system.resources import resource
+from companion.wire.answers import OtherPlace
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion, Policy
 
 FILE = json.loads(resource("config/qgroundcontrol/anytraverse.json").read_text(encoding="utf-8"))
@@ -57,6 +58,11 @@ def test_a_trail_button_answers_the_current_call(label: str, motion: Motion) -> 
     assert (request.sender, request.target, request.motion) == (QGROUNDCONTROL, 0, motion)
 
 
+def test_the_button_for_another_place_refuses_the_newest_match() -> None:
+    (request,) = press("Trail: other place").reported(Answer)
+    assert (request.sender, request.operations) == (QGROUNDCONTROL, (OtherPlace(0),))
+
+
 @pytest.mark.parametrize(
     ("label", "policy"),
     [
@@ -72,7 +78,7 @@ def test_a_companion_button_sets_the_policy(label: str, policy: Policy) -> None:
 
 def test_no_button_is_left_untried() -> None:
     assert {label.split(":")[0] for label in ACTIONS} == {"Trail", "Companion"}
-    assert len(ACTIONS) == len(FILE["actions"]) == 6
+    assert len(ACTIONS) == len(FILE["actions"]) == 7
 
 
 def test_init_copies_it_out(tmp_path: Any) -> None:

@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.history import Entry, History, Place
+from anytraverse.adoption import adopted_memory
+from anytraverse.history import Entry, History, Match, Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import make_perceiver
 from anytraverse.preferences import Preferences
@@ -95,9 +96,23 @@ def test_scenes_are_listed_with_call_place_picture_and_words(rover: Rover) -> No
     head, _, seven, eight, last = told.splitlines()
     assert (code, head) == (0, f"2 of at most 4 scenes, learnt with model {PERCEIVER.model_id}")
     assert seven.split()[:2] == ["1", "C7"]
-    assert seven.endswith("  47.00000, 8.00000     yes      grass: 1; drum: -1 (tapped)")
+    assert seven.endswith("  47.00000, 8.00000     yes            0  grass: 1; drum: -1 (tapped)")
     assert eight.split()[:2] == ["2", "C8"]
     assert [scene["call"] for scene in json.loads(last)["scenes"]] == [7, 8]
+
+
+def test_how_often_a_scene_was_refused_is_listed_and_shown(rover: Rover) -> None:
+    rover.taught(7)
+    journal = Journal(rover.state)
+    memory = journal.load_memory()
+    assert memory is not None
+    refused = memory.history.refusing({1}, memory.history[0].embedding)
+    journal.commit(Batch(memory=replace(memory, history=refused)))
+    journal.close()
+    _, told, _ = rover.type("list", "--json")
+    assert "yes            1  grass: 1" in told
+    assert json.loads(told.splitlines()[-1])["scenes"][0]["refused"] == 1
+    assert "refused   1 frames that an operator said are another place\n" in rover.type("show", "1")[1]
 
 
 def test_a_scene_is_shown_with_its_picture(rover: Rover, tmp_path: Path) -> None:
@@ -137,6 +152,21 @@ def test_scenes_are_forgotten_one_by_one_and_all(rover: Rover) -> None:
     assert memory is not None
     assert (len(memory.history), memory.reference) == (0, None)
     assert dict(memory.preferences) == {"grass": 1.0, "drum": -1.0}, "words in use stay"
+
+
+def test_after_all_scenes_are_forgotten_there_is_no_match_to_refuse(rover: Rover) -> None:
+    rover.taught(7)
+    memory = rover.memory
+    assert memory is not None
+    (scene,) = memory.history
+    memory, _ = adopted_memory(memory, Match(scene, 0.9), str, scene.embedding)
+    journal = Journal(rover.state)
+    journal.commit(Batch(memory=memory))
+    journal.close()
+    assert rover.type("forget", "all")[0] == 0
+    memory = rover.memory
+    assert memory is not None
+    assert (memory.reference, memory.adoption) == (None, None)
 
 
 def test_what_changes_the_memory_is_refused_while_a_companion_has_it_and_what_reads_is_not(

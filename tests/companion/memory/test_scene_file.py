@@ -64,6 +64,7 @@ def _scenes(draw: st.DrawFn) -> Scene:
         call_id=draw(st.integers(0, 0xFFFF)),
         examples={word: draw(_TAPS) for word in sorted(tapped)},
         place=draw(_PLACES),
+        refused=tuple(draw(st.lists(_VECTORS, max_size=8))),
     )
     return Scene(entry, draw(st.sampled_from([b"", PICTURE])))
 
@@ -72,7 +73,8 @@ def _plain(scene: Scene) -> Any:
     entry = scene.entry
     taps = {word: [tap.vector.tolist() for tap in kept] for word, kept in entry.examples.items()}
     words = list(entry.preferences.items())
-    return entry.embedding.tolist(), words, taps, entry.place, entry.call_id, scene.picture
+    refused = [one.tolist() for one in entry.refused]
+    return entry.embedding.tolist(), words, taps, entry.place, entry.call_id, refused, scene.picture
 
 
 @settings(max_examples=40, deadline=None)
@@ -196,6 +198,10 @@ def _set(line: int, **values: Any) -> Change:
         (_set(2, attitude=[1, 2]), "roll, pitch and yaw"),
         (_set(2, call=-1), "-1 is not 0 to 65535"),
         (_set(2, picture="AAAA"), "no JPEG"),
+        (_set(2, refused=["AAAA"]), "a vector has 3 bytes"),
+        (_set(2, refused=["AADAfwAAgD8="]), "not finite"),
+        (_set(2, refused=["AACAPwAAgD8="] * 9), "at most 8 refused frames"),
+        (_set(2, refused=None), "at most 8 refused frames"),
     ],
 )
 def test_what_is_wrong_is_told_and_nothing_is_imported(tmp_path: Path, change: Change, told: str) -> None:

@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from companion.config.schema import Stopping
-from companion.policy.stopping import ARDUPILOT, CAUTIOUS, MOST, SPREAD, Brakes, Fit, Measured, fit
+from companion.vehicle.brakes import ARDUPILOT, CAUTIOUS, MOST, SPREAD, Brakes, Fit, Measured, fit
 
 TOLERANCE = 0.11
 """The most that the fit to ArduPilot's stops promises above one of them, its share."""

@@ -11,8 +11,8 @@ import pytest
 from companion.cameras import BadFrame, CameraError, Capture, NoFrameYet
 from companion.config import load_config
 from companion.preflight import watching
-from companion.preflight.camera import check_camera, check_exposure, check_frames
-from companion.preflight.rover import Rover
+from companion.preflight.camera import check_camera, check_exposure, check_frames, check_infrared
+from companion.preflight.rover import Perceives, Rover
 from companion.preflight.rules import Finding, Verdict
 
 cv2 = pytest.importorskip("cv2")
@@ -226,3 +226,79 @@ def test_of_a_camera_that_is_not_there_nothing_more_is_told(tmp_path: Path) -> N
     absent = rover(tmp_path)
     assert only(check_camera(absent))[0] is Verdict.FAIL
     assert [only(check(absent))[0] for check in (check_frames, check_exposure)] == [Verdict.SKIP] * 2
+
+
+PINK, GREEN = (125, 90, 150), (60, 110, 90)
+"""Plants by a camera without and with an infrared filter: blue, green, red, as OpenCV writes them."""
+
+
+def meadow(colour: tuple[int, int, int]) -> Any:
+    return np.clip(painted(0, 10).astype(int) + np.array(colour), 0, 255).astype(np.uint8)
+
+
+def noir(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, more: str = "", camera: str = "", *, trained: bool = False
+) -> tuple[Verdict, str]:
+    pictures(folder, meadow(PINK))
+    found = rover(folder, more, camera)
+    monkeypatch.setattr("companion.preflight.rover.load_perceiver", lambda _: Perceives(infrared=trained))
+    return only(check_infrared(found))
+
+
+def test_a_camera_with_an_infrared_filter_passes(tmp_path: Path) -> None:
+    pictures(tmp_path, meadow(GREEN))
+    assert only(check_infrared(rover(tmp_path))) == (Verdict.PASS, "the camera shows none")
+
+
+def test_a_camera_without_an_infrared_filter_is_told_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    verdict, text = noir(tmp_path, monkeypatch)
+    assert verdict is Verdict.WARN
+    assert "NoIR" in text
+    assert '[camera] infrared = "handle"' in text
+
+
+def test_it_is_a_reason_not_to_drive_where_the_policy_is_hold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hold = '[call]\npolicy = "hold"\n[stopping]\nunchecked = true\n'
+    assert noir(tmp_path, monkeypatch, hold)[0] is Verdict.FAIL
+
+
+@pytest.mark.parametrize(
+    ("camera", "trained", "verdict"),
+    [
+        ('infrared = "handle"', False, Verdict.PASS),
+        ('infrared = "auto"', True, Verdict.PASS),
+        ('infrared = "auto"', False, Verdict.WARN),
+        ('infrared = "refuse"', True, Verdict.WARN),
+    ],
+)
+def test_it_passes_where_perceiver_or_configuration_handle_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, camera: str, trained: bool, verdict: Verdict
+) -> None:
+    assert noir(tmp_path, monkeypatch, "", camera, trained=trained)[0] is verdict
+
+
+def test_a_dark_picture_or_none_says_nothing_of_infrared(tmp_path: Path) -> None:
+    assert only(check_infrared(rover(tmp_path)))[0] is Verdict.SKIP
+    pictures(tmp_path, painted(0, 4))
+    verdict, text = only(check_infrared(rover(tmp_path)))
+    assert (verdict, "too dark" in text) == (Verdict.SKIP, True)
+
+
+@pytest.mark.parametrize(
+    ("shown", "trained", "verdict"),
+    [
+        (None, False, Verdict.SKIP),
+        (False, False, Verdict.PASS),
+        (True, False, Verdict.WARN),
+        (True, True, Verdict.PASS),
+    ],
+)
+def test_a_companion_that_runs_is_asked_what_it_saw(
+    tmp_path: Path, shown: bool | None, trained: bool, verdict: Verdict
+) -> None:
+    said = {"camera": {"infrared": shown}, "perceiver": {"infrared": trained}}
+    assert only(check_infrared(rover(tmp_path, running=said)))[0] is verdict

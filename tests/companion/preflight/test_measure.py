@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.stopping.ground import Ground
-from companion.policy.stopping import Brakes, fit
 from companion.preflight.measure import Recorder
 from companion.sim.demo.child import Child
 from companion.sim.field.control import FieldControl
@@ -24,6 +23,7 @@ from companion.sim.field.modes import Mode
 from companion.sim.field.rover import Drive, Rover
 from companion.sim.field.telemetry import heartbeat, position
 from companion.sim.field.things import World
+from companion.vehicle.brakes import Brakes, fit
 from tests.waiting import wait_for
 
 WORLD = World(1, ())

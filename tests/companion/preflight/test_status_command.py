@@ -93,6 +93,15 @@ def test_one_that_judges_less_often_than_configured_says_why(
     assert "builtin/1, 41.0 ms a frame, 7.5 frames/s of 10.0: hot computer\n" in capsys.readouterr().out
 
 
+def test_a_camera_that_shows_infrared_is_told(folder: Folder, capsys: pytest.CaptureFixture[str]) -> None:
+    folder.says(camera={"state": "delivering", "infrared": True})
+    folder.asked()
+    assert "shows infrared (NoIR)" in capsys.readouterr().out
+    folder.says(camera={"state": "delivering", "infrared": False})
+    folder.asked()
+    assert "infrared" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("said", "told"),
     [

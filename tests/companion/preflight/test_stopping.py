@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import Camera, Mount, Roi
 from companion.config.schema import Stopping as Setting
-from companion.policy.stopping import (
-    ARDUPILOT,
-    FARTHEST,
-    OVERSHOOT,
-    Brakes,
-    Outlook,
-    Stopping,
-    fit,
-    judge_stopping,
-)
+from companion.config.stopping import FARTHEST, OVERSHOOT, Outlook, Stopping, judge_stopping, tile_width
+from companion.preflight.autopilot import Asked
+from companion.preflight.rover import Perceives, Rover
+from companion.preflight.rules import Verdict
+from companion.preflight.stopping import check_stopping, check_tile
+from companion.vehicle.brakes import ARDUPILOT, Brakes, fit
 
 OUTLOOKS = st.builds(
     Outlook,
@@ -219,3 +218,45 @@ def test_what_cannot_be_judged_says_what_is_missing(config: Config, missing: str
     told = judge_stopping(config)
     assert isinstance(told, str)
     assert missing in told
+
+
+def rover_with(folder: Path, config: Config, judging: Settings | None) -> Rover:
+    """A rover whose perceiver is loaded, and whose autopilot has said nothing."""
+    rover = Rover(config, "", folder)
+    trouble = "" if judging is not None else "no such model"
+    rover.__dict__["perceives"] = Perceives(trouble, "painted-1", 0.05, judging)
+    rover.__dict__["asked"] = Asked()
+    return rover
+
+
+@pytest.mark.parametrize(
+    ("speed", "verdict", "said"),
+    [
+        (1.0, Verdict.PASS, "a tile is 35 px wide in a picture of 640 = a 45 cm rock at 3.7 m"),
+        (3.0, Verdict.WARN, "such a rock is called later than that"),
+    ],
+)
+def test_the_row_of_the_tile_tells_how_large_it_is_and_whether_a_rock_fills_it_in_time(
+    tmp_path: Path, speed: float, verdict: Verdict, said: str
+) -> None:
+    stopping = Setting(speed=speed, time_constant=1.76, braking=6.46)
+    config = replace(CONFIG, stopping=stopping)
+    judging = Settings(tile_share=0.08, tile_width=tile_width(config))
+    (found,) = check_tile(rover_with(tmp_path, config, judging))
+    assert (found.check, found.verdict) == ("tile", verdict)
+    assert said in found.text
+
+
+def test_a_tile_is_not_told_without_a_perceiver_or_beside_a_companion_that_runs(tmp_path: Path) -> None:
+    unloaded = rover_with(tmp_path, CONFIG, None)
+    beside = Rover(CONFIG, "", tmp_path, running={})
+    for rover in (unloaded, beside):
+        (found,) = check_tile(rover)
+        assert (found.check, found.verdict) == ("tile", Verdict.SKIP)
+
+
+def test_the_row_of_the_stopping_distance_sees_with_the_tile_in_force(tmp_path: Path) -> None:
+    small = Settings(region=Box(0.35, 0.5, 0.65, 0.95), tile_share=0.08, thresholds=Thresholds(tile=0.9))
+    (found,) = check_stopping(rover_with(tmp_path, CONFIG, small))
+    lower = 0.5 + 0.08 * 0.3 * 1.333
+    assert f"a thing is seen {Outlook(1.0, 7.0, 75.0, 1.333).distance(lower):.1f} m ahead" in found.text

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.adoption import adopted_memory
-from anytraverse.history import Entry, History, Place
-from anytraverse.memory import Memory, first_memory
+from anytraverse.history import Entry, History, Match, Place
+from anytraverse.memory import Adoption, Memory, first_memory
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
 from companion.storage import Batch, Journal
@@ -41,9 +41,22 @@ _ENTRIES = st.lists(
         call_id=st.integers(0, 99),
         examples=_EXAMPLES,
         place=st.builds(Place, _MAYBE, _MAYBE, _MAYBE, _MAYBE),
+        refused=st.lists(_VECTORS, max_size=8).map(tuple),
     ),
     max_size=6,
     unique_by=lambda entry: entry.order,
+)
+_ADOPTIONS = st.builds(
+    Adoption,
+    order=_STAMPS,
+    call_id=st.integers(0, 99),
+    similarity=st.floats(-1, 1),
+    clock=_STAMPS,
+    embedding=_VECTORS,
+    preferences=_PREFERENCES,
+    examples=_EXAMPLES,
+    reference=st.none() | _VECTORS,
+    time=_MAYBE,
 )
 _MEMORIES = st.builds(
     Memory,
@@ -55,6 +68,7 @@ _MEMORIES = st.builds(
     reference=st.none() | _VECTORS,
     history=st.builds(History, _ENTRIES, st.integers(3, 9)),
     clock=_STAMPS,
+    adoption=st.none() | _ADOPTIONS,
 )
 
 
@@ -65,11 +79,16 @@ def _plain(value: Any) -> Any:
             parts = (value.model_id, value.clock, value.history.limit, dict(value.settled))
             words = [list(one.settings.items()) for one in (value.preferences, value.configured)]
             rest = (_plain(value.examples), _plain(value.reference), [_plain(one) for one in value.history])
-            return (*parts, words, *rest)
+            return (*parts, words, *rest, _plain(value.adoption))
+        case Adoption():
+            stamps = (value.order, value.call_id, value.similarity, value.clock, value.time)
+            vectors = (_plain(value.embedding), _plain(value.reference))
+            return (*stamps, *vectors, list(value.preferences.settings.items()), _plain(value.examples))
         case Entry():
             figures = (value.order, value.matched, value.call_id, value.place)
             set_words = list(value.preferences.settings.items())
-            return (*figures, set_words, _plain(value.embedding), _plain(value.examples))
+            refused = [_plain(one) for one in value.refused]
+            return (*figures, set_words, _plain(value.embedding), _plain(value.examples), refused)
         case np.ndarray():
             return (str(value.dtype), value.tolist())
         case None:
@@ -152,7 +171,7 @@ def test_a_remembered_scene_changes_the_same_words_after_a_restart(journal: Jour
     memory = replace(memory.using(elsewhere, {}, {"bush": 3, "rock": 4, "mud": 4}), clock=5)
     journal.commit(Batch(memory=memory))
     found = _reopened(journal, folder)
-    after, _ = adopted_memory(found, found.history[0], str)
+    after, _ = adopted_memory(found, Match(found.history[0], 1.0), str, np.eye(2, dtype=np.float32)[0])
     assert after.preferences == Preferences.of({"grass": 1.0, "bush": 0.2, "rock": -0.5})
 
 
@@ -191,3 +210,30 @@ def test_examples_that_nothing_refers_to_are_dropped(journal: Journal, folder: P
     with sqlite3.connect(folder / "journal.db") as connection:
         assert connection.execute("SELECT count(*) FROM vectors").fetchone() == (0,)
     connection.close()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE adoption SET similarity = 9e999",
+        "UPDATE adoption SET similarity = 'near'",
+        "UPDATE adoption SET clock = 'late'",
+        "UPDATE adoption SET time = -9e999",
+        "UPDATE adoption SET embedding = x''",
+        "INSERT INTO refused SELECT 1, position + 8, embedding FROM refused",
+    ],
+)
+def test_a_match_or_refused_frame_that_cannot_be_makes_a_damaged_journal(tmp_path: Path, change: str) -> None:
+    vector = np.ones(4, np.float32)
+    scene = Entry(vector, Preferences.parse("grass: 1"), 1, 1, refused=(vector,) * 8)
+    memory = replace(first_memory("m", Preferences()), history=History([scene]), clock=2)
+    memory, _ = adopted_memory(memory, Match(scene, 0.9), str, vector, 1_790_000_000.0)
+    journal = Journal(tmp_path)
+    journal.commit(Batch(memory=memory))
+    journal.close()
+    with sqlite3.connect(tmp_path / "journal.db") as connection:
+        connection.execute(change)
+    connection.close()
+    journal = Journal(tmp_path)
+    journal.close()
+    assert journal.recovered_from is not None

@@ -31,7 +31,8 @@ def made_old(folder: Path) -> None:
     with sqlite3.connect(folder / "journal.db") as connection:
         for column in ("roll", "pitch", "yaw"):
             connection.execute(f"ALTER TABLE entries DROP COLUMN {column}")
-        connection.execute("DROP TABLE frame")
+        for table in ("frame", "refused", "adoption"):
+            connection.execute(f"DROP TABLE {table}")
         connection.execute("PRAGMA user_version = 1")
     connection.close()
 
@@ -69,7 +70,8 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
     journal.commit(Batch(state=as_json({"call": {"frame_id": 41}})))
     journal.close()
     with sqlite3.connect(tmp_path / "journal.db") as connection:
-        connection.execute("DROP TABLE frame")
+        for table in ("frame", "refused", "adoption"):
+            connection.execute(f"DROP TABLE {table}")
         connection.execute("PRAGMA user_version = 2")
     connection.close()
     (tmp_path / "call.png").write_bytes(b"a picture")
@@ -127,3 +129,30 @@ def test_a_journal_of_which_no_copy_can_be_made_is_not_upgraded(
         assert connection.execute("PRAGMA user_version").fetchone() == (1,)
     connection.close()
     Journal(tmp_path).close()
+
+
+def test_a_journal_of_version_3_opens_and_takes_refused_frames_from_then_on(tmp_path: Path) -> None:
+    memory = replace(first_memory("m", WORDS), history=History([entry(1, OLD)]), clock=5)
+    journal = Journal(tmp_path)
+    journal.commit(Batch(memory=memory))
+    journal.close()
+    with sqlite3.connect(tmp_path / "journal.db") as connection:
+        for table in ("refused", "adoption"):
+            connection.execute(f"DROP TABLE {table}")
+        connection.execute("PRAGMA user_version = 3")
+    connection.close()
+    journal = Journal(tmp_path)
+    assert journal.recovered_from is None
+    found = journal.load_memory()
+    assert found is not None
+    assert found.adoption is None
+    assert found.history[0].refused == ()
+    journal.commit(
+        Batch(memory=replace(found, history=found.history.refusing({1}, found.history[0].embedding)))
+    )
+    journal.close()
+    journal = Journal(tmp_path)
+    found = journal.load_memory()
+    assert found is not None
+    assert [len(one.refused) for one in found.history] == [1]
+    journal.close()

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import MISSING, fields, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,12 +19,12 @@ from anytraverse.assessment import Finding, Maps, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, Place
-from anytraverse.judging import Settings
-from anytraverse.memory import first_memory
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.memory import Adoption, first_memory
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
-from anytraverse.roi import Tile
+from anytraverse.roi import Corridor, Tile
 from companion.cameras.newest import CameraStatus
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
 from companion.vision.codec import Splitter, decode, encode
@@ -114,6 +114,19 @@ def unmade(kind: type, **given: Any) -> Any:
     return value
 
 
+CORRIDOR = vars(Settings().corridor)
+
+
+def settings_of(**changes: Any) -> Ready:
+    """With other settings."""
+    return ready(settings=unmade(Settings, **{**vars(Settings()), **changes}))
+
+
+def limits_of(**changes: Any) -> Ready:
+    """With other thresholds."""
+    return settings_of(thresholds=unmade(Thresholds, **{**vars(Thresholds()), **changes}))
+
+
 def memory_of(**changes: Any) -> Ready:
     """With another memory."""
     return replace(READY, update=replace(UPDATE, memory=replace(MEMORY, **changes)))
@@ -122,6 +135,11 @@ def memory_of(**changes: Any) -> Ready:
 def entry_of(**changes: Any) -> Ready:
     """With a remembered scene."""
     return replace(READY, update=replace(UPDATE, entries=(replace(ENTRY, **changes),)))
+
+
+def match_of(**changes: Any) -> Ready:
+    """With a match whose words are in force."""
+    return memory_of(adoption=replace(Adoption(1, 7, 0.9, 3, VECTOR, WORDS, {}, VECTOR), **changes))
 
 
 def finding_of(**changes: Any) -> FrameJudged:
@@ -137,6 +155,17 @@ for _ in range(100_000):
 WRONG: dict[str, Any] = {
     "nothing": None,
     "a number": 7,
+    "a refused frame that is no vector": entry_of(refused=(None,)),
+    "refused frames that are no tuple": entry_of(refused=[VECTOR]),
+    "more refused frames than are kept": entry_of(refused=(VECTOR,) * 9),
+    "a refused frame that is not finite": entry_of(refused=(VECTOR * NAN,)),
+    "a match in force that is none": memory_of(adoption=7),
+    "a match without a vector": match_of(embedding=None),
+    "a match of a similarity beyond 1": match_of(similarity=1.5),
+    "a match at no time": match_of(time=NAN),
+    "a match with words of the wrong kind": match_of(preferences={}),
+    "a match of a scene without a stamp": match_of(order=-1),
+    "a match with a reference that is not finite": match_of(reference=VECTOR * INF),
     "a class": FrameJudged,
     "a frame that is not newer": replace(LOOKED, assessment=replace(SEEN, frame=Frame(4, 1.0, picture()))),
     "a frame's id below 0": seen(frame=Frame(-5, 1.0, picture())),
@@ -201,6 +230,9 @@ WRONG: dict[str, Any] = {
     "a match that is none": seen(match="entry"),
     "an observation that is none": seen(observation=SEEN.frame),
     "an update that is none": looked(update={}),
+    "infrared that is a number": looked(infrared=1),
+    "infrared that is a text": looked(infrared="yes"),
+    "a model whose infrared is no bool": ready(model=Model("painted-1", infrared=cast(bool, 1.0))),
     "a revision that is no number": updating(revision="1"),
     "a base below 0": updating(base=-1),
     "a limit that is no number": updating(limit=None),
@@ -226,6 +258,20 @@ WRONG: dict[str, Any] = {
     "settings out of range": replace(
         READY, settings=unmade(Settings, **{**vars(Settings()), "freshness": NAN})
     ),
+    "a tile that may be": settings_of(tile_width=True),
+    "a tile of an array": settings_of(tile_share=np.array([0.1])),
+    "a region that is none": settings_of(region=(0.3, 0.6, 0.7, 0.9)),
+    "no thresholds": settings_of(thresholds=None),
+    "a threshold of NaN": limits_of(roi=NAN),
+    "a threshold of text": limits_of(scene="0.8"),
+    "a match without pairs": limits_of(match=0.9),
+    "a match by NaN": limits_of(match=((1, NAN),)),
+    "a match by text": limits_of(match=((1, "a"),)),
+    "a match that falls": limits_of(match=((1, 0.9), (40, 0.8))),
+    "a match with endless scenes": limits_of(match=((1, 0.8), (INF, 0.9))),
+    "two matches for as many scenes": limits_of(match=((1, 0.8), (1, 0.9))),
+    "a corridor without gaps": settings_of(corridor=unmade(Corridor, **{**CORRIDOR, "gap": 0.0})),
+    "a corridor with a gap of NaN": settings_of(corridor=unmade(Corridor, **{**CORRIDOR, "gap": NAN})),
     "settings without a field": replace(READY, settings=unmade(Settings)),
     "a step of NaN": replace(READY, step=NAN),
     "an endless step": replace(READY, step=INF),
@@ -245,6 +291,12 @@ WRONG: dict[str, Any] = {
     "a frame that came in the future": Alive(CameraStatus(), AHEAD),
     "a frame that came at no time": Alive(CameraStatus(), NAN),
     "a frame that came at a time too large for a float": Alive(CameraStatus(), 10**400),
+    "a square around a tile that is none": roi_of(
+        worst_tile=unmade(Tile, box=Box(0, 0, 1, 1), uncertainty=0.5, around=(0, 0, 1, 1))
+    ),
+    "a square around a tile that leaves the picture": roi_of(
+        worst_tile=Tile(Box(0, 0, 1, 1), 0.5, unmade(Box, left=0.0, top=0.0, right=2.0, bottom=1.0))
+    ),
     "a box of what is nested too deep": roi_of(worst_tile=Tile(unmade(Box, left=NESTED), 0.5)),
     "an outcome and an error": Done(1, AnswerOutcome(None, None), "no", None),
     "neither outcome nor error": Done(1, None, "", None),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.config import Config
 from companion.config.schema import Call, Camera, Mount, Stopping
-from companion.policy.stopping import judge_stopping
+from companion.config.stopping import judge_stopping
 from companion.vision.judging_rate import CALM_FOR, LONGEST_CALM, JudgingRate, steps
 
 COOL: dict[str, Any] = {"temperature": 50.0, "throttled": False}

@@ -73,3 +73,38 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
         assert time.monotonic() < deadline
         time.sleep(0.1)
     assert title.inner_text() == "NO NEWS"
+
+
+KNOWN = {
+    "scene": 31,
+    "call": 12,
+    "similarity": 0.96,
+    "needed": 0.93,
+    "since": 1_790_000_000.0,
+    "changed": {"gravel": [None, 1]},
+    "picture": "/calls/12.jpg",
+}
+
+
+def test_the_place_that_matched_is_shown_beside_the_newest_picture_while_it_is_in_force(
+    stage: Stage, tab: Any
+) -> None:
+    calls = stage.folder / "calls"
+    calls.mkdir(exist_ok=True)
+    (calls / "12-large.jpg").write_bytes(played.JPEG)
+    place, picture = tab.locator("#place"), tab.locator("#place-picture")
+    stage.until(tab.locator("#picture").is_visible)
+    assert not place.is_visible()
+    stage.news["state"]["known_place"] = KNOWN
+    stage.until(picture.is_visible)
+    assert "that of call 12" in place.inner_text()
+    assert "0.96" in place.inner_text()
+    assert tab.locator("#place-note").text_content() == ""
+    newest, remembered = tab.locator("#picture").bounding_box(), picture.bounding_box()
+    assert abs(newest["y"] - remembered["y"]) < 2.0
+    assert remembered["x"] >= newest["x"] + newest["width"]
+    stage.news["state"]["known_place"] = {**KNOWN, "call": 13, "picture": "/calls/13.jpg"}
+    stage.until(lambda: "No picture" in tab.locator("#place-note").text_content())
+    assert not picture.is_visible()
+    stage.news["state"]["known_place"] = None
+    stage.until(lambda: not place.is_visible())

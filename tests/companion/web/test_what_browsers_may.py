@@ -122,6 +122,15 @@ def test_calls_and_log_are_read_from_the_state_folder(stage: Stage) -> None:
     assert stage.get("/log.txt").body == b"a line"
 
 
+def test_the_picture_of_a_scene_without_a_call_is_read_by_its_hash_alone(stage: Stage) -> None:
+    folder = stage.folder / "scenes"
+    folder.mkdir()
+    (folder / "0123456789abcdef.jpg").write_bytes(b"a picture")
+    assert stage.get("/scenes/0123456789abcdef.jpg").body == b"a picture"
+    for name in ("0123456789abcdee.jpg", "0123456789ABCDEF.jpg", "..%2Fstatus.json", "1.jpg"):
+        assert stage.get(f"/scenes/{name}").status == 404
+
+
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "PATCH", "TRACE", "PROPFIND"])
 def test_nothing_but_reading_is_allowed(stage: Stage, method: str) -> None:
     answer = stage.get("/healthz", method)

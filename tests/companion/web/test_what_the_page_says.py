@@ -51,6 +51,13 @@ def test_a_companion_that_runs_says_what_is_open_and_what_runs(tmp_path: Path) -
     assert facts["link"] == "no autopilot is heard"
 
 
+@pytest.mark.parametrize("infrared", [True, False, None])
+def test_a_camera_that_shows_infrared_is_said_and_no_other(tmp_path: Path, infrared: bool | None) -> None:
+    news = {"status": {"camera": {"state": "delivering", "infrared": infrared}}}
+    facts = dict(said(tmp_path, "model.facts(news)", news=news))
+    assert facts["camera"] == ("delivering, shows infrared (NoIR)" if infrared else "delivering")
+
+
 @pytest.mark.parametrize("age", [60.1, 1e9, None])
 def test_checks_that_hang_are_not_said_to_be_well(tmp_path: Path, age: float | None) -> None:
     check = {"ok": True, "age": age, "checks": [{"check": "disk", "verdict": "pass", "text": "40 GiB"}]}
@@ -99,3 +106,43 @@ def test_news_that_were_late_are_no_news(tmp_path: Path) -> None:
     shown = "model.overview({ ...news, receivedAt: 100 - late }, 100, '')"
     assert said(tmp_path, shown, news=news, late=0.0)["title"] == "OK"
     assert said(tmp_path, shown, news=news, late=3.0)["title"] == "NO NEWS"
+
+
+def test_a_place_that_matched_is_shown_with_its_picture_its_words_and_how_to_refuse_it(
+    tmp_path: Path,
+) -> None:
+    known = {
+        "scene": 31,
+        "call": 12,
+        "similarity": 0.9999,
+        "needed": 0.925,
+        "since": None,
+        "changed": {"gravel": [None, 1], "bush": [-0.5, -1], "mud": [-1, None]},
+        "picture": "/calls/12.jpg",
+    }
+    place = said(tmp_path, "model.place(news)", news={"state": {"known_place": known}})
+    assert place["title"] == "Known place: that of call 12"
+    assert place["picture"] == "/calls/12-large.jpg"
+    rows = dict(place["rows"])
+    assert rows["similarity"] == "0.99, at least 0.93 is needed"
+    assert rows["since"] == "not known"
+    assert rows["changed"] == "gravel 1, bush -1 (was -0.5), mud out of use"
+    assert "other place 12" in rows["wrong?"]
+
+
+def test_a_place_without_a_call_keeps_its_own_picture_and_where_none_matched_nothing_is_shown(
+    tmp_path: Path,
+) -> None:
+    known: dict[str, Any] = {
+        "call": None,
+        "similarity": 1,
+        "needed": 0.9,
+        "since": 1.0,
+        "changed": {},
+        "picture": "/scenes/ab.jpg",
+    }
+    place = said(tmp_path, "model.place(news)", news={"state": {"known_place": known}})
+    assert (place["title"], place["picture"]) == ("Known place", "/scenes/ab.jpg")
+    assert dict(place["rows"])["changed"] == "no word"
+    for news in ({}, {"state": {"known_place": None}}):
+        assert said(tmp_path, "model.place(news)", news=news) is None

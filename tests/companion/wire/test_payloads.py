@@ -13,6 +13,7 @@ from companion.wire.answers import (
     ForgetWord,
     NewEpisode,
     Operation,
+    OtherPlace,
     SetWord,
     TapBox,
 )
@@ -96,6 +97,7 @@ OPERATIONS: st.SearchStrategy[Operation] = st.one_of(
     st.builds(ForgetWord, WORD),
     st.builds(ForgetCall, U16),
     st.just(NewEpisode()),
+    st.builds(OtherPlace, U16),
 )
 ANSWERS = st.builds(
     AnswerMessage,

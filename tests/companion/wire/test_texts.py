@@ -24,6 +24,7 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "switch": st.sampled_from(["RC7", "RC18"]),
     "off": st.booleans(),
     "hold": st.booleans(),
+    "handled": st.booleans(),
     "count": NUMBER,
     "hours": st.floats(0, 1e4),
     "reasons": st.permutations([reason.value for reason in Reason]).flatmap(
@@ -40,7 +41,7 @@ FUNCTIONS: list[Callable[..., str]] = [
     function
     for module in (texts, notices)
     for name, function in inspect.getmembers(module, inspect.isfunction)
-    if function.__module__ == module.__name__ and not name.startswith("_")
+    if function.__module__ == module.__name__ and not name.startswith("_") and name != "matched_words"
 ]
 
 

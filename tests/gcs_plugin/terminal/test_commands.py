@@ -6,12 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, TapBox
 from companion.wire.ids import Motion, Policy
 from companion.wire.words_text import operation_text
 from gcs_plugin.terminal.commands import (
     Change,
     CommandError,
+    Elsewhere,
     Episode,
     Forget,
     ForgetAnswer,
@@ -138,6 +139,7 @@ _CHANGES = st.lists(
         st.builds(Forget, _WORDS.filter(lambda word: not word.startswith("call "))),
         st.builds(ForgetAnswer, st.integers(1, 0xFFFF)),
         st.just(Episode()),
+        st.builds(Elsewhere, st.integers(0, 0xFFFF)),
     ),
     min_size=1,
     max_size=5,
@@ -157,6 +159,8 @@ def written(change: Change) -> str:
             return f"forget call {call_id}"
         case Episode():
             return "new episode"
+        case Elsewhere(call_id):
+            return f"other place {call_id}" if call_id else "other place"
 
 
 @settings(max_examples=100, deadline=None)
@@ -195,6 +199,8 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
         ForgetWord("bush"),
         ForgetCall(7),
         NewEpisode(),
+        OtherPlace(),
+        OtherPlace(7),
     )
     typed = [parse(operation_text(operation)) for operation in operations]
     assert typed == [
@@ -205,5 +211,26 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
             Forget("bush"),
             ForgetAnswer(7),
             Episode(),
+            Elsewhere(),
+            Elsewhere(7),
         )
     ]
+
+
+@pytest.mark.parametrize(
+    ("line", "reply"),
+    [
+        ("not the same place", Reply(Motion.NONE, (Elsewhere(),))),
+        ("Not that place C12", Reply(Motion.NONE, (Elsewhere(12),))),
+        ("other place; gravel: 1, go", Reply(Motion.GO, (Elsewhere(), Word("gravel", 1.0)))),
+        ("rover 2 other place 12", Reply(Motion.NONE, (Elsewhere(12),), rover=2)),
+        ("other place: -1", Reply(Motion.NONE, (Word("other place", -1.0),))),
+    ],
+)
+def test_a_match_is_refused_by_one_line(line: str, reply: Reply) -> None:
+    assert parse(line) == reply
+
+
+def test_no_call_has_the_number_70000() -> None:
+    with pytest.raises(CommandError, match="call 70000 cannot be"):
+        parse("other place 70000")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from companion.wire import ids
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, SetWord, TapBox
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, TapBox
 from companion.wire.ids import words_hash
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
@@ -116,6 +116,17 @@ def test_an_answer_without_an_id_is_not_taken_for_a_call_that_nobody_has_read(
     assert at.paper.problems == ["8 is new, so nothing was sent: read it, then type that again"]
     at.type(f"8 {line}")
     assert [target for target, _, _ in at.rovers[0].applied] == [8]
+
+
+def test_that_a_place_is_another_one_concerns_no_call_and_is_sent_at_once(
+    desk: Make, thing_call: CallData
+) -> None:
+    at = desk(thing_call)
+    at.rovers[0].call = replace(thing_call, id=8, frame_id=5000)
+    at.run(0.1)
+    at.type("other place 3")
+    assert at.rovers[0].applied == [(0, ids.Motion.NONE, (OtherPlace(3),))]
+    assert at.paper.problems == []
 
 
 def test_nor_for_one_of_which_only_the_heartbeat_has_told(desk: Make, thing_call: CallData) -> None:

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from companion.policy.stopping import ARDUPILOT, Brakes, Measured, fit
 from companion.sim.field.rover import STEP, Drive, Rover
 from companion.sim.field.trail import Trail
+from companion.vehicle.brakes import ARDUPILOT, Brakes, Measured, fit
 
 
 @pytest.fixture(scope="module")

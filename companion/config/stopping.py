@@ -1,135 +1,29 @@
-"""Calculates whether the vehicle stops before the things that its camera shows. Pure."""
+"""Calculates whether the vehicle stops before what its camera shows, and how large a tile is. Pure."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
-from typing import NamedTuple
+from dataclasses import asdict, dataclass, replace
 
-from companion.config import Config
+from anytraverse.judging import LARGEST_TILE, Settings
+from companion.config.schema import Config
+from companion.vehicle.brakes import Brakes
 
 OVERSHOOT = 1.12
 """Actual speed by commanded speed. An ArduPilot with WP_SPEED 2 reached 2.25 m/s in simulation."""
-CAUTIOUS = 2.1
-"""Time constant in seconds where none is configured. None of the stops in `ARDUPILOT` took more."""
-MOST = 100.0
-"""m/s2. Highest deceleration of a fit; its share of the stopping distance is next to nothing."""
-SPREAD = 1.5
-"""The fastest stop must be this many times as fast as the slowest, or two figures cannot be fitted."""
-
-
-class Measured(NamedTuple):
-    """One measured stop. speed: m/s when HOLD was set. way: metres from there to standstill."""
-
-    speed: float
-    way: float
-
-
-ARDUPILOT = tuple(
-    Measured(*pair)
-    for pair in (
-        (0.61, 1.0),
-        (0.88, 1.5),
-        (1.35, 2.5),
-        (1.84, 3.5),
-        (2.83, 5.6),
-        (3.84, 7.8),
-        (4.85, 10.0),
-    )
-)
-"""Stops by HOLD from a steady speed, measured with ArduPilot Rover 4.7-dev in its own simulation."""
-
-
-@dataclass(frozen=True)
-class Brakes:
-    """A model of the stopping distance after HOLD.
-
-    Each of `terms` is (a in s, b in s2/m) and gives a * speed + b * speed^2 metres. The longest counts.
-    """
-
-    terms: tuple[tuple[float, float], ...]
-
-    @classmethod
-    def of(cls, braking: float, time_constant: float | None) -> Brakes:
-        """Make the model of the configured figures. braking: m/s2. time_constant: s, None if not configured.
-
-        A `braking` that was measured at one speed promises too much at lower speeds. So without a time
-        constant it counts only where it gives a longer way than `CAUTIOUS`.
-        """
-        quadratic = 1.0 / (2.0 * braking)
-        if time_constant is None:
-            return cls(((CAUTIOUS, 0.0), (0.0, quadratic)))
-        return cls(((time_constant, quadratic),))
-
-    def way(self, speed: float) -> float:
-        """Return the metres to standstill from `speed` m/s."""
-        return max(linear * speed + quadratic * speed**2 for linear, quadratic in self.terms)
-
-    def fastest(self, metres: float, react: float) -> float:
-        """Return the speed in m/s at which `react` seconds and the stop take `metres`."""
-        return min(_root(quadratic, linear + react, max(0.0, metres)) for linear, quadratic in self.terms)
-
-
-class Fit(NamedTuple):
-    """Fitted figures. time_constant: s. braking: m/s2.
-
-    excess: the largest share by which the fitted way is longer than a measured one.
-    """
-
-    time_constant: float
-    braking: float
-    excess: float
-
-
-def fit(stops: Iterable[Measured]) -> Fit:
-    """Fit the figures that give the shortest ways that are no shorter than any measured one.
-
-    Raises ValueError where the stops are too few, or their speeds too similar; its text says what to do.
-    """
-    found = [stop for stop in stops if stop.speed > 0.0 and stop.way > 0.0]
-    speeds = [stop.speed for stop in found]
-    if len(found) < 2 or max(speeds) < SPREAD * min(speeds):
-        raise ValueError(
-            f"{len(found)} HOLDs measured: brake at walking pace and at the fastest that it drives, at least "
-            f"{SPREAD:g} times as fast"
-        )
-    # way / speed = time_constant + slope * speed: a straight line over speed. Find the lowest line that lies
-    # on or above all points; it goes through one or two of them.
-    points = [(stop.speed, stop.way / stop.speed) for stop in found]
-    least = 1.0 / (2.0 * MOST)
-    flattest, steepest = max(y - least * v for v, y in points), max(y / v for v, y in points)
-    lines = [(max(0.0, flattest), least), (0.0, max(least, steepest))]
-    for (v1, y1), (v2, y2) in combinations(points, 2):
-        if v1 != v2 and (slope := (y2 - y1) / (v2 - v1)) >= least and y1 - slope * v1 >= 0.0:
-            lines.append((y1 - slope * v1, slope))
-    above = [line for line in lines if all(line[0] + line[1] * v >= y - 1e-9 for v, y in points)]
-    linear, slope = min(above, key=lambda line: sum((line[0] + line[1] * v) / y for v, y in points))
-    # Rounded to two digits, as they are written into a configuration, and to the safe side.
-    time_constant = math.ceil(100.0 * linear - 1e-6) / 100.0
-    braking = max(0.01, math.floor(100.0 / (2.0 * slope) + 1e-6) / 100.0)
-    return Fit(time_constant, braking, _excess(Brakes.of(braking, time_constant), found))
-
-
-def _excess(brakes: Brakes, stops: Sequence[Measured]) -> float:
-    return max(brakes.way(stop.speed) / stop.way - 1.0 for stop in stops)
-
-
-def _root(quadratic: float, linear: float, metres: float) -> float:
-    """Return the speed v at which linear * v + quadratic * v^2 = metres."""
-    if linear <= 0.0 and quadratic <= 0.0:
-        return math.inf
-    return 2.0 * metres / (linear + math.sqrt(linear**2 + 4.0 * quadratic * metres)) if metres else 0.0
-
-
 FARTHEST = 20.0
 """Metres. No thing counts as seen further ahead: near the horizon an image row gives too long a distance."""
 WIDEST = 120.0
 """Degrees. A wider view does not follow the pinhole model."""
 _SLOWEST = 0.05
+_PICTURE = 640
+"""Pixels. Width of the picture in which a tile is told where the camera's is not configured."""
 _UNKNOWN_MEAN = 0.8
 """Mean uncertainty of a thing that no word explains."""
+ROCK = 0.45
+"""Metres. The smallest thing that is to be seen in time where mount and speed are known."""
+_FILLED = math.sqrt(0.5)
+"""Side of the largest square inside a round thing, over its width: so large a tile the thing fills."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +58,21 @@ class Outlook:
         across = self.height * math.cos(tilt) - ahead * math.sin(tilt)
         along = self.height * math.sin(tilt) + ahead * math.cos(tilt)
         return 0.5 + self._focal * across / along if along > 0 else math.inf
+
+    def width(self, metres: float, distance: float) -> float:
+        """Return how wide a thing of `metres` appears at `distance` metres, over the image's width.
+
+        Infinite for a thing that is not in front of the lens.
+        """
+        tilt = math.radians(self.tilt)
+        along = self.height * math.sin(tilt) + (distance + self.front) * math.cos(tilt)
+        return metres * self._focal / self.aspect / along if along > 0 else math.inf
+
+    def farthest(self, metres: float, width: float) -> float:
+        """Return up to which distance in m a thing of `metres` appears at least `width` wide; at least 0."""
+        tilt = math.radians(self.tilt)
+        along = metres * self._focal / self.aspect / width
+        return max(0.0, (along - self.height * math.sin(tilt)) / math.cos(tilt) - self.front)
 
     @property
     def _focal(self) -> float:
@@ -234,6 +143,57 @@ class Stopping:
         return remedies if slower >= _SLOWEST else [f"no speed is slow enough: {remedies[0]}", *remedies[1:]]
 
 
+def tile_width(config: Config) -> float | None:
+    """Return the side of a tile that a rock `ROCK` wide fills where the vehicle still stops before it.
+
+    It is over the image's width, in (0, 1]. None where mount or speed are not set, or the view is no
+    pinhole's. It follows from the configuration alone, so that everybody who asks gets the same: it reckons
+    with the configured speed, and with a perceiver that is quick enough to keep T.
+    """
+    judged = judge_stopping(config)
+    if isinstance(judged, str):
+        return None
+    return min(1.0, _outlook(config).width(_FILLED * ROCK, judged.needs))
+
+
+def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
+    """Return how large a tile is, as text, and whether a rock `ROCK` wide fills it in time.
+
+    judging: the settings in force. Where mount or speed are not known, nothing is said against it.
+    """
+    bounds, picture = judging.region.bounds, config.camera.width or _PICTURE
+    width = judging.tile_side * (bounds.right - bounds.left)
+    text, in_time = f"a tile is {width * picture:.0f} px wide in a picture of {picture}", True
+    judged = judge_stopping(config)
+    if isinstance(judged, Stopping):
+        away = _outlook(config).farthest(_FILLED * ROCK, width)
+        in_time = away >= judged.needs - 0.05
+        text += (
+            f" = a {100 * ROCK:.0f} cm rock at {away:.1f} m, and {judged.speed:g} m/s takes "
+            f"{judged.needs:.1f} m to stop"
+        )
+    if not in_time:
+        text += ": such a rock is called later than that, drive slower or set a smaller [roi] tile_share"
+    if config.roi.tile_share is not None:
+        return f"{text} (set by [roi] tile_share)", in_time
+    own = "" if isinstance(judged, Stopping) else f", the perceiver's own; to calculate it: {judged}"
+    return text + own, in_time
+
+
+def with_settings(config: Config, judging: Settings) -> Config:
+    """Return the configuration with the region of interest and the tile of the settings in force."""
+    sides = asdict(judging.region.bounds)
+    return replace(config, roi=replace(config.roi, **sides, tile_share=judging.tile_side))
+
+
+def _outlook(config: Config) -> Outlook:
+    """Return the configured camera. Its mount must be set."""
+    mount = config.mount
+    assert mount.height is not None
+    assert mount.tilt is not None
+    return Outlook(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
+
+
 def judge_stopping(
     config: Config,
     step: float = 0.0,
@@ -242,6 +202,8 @@ def judge_stopping(
     overrun: float = 0.0,
 ) -> Stopping | str:
     """Judge whether the configured vehicle stops in time; a text that says what to set where it cannot.
+
+    The tile is the configured one, else `LARGEST_TILE`: give it as it is in force, see `with_settings`.
 
     step: seconds that the perceiver takes for a frame. tile: the worst tile's threshold in force, None where
     tiles are not judged. speed: m/s that the autopilot is known to drive; it counts where it is greater than
@@ -259,10 +221,11 @@ def judge_stopping(
         return f"set {', and '.join([*missing, *(['[stopping] speed'] if fastest is None else [])])}"
     if config.camera.view > WIDEST:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
-    outlook = Outlook(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
+    outlook = _outlook(config)
     # A thing is noticed when it fills so much of a tile that the tile's mean passes its threshold.
     filled = min(1.0, tile / _UNKNOWN_MEAN) if tile is not None else 1.0
-    rows = filled * roi.tile_share * (roi.right - roi.left) * mount.aspect
+    share = LARGEST_TILE if roi.tile_share is None else roi.tile_share
+    rows = filled * share * (roi.right - roi.left) * mount.aspect
     sees = outlook.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)
     noticed = max(step + call.window * interval, config.freshness)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.perception.builtin.attention import distance, middle_cells
+from anytraverse.perception.builtin.attention import distance, middle_cells, softmax
 from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs, network_input
 from anytraverse.perception.builtin.taps import COLOURS, tap_cells
@@ -17,7 +17,7 @@ from anytraverse.training.augment import cast
 from anytraverse.training.classes import CLASSES, DRIVABLE, UNKNOWN
 from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Folder, Labels
-from anytraverse.training.scores import VIEWS, Network, gained, outputs, resized, score, softmax
+from anytraverse.training.scores import VIEWS, Network, gained, outputs, resized, score
 from anytraverse.training.things import ENOUGH, bounded, recall, seen
 from anytraverse.training.widths import FEATURES, MIDDLE, SCALES
 

@@ -99,8 +99,3 @@ class GroundNet(nn.Module):  # type: ignore[misc]
 
 def _upsampled(x: Tensor) -> Tensor:
     return nn.functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
-
-
-def parameters(net: nn.Module) -> int:
-    """Count the network's parameters."""
-    return sum(p.numel() for p in net.parameters())

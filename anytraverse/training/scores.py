@@ -93,12 +93,6 @@ def _words() -> tuple[Floats, Floats]:
 _WORDS, _WEIGHTS = _words()
 
 
-def softmax(logits: Floats) -> Floats:
-    """Calculate the softmax over the first axis, of the same shape."""
-    powers = np.exp(logits - logits.max(axis=0))
-    return np.asarray(powers / powers.sum(axis=0), dtype=np.float32)
-
-
 def resized(values: Floats, shape: tuple[int, ...]) -> Floats:
     """Resize a map to (rows, columns), linearly."""
     return np.asarray(

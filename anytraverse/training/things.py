@@ -24,6 +24,11 @@ from anytraverse.training.unknowns import paste_thing
 
 THINGS = 400
 """Count of things by which a recall is measured, at least: with 20, one thing would be 5 %."""
+ENOUGH = 0.9
+"""Recall of things that a fit must keep, where it was higher before.
+
+A network to which all ground is strange notices everything: to keep all of that would allow no fit.
+"""
 _LOWEST = 1 / 16  # factor of the limits
 _HALVINGS = 6  # so that the factor is found to 4 %
 
@@ -38,13 +43,6 @@ class Seen:
     outputs: Outputs
     where: Flags
     aspect: float
-
-
-ENOUGH = 0.9
-"""Recall of things that a fit must keep, where it was higher before.
-
-A network to which all ground is strange notices everything: to keep all of that would allow no fit.
-"""
 
 
 def pasted(folder: Folder, seed: int, cutouts: Sequence[Cutout] = ()) -> Iterator[tuple[Image, Flags]]:

@@ -19,15 +19,19 @@ def posteriors(outputs: Outputs, calibration: Calibration) -> Floats:
 
     The softmax of the calibrated logits divides what is not strange between the classes with a name.
     """
-    raised = outputs.logits + calibration.bias[:, None, None]
-    powers = np.exp(raised - raised.max(axis=0))
+    shares = softmax(outputs.logits + calibration.bias[:, None, None])
     index = calibration.classes.index(UNKNOWN)
-    thing = powers[index] / powers.sum(axis=0)
-    strange = strangeness(thing, distance(outputs, calibration), calibration)
-    powers[index] = 0.0
-    shares = powers * ((1.0 - strange) / np.maximum(powers.sum(axis=0), 1e-9))
+    strange = strangeness(shares[index], distance(outputs, calibration), calibration)
+    shares[index] = 0.0
+    shares *= (1.0 - strange) / np.maximum(shares.sum(axis=0), 1e-9)
     shares[index] = strange
-    return np.asarray(shares, dtype=np.float32)
+    return shares
+
+
+def softmax(logits: Floats) -> Floats:
+    """Calculate the softmax over the first axis, of the same shape."""
+    powers = np.exp(logits - logits.max(axis=0))
+    return np.asarray(powers / powers.sum(axis=0), dtype=np.float32)
 
 
 def strangeness(thing: Floats, far: Floats, calibration: Calibration) -> Floats:

@@ -50,7 +50,7 @@ SHIPPED = Path(__file__).parent.parent / "data" / "builtin.onnx"
 """The network of this package; its calibration lies beside it, ending in .npz."""
 
 _STRANGENESS_QUANTILE = 0.75
-"""Of the strangeness over a tapped box: the box's corners show the background, not the thing."""
+"""Of the strangeness over the strange part of a tapped box: its edges are mixed with the background."""
 
 
 @dataclass(eq=False)

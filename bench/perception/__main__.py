@@ -1,8 +1,9 @@
 """Measures how far a perceiver may be trusted, on frames of held-out drives and of other places.
 
 What: drivable IoU; clean frames that are stopped; real things that are noticed; things pasted into clean
-frames, driven up to from 10 m, that are never noticed before the stopping distance; remembered scenes that
-frames of elsewhere match; time and memory. Every figure has its count and a 95 % interval.
+frames, driven up to from 10 m, that are never noticed before the stopping distance; tapped ones that call
+again, and what else is taken for them; remembered scenes that frames of elsewhere match; time and memory.
+Every figure has its count and a 95 % interval.
 Run: python -m bench.perception [--perceiver builtin:FILE.onnx] [--sweep]; `make bench-perception`. It needs
 the labelled frames beside the checkout, and photographs of things: `python -m bench.cutouts DIR`, which it
 runs by itself without --cutouts. The results of the shipped perceiver, all parts as shipped, are written to
@@ -33,12 +34,14 @@ from bench.perception.figures import Figure
 from bench.perception.frames import DATA, Frames, read_frames
 from bench.perception.ground import measure_ground
 from bench.perception.judged import Judge, changed
+from bench.perception.pasting import Cutout
 from bench.perception.scenes import FEW, MANY, measure_scenes
 from bench.perception.stops import clean_frames, measure_stops, measure_things
 from bench.perception.sweep import sweep, table
+from bench.perception.taps import measure_taps
 from bench.perception.things import LARGE, SMALL, gather
 
-PARTS = ("ground", "stops", "approaches", "scenes", "cost")
+PARTS = ("ground", "stops", "approaches", "taps", "scenes", "cost")
 
 
 def main() -> int:
@@ -62,10 +65,14 @@ def main() -> int:
     if "stops" in given.only or given.sweep:
         clean = clean_frames(judge, frames)
         figures |= _told(measure_stops(clean) | measure_things(judge, frames), begin)
+    if {"approaches", "taps"} & set(given.only) or given.sweep:
+        cutouts = _cutouts(frames, given)
     if "approaches" in given.only or given.sweep:
-        driven = _driven(judge, frames, given)
+        driven = list(approaches(judge, frames, cutouts, given.approaches, given.seed, whole=given.sweep))
         figures |= _told(measure_approaches(driven), begin)
         more["first_noticed"] = first_seen(driven)
+    if "taps" in given.only:
+        figures |= _told(measure_taps(judge, frames, cutouts, given.seed), begin)
     if given.sweep:
         points = sweep(judge, clean, driven)
         print(table(points), flush=True)
@@ -92,13 +99,13 @@ def main() -> int:
 _COSTS = ("ms_frame", "ms_frame_p95", "ms_wall", "peak_rss_mb", "peak_pss_mb", "mb")
 
 
-def _driven(judge: Judge, frames: Frames, given: argparse.Namespace) -> list[Approach]:
+def _cutouts(frames: Frames, given: argparse.Namespace) -> dict[str, list[Cutout]]:
     with _photographs(given.cutouts) as photographs:
         cutouts = gather(photographs, frames.abroad, given.seed)
     for kind, pictures in cutouts.items():
         if not pictures:
             print(f"no cut-out of {kind}: it is left out")
-    return list(approaches(judge, frames, cutouts, given.approaches, given.seed, whole=given.sweep))
+    return cutouts
 
 
 @contextmanager

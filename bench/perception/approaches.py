@@ -76,7 +76,7 @@ def approaches(
     """
     for place, sets in (("home", frames.home), ("abroad", frames.abroad)):
         clean = [
-            (frame.image, judge.see_briefly(frame.image, keep=whole)) for frame in _backgrounds(sets, count)
+            (frame.image, judge.see_briefly(frame.image, keep=whole)) for frame in backgrounds(sets, count)
         ]
         clean = [(image, judged) for image, judged in clean if whole or judged.ok]
         if not clean:
@@ -102,7 +102,8 @@ def _drive(judge: Judge, approach: Approach, image: Image, thing: Cutout, aside:
             return
 
 
-def _backgrounds(sets: Sequence[LabelledSet], most: int) -> list[LabelledFrame]:
+def backgrounds(sets: Sequence[LabelledSet], most: int) -> list[LabelledFrame]:
+    """Return at most so many clean frames, spread over all."""
     clean = [frame for one in sets for frame in one.clean]
     return [clean[index] for index in spread(len(clean), most)]
 

@@ -53,12 +53,18 @@ class Cutout:
 
 def covered(shape: tuple[int, ...], cutout: Cutout, distance: float, aside: float, bounds: Box) -> float:
     """Return the share of a region's bounds that the thing's box covers in a frame of this shape."""
-    corners = _corners(shape, cutout, distance, aside) / (shape[1], shape[0])
-    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
-    wide = min(right, bounds.right) - max(left, bounds.left)
-    high = min(bottom, bounds.bottom) - max(top, bounds.top)
+    box = pasted_box(shape, cutout, distance, aside)
+    wide = min(box.right, bounds.right) - max(box.left, bounds.left)
+    high = min(box.bottom, bounds.bottom) - max(box.top, bounds.top)
     area = (bounds.right - bounds.left) * (bounds.bottom - bounds.top)
     return float(max(0.0, wide) * max(0.0, high) / area)
+
+
+def pasted_box(shape: tuple[int, ...], cutout: Cutout, distance: float, aside: float) -> Box:
+    """Return the box of what is seen of the thing. Raises RegionError where nothing is."""
+    corners = _corners(shape, cutout, distance, aside) / (shape[1], shape[0])
+    (left, top), (right, bottom) = np.clip((corners.min(axis=0), corners.max(axis=0)), 0.0, 1.0)
+    return Box(float(left), float(top), float(right), float(bottom))
 
 
 def paste(image: Image, cutout: Cutout, distance: float, aside: float) -> Image:

@@ -11,6 +11,7 @@ from bench.perception.approaches import DISTANCES
 from bench.perception.figures import Figure
 from bench.perception.scenes import FEW, MANY
 from bench.perception.stops import TRAINED
+from bench.perception.taps import TAPPED
 from bench.perception.things import KINDS
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "perception.json"
@@ -57,6 +58,7 @@ def _summary(figures: Mapping[str, Figure | str], sources: Mapping[str, tuple[st
         flat = " deep, flat" if kind == "tarp" else " high"
         title = f"never noticed: {kind}, {KINDS[kind].height:g} m{flat} ({'; '.join(own)})"
         rows.append((title, f"  home, {kind}", f"  abroad, {kind}"))
+    rows += [(what, f"{what}: home", f"{what}: abroad") for what in TAPPED]
     for count in (FEW, MANY):
         near = f"near recall at {count}: other light, moved"
         rows.append((f"a place seen again matches, of {count} scenes", near, ""))

@@ -19,6 +19,7 @@ from bench.perception.frames import Frames, LabelledSet
 from bench.perception.judged import Judge, changed
 from bench.perception.pasting import Cutout
 from bench.perception.sweep import sweep, table
+from bench.perception.taps import TAPPED, measure_taps
 from bench.perception.things import KINDS, LARGE, SMALL, gather, photographs_in, regions
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World
@@ -145,3 +146,18 @@ def test_a_sweep_judges_frames_again_with_every_setting(perceiver: Perceiver) ->
     ]
     assert strict == sorted(strict, reverse=True)
     assert strict[0] > 0.5
+
+
+def test_a_tapped_thing_is_covered_on_the_way_and_another_one_still_calls(perceiver: Perceiver) -> None:
+    labels = np.zeros(TRAIL.shape[:2], dtype=np.uint8)
+    home = LabelledSet("home", (LabelledFrame(1, "1", TRAIL, labels),), ("dirt",), 255)
+    pictures = gather(None, [], 1)
+    cutouts = {kind: pictures[kind] if kind in {"barrel", "wall"} else [] for kind in KINDS}
+    figures = measure_taps(Judge.of(perceiver), Frames((home,), (), home), cutouts, 1)
+    covered, once, other, stopped = (figures[f"{name}: home"] for name in TAPPED)
+    assert once.of == stopped.of == 2
+    assert covered.of >= once.of
+    assert (covered.value or 0.0) > 0.5
+    assert other.of > 0
+    assert (other.value or 0.0) < 0.5
+    assert stopped.count == 0

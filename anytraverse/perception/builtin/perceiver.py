@@ -34,6 +34,7 @@ from anytraverse.perception.builtin.taps import (
     strange_part,
     tap_cells,
     whitened,
+    whole_thing,
 )
 from anytraverse.perception.builtin.vocabulary import concept_of, words_for
 from anytraverse.perception.builtin.words import (
@@ -117,11 +118,14 @@ class GroundNetwork:
         maps[[concept is not None for concept in concepts]] = self._words(features, known)
         if any(prompt.examples for prompt in prompts):
             white = whitened(features.cells, self._calibration)
-            explained = 1 - self._strangeness(features)
+            strange = self._strangeness(features)
             for each, prompt in zip(maps, prompts, strict=True):
-                for example in prompt.examples:
-                    danger = prompt.drivable is False
-                    np.maximum(each, self._tapped(white, explained, example, danger), out=each)
+                if not prompt.examples:
+                    continue
+                found = np.max([self._tapped(white, strange, one) for one in prompt.examples], axis=0)
+                if prompt.drivable is False:  # beside a tuft that may be driven over, nothing else may be
+                    found = whole_thing(found, strange)
+                np.maximum(each, found, out=each)
         return maps
 
     def embed(self, features: Ground) -> Floats:
@@ -205,9 +209,9 @@ class GroundNetwork:
         kinds = None if fits is None else relative_fits(fits, own > 0)
         return attention(seen.probabilities, own, [drivable for _, drivable in words], kinds, far)
 
-    def _tapped(self, white: Floats, explained: Floats, example: Example, danger: bool) -> Floats:
+    def _tapped(self, white: Floats, strange: Floats, example: Example) -> Floats:
         vector = example.vector_for(self.model_id, len(self._calibration.tap_mean) + 3)
-        found = likeness(white, vector[:-1], danger) * (1 - explained * np.clip(vector[-1], 0, 1)) ** 2
+        found = likeness(white, vector[:-1]) * (1 - (1 - strange) * np.clip(vector[-1], 0, 1)) ** 2
         return np.asarray(found, dtype=np.float32)
 
     def _strangeness(self, seen: Ground) -> Floats:

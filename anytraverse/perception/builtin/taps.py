@@ -33,8 +33,10 @@ _BETWEEN = 0.4  # position of the threshold between that quantile (0) and the th
 _SOFT = 0.06  # width of the logistic step at the score's threshold
 _LIKENESS = 0.95  # share of the cosine that most cells of the thing have; other things have a lower one
 _ALMOST_ALL = 0.3  # quantile of the cosines of the thing's cells that stands for "most"
-_DANGER = 0.6  # share of both thresholds that a thing must reach that is not drivable
 _SOFT_LIKENESS = 0.03  # width of the logistic step at the cosine's threshold
+_AROUND = (13, 13)  # cells that vote: 52 pixels of the network's input, three cells of its coarsest features
+_VOTES = 0.2  # share of the strange cells among them that must have been found
+_SOFT_VOTES = 0.05  # width of the logistic step at that share
 
 VIEWS: tuple[tuple[float, float, float], ...] = (
     (1.0, 1.0, 1.0),
@@ -99,7 +101,7 @@ def learn_tap(
     alike = np.mean([white[inside] @ direction for white in whites], axis=0)
     pure = alike >= np.quantile(alike, 1 - _PURE)
     direction = _direction(np.mean([white[inside][pure].mean(axis=0) for white in whites], axis=0))
-    outside = ~box.grown(0.5).mask(*inside.shape)
+    outside = ~box.grown(1.5).mask(*inside.shape)
     scores = [white[outside] @ direction for white in whites]
     background = float(np.quantile(np.concatenate(scores), _BACKGROUND)) if outside.any() else _LOWEST
     threshold = np.clip(background + _BETWEEN * (1.0 - background), _LOWEST, _HIGHEST)
@@ -118,27 +120,26 @@ def strange_part(inside: Mask, strange: Floats) -> Mask:
     return part if most >= _STRANGE and part.sum() >= _LEAST_CELLS else inside
 
 
-def tap_attention(cells: Floats, examples: Sequence[NDArray[np.float32]], calibration: Calibration) -> Floats:
-    """Calculate how surely each cell shows what was tapped, (h, w) in [0, 1], by the best of the examples."""
-    white = whitened(cells, calibration)
-    found = np.zeros(cells.shape[:2], dtype=np.float32)
-    for example in examples:
-        np.maximum(found, likeness(white, example), out=found)
-    return found
-
-
-def likeness(white: Floats, example: NDArray[np.float32], danger: bool = False) -> Floats:
-    """Calculate how surely each whitened cell shows the same as this example, (h, w) in [0, 1].
-
-    danger: the thing is not drivable. What hardly resembles it then counts, too: to take another thing for it
-    holds the rover all the same, while a part of it that is not found calls again and again.
-    """
+def likeness(white: Floats, example: NDArray[np.float32]) -> Floats:
+    """Calculate how surely each whitened cell shows the same as this example, (h, w) in [0, 1]."""
     direction, threshold, least = example[:-2], example[-2], example[-1]
-    if danger:
-        threshold, least = _DANGER * threshold, _DANGER * least
     surely = _step((white @ direction - threshold) / _SOFT)
     surely *= _step((_cosine(white, direction) - least) / _SOFT_LIKENESS)
     return surely
+
+
+def whole_thing(found: Floats, strange: Floats) -> Floats:
+    """Extend what was found over the rest of the thing, (h, w) in [0, 1]: a vote among strange cells.
+
+    A strange cell belongs to the thing where enough of the strange cells around it were found: parts of a
+    thing differ in look, and the backbone's coarse features make a rim of ground around it strange, too. Both
+    would call again and again.
+    """
+    votes = cv2.blur(found * strange, _AROUND, borderType=cv2.BORDER_CONSTANT)
+    cells = cv2.blur(strange, _AROUND, borderType=cv2.BORDER_CONSTANT)
+    share: Floats = np.asarray(votes / np.maximum(cells, 1e-3), dtype=np.float32)
+    surely = _step((share - _VOTES) / _SOFT_VOTES)
+    return np.asarray(np.maximum(found, strange * surely), dtype=np.float32)
 
 
 def _step(x: Floats) -> Floats:

@@ -31,7 +31,7 @@ class _Seen:
 class AutoOperator:
     """Answers every call: a place with its words, a thing with a tap on it.
 
-    It never accepts a thing that it has named: that keeps its weight -1 until it is gone.
+    It never accepts a thing that is in the way: that keeps its weight -1 until it is gone.
     """
 
     _calls: dict[int, _Seen] = field(default_factory=dict)
@@ -54,7 +54,8 @@ class AutoOperator:
 
     def _line(self, call: Mapping[str, Any], place: str, thing: str | None, tries: int) -> str | None:
         if call["kind"] == "hold" or call["stage"] != "open":
-            return "go" if tries == 0 and call["stage"] in {"open", "clear"} else None
+            goes = call["stage"] == "clear" or (call["stage"] == "open" and thing is None)
+            return "go" if tries == 0 and goes else None
         if "unknown_scene" in call["reasons"] and tries == 0:
             return f"{WORDS_FOR_PLACE[place]}, go"
         if thing is not None:

@@ -16,7 +16,7 @@ from anytraverse.perception.builtin.attention import distance, posteriors, stran
 from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs, network_size
 from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
-from anytraverse.perception.builtin.taps import learn_tap, tap_attention
+from anytraverse.perception.builtin.taps import learn_tap, likeness, whitened
 from anytraverse.regions import Box
 from anytraverse.training.calibration import (
     fitted_bias,
@@ -187,7 +187,7 @@ def test_a_tap_finds_its_thing_and_not_the_background() -> None:
     for cells in views:
         cells[8:14, 10:16] += thing
     example = learn_tap(views, Box(10 / 30, 8 / 20, 16 / 30, 14 / 20), calibration)
-    found = tap_attention(views[0], [example], calibration)
+    found = likeness(whitened(views[0], calibration), example)
     assert found[9:13, 11:15].min() > 0.5
     assert np.median(found) < 0.05
     with pytest.raises(ExampleError, match="too small"):

@@ -102,8 +102,26 @@ def test_a_tapped_thing_is_not_found_in_another_strange_thing(
     example = network.example(network.encode(image), thing_box(labels, tapped))
     for seed in (31, 32):
         image, labels = before(other, seed, 3.5)
-        found = network.attend(network.encode(image), [Prompt("named", (example,))])[0]
-        assert parts(found, labels, other)[0] < 0.3
+        for drivable, most in ((None, 0.3), (False, 0.45)):
+            found = network.attend(network.encode(image), [Prompt("named", (example,), drivable=drivable)])[0]
+            assert parts(found, labels, other)[0] < most
+
+
+@pytest.mark.parametrize("kind", ["drum", "rock", "log"])
+def test_a_tapped_danger_covers_all_that_is_strange_about_it(network: GroundNetwork, kind: str) -> None:
+    image, labels = before(kind, 31, 5.5)
+    example = network.example(network.encode(image), thing_box(labels, kind))
+    for distance in (5.5, 4.5, 3.5):
+        image, labels = before(kind, 31, distance)
+        seen = network.encode(image)
+        danger = Prompt("named", (example,), drivable=False)
+        nothing, some, whole = (
+            parts(1 - asked(network, image, *more).max(axis=0), labels, kind)[0]
+            for more in ((), (Prompt("named", (example,)),), (danger,))
+        )
+        assert whole < 0.45 < nothing
+        assert whole <= some
+        assert parts(network.attend(seen, [danger])[0], labels, kind)[1] < 0.1
 
 
 def test_a_weak_word_that_was_tapped_means_what_was_tapped(network: GroundNetwork) -> None:

@@ -21,10 +21,10 @@ VIEW = 60.0
 """Degrees that the picture is taken to show from left to right."""
 
 
-def glare(image: Image, rng: Rng) -> Image:
+def glare(image: Image, rng: Rng, veil: float = 0.9) -> Image:
     """A low sun outside of the picture, at an upper side: veiling light, flare, and a shorter exposure.
 
-    The veil is 0.9 of white at the sun's side and falls with the square of the distance (at a third of the
+    veil: its share of white at the sun's side; it falls with the square of the distance (at a third of the
     width to a half). 0.08 lies over the whole picture. Ghosts lie on a line through the picture's middle.
     """
     rows, columns = image.shape[:2]
@@ -35,20 +35,23 @@ def glare(image: Image, rng: Rng) -> Image:
     far = ((x - np.float32(sun[0])) ** 2 + ((y - np.float32(sun[1])) * np.float32(aspect)) ** 2) / (
         1 / 3
     ) ** 2
-    veil = 0.08 + 0.9 / (1 + far)
+    added = 0.08 + np.float32(veil) / (1 + far)
     for _ in range(int(rng.integers(3, 6))):
         along, radius = float(rng.uniform(0.7, 1.6)), float(rng.uniform(0.02, 0.08))
         at = tuple(one + along * (0.5 - one) for one in sun)
         away = np.sqrt((x - np.float32(at[0])) ** 2 + ((y - np.float32(at[1])) * np.float32(aspect)) ** 2)
-        veil += float(rng.uniform(0.04, 0.12)) * np.clip((radius - away) * 100 + 1, 0, 1)
+        added += float(rng.uniform(0.04, 0.12)) * np.clip((radius - away) * 100 + 1, 0, 1)
     warm_white = np.array([1.0, 0.93, 0.8], dtype=np.float32)
-    return coded(linear(image) * np.float32(0.7) + veil.astype(np.float32)[..., None] * warm_white)
+    return coded(linear(image) * np.float32(0.7) + added.astype(np.float32)[..., None] * warm_white)
 
 
-def shadows(image: Image, rng: Rng) -> Image:
-    """Hard shadows of trunks and leaves on the ground, with 22 % of the light, bluish as from the sky."""
+def shadows(image: Image, rng: Rng, left: float = 0.22, horizon: float = HORIZON) -> Image:
+    """Hard shadows of trunks and leaves on the ground, bluish as from the sky.
+
+    left: the share of the light that is left in them.
+    """
     rows, columns = image.shape[:2]
-    across, ahead, near = _ground(rows, columns)
+    across, ahead, near = _ground(rows, columns, horizon)
     turn, shade = float(rng.uniform(-0.9, 0.9)), np.zeros((rows, columns), dtype=np.float32)
     for at in rng.uniform(1.5, 14.0, 5):
         away = np.abs(ahead - np.float32(at) - np.float32(turn) * across)
@@ -58,20 +61,20 @@ def shadows(image: Image, rng: Rng) -> Image:
         rng.standard_normal((3, 4), dtype=np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC
     )
     shade = np.maximum(shade, np.clip((leaves + np.float32(1.5) * place - 1) * 4, 0, 1)) * near
-    sky = np.array([0.19, 0.22, 0.28], dtype=np.float32)
+    sky = np.float32(left) * np.array([0.864, 1.0, 1.273], dtype=np.float32)
     return coded(linear(image) * (1 - shade[..., None] * (1 - sky)))
 
 
-def fog(image: Image) -> Image:
-    """Fog with a visibility of 50 m: contrast falls with the distance, so towards the top of the picture.
+def fog(image: Image, visibility: float = 50.0, horizon: float = HORIZON) -> Image:
+    """Fog with a visibility in metres: contrast falls with the distance, so towards the top of the picture.
 
     Koschmieder's law: L = L0 t + A (1 - t), t = exp(-3 d / visibility) (at the meteorological visibility 5 %
     of the contrast are left). The camera is 1 m above the ground; what is above the horizon is 30 m away. A
     is 0.6.
     """
     rows, columns = image.shape[:2]
-    _, ahead, _ = _ground(rows, columns)
-    left = np.exp(np.float32(-3 / 50) / (1 / ahead + np.float32(1 / 30)))[..., None]
+    _, ahead, _ = _ground(rows, columns, horizon)
+    left = np.exp(np.float32(-3 / visibility) / (1 / ahead + np.float32(1 / 30)))[..., None]
     air = np.array([0.58, 0.6, 0.63], dtype=np.float32)
     return coded(linear(image) * left + air * (1 - left))
 
@@ -101,14 +104,14 @@ def _grid(rows: int, columns: int) -> tuple[Light, Light]:
     return x[None, :], y[:, None]
 
 
-def _ground(rows: int, columns: int) -> tuple[Light, Light, Light]:
+def _ground(rows: int, columns: int, horizon: float) -> tuple[Light, Light, Light]:
     """Return where each pixel meets the ground: metres to the right, metres ahead, and how near it is.
 
     All (rows, columns). The camera is 1 m above the ground. From 20 m on `near` falls from 1 to 0 at 40 m.
     """
     x, y = _grid(rows, columns)
     focal = 0.5 / math.tan(math.radians(VIEW / 2))
-    below = np.maximum((y - np.float32(HORIZON)) * np.float32(rows / columns / focal), np.float32(1e-3))
+    below = np.maximum((y - np.float32(horizon)) * np.float32(rows / columns / focal), np.float32(1e-3))
     ahead = np.broadcast_to(1 / below, (rows, columns)).astype(np.float32)
     across = ((x - np.float32(0.5)) / np.float32(focal) * ahead).astype(np.float32)
     return across, ahead, np.clip(2 - ahead / 20, 0.0, 1.0).astype(np.float32)

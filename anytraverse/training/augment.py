@@ -9,7 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.evaluation.weather import fog, glare, rain, shadows
 from anytraverse.frame import Image
+from anytraverse.training.beds import paste_puddle, paste_stones, strew
 from anytraverse.training.classes import UNLABELLED
 from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Labels
@@ -31,6 +33,12 @@ def changed(
     picture, names = moved(image, labels, size, rng)
     if rng.random() < 0.4:
         picture, names = move_patches(picture, names, rng)
+    if rng.random() < 0.2:
+        strew(picture, names, rng)
+    if rng.random() < 0.08:
+        paste_puddle(picture, names, rng)
+    if rng.random() < 0.05:
+        paste_stones(picture, names, rng)
     if rng.random() < 0.6:
         picture, names = paste_unknowns(picture, names, rng, cutouts)
     return relit(picture, rng), names
@@ -65,6 +73,7 @@ def moved(image: Image, labels: Labels, size: tuple[int, int], rng: Rng) -> tupl
 
 def relit(image: Image, rng: Rng) -> Image:
     """Change light, weather and camera: colours, gamma, exposure, shade, glare, fog, blur, noise, JPEG."""
+    image = _weathered(image, rng)
     if rng.random() < 0.3:
         image = _softened(image, rng)
     light: Floats = np.float32(1 / 255) * np.asarray(image, dtype=np.float32)
@@ -107,6 +116,18 @@ def _gains(rng: Rng) -> Floats:
     """Draw gains of red, green and blue, (3,), as far apart as those of a camera without a white balance."""
     gains = np.exp(rng.uniform(-0.7, 0.7, 3))
     return np.asarray(gains / gains.mean(), dtype=np.float32)
+
+
+def _weathered(image: Image, rng: Rng) -> Image:
+    """Show four views in ten in a low sun, hard shadows, fog or rain, of any strength."""
+    kind, horizon = rng.random(), float(rng.uniform(0.1, 0.55))
+    if kind < 0.1:
+        return glare(image, rng, veil=float(rng.uniform(0.2, 1.2)))
+    if kind < 0.25:
+        return shadows(image, rng, left=float(rng.uniform(0.12, 0.7)), horizon=horizon)
+    if kind < 0.33:
+        return fog(image, visibility=float(np.exp(rng.uniform(3.2, 5.3))), horizon=horizon)
+    return rain(image, rng) if kind < 0.41 else image
 
 
 def _infrared(light: Floats, rng: Rng) -> Floats:

@@ -36,7 +36,7 @@ class Options:
     """
 
     seed: int = 0
-    steps: int = 900
+    steps: int = 1300
     batch: int = 16
     rate: float = 4e-3
     made_share: float = 0.3

@@ -99,14 +99,15 @@ def paste_thing(
     at: column and row of its foot in pixels; None: drawn.
     """
     rows, columns = names.shape
-    high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)))
+    near = rng.random() < 0.15  # it fills much of the frame, as a car does just before the rover
+    high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)) if not near else rng.uniform(-0.7, 0.3))
     wide = high * math.exp(rng.normal(0.0, 0.5 if rng.random() < 0.7 else 1.2))
     foot = np.clip(rng.normal(0.62, 0.2), 0.2, 1.1) * rows
     middle = rng.uniform(0, columns)
     if at is not None:
         middle, foot = at
     if cutout is not None:
-        wide = min(high * cutout.shape[1] / cutout.shape[0], 0.6 * columns)
+        wide = min(high * cutout.shape[1] / cutout.shape[0], (1.5 if near else 0.6) * columns)
         placed = _placed(cutout, (rows, columns), (middle, foot - high / 2), (wide, high), rng)
         mask: Floats = np.float32(1 / 255) * np.asarray(placed[..., 3], dtype=np.float32)
     else:

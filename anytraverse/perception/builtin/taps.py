@@ -35,8 +35,8 @@ _LIKENESS = 0.95  # share of the cosine that most cells of the thing have; other
 _ALMOST_ALL = 0.3  # quantile of the cosines of the thing's cells that stands for "most"
 _SOFT_LIKENESS = 0.03  # width of the logistic step at the cosine's threshold
 _AROUND = (13, 13)  # cells that vote: 52 pixels of the network's input, three cells of its coarsest features
-_VOTES = 0.2  # share of the strange cells among them that must have been found
-_SOFT_VOTES = 0.05  # width of the logistic step at that share
+_VOTES = 0.1  # share of the strange cells among them that must have been found
+_SOFT_VOTES = 0.02  # width of the logistic step at that share
 
 VIEWS: tuple[tuple[float, float, float], ...] = (
     (1.0, 1.0, 1.0),

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from anytraverse.training.augment import changed, moved, relit
-from anytraverse.training.classes import UNKNOWN, UNLABELLED
+from anytraverse.training.beds import paste_puddle, paste_stones, strew
+from anytraverse.training.classes import CLASSES, UNKNOWN, UNLABELLED
 from anytraverse.training.unknowns import move_patches, paste_unknowns
+
+Painter = Callable[[np.ndarray, np.ndarray, np.random.Generator], None]
 
 
 def blocks() -> tuple[np.ndarray, np.ndarray]:
@@ -59,6 +64,40 @@ def test_moved_patches_keep_their_labels() -> None:
         agree = np.abs(picture[..., 0].astype(int) - 40 * names.astype(int)) <= 20
         assert agree.mean() > 0.97
     assert moved_some > 5
+
+
+def trail() -> tuple[np.ndarray, np.ndarray]:
+    """Grey trail below plants, and sky at the top."""
+    labels = np.full((120, 160), CLASSES.index("smooth trail"), dtype=np.uint8)
+    labels[:50], labels[:20] = CLASSES.index("low vegetation"), CLASSES.index("sky")
+    grey = np.array([120, 0, 0, 60, 0, 230], dtype=np.uint8)[labels]
+    return np.repeat(grey[..., None], 3, axis=2), labels
+
+
+@pytest.mark.parametrize(("paint", "name"), [(paste_stones, "unknown"), (paste_puddle, "water")])
+def test_a_painted_bed_changes_the_picture_where_it_changes_the_labels(paint: Painter, name: str) -> None:
+    found = 0
+    for seed in range(20):
+        (picture, names), (before, labels) = trail(), trail()
+        paint(picture, names, np.random.default_rng(seed))
+        other = names != labels
+        assert set(names[other]) <= {CLASSES.index(name)}
+        painted = (picture != before).any(axis=2)
+        assert not painted[:15].any()  # nothing lies in the sky
+        found += int(other.any())
+        assert not other.any() or painted[other].mean() > 0.5
+    assert found >= 10
+
+
+def test_what_is_strewn_on_the_trail_leaves_it_drivable() -> None:
+    changed_some, kept = 0, {CLASSES.index("smooth trail"), CLASSES.index("grass")}
+    for seed in range(20):
+        (picture, names), (before, labels) = trail(), trail()
+        strew(picture, names, np.random.default_rng(seed))
+        assert set(names[labels == CLASSES.index("smooth trail")]) <= kept
+        assert (names[labels == CLASSES.index("sky")] == CLASSES.index("sky")).all()
+        changed_some += int((picture != before)[labels == 0].any())
+    assert changed_some >= 15
 
 
 def test_views_repeat_by_seed() -> None:

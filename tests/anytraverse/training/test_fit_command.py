@@ -51,12 +51,12 @@ def test_few_frames_refit_the_shipped_network_and_a_worse_fit_does_not_replace_i
 ) -> None:
     from anytraverse.training.fitting import Options
 
-    monkeypatch.setattr("anytraverse.training.running.REFIT", Options(steps=6, batch=4, rate=2e-3))
+    monkeypatch.setattr("anytraverse.training.running.REFIT", Options(steps=40, batch=4, rate=5e-4))
     out = tmp_path / "mine.onnx"
     words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--test", "3"]
     assert main(words) == 0
     told, progress = capsys.readouterr()
-    assert "6/6 steps" in progress
+    assert "40/40 steps" in progress
     table = [
         line.split() for line in told.splitlines() if line.split()[0] in {"0100-0199", "0200-0299", "all"}
     ]

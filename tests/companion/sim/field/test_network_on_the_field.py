@@ -88,10 +88,10 @@ def test_a_tapped_thing_is_found_nearer_and_in_other_light(network: GroundNetwor
     example = network.example(network.encode(image), thing_box(labels, kind))
     for distance, light in ((4.5, 1.0), (3.5, 0.7), (3.0, 1.4)):
         image, labels = before(kind, 31, distance, light=light)
-        found = asked(network, image, Prompt("named", (example,)))[-1]
+        found = asked(network, image, Prompt("named", (example,), drivable=False))[-1]
         thing, ground = parts(found, labels, kind)
-        assert thing > 0.5
-        assert ground < 0.05
+        assert thing > 0.6
+        assert ground < 0.15
 
 
 @pytest.mark.parametrize(("tapped", "other"), [("drum", "log"), ("drum", "rock"), ("log", "drum")])

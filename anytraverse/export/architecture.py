@@ -17,7 +17,7 @@ Weights = Mapping[str, NDArray[np.float32]]
 class Tower:
     """Describes a transformer encoder. width: hidden size; inner: size between the two layers of its MLP.
 
-    act: activation of the MLP, "quick_gelu", "gelu" or "relu". eps: of its layer norms.
+    act: activation of the MLP, "quick_gelu", "gelu", "gelu_pytorch_tanh" or "relu". eps: of its layer norms.
     """
 
     layers: int
@@ -49,6 +49,23 @@ class Text:
     context: int
     start: int
     end: int
+
+
+@dataclass(frozen=True)
+class DenseArchitecture:
+    """Describes a model whose patches and texts share a space of `joint` values: SigLIP 2 or TIPSv2.
+
+    family: "siglip": a pooling head makes features of patches, and a text is read at its last token.
+    "tipsv2": the tower's output are the features, its first token is the scene, and a text's tokens are
+    averaged. before: tokens before the patches. context: the most tokens of a text.
+    """
+
+    family: str
+    vision: Vision
+    before: int
+    text: Tower
+    context: int
+    joint: int
 
 
 @dataclass(frozen=True)

@@ -159,7 +159,7 @@ def test_arguments_that_mean_nothing_are_refused(make_bundle: MakeBundle, argume
 
 def test_a_rate_that_is_promised_leaves_an_ok_fresh() -> None:
     def timing(slowest: float) -> Timing:
-        return Timing(1, 1, 1, 1, None, 1, slowest / 2, slowest)
+        return Timing(1, 1, 1, 1, None, 1, slowest / 2, slowest, slowest)
 
     assert (timing(20).rate, timing(20).freshness) == (30.0, 1.0)
     assert (timing(500).rate, timing(500).freshness) == (2.0, 1.5)

@@ -1,10 +1,10 @@
 """Calibrates a dense bundle on the user's own frames: which score is enough to say that a word is there.
 
-A dense model gives every word some score everywhere, and which scores are high depends on the model and on the
-ground. So the scores of absent words are measured: of things that are not on these frames, such as a piano.
-The threshold is chosen so that `GROUP` absent words together reach an attention of 0.5 on `CHANCE` of the
-places, and the temperature so that one absent word's median attention is `FAINT`. What reaches more is more
-than what words get by chance; the rest is unknown.
+A dense model gives every word some score everywhere, and which scores are high depends on the model and on
+the ground. So the scores of absent words are measured: of things that are not on these frames, such as a
+piano. The threshold is chosen so that `GROUP` absent words together reach an attention of 0.5 on `CHANCE` of
+the places, and the temperature so that one absent word's median attention is `FAINT`. What reaches more is
+more than what words get by chance; the rest is unknown.
 """
 
 from __future__ import annotations

@@ -32,9 +32,8 @@ _PARTS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.description = (
-        "Verify a bundle, time it on this machine, and compare its int8 variant with fp32 on your frames. A "
-        "dense bundle is calibrated on these frames. Speed is judged by CPU time, so that other programs do not "
-        "count. "
+        "Verify a bundle, time it on this machine, and compare its int8 variant with fp32 on your frames. "
+        "A dense bundle is calibrated on these frames. Speed is judged by CPU time, not by the clock. "
         "Exit code 0: good; 1: int8 failed its check, fp32 runs; 2: the bundle is refused."
     )
     parser.add_argument("folder", metavar="DIR", type=Path, help="the bundle")

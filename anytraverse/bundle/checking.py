@@ -60,9 +60,8 @@ class Report:
     """Holds the results of a check.
 
     memory: the peak with the first variant alone, MB. loads: precision -> seconds to load it. timings:
-    precision -> its timing. calibrated: what was written into a dense bundle's manifest, if it was. record: of
-    this check, if it made one. variant, why: the variant that runs here
-    from now on, and the reason.
+    precision -> its timing. calibrated: what was written into a dense bundle's manifest, if it was. record:
+    of this check, if it made one. variant, why: the variant that runs here from now on, and the reason.
     """
 
     manifest: Manifest
@@ -83,8 +82,7 @@ class Report:
 
 
 def check(plan: Plan, say: Say) -> Report:
-    """Verify, load and time the bundle. Where frames are given, calibrate a dense bundle, compare the bundle's
-    variants, and store the record.
+    """Verify, load and time the bundle. With frames, calibrate a dense one, compare variants, store a record.
 
     say: receives lines about the progress. Raises BundleError and PerceiverError when the bundle is refused
     or its fp32 variant fails; a failure of int8 is in the record.

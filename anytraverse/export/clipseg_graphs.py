@@ -74,7 +74,7 @@ def scene_graph(vision: Vision, weights: Weights, size: int, linear: Linear) -> 
 
 
 def text_graphs(arch: Architecture, weights: Weights, linear: Linear) -> list[Graph]:
-    """Write the text tower for one prompt. There is no padding: under a causal mask it would change nothing."""
+    """Write the text tower for one prompt. No padding: under a causal mask it would change nothing."""
 
     def finish(layers: Layers, x: str) -> str:
         last = layers.graph.op("Gather", x, np.array([-1], dtype=np.int64), axis=0)

@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scene",
         choices=("shared", "clip-b32"),
-        help="of CLIPSeg, the scene embedding: from its own tower (shared, the default), or the paper's, which "
-        "costs a second encoder; thresholds differ",
+        help="of CLIPSeg, the scene embedding: from its own tower (shared, the default), or the paper's, "
+        "which costs a second encoder; thresholds differ",
     )
     parser.add_argument(
         "--clip", metavar="CHECKPOINT", help=f"where clip-b32 comes from, by default {DEFAULT_CLIP}"

@@ -180,8 +180,8 @@ def _tipsv2(
     named["vision.before"] = np.concatenate([first, weights["vision_model.embeddings.register_tokens"][0]])
     named["vision.positions"] = positions[1:]
     named["text.embeddings.position_embedding.weight"] = _sinusoids(arch.context, arch.text.width)
-    scale = math.sqrt(arch.text.width) if text["scale_sqrt_depth"] else 1.0
-    return named, weights["text_model.embeddings.token_embedding.weight"] * np.float32(scale)
+    depth = math.sqrt(arch.text.width) if text["scale_sqrt_depth"] else 1.0
+    return named, weights["text_model.embeddings.token_embedding.weight"] * np.float32(depth)
 
 
 def _renamed(weights: Mapping[str, np.ndarray], prefixes: Mapping[str, str]) -> Arrays:

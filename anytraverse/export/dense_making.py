@@ -29,14 +29,19 @@ from anytraverse.perception.text_tower import TextTower
 
 ABSENT_FILE = "absent.npy"
 TEMPLATES = ("a photo of {}.", "a photo of the {}.", "{} outdoors.", "{}")
-ABSENT = tuple(
-    "piano, refrigerator, toothbrush, wedding dress, computer keyboard, pizza, violin, bathtub, "
-    "microwave oven, chandelier, goldfish bowl, sewing machine, tennis racket, birthday cake, bookshelf, "
-    "hair dryer, trumpet, sofa, ironing board, chess board, teapot, pillow, shower curtain, vending machine, "
-    "roller coaster, submarine, escalator, operating table, billiard table, lipstick, wine glass, "
-    "telephone booth, cash register, carousel, sushi, hamburger, alarm clock, printer, bunk bed, "
-    "swimming goggles, necktie, high heels, candle holder, washing machine, toilet, espresso machine, "
-    "television studio, polar bear".split(", ")
+ABSENT = (
+    *("piano", "refrigerator", "toothbrush", "wedding dress"),
+    *("computer keyboard", "pizza", "violin", "bathtub"),
+    *("microwave oven", "chandelier", "goldfish bowl", "sewing machine"),
+    *("tennis racket", "birthday cake", "bookshelf", "hair dryer"),
+    *("trumpet", "sofa", "ironing board", "chess board"),
+    *("teapot", "pillow", "shower curtain", "vending machine"),
+    *("roller coaster", "submarine", "escalator", "operating table"),
+    *("billiard table", "lipstick", "wine glass", "telephone booth"),
+    *("cash register", "carousel", "sushi", "hamburger"),
+    *("alarm clock", "printer", "bunk bed", "swimming goggles"),
+    *("necktie", "high heels", "candle holder", "washing machine"),
+    *("toilet", "espresso machine", "television studio", "polar bear"),
 )
 """Things that a rover's terrain hardly ever shows."""
 THRESHOLDS = DefaultThresholds(roi=0.3, scene=0.9, tile=0.5)

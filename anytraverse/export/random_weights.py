@@ -139,7 +139,16 @@ def random_dense(
     ids = {token: index for index, token in enumerate(("<pad>", "<eos>", "<bos>", "<unk>", SPACE))}
     ids |= {f"<0x{octet:02X}>": len(ids) + octet for octet in range(256)}
     siglip = family == "siglip"
-    rules = Rules(arch.context, True, False, not siglip, (), (1,) if siglip else (), -1 + siglip, False)
+    rules = Rules(
+        context=arch.context,
+        lower=True,
+        compose=False,
+        split=not siglip,
+        before=(),
+        after=(1,) if siglip else (),
+        pad=0 if siglip else -1,
+        pad_left=False,
+    )
     source = {"weights": f"random, seed {seed}", "licence": "none needed"}
     tokens = draw.normal(len(ids), text.width)
     return DenseCheckpoint(arch, weights, tokens, DenseVocabulary(ids, (), rules), side, "bilinear", source)

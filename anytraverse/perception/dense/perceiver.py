@@ -46,7 +46,7 @@ class Dense:
 
     A word's score at a patch is the patch's cosine to the word, less its mean cosine to the bundle's absent
     words: things that are not expected there. Its attention is a sigmoid of the score, calibrated so that
-    absent words have little. `precision` is the bundle's variant in use, and `why` the reason for that choice.
+    absent words have little. `precision` is the bundle's variant in use, and `why` the reason for it.
     """
 
     vocabulary = None

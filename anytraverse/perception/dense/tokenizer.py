@@ -23,12 +23,12 @@ SPACE = "▁"
 _REMEDY = "Copy the bundle here again, or make it with `anytraverse export` of this version."
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rules:
     """Describes how a text becomes ids.
 
     context: the most ids of a text, 2 to 4096. lower: letters are lowered first. compose: NFKC comes first.
-    split: every word is encoded by itself, with a space before it; False: the text as a whole, no space added.
+    split: every word is encoded by itself, with a space before it; False: the whole text, no space added.
     before, after: ids around a text. pad: the id that fills it up to `context`, -1: it is not filled.
     pad_left: whether that comes before the text. Raises ValueError for numbers out of range.
     """
@@ -164,9 +164,10 @@ def _rules(values: Any) -> Rules:
             isinstance(value, list) and all(type(one) is int for one in value)
         ):
             raise ValueError(f"{name} is {str(value)[:40]!r}, expected a list of ids")
-    return Rules(
-        **{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
-    )
+    given: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
+    }
+    return Rules(**given)
 
 
 def _byte_token(octet: int) -> str:

@@ -154,7 +154,7 @@ def test_a_model_that_tells_no_words_apart_is_refused(bundle: Path) -> None:
 def test_a_manifest_that_cannot_be_written_is_told(bundle: Path) -> None:
     eyes = Dense(str(bundle), CHECKING)
     (bundle / "manifest.part").mkdir()  # in the way
-    with pytest.raises(BundleError, match="cannot be written to .* as a user who may write there"):
+    with pytest.raises(BundleError, match=r"cannot be written to .* as a user who may write there"):
         calibrate(bundle, eyes, frames(24), ["grass"], print)
     shutil.rmtree(bundle / "manifest.part")
 

@@ -59,10 +59,9 @@ def test_a_field_of_rubbish_is_refused_or_means_the_same_kind_of_thing(details: 
     values[data.draw(st.sampled_from(sorted(values)))] = data.draw(RUBBISH)
     try:
         read = read_details(values, "bundle")
-    except BundleError as error:
-        assert "bundle" in str(error)
-    else:
-        assert json.loads(json.dumps(as_json(read))) == values
+    except BundleError:
+        return
+    assert json.loads(json.dumps(as_json(read))) == values
 
 
 @given(LINES, LINES, st.text(max_size=20))

@@ -90,11 +90,12 @@ def test_it_serves_the_engine(calibrated: Path) -> None:
     seen = engine.observe(Frame(0, 0.0, picture(96, 72, 1)))
     assessment = engine.judge(seen, 0.0)
     attention = eyes.attend(eyes.encode(picture(96, 72, 1)), [Prompt("grass"), Prompt("rock")])
-    np.testing.assert_allclose(assessment.uncertainty, 1.0 - attention.max(axis=0), atol=1e-5)
+    assert assessment.maps is not None
+    np.testing.assert_allclose(assessment.maps.uncertainty, 1.0 - attention.max(axis=0), atol=1e-5)
 
 
 def test_a_bundle_that_is_not_calibrated_is_refused_with_the_command_that_does_it(bundle: Path) -> None:
-    with pytest.raises(BundleError, match="not calibrated.*bundle check .*--frames FOLDER"):
+    with pytest.raises(BundleError, match=r"not calibrated.*bundle check .*--frames FOLDER"):
         make_perceiver(f"dense:{bundle}", ONE)
     Dense(str(bundle), CHECKING)  # a check must be able to load it
     with pytest.raises(PerceiverError, match='write "dense:FOLDER"'):
@@ -119,8 +120,7 @@ def test_details_that_do_not_fit_are_refused(bundle: Path, changes: dict[str, ob
     manifest["details"] |= changes
     path.write_text(json.dumps(manifest))
     with pytest.raises(BundleError, match=reason):
-        eyes = Dense(str(bundle), CHECKING)
-        eyes.encode(picture(96, 72, 1))
+        Dense(str(bundle), CHECKING).encode(picture(96, 72, 1))
 
 
 def test_output_that_is_not_finite_is_a_fault(eyes: Dense, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,8 +1,10 @@
-"""The tokenizer of dense models, against a plain one and against rubbish. Parity is tested with transformers."""
+"""The tokenizer of dense models, against a plain one and against rubbish."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +22,10 @@ PAIRS = [("a", "b"), ("▁", "a"), ("ab", "c"), ("▁a", "b"), ("c", "c"), ("cc"
 for left, right in PAIRS:
     IDS.setdefault(left + right, len(IDS))
 PAD, EOS = IDS["<pad>"], IDS["<eos>"]
-WHOLE = Rules(16, True, False, False, (), (EOS,), PAD, False)
-SPLIT = Rules(16, True, True, True, (EOS,), (), -1, False)
+WHOLE = Rules(
+    context=16, lower=True, compose=False, split=False, before=(), after=(EOS,), pad=PAD, pad_left=False
+)
+SPLIT = replace(WHOLE, compose=True, split=True, before=(EOS,), after=(), pad=-1)
 
 
 def plain(text: str) -> list[int]:
@@ -29,7 +33,7 @@ def plain(text: str) -> list[int]:
     parts = [[one] if one in IDS else [f"<0x{octet:02X}>" for octet in one.encode()] for one in text]
     tokens = [token for part in parts for token in part]
     while True:
-        pairs = list(zip(tokens, tokens[1:], strict=False))
+        pairs = list(pairwise(tokens))
         known = [pair for pair in PAIRS if pair in pairs]
         if not known:
             return [IDS[token] for token in tokens]
@@ -49,14 +53,14 @@ def test_any_text_has_ids_within_the_context(text: str) -> None:
         text.encode()
     except UnicodeEncodeError:
         return
-    for rules in (WHOLE, SPLIT, Rules(16, False, False, True, (), (EOS,), PAD, True)):
+    for rules in (WHOLE, SPLIT, replace(WHOLE, lower=False, split=True, pad_left=True)):
         ids = Tokenizer(IDS, PAIRS, rules).encode(text)
         assert len(ids) == 16 if rules.pad >= 0 else len(ids) <= 16
         assert set(ids) <= set(IDS.values())
 
 
 def test_padding_stands_where_the_model_wants_it() -> None:
-    left = Rules(6, True, False, True, (), (EOS,), PAD, True)
+    left = replace(WHOLE, context=6, split=True, pad_left=True)
     assert Tokenizer(IDS, PAIRS, left).encode("ab") == [PAD, PAD, PAD, IDS["▁"], IDS["ab"], EOS]
 
 
@@ -109,7 +113,7 @@ def test_rubbish_is_refused_with_a_remedy(tmp_path: Path, change: dict[str, Any]
         else:
             content[outer] = value
     path.write_text(json.dumps(content))
-    with pytest.raises(PerceiverError, match="is not a tokenizer that can be used: .* Copy the bundle"):
+    with pytest.raises(PerceiverError, match=r"is not a tokenizer that can be used: .* Copy the bundle"):
         Tokenizer.load(path)
 
 

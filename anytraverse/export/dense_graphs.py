@@ -1,6 +1,7 @@
 """Writes SigLIP 2 and TIPSv2 as graphs.
 
     image    frame (h, w, 3) uint8 -> patches (n, joint), scene (joint,), neither of unit norm
+    scores   words (k, joint), directions (joint, n) -> scores (k, n): a product, on as many cores as all else
     text     tokens (n, width), the rows of the token table -> condition (joint,); in pieces
 
 SigLIP's pooling head weighs all patches and passes their sum through an MLP. A patch's feature is what the
@@ -47,6 +48,16 @@ def image_graph(arch: DenseArchitecture, weights: Weights, size: int, linear: Li
     rows = np.arange(before, before + count, dtype=np.int64)
     graph.output("patches", graph.op("Gather", x, rows, axis=0), np.float32, (count, arch.joint))
     graph.output("scene", graph.reshape(scene, arch.joint), np.float32, (arch.joint,))
+    return graph
+
+
+def scores_graph(arch: DenseArchitecture, size: int) -> Graph:
+    """Write the product of words and patches. numpy's would start threads of its own."""
+    graph = Graph("scores")
+    count = (size // arch.vision.patch) ** 2
+    words = graph.input("words", np.float32, ("k", arch.joint))
+    directions = graph.input("directions", np.float32, (arch.joint, count))
+    graph.output("scores", graph.op("MatMul", words, directions), np.float32, ("k", count))
     return graph
 
 

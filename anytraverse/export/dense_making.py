@@ -14,7 +14,7 @@ from anytraverse.bundle.manifest import Manifest
 from anytraverse.bundle.writing import BundleWriter
 from anytraverse.errors import BundleError
 from anytraverse.export.architecture import DenseArchitecture, Weights
-from anytraverse.export.dense_graphs import VISION, image_graph, text_graphs
+from anytraverse.export.dense_graphs import VISION, image_graph, scores_graph, text_graphs
 from anytraverse.export.graph import Graph
 from anytraverse.export.linear import LINEAR
 from anytraverse.export.making import TOKEN_TABLE, TOKENIZER, check_precisions, check_weights
@@ -133,6 +133,7 @@ def _graphs(checkpoint: DenseCheckpoint, size: int, precision: str) -> Iterator[
         weights = smoothed(weights, f"{VISION}.encoder", arch.vision.tower.layers)
     yield "image", image_graph(arch, weights, size, LINEAR[precision])
     if precision == "fp32":
+        yield "scores", scores_graph(arch, size)
         for number, piece in enumerate(text_graphs(arch, weights), 1):
             yield f"text-{number}", piece
 

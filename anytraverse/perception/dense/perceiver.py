@@ -79,6 +79,7 @@ class Dense:
         self.absent: Array = self._load_absent()
         self._neutral = self.absent.mean(axis=0)
         self._image = open_session(self._file("image"), runtime)
+        self._scores = open_session(self._file("scores"), runtime)
         self._resize = Resizer(self.manifest.image)
 
     @property
@@ -121,8 +122,9 @@ class Dense:
         if not words:
             return np.zeros((0, *grid), dtype=np.float32)
         wanted = np.stack(self._words.embeddings(words)) - self._neutral
-        made: Array = (wanted @ features.directions.reshape(depth, -1)).reshape(-1, *grid)
-        return made
+        given = {"words": wanted, "directions": features.directions.reshape(depth, -1)}
+        (made,) = run_session(self._scores, given)
+        return np.asarray(made, dtype=np.float32).reshape(-1, *grid)
 
     def embed(self, features: Patches) -> Array:
         """Make the scene's embedding, a unit vector: the model's own, of the same pass."""

@@ -26,7 +26,7 @@ class Words:
     """
 
     def __init__(self, tower: TextTower, tokenizer: Path, templates: Sequence[str]) -> None:
-        """tokenizer: its file; 256,000 tokens take 150 MB, so it is read for new words and released."""
+        """tokenizer: its file; 256,000 tokens take 140 MB, so it is read for new words and released."""
         self._tower = tower
         self._tokenizer = tokenizer
         self._templates = tuple(templates)

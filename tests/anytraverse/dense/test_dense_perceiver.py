@@ -32,7 +32,7 @@ def test_a_frame_is_one_run_and_a_word_heard_before_is_none(eyes: Dense, runs: l
     eyes.attend(seen, [Prompt("mud"), Prompt("grass")])
     eyes.embed(seen)
     eyes.example(seen, Box(0.1, 0.5, 0.9, 1.0))
-    assert runs == ["image"]
+    assert runs == ["image", "scores"]
 
 
 def test_attention_is_one_half_at_the_threshold_and_rises_with_the_score(eyes: Dense) -> None:

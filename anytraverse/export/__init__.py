@@ -124,7 +124,7 @@ def _export_dense(
     name: str,
     say: Callable[[str], None],
 ) -> Manifest:
-    from anytraverse.export.dense_making import ABSENT, TEMPLATES, make_dense_bundle
+    from anytraverse.export.dense_making import ABSENT, TEMPLATES, WORDS, make_dense_bundle
     from anytraverse.perception.dense.details import check_templates, filled
 
     templates, absent = tuple(templates or TEMPLATES), tuple(absent or ABSENT)
@@ -138,7 +138,8 @@ def _export_dense(
         from anytraverse.export.dense_checkpoint import load_dense
 
         say(f"reading {checkpoint}")
-        texts = [filled(template, word) for template in templates for word in (*absent, *FIELD_WORDS)]
+        words = (*absent, *WORDS, *FURTHER_TEXTS)
+        texts = [filled(template, word) for template in templates for word in words]
         loaded = load_dense(checkpoint, family, texts)
     return make_dense_bundle(
         out,
@@ -152,12 +153,10 @@ def _export_dense(
     )
 
 
-FIELD_WORDS = (
-    "grass",
-    "dirt path",
+FURTHER_TEXTS = (
     "rock-strewn, 50 m",
     "it's a long way",
     "a fallen tree trunk across the trail",
     "Mud & puddles (deep!)",
 )
-"""Words for which an exported tokenizer is compared with the checkpoint's own."""
+"""Texts for which an exported tokenizer is compared with the checkpoint's own, beside the bundle's words."""

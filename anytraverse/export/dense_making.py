@@ -27,8 +27,15 @@ from anytraverse.perception.resizing import Fit
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.text_tower import TextTower
 
-ABSENT_FILE = "absent.npy"
+ABSENT_FILE, WORDS_FILE = "absent.npy", "words.npy"
 TEMPLATES = ("a photo of {}.", "a photo of the {}.", "{} outdoors.", "{}")
+WORDS = (
+    *("grass", "tall grass", "meadow", "dirt", "dirt path", "path", "trail", "road", "gravel", "sand"),
+    *("mud", "rock", "rocks", "stone", "boulder", "bush", "bushes", "shrub", "tree", "tree trunk"),
+    *("forest", "log", "leaves", "water", "puddle", "stream", "snow", "ice", "sky", "asphalt"),
+    *("person", "animal", "car", "fence", "wall", "building", "ditch", "hole", "barrel", "drum"),
+)
+"""Words whose embeddings every bundle has, so that they need no text tower on the rover."""
 ABSENT = (
     *("piano", "refrigerator", "toothbrush", "wedding dress"),
     *("computer keyboard", "pizza", "violin", "bathtub"),
@@ -95,7 +102,8 @@ def make_dense_bundle(
     _check_size(arch, side)
     for weights in (checkpoint.weights, {"token_embedding": checkpoint.tokens}):
         check_weights(weights)
-    details = Details(arch.family, side // arch.vision.patch, arch.joint, tuple(templates), tuple(absent))
+    grid = side // arch.vision.patch
+    details = Details(arch.family, grid, arch.joint, tuple(templates), WORDS, tuple(absent))
     variants: dict[str, dict[str, str]] = {}
     with BundleWriter(out, say) as writer:
         for precision in dict.fromkeys(("fp32", *precisions)):
@@ -108,11 +116,13 @@ def make_dense_bundle(
         pieces = [file for part, file in variants["fp32"].items() if part.startswith("text-")]
         np.save(writer.folder / TOKEN_TABLE, np.ascontiguousarray(checkpoint.tokens))
         _save_tokenizer(writer.folder / TOKENIZER, checkpoint)
-        say(f"embedding {len(absent)} absent words")
+        say(f"embedding {len(WORDS) + len(absent)} words")
         tower = TextTower([writer.folder / file for file in pieces], writer.folder / TOKEN_TABLE, Runtime())
         words = Words(tower, writer.folder / TOKENIZER, templates)
-        np.save(writer.folder / ABSENT_FILE, np.stack(words.embeddings(absent)))
-        variants["fp32"] |= {"tokens": TOKEN_TABLE, "tokenizer": TOKENIZER, "absent": ABSENT_FILE}
+        for file, texts in ((ABSENT_FILE, absent), (WORDS_FILE, WORDS)):
+            np.save(writer.folder / file, np.stack(words.embeddings(texts)))
+        variants["fp32"] |= {"tokens": TOKEN_TABLE, "tokenizer": TOKENIZER}
+        variants["fp32"] |= {"absent": ABSENT_FILE, "words": WORDS_FILE}
         return writer.finish(
             kind="dense",
             name=name,

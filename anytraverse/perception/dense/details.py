@@ -12,6 +12,7 @@ from anytraverse.errors import BundleError
 FAMILIES = ("siglip", "tipsv2")
 MOST_TEMPLATES = 16
 MOST_ABSENT = 512
+MOST_WORDS = 4096
 GROUP = 8
 """As many absent words are taken together in the calibration as a rover may be asked to look for."""
 
@@ -36,7 +37,8 @@ class Details:
     """Describes a dense model.
 
     family: its architecture, one of `FAMILIES`. grid: patches along a side. width: values of a feature.
-    templates: texts with "{}" for the word. absent: words for things that are not expected on the ground.
+    templates: texts with "{}" for the word. words: those whose embeddings are in the bundle.
+    absent: words for things that are not expected on the ground.
     calibration: None before `bundle check --frames` has measured it.
     """
 
@@ -44,11 +46,14 @@ class Details:
     grid: int
     width: int
     templates: tuple[str, ...]
+    words: tuple[str, ...]
     absent: tuple[str, ...]
     calibration: Calibration | None = None
 
     def __post_init__(self) -> None:
         check_templates(self.templates)
+        if len(self.words) > MOST_WORDS or len(set(self.words)) < len(self.words):
+            raise BundleError(f"{len(self.words)} words: give {MOST_WORDS} at most, each of them once")
         if not GROUP <= len(self.absent) <= MOST_ABSENT or len(set(self.absent)) < len(self.absent):
             raise BundleError(
                 f"{len(self.absent)} absent words: give {GROUP} to {MOST_ABSENT}, each of them once"
@@ -74,18 +79,19 @@ def filled(template: str, word: str) -> str:
 def as_json(details: Details) -> dict[str, Any]:
     """Return the JSON object that `read_details` reads."""
     values = asdict(details)
-    return values | {"templates": list(details.templates), "absent": list(details.absent)}
+    return values | {name: list(values[name]) for name in ("templates", "words", "absent")}
 
 
 def read_details(values: Mapping[str, Any], where: str) -> Details:
     """Read the details of a manifest; `where` names it in error messages. Raises BundleError."""
     fields = Fields(dict(values), where)
-    fields.only(("family", "grid", "width", "templates", "absent", "calibration"))
+    fields.only(("family", "grid", "width", "templates", "words", "absent", "calibration"))
     calibration = None if fields.any("calibration") is None else _calibration(fields.object("calibration"))
     family = fields.choice("family", FAMILIES)
     grid, width = fields.whole("grid", 2, 1024), fields.whole("width", 1, 1 << 14)
     try:
-        return Details(family, grid, width, fields.texts("templates"), fields.texts("absent"), calibration)
+        texts = (fields.texts(name) for name in ("templates", "words", "absent"))
+        return Details(family, grid, width, *texts, calibration)
     except BundleError as error:
         raise BundleError(f"{where}: {error}") from None
 

@@ -75,8 +75,9 @@ class Dense:
             self._file(part) for part in sorted(self.manifest.variants["fp32"]) if part.startswith("text-")
         ]
         tower = TextTower(pieces, self._file("tokens"), runtime)
-        self._words = Words(tower, self._file("tokenizer"), self.details.templates)
-        self.absent: Array = self._load_absent()
+        known = dict(zip(self.details.words, self._embeddings("words", self.details.words), strict=True))
+        self._words = Words(tower, self._file("tokenizer"), self.details.templates, known)
+        self.absent = self._embeddings("absent", self.details.absent)
         self._neutral = self.absent.mean(axis=0)
         self._image = open_session(self._file("image"), runtime)
         self._scores = open_session(self._file("scores"), runtime)
@@ -134,9 +135,9 @@ class Dense:
         """Learn the features of what the box shows. Raises ExampleError, also for a box of few patches."""
         return Example(self.model_id, learn(features.directions, box))
 
-    def _load_absent(self) -> Array:
-        """Read the absent words' embeddings, (n, d). Raises BundleError."""
-        path, shape = self._file("absent"), (len(self.details.absent), self.details.width)
+    def _embeddings(self, part: str, words: Sequence[str]) -> Array:
+        """Read the embeddings of these words, (n, d). Raises BundleError."""
+        path, shape = self._file(part), (len(words), self.details.width)
         try:
             vectors: NDArray[np.float32] = np.load(path, allow_pickle=False)
         except (OSError, ValueError, EOFError) as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +20,23 @@ _CACHE_SIZE = 256
 
 
 class Words:
-    """Computes the embeddings of words, unit vectors (d,), and caches those of the last 256 words used.
+    """Looks up or computes the embeddings of words, unit vectors (d,); caches the last 256 computed.
 
     A word's embedding is the mean of the unit vectors of all templates with the word, scaled to length 1.
     """
 
-    def __init__(self, tower: TextTower, tokenizer: Path, templates: Sequence[str]) -> None:
-        """tokenizer: its file; 256,000 tokens take 140 MB, so it is read for new words and released."""
+    def __init__(
+        self,
+        tower: TextTower,
+        tokenizer: Path,
+        templates: Sequence[str],
+        known: Mapping[str, Array] | None = None,
+    ) -> None:
+        """tokenizer: its file; 256,000 tokens take 140 MB, so it is read for new words and released.
+
+        known: embeddings of words that need not be computed.
+        """
+        self._known = dict(known or {})
         self._tower = tower
         self._tokenizer = tokenizer
         self._templates = tuple(templates)
@@ -34,12 +44,13 @@ class Words:
 
     def embeddings(self, words: Sequence[str]) -> list[Array]:
         """Return the embedding of each word, in order. Raises PerceiverError and BundleError."""
-        missing = [word for word in dict.fromkeys(words) if word not in self._cache]
+        asked = [word for word in words if word not in self._known]
+        missing = [word for word in dict.fromkeys(asked) if word not in self._cache]
         if missing:
             self._embed(missing)
-        for word in words:
+        for word in asked:
             self._cache.move_to_end(word)
-        found = [self._cache[word] for word in words]
+        found = [self._known[word] if word in self._known else self._cache[word] for word in words]
         while len(self._cache) > _CACHE_SIZE:
             self._cache.popitem(last=False)
         return found

@@ -38,6 +38,7 @@ DETAILS = st.builds(
     grid=st.integers(2, 1024),
     width=st.integers(1, 1 << 14),
     templates=TEMPLATES.map(tuple),
+    words=st.lists(st.text("abc ", min_size=1), max_size=9, unique=True).map(tuple),
     absent=WORDS.map(tuple),
     calibration=st.none() | CALIBRATIONS,
 )

@@ -24,12 +24,23 @@ from tests.anytraverse.dense.conftest import CHECKING, ONE
 pytest.importorskip("onnx", reason="exports need onnx")
 
 
+def test_a_word_of_the_bundle_has_the_embedding_that_the_text_tower_would_give(
+    eyes: Dense, runs: list[str]
+) -> None:
+    seen = eyes.encode(picture(96, 72, 1))
+    known = eyes.scores(seen, ["grass", "dirt path"])
+    assert not [name for name in runs if name.startswith("text-")]
+    eyes._words._known.clear()
+    np.testing.assert_allclose(eyes.scores(seen, ["grass", "dirt path"]), known, rtol=0, atol=1e-6)
+    assert "text-1" in runs
+
+
 def test_a_frame_is_one_run_and_a_word_heard_before_is_none(eyes: Dense, runs: list[str]) -> None:
-    eyes.attend(eyes.encode(picture(96, 72, 1)), [Prompt("grass"), Prompt("mud")])
+    eyes.attend(eyes.encode(picture(96, 72, 1)), [Prompt("grass"), Prompt("a stile")])
     assert "text-1" in runs
     runs.clear()
     seen = eyes.encode(picture(96, 72, 2))
-    eyes.attend(seen, [Prompt("mud"), Prompt("grass")])
+    eyes.attend(seen, [Prompt("a stile"), Prompt("grass")])
     eyes.embed(seen)
     eyes.example(seen, Box(0.1, 0.5, 0.9, 1.0))
     assert runs == ["image", "scores"]
@@ -108,6 +119,8 @@ def test_a_bundle_that_is_not_calibrated_is_refused_with_the_command_that_does_i
         ({"grid": 9}, "does not fit its manifest"),
         ({"width": 16}, "embeddings of 16 values"),
         ({"absent": ["piano"] * 8}, "each of them once"),
+        ({"words": ["grass"]}, "holds no 1 embeddings"),
+        ({"words": ["grass"] * 2}, "each of them once"),
         ({"templates": ["a photo"]}, "must hold {} once"),
         ({"family": "clip"}, "one of siglip, tipsv2"),
         ({"more": 1}, "only family"),
@@ -132,7 +145,7 @@ def test_output_that_is_not_finite_is_a_fault(eyes: Dense, monkeypatch: pytest.M
         eyes.encode(picture(96, 72, 1))
 
 
-@pytest.mark.parametrize("name", ["image.onnx", "tokens.npy", "absent.npy", "tokenizer.json"])
+@pytest.mark.parametrize("name", ["image.onnx", "tokens.npy", "absent.npy", "words.npy", "tokenizer.json"])
 def test_a_torn_file_is_refused(bundle: Path, name: str) -> None:
     path = bundle / name
     content = bytearray(path.read_bytes())

@@ -90,8 +90,8 @@ def read_details(values: Mapping[str, Any], where: str) -> Details:
     family = fields.choice("family", FAMILIES)
     grid, width = fields.whole("grid", 2, 1024), fields.whole("width", 1, 1 << 14)
     try:
-        texts = (fields.texts(name) for name in ("templates", "words", "absent"))
-        return Details(family, grid, width, *texts, calibration)
+        templates, words = fields.texts("templates"), fields.texts("words")
+        return Details(family, grid, width, templates, words, fields.texts("absent"), calibration)
     except BundleError as error:
         raise BundleError(f"{where}: {error}") from None
 

@@ -6,6 +6,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,7 @@ class TextTower:
         """
         self._pieces = tuple(pieces)
         self._runtime = runtime
-        try:
-            self._table: Array = np.lib.format.open_memmap(table, mode="r")
-        except (OSError, ValueError) as error:
-            raise BundleError(f"{table} cannot be read ({error}): copy the bundle again") from error
+        self._table: Array = open_array(table)
         if self._table.ndim != 2 or self._table.dtype != np.float32:
             raise BundleError(f"{table} is no table of tokens: export the bundle again")
 
@@ -44,10 +42,21 @@ class TextTower:
             del session
             give_back_memory()
         made = dict(zip(texts, states, strict=True))
+        if any(state.ndim != 1 or state.shape != states[0].shape for state in states):
+            raise BundleError("the text network gives no embedding for a text: export the bundle again")
         for text, state in made.items():
             if not np.isfinite(state).all():
                 raise PerceiverError(f'the text network gave no finite answer for "{text}": check the bundle')
         return made
+
+
+def open_array(path: Path) -> NDArray[Any]:
+    """Map a .npy file into memory, read-only, so that its header cannot demand memory. Raises BundleError."""
+    try:
+        return np.lib.format.open_memmap(path, mode="r")
+    except Exception as error:  # numpy, tokenize and mmap raise many classes for a bad header
+        why = " ".join(str(error).split())[:200]
+        raise BundleError(f"{path} cannot be read ({why}): copy the bundle again") from error
 
 
 def give_back_memory() -> None:

@@ -22,7 +22,7 @@ from anytraverse.perception.dense.details import Calibration, Details, read_deta
 from anytraverse.perception.dense.words import Words, unit
 from anytraverse.perception.resizing import Resizer
 from anytraverse.perception.runtime import Runtime, open_session, run_session
-from anytraverse.perception.text_tower import TextTower
+from anytraverse.perception.text_tower import TextTower, open_array
 from anytraverse.preferences import clean_word
 from anytraverse.regions import Box
 
@@ -31,6 +31,8 @@ Array = NDArray[np.float32]
 KIND = "dense"
 _UNMEASURED = Calibration(threshold=0.0, temperature=0.05, frames=0, chance=1.0)
 """For a check alone, which times the parts before it calibrates."""
+_UNIT = 1e-3
+"""By how much the length of an embedding may differ from 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +101,7 @@ class Dense:
 
     def encode(self, image: Image) -> Patches:
         """Run the image tower, which is nearly all of a frame's cost. Raises PerceiverError."""
-        patches, scene = run_session(self._image, {"frame": self._resize(image)})
+        patches, scene = run_session(self._image, {"frame": self._resize(image)}, ("patches", "scene"))
         grid = self.details.grid
         if patches.shape != (grid * grid, self.details.width) or scene.shape != (self.details.width,):
             raise BundleError("the image network does not fit its manifest: export the bundle again")
@@ -122,9 +124,14 @@ class Dense:
         depth, *grid = features.directions.shape
         if not words:
             return np.zeros((0, *grid), dtype=np.float32)
-        wanted = np.stack(self._words.embeddings(words)) - self._neutral
+        embeddings = self._words.embeddings(words)
+        if any(each.shape != self._neutral.shape for each in embeddings):
+            raise BundleError("the text network does not fit its manifest: export the bundle again")
+        wanted = np.stack(embeddings) - self._neutral
         given = {"words": wanted, "directions": features.directions.reshape(depth, -1)}
-        (made,) = run_session(self._scores, given)
+        (made,) = run_session(self._scores, given, ("scores",))
+        if made.shape != (len(words), grid[0] * grid[1]):
+            raise BundleError("the scores network does not fit its manifest: export the bundle again")
         return np.asarray(made, dtype=np.float32).reshape(-1, *grid)
 
     def embed(self, features: Patches) -> Array:
@@ -138,13 +145,12 @@ class Dense:
     def _embeddings(self, part: str, words: Sequence[str]) -> Array:
         """Read the embeddings of these words, (n, d). Raises BundleError."""
         path, shape = self._file(part), (len(words), self.details.width)
-        try:
-            vectors: NDArray[np.float32] = np.load(path, allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise BundleError(f"{path} cannot be read ({error}): copy the bundle again") from error
-        if vectors.shape != shape or vectors.dtype != np.float32 or not np.isfinite(vectors).all():
+        vectors = open_array(path)
+        if vectors.shape != shape or vectors.dtype != np.float32:
             raise BundleError(f"{path} holds no {shape[0]} embeddings of {shape[1]} values: export it again")
-        return vectors
+        if not (np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < _UNIT).all():  # also for NaN
+            raise BundleError(f"{path} holds embeddings that are not of length 1: export it again")
+        return np.array(vectors)
 
     def _file(self, part: str) -> Path:
         return self._folder / self.manifest.file(self.precision, part)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from anytraverse.memory import first_memory
 from anytraverse.perception import Example, Prompt, make_perceiver
 from anytraverse.perception.dense.details import Calibration
 from anytraverse.perception.dense.perceiver import Dense, Patches
+from anytraverse.perception.text_tower import TextTower
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from tests.anytraverse.clipseg.pictures import picture
@@ -153,3 +156,83 @@ def test_a_torn_file_is_refused(bundle: Path, name: str) -> None:
     path.write_bytes(content)
     with pytest.raises(BundleError, match="is torn"):
         Dense(str(bundle), CHECKING)
+
+
+def replaced(bundle: Path, name: str, content: bytes) -> None:
+    """Replace a file of the bundle, and state its new size and hash."""
+    (bundle / name).write_bytes(content)
+    path = bundle / "manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["files"][name] = {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+    path.write_text(json.dumps(manifest))
+
+
+def npy(header: str) -> bytes:
+    """A .npy file of this header and 64 bytes."""
+    line = header.encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(line).to_bytes(2, "little") + line + bytes(64)
+
+
+@pytest.mark.parametrize("name", ["words.npy", "absent.npy", "tokens.npy"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 32)}",
+        "{'descr': '<f4', 'fortran_order': False, 'shape': (-1, 32)}",
+        "{'descr': '|O', 'fortran_order': False, 'shape': (2, 4)}",
+        "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 4",
+        "{",
+        "",
+    ],
+)
+def test_a_table_whose_header_is_wrong_is_refused(bundle: Path, name: str, header: str) -> None:
+    replaced(bundle, name, npy(header))
+    with pytest.raises(BundleError, match=rf"{name} cannot be read .* copy the bundle again"):
+        Dense(str(bundle), CHECKING)
+
+
+@pytest.mark.parametrize("name", ["words.npy", "absent.npy"])
+def test_a_zip_in_place_of_embeddings_is_refused(bundle: Path, name: str) -> None:
+    packed = io.BytesIO()
+    np.savez(packed, np.ones((8, 32), dtype=np.float32))
+    replaced(bundle, name, packed.getvalue())
+    with pytest.raises(BundleError, match="cannot be read"):
+        Dense(str(bundle), CHECKING)
+
+
+@pytest.mark.parametrize("name", ["words.npy", "absent.npy"])
+@pytest.mark.parametrize("factor", [0.0, 100.0, float("nan")])
+def test_embeddings_that_are_not_of_length_1_are_refused(bundle: Path, name: str, factor: float) -> None:
+    changed = io.BytesIO()
+    np.save(changed, np.load(bundle / name) * np.float32(factor))
+    replaced(bundle, name, changed.getvalue())
+    with pytest.raises(BundleError, match="not of length 1: export it again"):
+        Dense(str(bundle), CHECKING)
+
+
+def test_a_bundle_without_text_networks_is_refused_at_a_new_word(bundle: Path) -> None:
+    path = bundle / "manifest.json"
+    manifest = json.loads(path.read_text())
+    parts = manifest["variants"]["fp32"]
+    manifest["variants"]["fp32"] = {part: file for part, file in parts.items() if part[:5] != "text-"}
+    path.write_text(json.dumps(manifest))  # a text is then the rows of the table
+    eyes = Dense(str(bundle), CHECKING)
+    with pytest.raises(BundleError, match="gives no embedding for a text: export"):
+        eyes.scores(eyes.encode(picture(96, 72, 1)), ["grass", "a stile"])
+
+
+def test_a_text_network_of_another_width_is_refused(eyes: Dense, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TextTower, "embed", lambda _, texts: dict.fromkeys(texts, np.ones(1, np.float32)))
+    with pytest.raises(BundleError, match="text network does not fit its manifest"):
+        eyes.scores(eyes.encode(picture(96, 72, 1)), ["grass", "a stile"])
+
+
+def test_scores_of_another_shape_are_refused(eyes: Dense, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = eyes.encode(picture(96, 72, 1))
+
+    def broken(*_: object) -> list[np.ndarray]:
+        return [np.zeros((2, 64), dtype=np.float32)]
+
+    monkeypatch.setattr("anytraverse.perception.dense.perceiver.run_session", broken)
+    with pytest.raises(BundleError, match="scores network does not fit"):
+        eyes.scores(seen, ["grass"])

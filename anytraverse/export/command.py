@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from anytraverse.errors import BundleError
 from anytraverse.export import CLIPSEG_SIZE, DEFAULT_CLIP, RANDOM, RANDOM_DENSE, export_bundle
+from anytraverse.preferences import MAX_WORDS
 
 if TYPE_CHECKING:
     from anytraverse.bundle.manifest import Manifest
@@ -62,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--absent",
         metavar="FILE",
         type=Path,
-        help="for dense: at least 8 words for things that your terrain never shows, one a line",
+        help=f"for dense: at least {MAX_WORDS} words for things that your terrain never shows, one a line",
     )
     parser.add_argument("--name", help="what the bundle is called, by default as the checkpoint")
     parser.set_defaults(run=run)

@@ -8,12 +8,13 @@ from typing import Any
 
 from anytraverse.bundle.fields import Fields
 from anytraverse.errors import BundleError
+from anytraverse.preferences import MAX_WORDS
 
 FAMILIES = ("siglip", "tipsv2")
 MOST_TEMPLATES = 16
 MOST_ABSENT = 512
 MOST_WORDS = 4096
-GROUP = 8
+GROUP = MAX_WORDS
 """As many absent words are taken together in the calibration as a rover may be asked to look for."""
 
 _SLOT = "{}"

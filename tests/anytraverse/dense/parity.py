@@ -14,13 +14,13 @@ from anytraverse.export import export_bundle
 from anytraverse.export.dense_making import ABSENT, TEMPLATES
 from anytraverse.frame import Image
 from anytraverse.perception import Prompt
-from anytraverse.perception.dense.details import Calibration
+from anytraverse.perception.dense.details import GROUP, Calibration
 from anytraverse.perception.dense.perceiver import Dense
 from anytraverse.perception.dense.tokenizer import Tokenizer
 from tests.anytraverse.clipseg.pictures import picture
 
 Array = NDArray[np.float32]
-FEW_ABSENT = ABSENT[:8]
+FEW_ABSENT = ABSENT[:GROUP]
 
 
 class DenseParity:

@@ -21,6 +21,7 @@ from anytraverse.frame import Image
 from anytraverse.perception import Prompt, make_perceiver
 from anytraverse.perception.dense.details import GROUP
 from anytraverse.perception.dense.perceiver import Dense
+from anytraverse.preferences import MAX_WORDS
 from tests.anytraverse.clipseg.pictures import picture
 from tests.anytraverse.dense.conftest import CHECKING, ONE
 
@@ -47,6 +48,21 @@ def test_groups_of_absent_words_reach_one_half_by_chance_alone(bundle: Path) -> 
         medians.append(attention)
     assert float(np.mean(reached)) == pytest.approx(CHANCE, abs=0.005)
     assert float(np.median(medians)) == pytest.approx(0.02, abs=0.002)
+
+
+def test_as_many_words_as_may_be_asked_for_explain_no_more_than_chance_if_all_are_absent(
+    bundle: Path,
+) -> None:
+    found = calibrate(bundle, Dense(str(bundle), CHECKING), frames(24), ["grass"], print)
+    eyes = Dense(str(bundle), ONE)
+    explained = []
+    for start in range(0, len(eyes.absent), MAX_WORDS):
+        words = eyes.details.absent[start : start + MAX_WORDS]
+        eyes._words._known |= dict(zip(words, eyes.absent[start:], strict=False))
+        for frame in frames(24):
+            attention = eyes.attend(eyes.encode(frame), [Prompt(word) for word in words])
+            explained.append(attention.max(axis=0) >= 0.5)
+    assert float(np.mean(explained)) < 1.2 * found.calibration.chance
 
 
 def test_a_score_of_an_absent_word_leaves_the_word_itself_out() -> None:
@@ -122,6 +138,7 @@ def test_words_that_explain_no_more_than_chance_are_warned_of(
         (list(frames(19)), "only 19 frames to calibrate on (0 blank and 0 repeated"),
         ([*frames(5), *[np.full((72, 96, 3), 90, dtype=np.uint8)] * 20], "20 blank and 0 repeated"),
         ([picture(96, 72, 0)] * 40, "only 1 frames to calibrate on (0 blank and 39 repeated"),
+        ([*frames(2)] * 20, "only 2 frames to calibrate on (0 blank and 38 repeated"),
         ([], "only 0 frames"),
     ],
 )

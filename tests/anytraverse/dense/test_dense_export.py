@@ -52,12 +52,12 @@ def test_random_weights_are_exported_checked_and_looked_through(
 @pytest.mark.usefixtures("small")
 def test_templates_and_absent_words_come_from_files(tmp_path: Path) -> None:
     (tmp_path / "templates.txt").write_text("# mine\n\n {} from a rover \n{}\n")
-    (tmp_path / "absent.txt").write_text("\n".join(ABSENT[:9]))
+    (tmp_path / "absent.txt").write_text("\n".join(ABSENT[:17]))
     files = ["--templates", str(tmp_path / "templates.txt"), "--absent", str(tmp_path / "absent.txt")]
     assert main(["export", "random-siglip2", str(tmp_path / "bundle"), *files]) == 0
     details = json.loads((tmp_path / "bundle/manifest.json").read_text())["details"]
     assert details["templates"] == ["{} from a rover", "{}"]
-    assert details["absent"] == list(ABSENT[:9])
+    assert details["absent"] == list(ABSENT[:17])
     assert details["calibration"] is None
 
 

@@ -121,7 +121,7 @@ def test_a_bundle_that_is_not_calibrated_is_refused_with_the_command_that_does_i
     [
         ({"grid": 9}, "does not fit its manifest"),
         ({"width": 16}, "embeddings of 16 values"),
-        ({"absent": ["piano"] * 8}, "each of them once"),
+        ({"absent": ["piano"] * 16}, "each of them once"),
         ({"words": ["grass"]}, "holds no 1 embeddings"),
         ({"words": ["grass"] * 2}, "each of them once"),
         ({"templates": ["a photo"]}, "must hold {} once"),

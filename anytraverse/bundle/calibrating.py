@@ -109,21 +109,21 @@ def scores_of_absent(absent: Array, places: Array) -> Array:
 
 
 class _Chosen:
-    """Chooses frames that show something, each something else than the one before it."""
+    """Chooses frames that show something, each something else than those chosen before it."""
 
     def __init__(self) -> None:
         self.blank = self.repeated = 0
-        self._before: NDArray[np.float32] | None = None
+        self._chosen: list[NDArray[np.float32]] = []
 
     def take(self, frame: Image) -> bool:
         grey = cv2.resize(frame, (32, 32), interpolation=cv2.INTER_AREA).mean(axis=2, dtype=np.float32)
         if float(grey.std()) < _LEAST_CONTRAST:
             self.blank += 1
             return False
-        if self._before is not None and float(np.abs(grey - self._before).mean()) < _LEAST_DIFFERENCE:
+        if any(float(np.abs(grey - other).mean()) < _LEAST_DIFFERENCE for other in self._chosen):
             self.repeated += 1
             return False
-        self._before = grey
+        self._chosen.append(grey)
         return True
 
 

@@ -33,7 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.description = (
         "Verify a bundle, time it on this machine, and compare its int8 variant with fp32 on your frames. "
-        "A dense bundle is calibrated on these frames. Speed is judged by CPU time, not by the clock. "
+        "A dense bundle is calibrated on these frames, and refused before that. "
+        "Speed is judged by CPU time, not by the clock. "
         "Exit code 0: good; 1: int8 failed its check, fp32 runs; 2: the bundle is refused."
     )
     parser.add_argument("folder", metavar="DIR", type=Path, help="the bundle")
@@ -57,12 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check the bundle and print the report. Returns 1 when int8 failed, else 0."""
+    """Check the bundle and print the report. Returns 2 for one not calibrated, 1 when int8 failed, else 0."""
     plan = Plan(
         options.folder, options.frames, options.words, options.threads, options.precision, options.repeat
     )
     report = check(plan, lambda line: print(line, file=sys.stderr, flush=True))
     print(json.dumps(figures(report), allow_nan=False) if options.json else text(report))
+    if report.refused:
+        return 2
     return 1 if report.record is not None and not report.record.passed else 0
 
 
@@ -80,6 +83,7 @@ def figures(report: Report) -> dict[str, Any]:
         "peak_rss_mb": round(report.memory, 1),
         "variant": report.variant,
         "why": report.why,
+        "refused": report.refused or None,
         "frames_per_second": _floor(timing.rate),
         "freshness_s": round(timing.freshness, 2),
         "keeps_freshness": timing.pace.keeps,
@@ -106,6 +110,8 @@ def text(report: Report) -> str:
     lines += [f"memory      {report.memory:.0f} MB at most, with {names[0]} alone"]
     lines += [*_calibrated(report), *_compared(report)]
     lines += [f"rate        {_pace(report.timing)}", f"            {_judged_by(report.timing)}"]
+    if report.refused:
+        return "\n".join([*lines, f"refused     {report.refused}"])
     return "\n".join([*lines, f"runs here   {report.variant}: {report.why}"])
 
 

@@ -29,7 +29,7 @@ from anytraverse.errors import PerceiverError
 from anytraverse.frame import Image
 from anytraverse.perception import Perceiver, Prompt, make_perceiver
 from anytraverse.perception.dense.perceiver import KIND as DENSE
-from anytraverse.perception.dense.perceiver import Dense
+from anytraverse.perception.dense.perceiver import Dense, not_calibrated
 from anytraverse.perception.runtime import Runtime
 
 WORDS = ("grass", "dirt path", "rock", "bush", "tree", "sky", "gravel", "water")
@@ -62,6 +62,7 @@ class Report:
     memory: the peak with the first variant alone, MB. loads: precision -> seconds to load it. timings:
     precision -> its timing. calibrated: what was written into a dense bundle's manifest, if it was. record:
     of this check, if it made one. variant, why: the variant that runs here from now on, and the reason.
+    refused: why the bundle does not run before another check, or empty.
     """
 
     manifest: Manifest
@@ -74,6 +75,7 @@ class Report:
     record: CheckRecord | None = None
     variant: str = ""
     why: str = ""
+    refused: str = ""
 
     @property
     def timing(self) -> Timing:
@@ -105,6 +107,9 @@ def check(plan: Plan, say: Say) -> Report:
         report.record = _check_int8(plan, perceivers, report, say)
         say(f"record: {save_record(plan.folder, report.record)}")
     report.variant, report.why = choose_precision(plan.folder, manifest, runtime)
+    loaded = perceivers[plan.precision]
+    if report.calibrated is None and isinstance(loaded, Dense) and loaded.details.calibration is None:
+        report.refused = not_calibrated(plan.folder)
     return report
 
 

@@ -66,10 +66,7 @@ class Dense:
         self.manifest: Manifest = read_manifest(self._folder, KIND)
         self.details: Details = read_details(self.manifest.details, f"{self._folder}: details")
         if self.details.calibration is None and not isinstance(runtime, CheckRuntime):
-            raise BundleError(
-                f"{self._folder} is not calibrated, so that nothing could be told to be unknown: "
-                f"run {check_command(self._folder)} with frames of your own terrain"
-            )
+            raise BundleError(not_calibrated(self._folder))
         self.calibration = self.details.calibration or _UNMEASURED
         self.precision, self.why = choose_precision(self._folder, self.manifest, runtime)
         verify(self._folder, self.manifest, precision=self.precision)
@@ -154,3 +151,11 @@ class Dense:
 
     def _file(self, part: str) -> Path:
         return self._folder / self.manifest.file(self.precision, part)
+
+
+def not_calibrated(folder: Path) -> str:
+    """Say why a bundle does not run before it is calibrated, and how to do that."""
+    return (
+        f"{folder} is not calibrated, so that nothing could be told to be unknown: "
+        f"run {check_command(folder)} with frames of your own terrain"
+    )

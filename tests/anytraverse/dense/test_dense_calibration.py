@@ -124,6 +124,22 @@ def test_a_check_calibrates_compares_int8_and_lets_the_bundle_run(
     assert eyes.attend(eyes.encode(picture(96, 72, 1)), [Prompt("grass")]).shape == (1, 8, 8)
 
 
+def test_a_check_without_frames_times_a_bundle_and_says_that_it_does_not_run_yet(
+    bundle: Path, calibrated: Path, capsys: Out
+) -> None:
+    command = ["bundle", "check", "--threads", "1", "--repeat", "1"]
+    assert main([*command, str(bundle)]) == 2
+    said = capsys.readouterr().out
+    assert f"refused     {bundle} is not calibrated" in said
+    assert f"run anytraverse bundle check {bundle} --frames FOLDER" in said
+    assert "runs here" not in said
+    assert "all for a frame" in said
+    assert main([*command, str(bundle), "--json"]) == 2
+    assert "is not calibrated" in json.loads(capsys.readouterr().out.splitlines()[-1])["refused"]
+    assert main([*command, str(calibrated)]) == 0
+    assert "runs here   fp32" in capsys.readouterr().out
+
+
 def test_words_that_explain_no_more_than_chance_are_warned_of(
     bundle: Path, terrain: Path, capsys: Out
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -112,8 +113,8 @@ def architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> 
         Vision(
             _tower(vision),
             vision["patch_size"],
-            _three(preprocessor["image_mean"]),
-            _three(preprocessor["image_std"]),
+            three(preprocessor["image_mean"]),
+            three(preprocessor["image_std"], above=0.0),
         ),
         Text(_tower(text), text["max_position_embeddings"], text["bos_token_id"], text["eos_token_id"]),
         Decoder(
@@ -128,7 +129,7 @@ def architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> 
 
 def vision_architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> Vision:
     """Read a CLIP image encoder's architecture; config: the `vision_config` of its checkpoint."""
-    mean, std = _three(preprocessor["image_mean"]), _three(preprocessor["image_std"])
+    mean, std = three(preprocessor["image_mean"]), three(preprocessor["image_std"], above=0.0)
     return Vision(_tower(config), config["patch_size"], mean, std)
 
 
@@ -143,6 +144,9 @@ def _tower(config: Mapping[str, Any]) -> Tower:
     )
 
 
-def _three(values: Any) -> tuple[float, float, float]:
-    red, green, blue = values
-    return float(red), float(green), float(blue)
+def three(values: Any, above: float = -math.inf) -> tuple[float, float, float]:
+    """Read three finite numbers, each greater than `above`. Raises ValueError and TypeError."""
+    red, green, blue = map(float, values)
+    if not all(math.isfinite(value) and value > above for value in (red, green, blue)):
+        raise ValueError(f"{[red, green, blue]}, expected three finite numbers above {above}")
+    return red, green, blue

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from anytraverse.errors import BundleError
-from anytraverse.export.architecture import DenseArchitecture, Tower, Vision
+from anytraverse.export.architecture import DenseArchitecture, Tower, Vision, three
 from anytraverse.export.checkpoint import (
     describe,
     load_weights,
@@ -91,14 +91,13 @@ def _architecture(
         if not vision["vision_use_head"] or text["projection_size"] != width:
             raise BundleError(f"{folder} has no pooling head into the space of its texts: give another one")
         inner, before = vision["intermediate_size"], 0
-        mean, std = (tuple(preprocessor.get(name, [0.5] * 3)) for name in ("image_mean", "image_std"))
+        mean = three(preprocessor.get("image_mean", [0.5] * 3))
+        std = three(preprocessor.get("image_std", [0.5] * 3), above=0.0)
     else:
         if vision["use_swiglu_ffn"] or text["hidden_size"] != width:
             raise BundleError(f"{folder} is a larger TIPSv2 than can be exported: give one like tipsv2-b14")
         inner, before = int(width * vision["mlp_ratio"]), 1 + vision["num_register_tokens"]
-        mean, std = (0.0,) * 3, (1.0,) * 3
-    if len(mean) != 3 or len(std) != 3:
-        raise BundleError(f"{folder / CONFIGS[1]} normalises {len(mean)} channels: only RGB can be exported")
+        mean, std = three([0.0] * 3), three([1.0] * 3)
     tower = Tower(
         vision["num_hidden_layers"],
         width,

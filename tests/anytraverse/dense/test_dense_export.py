@@ -150,6 +150,19 @@ def test_pictures_that_are_normalised_otherwise_are_refused(tmp_path: Path, caps
 
 
 @pytest.mark.needs_export
+@pytest.mark.parametrize(
+    "images",
+    [{"image_std": [0.5, 0.0, 0.5]}, {"image_std": [0.5] * 4}, {"image_mean": ["a", 1, 1]}, {"image_std": 1}],
+)
+def test_pictures_that_cannot_be_normalised_are_refused(
+    tmp_path: Path, capsys: Out, images: dict[str, object]
+) -> None:
+    folder = write_siglip(tmp_path / "siglip", images=images)
+    assert main(["export", str(folder), str(tmp_path / "bundle")]) == 2
+    assert "is not as it must be" in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.needs_export
 def test_a_tipsv2_in_its_authors_own_format_is_refused(tmp_path: Path, capsys: Out) -> None:
     folder = write_tipsv2(tmp_path / "checkpoint")
     write_json(folder / "config.json", {"model_type": "tipsv2", "vision_fn": "vit_base", "patch_size": 14})

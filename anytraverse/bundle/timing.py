@@ -2,7 +2,7 @@
 
 Speed is judged by CPU time. On a busy machine the clock also counts the time that other programs had. Where
 several threads share the work, the clock is less than their CPU time; then the clock counts. So a time is
-never below what the part takes on this machine when it is quiet.
+never below what the part takes on this machine when it is quiet and has the files in memory.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from anytraverse.bundle.calibrating import LEAST_RATIO
 from anytraverse.bundle.checking import MOST_WORDS, Plan, Report, check
 from anytraverse.bundle.timing import Timing
 from anytraverse.errors import PreferencesError
@@ -23,6 +24,7 @@ _PARTS = {
     "new_word": "a new word",
     "weights": "other weights",
     "step": "all for a frame",
+    "clock": "... by the clock",
     "slowest": "the slowest",
 }
 
@@ -31,6 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.description = (
         "Verify a bundle, time it on this machine, and compare its int8 variant with fp32 on your frames. "
+        "A dense bundle is calibrated on these frames, and refused before that. "
+        "Speed is judged by CPU time, not by the clock. "
         "Exit code 0: good; 1: int8 failed its check, fp32 runs; 2: the bundle is refused."
     )
     parser.add_argument("folder", metavar="DIR", type=Path, help="the bundle")
@@ -54,12 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check the bundle and print the report. Returns 1 when int8 failed, else 0."""
+    """Check the bundle and print the report. Returns 2 for one not calibrated, 1 when int8 failed, else 0."""
     plan = Plan(
         options.folder, options.frames, options.words, options.threads, options.precision, options.repeat
     )
     report = check(plan, lambda line: print(line, file=sys.stderr, flush=True))
     print(json.dumps(figures(report), allow_nan=False) if options.json else text(report))
+    if report.refused:
+        return 2
     return 1 if report.record is not None and not report.record.passed else 0
 
 
@@ -77,9 +83,12 @@ def figures(report: Report) -> dict[str, Any]:
         "peak_rss_mb": round(report.memory, 1),
         "variant": report.variant,
         "why": report.why,
+        "refused": report.refused or None,
         "frames_per_second": _floor(timing.rate),
         "freshness_s": round(timing.freshness, 2),
         "keeps_freshness": timing.pace.keeps,
+        "machine_busy": timing.busy,
+        "calibrated": None if report.calibrated is None else asdict(report.calibrated),
         "record": None if report.record is None else asdict(report.record),
     }
 
@@ -98,9 +107,38 @@ def text(report: Report) -> str:
     for part, label in _PARTS.items():
         taken = [getattr(report.timings[name], part) for name in names]
         lines.append(_row(label, ["-" if ms is None else f"{ms:.1f} ms" for ms in taken]))
-    lines += [f"memory      {report.memory:.0f} MB at most, with {names[0]} alone", *_compared(report)]
-    lines += [f"rate        {_pace(report.timing)}", f"runs here   {report.variant}: {report.why}"]
-    return "\n".join(lines)
+    lines += [f"memory      {report.memory:.0f} MB at most, with {names[0]} alone"]
+    lines += [*_calibrated(report), *_compared(report)]
+    lines += [f"rate        {_pace(report.timing)}", f"            {_judged_by(report.timing)}"]
+    if report.refused:
+        return "\n".join([*lines, f"refused     {report.refused}"])
+    return "\n".join([*lines, f"runs here   {report.variant}: {report.why}"])
+
+
+def _judged_by(timing: Timing) -> str:
+    if not timing.busy:
+        return "judged by CPU time"
+    return (
+        f"judged by CPU time: a frame took {timing.clock:.0f} ms by the clock, as other programs or the disk "
+        "kept it waiting; if they always do, expect that"
+    )
+
+
+def _calibrated(report: Report) -> list[str]:
+    found = report.calibrated
+    if found is None:
+        return []
+    chance, frames = found.calibration.chance, found.calibration.frames
+    lines = [
+        f"calibrated  on {frames} frames, written into the manifest: of the places, your words explain "
+        f"{found.explained:.0%}, absent words {chance:.0%}"
+    ]
+    if found.explained < LEAST_RATIO * chance:
+        lines.append(
+            "            WARNING: these words explain hardly more than words for things that are not there. "
+            "Nearly all will be unknown: try other words (--words), or another model"
+        )
+    return lines
 
 
 def _compared(report: Report) -> list[str]:

@@ -12,7 +12,8 @@ from statistics import median
 
 import numpy as np
 
-from anytraverse.bundle.comparing import Comparison, Seen
+from anytraverse.bundle.calibrating import Calibrated, calibrate
+from anytraverse.bundle.comparing import Array, Comparison, Seen
 from anytraverse.bundle.machine import Machine, this_machine
 from anytraverse.bundle.manifest import Manifest, manifest_digest, read_manifest, verify
 from anytraverse.bundle.pictures import frames_of
@@ -23,10 +24,12 @@ from anytraverse.bundle.records import (
     choose_precision,
     save_record,
 )
-from anytraverse.bundle.timing import Timing, peak_memory, time_parts
+from anytraverse.bundle.timing import Timing, measured, peak_memory, time_parts
 from anytraverse.errors import PerceiverError
 from anytraverse.frame import Image
 from anytraverse.perception import Perceiver, Prompt, make_perceiver
+from anytraverse.perception.dense.perceiver import KIND as DENSE
+from anytraverse.perception.dense.perceiver import Dense, not_calibrated
 from anytraverse.perception.runtime import Runtime
 
 WORDS = ("grass", "dirt path", "rock", "bush", "tree", "sky", "gravel", "water")
@@ -57,8 +60,9 @@ class Report:
     """Holds the results of a check.
 
     memory: the peak with the first variant alone, MB. loads: precision -> seconds to load it. timings:
-    precision -> its timing. record: of this check, if it made one. variant, why: the variant that runs here
-    from now on, and the reason.
+    precision -> its timing. calibrated: what was written into a dense bundle's manifest, if it was. record:
+    of this check, if it made one. variant, why: the variant that runs here from now on, and the reason.
+    refused: why the bundle does not run before another check, or empty.
     """
 
     manifest: Manifest
@@ -67,9 +71,11 @@ class Report:
     memory: float = 0.0
     loads: dict[str, float] = field(default_factory=dict)
     timings: dict[str, Timing] = field(default_factory=dict)
+    calibrated: Calibrated | None = None
     record: CheckRecord | None = None
     variant: str = ""
     why: str = ""
+    refused: str = ""
 
     @property
     def timing(self) -> Timing:
@@ -78,7 +84,7 @@ class Report:
 
 
 def check(plan: Plan, say: Say) -> Report:
-    """Verify, load and time the bundle, compare its variants where frames are given, and store the record.
+    """Verify, load and time the bundle. With frames, calibrate a dense one, compare variants, store a record.
 
     say: receives lines about the progress. Raises BundleError and PerceiverError when the bundle is refused
     or its fp32 variant fails; a failure of int8 is in the record.
@@ -89,15 +95,21 @@ def check(plan: Plan, say: Say) -> Report:
     report = Report(manifest, this_machine(), runtime.cores)
     if plan.frames is not None:
         next(frames_of(plan.frames, _silent))  # raises when no picture can be read
-        if "int8" in manifest.variants:
+        if "int8" in manifest.variants or manifest.kind == DENSE:
             check_writable(plan.folder)
     verify(plan.folder, manifest, say)
     perceivers = {plan.precision: _load_and_time(plan, plan.precision, report, say)}
     report.memory = peak_memory()
+    if plan.frames is not None and manifest.kind == DENSE:
+        _calibrate(plan, perceivers, report, say)
+        manifest = report.manifest
     if plan.frames is not None and "int8" in manifest.variants:
         report.record = _check_int8(plan, perceivers, report, say)
         say(f"record: {save_record(plan.folder, report.record)}")
     report.variant, report.why = choose_precision(plan.folder, manifest, runtime)
+    loaded = perceivers[plan.precision]
+    if report.calibrated is None and isinstance(loaded, Dense) and loaded.details.calibration is None:
+        report.refused = not_calibrated(plan.folder)
     return report
 
 
@@ -117,6 +129,21 @@ def _load_and_time(plan: Plan, precision: str, report: Report, say: Say) -> Perc
     )
     report.timings[precision] = time_parts(perceiver, images, _words(plan, perceiver), plan.repeat)
     return perceiver
+
+
+def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> None:
+    """Calibrate by fp32; what is loaded already uses the new calibration, too."""
+    if "fp32" not in perceivers:
+        perceivers["fp32"] = _load_and_time(plan, "fp32", report, say)
+    fp32 = perceivers["fp32"]
+    assert isinstance(fp32, Dense)
+    assert plan.frames is not None
+    say("calibrating")
+    report.calibrated = calibrate(plan.folder, fp32, frames_of(plan.frames, say), _words(plan, fp32), say)
+    report.manifest = read_manifest(plan.folder)
+    for perceiver in perceivers.values():
+        assert isinstance(perceiver, Dense)
+        perceiver.calibration = report.calibrated.calibration
 
 
 def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> CheckRecord:
@@ -184,11 +211,12 @@ def _compare(
 
 
 def _run_step(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> Seen:
-    begin = time.perf_counter()
-    features = perceiver.encode(image)
-    maps = perceiver.attend(features, prompts)
-    embedding = perceiver.embed(features)
-    return Seen(maps, embedding, (time.perf_counter() - begin) * 1e3)
+    def step() -> tuple[Array, Array]:
+        features = perceiver.encode(image)
+        return perceiver.attend(features, prompts), perceiver.embed(features)
+
+    (maps, embedding), milliseconds, _ = measured(step)
+    return Seen(maps, embedding, milliseconds)
 
 
 def _words(plan: Plan, perceiver: Perceiver) -> list[str]:

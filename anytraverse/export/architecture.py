@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +18,7 @@ Weights = Mapping[str, NDArray[np.float32]]
 class Tower:
     """Describes a transformer encoder. width: hidden size; inner: size between the two layers of its MLP.
 
-    act: activation of the MLP, "quick_gelu", "gelu" or "relu". eps: of its layer norms.
+    act: activation of the MLP, "quick_gelu", "gelu", "gelu_pytorch_tanh" or "relu". eps: of its layer norms.
     """
 
     layers: int
@@ -49,6 +50,23 @@ class Text:
     context: int
     start: int
     end: int
+
+
+@dataclass(frozen=True)
+class DenseArchitecture:
+    """Describes a model whose patches and texts share a space of `joint` values: SigLIP 2 or TIPSv2.
+
+    family: "siglip": a pooling head makes features of patches, and a text is read at its last token.
+    "tipsv2": the tower's output are the features, its first token is the scene, and a text's tokens are
+    averaged. before: tokens before the patches. context: the most tokens of a text.
+    """
+
+    family: str
+    vision: Vision
+    before: int
+    text: Tower
+    context: int
+    joint: int
 
 
 @dataclass(frozen=True)
@@ -95,8 +113,8 @@ def architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> 
         Vision(
             _tower(vision),
             vision["patch_size"],
-            _three(preprocessor["image_mean"]),
-            _three(preprocessor["image_std"]),
+            three(preprocessor["image_mean"]),
+            three(preprocessor["image_std"], above=0.0),
         ),
         Text(_tower(text), text["max_position_embeddings"], text["bos_token_id"], text["eos_token_id"]),
         Decoder(
@@ -111,7 +129,7 @@ def architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> 
 
 def vision_architecture(config: Mapping[str, Any], preprocessor: Mapping[str, Any]) -> Vision:
     """Read a CLIP image encoder's architecture; config: the `vision_config` of its checkpoint."""
-    mean, std = _three(preprocessor["image_mean"]), _three(preprocessor["image_std"])
+    mean, std = three(preprocessor["image_mean"]), three(preprocessor["image_std"], above=0.0)
     return Vision(_tower(config), config["patch_size"], mean, std)
 
 
@@ -126,6 +144,9 @@ def _tower(config: Mapping[str, Any]) -> Tower:
     )
 
 
-def _three(values: Any) -> tuple[float, float, float]:
-    red, green, blue = values
-    return float(red), float(green), float(blue)
+def three(values: Any, above: float = -math.inf) -> tuple[float, float, float]:
+    """Read three finite numbers, each greater than `above`. Raises ValueError and TypeError."""
+    red, green, blue = map(float, values)
+    if not all(math.isfinite(value) and value > above for value in (red, green, blue)):
+        raise ValueError(f"{[red, green, blue]}, expected three finite numbers above {above}")
+    return red, green, blue

@@ -19,6 +19,12 @@ _FILTERS = {2: "bilinear", 3: "bicubic"}
 _UNSTATED = "not stated in the checkpoint: see its page"
 
 
+def model_type(checkpoint: str) -> str:
+    """Return the kind of model that a checkpoint states, e.g. "clipseg"; "" if none. Raises BundleError."""
+    folder, _ = find_checkpoint(checkpoint, words=True)
+    return str(read_json(folder / CONFIGS[0]).get("model_type", ""))
+
+
 def load_clipseg(checkpoint: str) -> ClipSegCheckpoint:
     """Load a CLIPSeg checkpoint: a folder, or an id of the hub.
 
@@ -27,17 +33,17 @@ def load_clipseg(checkpoint: str) -> ClipSegCheckpoint:
     from transformers import CLIPSegConfig, CLIPSegForImageSegmentation
 
     folder, revision = find_checkpoint(checkpoint, words=True)
-    config, preprocessor = _read_configs(folder, CLIPSegConfig, "CIDAS/clipseg-rd64-refined")
+    config, preprocessor = read_configs(folder, CLIPSegConfig, "CIDAS/clipseg-rd64-refined")
     vocabulary = _load_vocabulary(folder)
-    with _stated_in(folder):
+    with stated_in(folder):
         arch = architecture(config, preprocessor)
         _check_end(config["text_config"]["eos_token_id"], vocabulary)
     return ClipSegCheckpoint(
         arch,
-        _load_weights(CLIPSegForImageSegmentation, folder),
-        _filter(preprocessor, folder),
+        load_weights(CLIPSegForImageSegmentation, folder),
+        resize_filter(preprocessor, folder),
         vocabulary,
-        _describe(checkpoint, folder, revision),
+        describe(checkpoint, folder, revision),
     )
 
 
@@ -46,33 +52,33 @@ def load_scene(checkpoint: str) -> SceneCheckpoint:
     from transformers import CLIPConfig, CLIPVisionModelWithProjection
 
     folder, revision = find_checkpoint(checkpoint, words=False)
-    config, preprocessor = _read_configs(folder, CLIPConfig, "openai/clip-vit-base-patch32")
-    with _stated_in(folder):
+    config, preprocessor = read_configs(folder, CLIPConfig, "openai/clip-vit-base-patch32")
+    with stated_in(folder):
         vision = vision_architecture(config["vision_config"], preprocessor)
         side = config["vision_config"]["image_size"]
-        fit = Fit(side, side, _filter(preprocessor, folder), crop=True)
+        fit = Fit(side, side, resize_filter(preprocessor, folder), crop=True)
     return SceneCheckpoint(
         vision,
-        _load_weights(CLIPVisionModelWithProjection, folder),
+        load_weights(CLIPVisionModelWithProjection, folder),
         fit,
-        _describe(checkpoint, folder, revision),
+        describe(checkpoint, folder, revision),
     )
 
 
-def _read_configs(folder: Path, kind: Any, like: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def read_configs(folder: Path, kind: Any, like: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the model's config with defaults filled in, and the preprocessor's config as in its file."""
-    stated, preprocessor = (_read_json(folder / name) for name in CONFIGS)
+    stated, preprocessor = (read_json(folder / name) for name in CONFIGS)
     if stated.get("model_type") != kind.model_type:
         raise BundleError(
             f'{folder} is a checkpoint of "{stated.get("model_type")}", not of {kind.model_type}: '
             f"give one like {like}"
         )
-    with _stated_in(folder), _quietly():
+    with stated_in(folder), quietly():
         config: dict[str, Any] = kind.from_pretrained(folder, local_files_only=True).to_dict()
     return config, preprocessor
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:
@@ -82,9 +88,9 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _load_weights(kind: Any, folder: Path) -> Mapping[str, Any]:
+def load_weights(kind: Any, folder: Path) -> Mapping[str, Any]:
     try:
-        with _quietly():
+        with quietly():
             model, info = kind.from_pretrained(folder, output_loading_info=True, local_files_only=True)
     except Exception as error:  # safetensors, pickle, torch and transformers raise many classes
         why = " ".join(str(error).split())[:300]
@@ -101,10 +107,10 @@ def _load_vocabulary(folder: Path) -> Vocabulary:
     from transformers import CLIPTokenizerFast
 
     try:
-        with _quietly():
+        with quietly():
             tokenizer = CLIPTokenizerFast.from_pretrained(folder, local_files_only=True)
         model = json.loads(tokenizer.backend_tokenizer.to_str())["model"]
-        merges = [_pair(merge) for merge in model["merges"]]
+        merges = [pair_of(merge) for merge in model["merges"]]
         words = Vocabulary(model["vocab"], merges, tokenizer.bos_token_id, tokenizer.eos_token_id)
     except Exception as error:  # tokenizers and transformers raise many classes
         why = " ".join(str(error).split())[:300]
@@ -126,7 +132,7 @@ def _orphans(words: Vocabulary) -> list[str]:
     ]
 
 
-def _pair(merge: str | list[str]) -> tuple[str, str]:
+def pair_of(merge: str | list[str]) -> tuple[str, str]:
     """Return the two parts of a merge, which older tokenizers write as one string."""
     left, right = merge.split(" ") if isinstance(merge, str) else merge
     return left, right
@@ -145,14 +151,20 @@ def _check_end(stated: int, vocabulary: Vocabulary) -> None:
         )
 
 
-def _filter(preprocessor: Mapping[str, Any], folder: Path) -> str:
-    """Return the filter with which the checkpoint resizes. Raises BundleError for unusual preprocessing."""
-    number = preprocessor.get("resample", 2)
+def resize_filter(
+    preprocessor: Mapping[str, Any], folder: Path, default: int = 2, *, normalised: bool = True
+) -> str:
+    """Return the filter with which the checkpoint resizes. Raises BundleError for unusual preprocessing.
+
+    default: where none is stated. normalised: whether pixels have to be normalised after scaling, or not.
+    """
+    number = preprocessor.get("resample", default)
     if number not in _FILTERS:
         raise BundleError(
             f"{folder} resizes with filter {number!r}: only 2 (bilinear) and 3 (bicubic) are known"
         )
-    steps = all(preprocessor.get(step, True) for step in ("do_resize", "do_rescale", "do_normalize"))
+    steps = all(preprocessor.get(step, True) for step in ("do_resize", "do_rescale"))
+    steps = steps and bool(preprocessor.get("do_normalize", normalised)) == normalised
     if not steps or abs(255 * preprocessor.get("rescale_factor", 1 / 255) - 1) > 1e-6:
         raise BundleError(
             f"{folder / CONFIGS[1]} leaves pixels unscaled or scales them otherwise than by 1/255: "
@@ -162,7 +174,7 @@ def _filter(preprocessor: Mapping[str, Any], folder: Path) -> str:
 
 
 @contextmanager
-def _stated_in(folder: Path) -> Iterator[None]:
+def stated_in(folder: Path) -> Iterator[None]:
     """Turn any error about a missing or wrong value in a config into a BundleError."""
     try:
         yield
@@ -176,7 +188,7 @@ def _stated_in(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _quietly() -> Iterator[None]:
+def quietly() -> Iterator[None]:
     """Suppress the progress bars and tables of transformers, and with them those of downloads."""
     from transformers.utils import logging
 
@@ -190,7 +202,7 @@ def _quietly() -> Iterator[None]:
         logging.set_verbosity(before)
 
 
-def _describe(checkpoint: str, folder: Path, revision: str) -> dict[str, str]:
+def describe(checkpoint: str, folder: Path, revision: str) -> dict[str, str]:
     described = {"weights": checkpoint if revision else folder.resolve().name, "licence": _licence(folder)}
     return described | ({"revision": revision} if revision else {})
 

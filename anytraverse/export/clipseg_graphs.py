@@ -13,8 +13,6 @@ export, what does not depend on the prompt is moved out of the decoder, and the 
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,11 +20,10 @@ from anytraverse.export.architecture import Architecture, Vision, Weights
 from anytraverse.export.graph import Graph
 from anytraverse.export.layers import Layers
 from anytraverse.export.linear import Linear, fp32
+from anytraverse.export.positions import fit_positions
+from anytraverse.export.text_graphs import text_pieces
 
 Array = NDArray[np.float32]
-
-TEXT_PIECES = 6
-"""The most pieces; a tower of fewer layers has one piece for each layer."""
 
 _VISION = "clip.vision_model"
 _TEXT = "clip.text_model"
@@ -77,53 +74,41 @@ def scene_graph(vision: Vision, weights: Weights, size: int, linear: Linear) -> 
 
 
 def text_graphs(arch: Architecture, weights: Weights, linear: Linear) -> list[Graph]:
-    """Write the text tower for one prompt, in pieces that are loaded one after the other.
+    """Write the text tower for one prompt. No padding: under a causal mask it would change nothing."""
 
-    There is no padding: under a causal mask it would change nothing.
-    """
-    layers = arch.text.tower.layers
-    pieces = min(TEXT_PIECES, layers)
-    cuts = [layers * piece // pieces for piece in range(pieces + 1)]
-    return [_text_piece(arch, weights, linear, first, end) for first, end in pairwise(cuts)]
+    def finish(layers: Layers, x: str) -> str:
+        last = layers.graph.op("Gather", x, np.array([-1], dtype=np.int64), axis=0)
+        last = layers.norm(last, f"{_TEXT}.final_layer_norm", arch.text.tower.eps)
+        return Layers(layers.graph, weights, fp32, None).linear(last, "clip.text_projection")
 
-
-def _text_piece(arch: Architecture, weights: Weights, linear: Linear, first: int, end: int) -> Graph:
-    graph = Graph("text")
-    tower = arch.text.tower
-    layers = Layers(graph, weights, linear, None)
-    x = graph.input("tokens", np.float32, ("n", tower.width))
-    if first == 0:
-        count = graph.op("Shape", x, start=0, end=1)
-        table = graph.constant(weights[f"{_TEXT}.embeddings.position_embedding.weight"])
-        x = graph.op("Add", x, graph.op("Slice", table, _FIRST, count, _FIRST))
-    for index in range(first, end):
-        x = layers.pre_norm(x, f"{_TEXT}.encoder.layers.{index}", tower, causal=True)
-    if end < tower.layers:
-        graph.output("further", x, np.float32, ("n", tower.width))
-        return graph
-    last = graph.op("Gather", x, np.array([-1], dtype=np.int64), axis=0)
-    last = layers.norm(last, f"{_TEXT}.final_layer_norm", tower.eps)
-    projected = Layers(graph, weights, fp32, None).linear(last, "clip.text_projection")
-    graph.output("condition", graph.reshape(projected, arch.joint), np.float32, (arch.joint,))
-    return graph
+    return text_pieces(arch.text.tower, weights, linear, _TEXT, arch.joint, finish, causal=True)
 
 
 def embed_patches(layers: Layers, vision: Vision, size: int, name: str) -> str:
     """Write the embedding of a uint8 frame: class token and patches with positions, after the first norm."""
     graph, weights = layers.graph, layers.weights
+    positions = fit_positions(weights[f"{name}.embeddings.position_embedding.weight"], size // vision.patch)
+    kernel = weights[f"{name}.embeddings.patch_embedding.weight"]
+    embedded = embed_pixels(graph, vision, size, kernel, positions[1:])
+    first = (weights[f"{name}.embeddings.class_embedding"] + positions[0]).astype(np.float32)
+    x = graph.op("Concat", first[None], embedded, axis=0)
+    return layers.norm(x, f"{name}.pre_layrnorm", vision.tower.eps)
+
+
+def embed_pixels(graph: Graph, vision: Vision, size: int, kernel: Array, shifts: Array) -> str:
+    """Write the input, a uint8 frame (size, size, 3), and the products of its patches: (patches, width).
+
+    kernel: (width, 3, patch, patch), for normalised pixels. shifts: what is added, (patches, width).
+    """
     side, patch, width = size // vision.patch, vision.patch, vision.tower.width
     frame = graph.input("frame", np.uint8, (size, size, 3))
     tiles = graph.op("Transpose", graph.reshape(frame, side, patch, side, patch, 3), perm=[0, 2, 1, 3, 4])
     pixels = graph.op("Cast", graph.reshape(tiles, side * side, patch * patch * 3), to=1)
-    kernel = weights[f"{name}.embeddings.patch_embedding.weight"].transpose(2, 3, 1, 0).astype(np.float64)
+    exact = kernel.transpose(2, 3, 1, 0).astype(np.float64)
     mean, std = (np.array(values).reshape(3, 1) for values in (vision.mean, vision.std))
-    scaled = (kernel / (255 * std)).reshape(-1, width).astype(np.float32)
-    shift = -(kernel * (mean / std)).sum(axis=(0, 1, 2))
-    positions = fit_positions(weights[f"{name}.embeddings.position_embedding.weight"], side)
-    embedded = graph.op("Add", graph.op("MatMul", pixels, scaled), (positions[1:] + shift).astype(np.float32))
-    first = (weights[f"{name}.embeddings.class_embedding"] + positions[0]).astype(np.float32)
-    x = graph.op("Concat", first[None], embedded, axis=0)
-    return layers.norm(x, f"{name}.pre_layrnorm", vision.tower.eps)
+    scaled = (exact / (255 * std)).reshape(-1, width).astype(np.float32)
+    shift = -(exact * (mean / std)).sum(axis=(0, 1, 2))
+    return graph.op("Add", graph.op("MatMul", pixels, scaled), (shifts + shift).astype(np.float32))
 
 
 def finish_tower(
@@ -141,34 +126,3 @@ def finish_tower(
     x = layers.norm(x, f"{name}.post_layernorm", vision.tower.eps)
     embedding = Layers(graph, layers.weights, fp32, layers.tokens).linear(x, projection)
     graph.output("embedding", graph.reshape(embedding, joint), np.float32, (joint,))
-
-
-def fit_positions(table: Array, side: int) -> Array:
-    """Interpolate the position table (1 + n * n, width) for a grid of side x side: bicubic, as in CLIPSeg.
-
-    As torch does it: a = -0.75, no antialiasing, pixel centres at half integers, edges repeated.
-    """
-    old = round((len(table) - 1) ** 0.5)
-    if old == side:
-        return table
-    matrix = _cubic_matrix(old, side)
-    grid = table[1:].astype(np.float64).reshape(old, old, -1)
-    fitted = np.einsum("yi,xj,ijc->yxc", matrix, matrix, grid, optimize=True)
-    return np.concatenate([table[:1], fitted.reshape(side * side, -1).astype(np.float32)])
-
-
-def _cubic_matrix(old: int, new: int) -> NDArray[np.float64]:
-    """Make the matrix (new, old) that interpolates `old` samples at the places of `new` ones."""
-    matrix = np.zeros((new, old))
-    for y in range(new):
-        middle = (y + 0.5) * old / new - 0.5
-        base = int(np.floor(middle))
-        for tap in range(base - 1, base + 3):
-            matrix[y, min(max(tap, 0), old - 1)] += _cubic(abs(middle - tap))
-    return matrix
-
-
-def _cubic(distance: float, a: float = -0.75) -> float:
-    if distance <= 1:
-        return ((a + 2) * distance - (a + 3)) * distance * distance + 1
-    return ((a * distance - 5 * a) * distance + 8 * a) * distance - 4 * a if distance < 2 else 0.0

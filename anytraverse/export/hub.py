@@ -73,7 +73,8 @@ def _cached_folder(checkpoint: str) -> Path | None:
 
 
 def _remedy(checkpoint: str, why: str, *, words: bool) -> str:
-    needed = [*CONFIGS, *(TOKENIZER[:2] if words else ()), " or ".join(WEIGHTS)]
+    tokens = [f"tokenizer.json (CLIPSeg: or {' and '.join(TOKENIZER[:2])})"] if words else []
+    needed = [*CONFIGS, *tokens, " or ".join(WEIGHTS)]
     return (
         f"{checkpoint} is no folder here, and cannot be had from the hub ({why}): check the name and the "
         f"network. Or, on a computer with network: hf download {checkpoint} --local-dir "

@@ -1,4 +1,4 @@
-"""Writes the layers of CLIP's transformers in the form that ONNX Runtime runs fastest.
+"""Writes the layers of CLIP's and similar transformers in the form that ONNX Runtime runs fastest.
 
 Activations are (batch * tokens, width) except in attention itself. Queries, keys and values come from one
 product; attention and quick GELU are ONNX Runtime's fused operators.
@@ -47,7 +47,11 @@ class Layers:
             return self.graph.op("Gelu", x, domain=FAST)
         if kind == "relu":
             return self.graph.op("Relu", x)
-        raise BundleError(f'the activation "{kind}" cannot be exported, only quick_gelu, gelu and relu')
+        if kind == "gelu_pytorch_tanh":
+            return self.graph.op("FastGelu", x, domain=FAST)
+        raise BundleError(
+            f'the activation "{kind}" cannot be exported, only quick_gelu, gelu, gelu_pytorch_tanh and relu'
+        )
 
     def mlp(self, x: str, name: str, act: str) -> str:
         """Write two products with an activation between them."""

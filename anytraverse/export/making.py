@@ -81,7 +81,7 @@ def make_bundle(
     check_precisions(precisions)
     _check_architecture(arch, size)
     for each in (weights, scene.weights if scene is not None else {}):
-        _check_weights(each)
+        check_weights(each)
     variants: dict[str, dict[str, str]] = {}
     scene_kind = "shared" if scene is None else "clip-b32"
     with BundleWriter(out, say) as writer:
@@ -152,7 +152,7 @@ def _check_architecture(arch: Architecture, size: int) -> None:
         )
 
 
-def _check_weights(weights: Weights) -> None:
+def check_weights(weights: Weights) -> None:
     for name, array in weights.items():
         if array.dtype != np.float32:
             raise BundleError(f"the weights {name} are {array.dtype}: give them as float32")

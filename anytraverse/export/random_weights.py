@@ -1,4 +1,4 @@
-"""Makes a CLIPSeg of random weights, to time a board before a download, and for tests.
+"""Makes models of random weights, to time a board before a download, and for tests.
 
 Its maps mean nothing. Their values spread around one half, so that masks are neither empty nor full.
 """
@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from anytraverse.export.architecture import Architecture, Decoder, Text, Tower, Vision
+from anytraverse.export.architecture import Architecture, Decoder, DenseArchitecture, Text, Tower, Vision
+from anytraverse.export.dense_making import DenseCheckpoint, DenseVocabulary
 from anytraverse.export.making import ClipSegCheckpoint, SceneCheckpoint, Vocabulary
 from anytraverse.perception.clipseg.tokenizer import byte_alphabet
+from anytraverse.perception.dense.tokenizer import SPACE, Rules
 from anytraverse.perception.resizing import Fit
 
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -32,6 +34,47 @@ TINY = Architecture(
 
 B32 = Vision(Tower(12, 768, 12, 3072), 32, _MEAN, _STD)
 """CLIP ViT-B/32's image encoder."""
+
+_GELU = "gelu_pytorch_tanh"
+DENSE = {
+    "siglip": DenseArchitecture(
+        "siglip",
+        Vision(Tower(12, 768, 12, 3072, _GELU, 1e-6), 16, (0.5,) * 3, (0.5,) * 3),
+        0,
+        Tower(12, 768, 12, 3072, _GELU, 1e-6),
+        64,
+        768,
+    ),
+    "tipsv2": DenseArchitecture(
+        "tipsv2",
+        Vision(Tower(12, 768, 12, 3072, "gelu", 1e-6), 14, (0.0,) * 3, (1.0,) * 3),
+        2,
+        Tower(12, 768, 12, 3072, "relu"),
+        64,
+        768,
+    ),
+}
+"""SigLIP2-B/16 and TIPSv2-B/14, as they were published."""
+DENSE_SIZES = {"siglip": 256, "tipsv2": 448}
+TINY_DENSE = {
+    "siglip": DenseArchitecture(
+        "siglip",
+        Vision(Tower(2, 32, 2, 64, _GELU, 1e-6), 8, (0.5,) * 3, (0.5,) * 3),
+        0,
+        Tower(2, 32, 2, 64, _GELU, 1e-6),
+        64,
+        32,
+    ),
+    "tipsv2": DenseArchitecture(
+        "tipsv2",
+        Vision(Tower(2, 32, 2, 64, "gelu", 1e-6), 8, (0.0,) * 3, (1.0,) * 3),
+        2,
+        Tower(2, 32, 2, 64, "relu"),
+        64,
+        32,
+    ),
+}
+"""Small enough for a test."""
 
 _GRID = 14  # side of the published position tables: 224 pixels in patches of 16
 _SHARPNESS = 3.0  # approximate standard deviation of the logits
@@ -69,6 +112,46 @@ def random_scene(vision: Vision = B32, joint: int = 512, seed: int = 0) -> Scene
     pixels = side * vision.patch
     source = {"weights": f"random, seed {seed}", "licence": "none needed"}
     return SceneCheckpoint(vision, weights, Fit(pixels, pixels, "bicubic", crop=True), source)
+
+
+def random_dense(
+    family: str, arch: DenseArchitecture | None = None, size: int | None = None, seed: int = 0
+) -> DenseCheckpoint:
+    """Make a dense model of random weights; its tokens are bytes. family: a key of `DENSE`."""
+    draw, arch = _Draw(seed), arch or DENSE[family]
+    side = size or DENSE_SIZES[family]
+    vision, text, patch = arch.vision, arch.text, arch.vision.patch
+    width = vision.tower.width
+    weights = draw.tower(vision.tower, "vision.encoder.layers") | draw.norm("vision.post_layernorm", width)
+    weights["vision.patch.weight"] = draw.matrix(width, 3 * patch**2).reshape(width, 3, patch, patch)
+    weights["vision.patch.bias"] = draw.normal(width, spread=0.1)
+    weights["vision.positions"] = draw.normal((side // patch) ** 2, width)
+    weights["vision.before"] = draw.normal(arch.before, width)
+    weights |= draw.tower(text, "text.encoder.layers") | draw.norm("text.final_layer_norm", text.width)
+    weights["text.embeddings.position_embedding.weight"] = draw.normal(arch.context, text.width)
+    if family == "siglip":
+        weights |= draw.linear("text.head", arch.joint, text.width) | draw.norm("head.layernorm", width)
+        weights["head.probe"] = draw.normal(1, width)
+        for part in ("q_proj", "k_proj", "v_proj", "out_proj"):
+            weights |= draw.linear(f"head.attention.{part}", width, width)
+        weights |= draw.linear("head.mlp.fc1", vision.tower.inner, width)
+        weights |= draw.linear("head.mlp.fc2", width, vision.tower.inner)
+    ids = {token: index for index, token in enumerate(("<pad>", "<eos>", "<bos>", "<unk>", SPACE))}
+    ids |= {f"<0x{octet:02X}>": len(ids) + octet for octet in range(256)}
+    siglip = family == "siglip"
+    rules = Rules(
+        context=arch.context,
+        lower=True,
+        compose=False,
+        split=not siglip,
+        before=(),
+        after=(1,) if siglip else (),
+        pad=0 if siglip else -1,
+        pad_left=False,
+    )
+    source = {"weights": f"random, seed {seed}", "licence": "none needed"}
+    tokens = draw.normal(len(ids), text.width)
+    return DenseCheckpoint(arch, weights, tokens, DenseVocabulary(ids, (), rules), side, "bilinear", source)
 
 
 class _Draw:

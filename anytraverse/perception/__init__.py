@@ -142,6 +142,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "builtin": ("anytraverse.perception.builtin", "make_builtin"),
     "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),
     "classes": ("anytraverse.perception.classes.perceiver", "Classes"),
+    "dense": ("anytraverse.perception.dense.perceiver", "Dense"),
 }
 """Kind -> (module, its factory, called with (argument, runtime)). Imported only when the kind is chosen."""
 

@@ -67,6 +67,10 @@ class Clock:
     def __init__(self) -> None:
         self.now = 0.0
 
+    def process_time(self) -> float:
+        """Seconds of CPU, which nobody else uses."""
+        return self.now
+
     def perf_counter(self) -> float:
         """Seconds."""
         return self.now

@@ -15,6 +15,7 @@ from anytraverse.bundle.timing import Timing
 from anytraverse.cli import main
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
+from tests.anytraverse.bundle.conftest import Clock
 
 MakeBundle = Callable[..., Path]
 Out = pytest.CaptureFixture[str]
@@ -159,7 +160,7 @@ def test_arguments_that_mean_nothing_are_refused(make_bundle: MakeBundle, argume
 
 def test_a_rate_that_is_promised_leaves_an_ok_fresh() -> None:
     def timing(slowest: float) -> Timing:
-        return Timing(1, 1, 1, 1, None, 1, slowest / 2, slowest)
+        return Timing(1, 1, 1, 1, None, 1, slowest / 2, slowest, slowest)
 
     assert (timing(20).rate, timing(20).freshness) == (30.0, 1.0)
     assert (timing(500).rate, timing(500).freshness) == (2.0, 1.5)
@@ -194,3 +195,30 @@ def test_a_file_is_not_a_bundle(tmp_path: Path, capsys: Out) -> None:
     (tmp_path / "file").write_text("")
     assert main(["bundle", "check", str(tmp_path / "file")]) == 2
     assert "is not a bundle" in capsys.readouterr().err
+
+
+def test_other_programs_do_not_make_a_model_slow_but_are_told(
+    make_bundle: MakeBundle, capsys: Out, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_bundle()
+    monkeypatch.setattr(Clock, "perf_counter", lambda clock: clock.now * 10)  # nine more programs
+    assert main(["bundle", "check", str(folder), "--json"]) == 0
+    found = figures(capsys)
+    assert found["milliseconds"]["fp32"]["step"] == pytest.approx(100.0)
+    assert found["milliseconds"]["fp32"]["clock"] == pytest.approx(1000.0)
+    assert found["frames_per_second"] == pytest.approx(10.0)
+    assert found["machine_busy"] is True
+    assert main(["bundle", "check", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert "up to 10 frames/s" in said
+    assert "judged by CPU time: a frame took 1000 ms by the clock" in said
+
+
+def test_where_threads_share_the_work_the_clock_counts(
+    make_bundle: MakeBundle, capsys: Out, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Clock, "process_time", lambda clock: clock.now * 4)  # four threads
+    assert main(["bundle", "check", str(make_bundle()), "--json"]) == 0
+    found = figures(capsys)
+    assert found["milliseconds"]["fp32"]["step"] == pytest.approx(100.0)
+    assert found["machine_busy"] is False

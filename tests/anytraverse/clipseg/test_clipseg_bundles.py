@@ -199,7 +199,7 @@ def test_numbers_that_are_not_finite_never_come_out(tmp_path: Path, weight: str,
 def test_a_few_logits_that_are_no_numbers_do_not_hide_among_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("anytraverse.export.making._check_weights", lambda _: None)
+    monkeypatch.setattr("anytraverse.export.making.check_weights", lambda _: None)
     checkpoint = random_clipseg(TINY)
     checkpoint.weights["decoder.transposed_convolution.4.weight"][0, 0, 1, 2] = np.nan  # one of 16 pixels
     make_bundle(tmp_path / "bundle", checkpoint, size=64)

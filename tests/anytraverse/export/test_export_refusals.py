@@ -160,7 +160,9 @@ def test_what_cannot_be_right_is_refused(checkpoint: Path, damage: Damage, expec
 
 
 def test_another_model_is_refused_by_name(sound: Path, tmp_path: Path) -> None:
-    with pytest.raises(BundleError, match='is a checkpoint of "clip", not of clipseg: give one like CIDAS/'):
+    with pytest.raises(
+        BundleError, match='is a checkpoint of "clip", which cannot be exported: give one like CIDAS/'
+    ):
         export_bundle(str(sound / "clip"), tmp_path / "bundle")
     with pytest.raises(BundleError, match='is a checkpoint of "clipseg", not of clip: give one like openai/'):
         export_bundle(

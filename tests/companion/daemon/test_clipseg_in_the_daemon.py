@@ -1,4 +1,4 @@
-"""The daemon on bundles of a tiny CLIPSeg: what it says of the variant, and of weights that are broken."""
+"""The daemon on bundles of tiny models: what it says of the variant, and of weights that are broken."""
 
 from __future__ import annotations
 
@@ -13,13 +13,18 @@ import cv2
 import numpy as np
 import pytest
 
+from anytraverse.bundle.calibrating import calibrate
+from anytraverse.bundle.records import CheckRuntime
 from anytraverse.errors import AnyTraverseError
+from anytraverse.export.dense_making import make_dense_bundle
 from anytraverse.export.making import make_bundle
-from anytraverse.export.random_weights import TINY, random_clipseg
+from anytraverse.export.random_weights import TINY, TINY_DENSE, random_clipseg, random_dense
+from anytraverse.perception.dense.perceiver import Dense
 from companion import run
 from companion.cli import main
 from companion.config import load_config
 from companion.wire import notices
+from tests.anytraverse.clipseg.pictures import picture
 
 PATIENCE = 10.0
 
@@ -42,7 +47,12 @@ class Site:
             checkpoint.weights[broken][...] = 3e38
         make_bundle(self.folder / "tiny", checkpoint, size=64, precisions=precisions, name="tiny")
 
-    def configure(self, perceiver: str = "") -> Path:
+    def dense(self) -> None:
+        """Make a bundle of a tiny SigLIP 2, not calibrated."""
+        checkpoint = random_dense("siglip", TINY_DENSE["siglip"], 64)
+        make_dense_bundle(self.folder / "tiny", checkpoint, name="tiny")
+
+    def configure(self, perceiver: str = "", kind: str = "clipseg") -> Path:
         """The file, with the bundle beside it."""
         path = self.folder / "companion.toml"
         path.write_text(
@@ -51,7 +61,7 @@ class Site:
             source = "folder:{self.folder / "pictures"}"
             loop = true
             [perceiver]
-            name = "clipseg:tiny"
+            name = "{kind}:tiny"
             threads = 1
             {perceiver}
             [web]
@@ -188,3 +198,15 @@ def test_a_bundle_that_is_not_there_is_told_with_its_place(
 ) -> None:
     assert main(["run", "--config", str(site.configure())]) == 2
     assert f"{site.folder}/tiny is not a bundle" in capsys.readouterr().err
+
+
+def test_a_dense_bundle_runs_once_it_is_calibrated(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    site.dense()
+    path, folder = site.configure(kind="dense"), site.folder / "tiny"
+    assert main(["config", "check", str(path)]) == 2
+    assert "is not calibrated" in capsys.readouterr().err
+    frames = [picture(96, 72, seed) for seed in range(24)]
+    calibrate(folder, Dense(str(folder), CheckRuntime(threads=1, precision="fp32")), frames, ["grass"], print)
+    told = site.run(judged)[-1]["perceiver"]
+    assert told["model"].startswith("tiny-64-")
+    assert told["precision"] == "fp32"

@@ -41,7 +41,7 @@ def test_the_figures_stand_as_one_json_object_on_the_last_line(photo: Path, caps
     assert figures["roi_uncertainty"] > 0.1
     assert figures["worst_tile"]["uncertainty"] > 0.7
     left, top, right, bottom = figures["worst_tile"]["box"]
-    assert 0.35 < (left + right) / 2 < 0.65
+    assert 0.3 < (left + right) / 2 < 0.7  # on the drum, or on its rim
     assert 0.55 < (top + bottom) / 2 < 0.85
     assert figures["milliseconds"] > 0
 

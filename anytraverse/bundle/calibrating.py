@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.bundle.files import replace_text
 from anytraverse.bundle.manifest import MANIFEST
 from anytraverse.errors import BundleError
 from anytraverse.frame import Image
@@ -134,16 +134,11 @@ def _spread(count: int) -> NDArray[np.intp]:
 def _write(folder: Path, perceiver: Dense, calibration: Calibration) -> None:
     """Replace the calibration in the manifest, at once or not at all. Raises BundleError."""
     path = folder / MANIFEST
-    part = path.with_suffix(".part")
     try:
         values = json.loads(path.read_bytes())
         values["details"] = as_json(replace(perceiver.details, calibration=calibration))
-        with part.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        part.chmod(path.stat().st_mode)
-        part.replace(path)
+        text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        replace_text(path, text, path.stat().st_mode)
     except OSError as error:
         raise BundleError(
             f"the calibration cannot be written to {path} ({error.strerror}): check the bundle as a user who "

@@ -131,11 +131,16 @@ def _load_and_time(plan: Plan, precision: str, report: Report, say: Say) -> Perc
     return perceiver
 
 
-def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> None:
-    """Calibrate by fp32; what is loaded already uses the new calibration, too."""
+def _fp32(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> Perceiver:
+    """Return the fp32 variant; it is loaded and timed where it was not."""
     if "fp32" not in perceivers:
         perceivers["fp32"] = _load_and_time(plan, "fp32", report, say)
-    fp32 = perceivers["fp32"]
+    return perceivers["fp32"]
+
+
+def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> None:
+    """Calibrate by fp32; what is loaded already uses the new calibration, too."""
+    fp32 = _fp32(plan, perceivers, report, say)
     assert isinstance(fp32, Dense)
     assert plan.frames is not None
     say("calibrating")
@@ -147,9 +152,7 @@ def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say
 
 
 def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> CheckRecord:
-    if "fp32" not in perceivers:
-        perceivers["fp32"] = _load_and_time(plan, "fp32", report, say)
-    fp32 = perceivers["fp32"]
+    fp32 = _fp32(plan, perceivers, report, say)
     words = _words(plan, fp32)
     comparison, slow, fast = Comparison(words), report.timings["fp32"].step, 0.0
     try:

@@ -7,12 +7,12 @@ manifest and that version of ONNX Runtime.
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from anytraverse.bundle.fields import Fields, parse_object
+from anytraverse.bundle.files import replace_text
 from anytraverse.bundle.machine import Machine, this_machine
 from anytraverse.bundle.manifest import Manifest, manifest_digest
 from anytraverse.bundle.writing import CHECKS
@@ -124,14 +124,9 @@ def save_record(folder: Path, record: CheckRecord) -> Path:
     """Write the record atomically and return its path. Raises BundleError when it cannot be written."""
     path = record_path(folder, record.machine)
     text = json.dumps({"format": RECORD_FORMAT, **asdict(record)}, indent=2, allow_nan=False) + "\n"
-    part = path.with_suffix(".part")
     try:
         path.parent.mkdir(exist_ok=True)
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        replace_text(path, text)
     except OSError as error:
         raise _unwritable(path, error) from error
     return path

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 DEFAULT_CLIP = "openai/clip-vit-base-patch32"
 RANDOM = "random"
-RANDOM_DENSE = ("random-siglip2", "random-tipsv2")
+RANDOM_DENSE = {"random-siglip2": "siglip", "random-tipsv2": "tipsv2"}
 """Given in place of a checkpoint: use random weights of the published size. `RANDOM` is CLIPSeg."""
 CLIPSEG_SIZE = 352
 
@@ -38,6 +38,7 @@ def export_bundle(
     say: receives a line for each step. Raises BundleError.
     """
     from anytraverse.errors import BundleError
+    from anytraverse.perception.dense.details import FAMILIES
 
     try:
         from anytraverse.bundle.writing import check_place
@@ -60,23 +61,19 @@ def export_bundle(
         raise BundleError("--clip is the encoder of --scene clip-b32: give both, or neither")
     check_precisions(precisions)
     check_place(out)
-    if checkpoint in RANDOM_DENSE:
-        family = checkpoint.removeprefix("random-").replace("siglip2", "siglip")
-    else:
-        kind = "clipseg" if checkpoint == RANDOM else model_type(checkpoint)
-        if checkpoint != RANDOM and kind != "clipseg" and kind not in MODELS:
-            like = ", ".join(model[-1] for model in MODELS.values())
-            raise BundleError(
-                f'{checkpoint} is a checkpoint of "{kind}", which cannot be exported: '
-                f"give one like CIDAS/clipseg-rd64-refined, {like}"
-            )
-        family = kind if kind != "clipseg" else ""
-    check_place(out, "dense" if family else "clipseg")
+    kind = {RANDOM: "clipseg", **RANDOM_DENSE}.get(checkpoint) or model_type(checkpoint)
+    if kind not in ("clipseg", *FAMILIES):
+        like = ", ".join(model[-1] for model in MODELS.values())
+        raise BundleError(
+            f'{checkpoint} is a checkpoint of "{kind}", which cannot be exported: '
+            f"give one like CIDAS/clipseg-rd64-refined, {like}"
+        )
     called = name or Path(checkpoint).name or "bundle"
-    if family:
+    check_place(out, "clipseg" if kind == "clipseg" else "dense")
+    if kind != "clipseg":
         if scene is not None:
             raise BundleError("--scene is for CLIPSeg: this model has a scene embedding of its own")
-        return _export_dense(checkpoint, family, out, size, precisions, templates, absent, called, say)
+        return _export_dense(checkpoint, kind, out, size, precisions, templates, absent, called, say)
     if templates or absent:
         raise BundleError("--templates and --absent are not for CLIPSeg: leave them out")
     side = CLIPSEG_SIZE if size is None else size

@@ -1,4 +1,4 @@
-"""Describes the sizes of a CLIPSeg network, as its checkpoint states them."""
+"""Describes the sizes of a network, as its checkpoint states them."""
 
 from __future__ import annotations
 

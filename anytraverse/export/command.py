@@ -25,12 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Make a checkpoint into a bundle, one folder to copy to the rover: of CLIPSeg (clipseg:DIR), or of "
         "SigLIP 2 or TIPSv2 (dense:DIR)."
     )
+    drawn = ", ".join(f'"{name}"' for name in (RANDOM, *RANDOM_DENSE))
     parser.add_argument(
         "checkpoint",
         metavar="CHECKPOINT",
         help="a folder, or an id of the Hugging Face hub such as CIDAS/clipseg-rd64-refined; "
-        f'"{RANDOM}", "{RANDOM_DENSE[0]}", "{RANDOM_DENSE[1]}": random weights of the published size, to see '
-        "how fast a board is without a download",
+        f"{drawn}: random weights of the published size, to see how fast a board is without a download",
     )
     parser.add_argument("out", metavar="OUT", type=Path, help="the bundle's folder")
     parser.add_argument(

@@ -98,25 +98,19 @@ def _architecture(
             raise BundleError(f"{folder} is a larger TIPSv2 than can be exported: give one like tipsv2-b14")
         inner, before = int(width * vision["mlp_ratio"]), 1 + vision["num_register_tokens"]
         mean, std = three([0.0] * 3), three([1.0] * 3)
-    tower = Tower(
-        vision["num_hidden_layers"],
-        width,
-        vision["num_attention_heads"],
+    seen = Vision(_tower(vision, inner), vision["patch_size"], mean, std)
+    words, context = _tower(text, text["intermediate_size"]), text["max_position_embeddings"]
+    return DenseArchitecture(family, seen, before, words, context, width)
+
+
+def _tower(stated: Mapping[str, Any], inner: int) -> Tower:
+    return Tower(
+        stated["num_hidden_layers"],
+        stated["hidden_size"],
+        stated["num_attention_heads"],
         inner,
-        vision["hidden_act"],
-        vision["layer_norm_eps"],
-    )
-    words = Tower(
-        text["num_hidden_layers"],
-        text["hidden_size"],
-        text["num_attention_heads"],
-        text["intermediate_size"],
-        text["hidden_act"],
-        text["layer_norm_eps"],
-    )
-    context = text["max_position_embeddings"]
-    return DenseArchitecture(
-        family, Vision(tower, vision["patch_size"], mean, std), before, words, context, width
+        stated["hidden_act"],
+        stated["layer_norm_eps"],
     )
 
 

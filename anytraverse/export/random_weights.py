@@ -35,45 +35,21 @@ TINY = Architecture(
 B32 = Vision(Tower(12, 768, 12, 3072), 32, _MEAN, _STD)
 """CLIP ViT-B/32's image encoder."""
 
-_GELU = "gelu_pytorch_tanh"
-DENSE = {
-    "siglip": DenseArchitecture(
-        "siglip",
-        Vision(Tower(12, 768, 12, 3072, _GELU, 1e-6), 16, (0.5,) * 3, (0.5,) * 3),
-        0,
-        Tower(12, 768, 12, 3072, _GELU, 1e-6),
-        64,
-        768,
-    ),
-    "tipsv2": DenseArchitecture(
-        "tipsv2",
-        Vision(Tower(12, 768, 12, 3072, "gelu", 1e-6), 14, (0.0,) * 3, (1.0,) * 3),
-        2,
-        Tower(12, 768, 12, 3072, "relu"),
-        64,
-        768,
-    ),
-}
+
+def _siglip(layers: int, width: int, heads: int, inner: int, patch: int) -> DenseArchitecture:
+    tower = Tower(layers, width, heads, inner, "gelu_pytorch_tanh", 1e-6)
+    return DenseArchitecture("siglip", Vision(tower, patch, (0.5,) * 3, (0.5,) * 3), 0, tower, 64, width)
+
+
+def _tipsv2(layers: int, width: int, heads: int, inner: int, patch: int) -> DenseArchitecture:
+    vision = Vision(Tower(layers, width, heads, inner, "gelu", 1e-6), patch, mean=(0.0,) * 3, std=(1.0,) * 3)
+    return DenseArchitecture("tipsv2", vision, 2, Tower(layers, width, heads, inner, "relu"), 64, width)
+
+
+DENSE = {"siglip": _siglip(12, 768, 12, 3072, 16), "tipsv2": _tipsv2(12, 768, 12, 3072, 14)}
 """SigLIP2-B/16 and TIPSv2-B/14, as they were published."""
 DENSE_SIZES = {"siglip": 256, "tipsv2": 448}
-TINY_DENSE = {
-    "siglip": DenseArchitecture(
-        "siglip",
-        Vision(Tower(2, 32, 2, 64, _GELU, 1e-6), 8, (0.5,) * 3, (0.5,) * 3),
-        0,
-        Tower(2, 32, 2, 64, _GELU, 1e-6),
-        64,
-        32,
-    ),
-    "tipsv2": DenseArchitecture(
-        "tipsv2",
-        Vision(Tower(2, 32, 2, 64, "gelu", 1e-6), 8, (0.0,) * 3, (1.0,) * 3),
-        2,
-        Tower(2, 32, 2, 64, "relu"),
-        64,
-        32,
-    ),
-}
+TINY_DENSE = {"siglip": _siglip(2, 32, 2, 64, 8), "tipsv2": _tipsv2(2, 32, 2, 64, 8)}
 """Small enough for a test."""
 
 _GRID = 14  # side of the published position tables: 224 pixels in patches of 16

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.training.classes import CLASSES, UNKNOWN
+from anytraverse.training.classes import CLASSES, GROUND, UNKNOWN
 from anytraverse.training.folders import Labels
 
 Rng = np.random.Generator
-Floats = NDArray[np.float32]
 
-_GROUND = tuple(CLASSES.index(name) for name in ("smooth trail", "rough trail", "grass", "low vegetation"))
 _PLANT, _GRASS = CLASSES.index("low vegetation"), CLASSES.index("grass")
 _ROUGH = CLASSES.index("rough trail")
 _WATER = CLASSES.index("water")
@@ -60,7 +58,7 @@ def strew(picture: Image, names: Labels, rng: Rng) -> None:
     They teach that a rough or ragged surface alone makes no stones: leaves and blades have no body.
     """
     rows, columns = names.shape
-    region = _patch((rows, columns), rng, high=(0.15, 0.8), wide=(0.4, 2.0)) & np.isin(names, _GROUND)
+    region = _patch((rows, columns), rng, high=(0.15, 0.8), wide=(0.4, 2.0)) & np.isin(names, GROUND)
     if region.sum() < 50:
         return
     horizon, bottom = rng.uniform(0.1, 0.35) * rows, int(np.flatnonzero(region.any(axis=1))[-1])

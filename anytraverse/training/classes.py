@@ -23,6 +23,8 @@ CLASSES = (
 
 UNKNOWN = CLASSES.index("unknown")
 DRIVABLE = (0, 1, 2)
+GROUND = (*DRIVABLE, CLASSES.index("low vegetation"))
+"""What may lie below a thing."""
 UNLABELLED = 255
 
 _LABELS: dict[str, tuple[str, ...]] = {

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.training.classes import CLASSES, UNKNOWN, UNLABELLED
+from anytraverse.training.classes import GROUND, UNKNOWN, UNLABELLED
 from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Labels
 
@@ -22,7 +22,6 @@ Rng = np.random.Generator
 Floats = NDArray[np.float32]
 Window = tuple[slice, slice]
 
-_GROUND = tuple(CLASSES.index(name) for name in ("smooth trail", "rough trail", "grass", "low vegetation"))
 EDGE = 1  # pixels around a thing that are left unlabelled
 
 
@@ -72,7 +71,7 @@ def _another_ground(labels: Labels, here: Window, inside: NDArray[np.bool_], rng
     for _ in range(4):
         x, y = int(rng.integers(0, columns - wide + 1)), int(rng.integers(0, rows - high + 1))
         there = slice(y, y + high), slice(x, x + wide)
-        if inside.any() and np.isin(labels[there][inside], _GROUND).mean() > 0.9:
+        if inside.any() and np.isin(labels[there][inside], GROUND).mean() > 0.9:
             found = there
             if (labels[there][inside] != labels[here][inside]).mean() > 0.7:
                 break

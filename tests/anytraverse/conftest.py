@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnxruntime
 import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
@@ -165,3 +167,17 @@ def rover() -> Rover:
 def ahead() -> Box:
     """Where a thing is painted."""
     return AHEAD
+
+
+@pytest.fixture
+def runs(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Every network that is run, by the name of its file."""
+    ran: list[str] = []
+    run = onnxruntime.InferenceSession.run
+
+    def counted(self: Any, *given: Any, **options: Any) -> Any:
+        ran.append(Path(self._model_path).stem)
+        return run(self, *given, **options)
+
+    monkeypatch.setattr(onnxruntime.InferenceSession, "run", counted)
+    return ran

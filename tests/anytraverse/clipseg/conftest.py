@@ -1,11 +1,9 @@
-"""Tiny CLIPSegs of random weights, and a note of every network that runs."""
+"""Tiny CLIPSegs of random weights."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import onnxruntime
 import pytest
 
 from anytraverse.export.architecture import Tower, Vision
@@ -38,17 +36,3 @@ def tiny_b32(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def eyes(tiny: Path) -> ClipSeg:
     """Made anew, so that it has heard no word."""
     return ClipSeg(str(tiny), Runtime(threads=1))
-
-
-@pytest.fixture
-def runs(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Every network that is run, by the name of its file."""
-    ran: list[str] = []
-    run = onnxruntime.InferenceSession.run
-
-    def counted(self: Any, *given: Any, **options: Any) -> Any:
-        ran.append(Path(self._model_path).stem)
-        return run(self, *given, **options)
-
-    monkeypatch.setattr(onnxruntime.InferenceSession, "run", counted)
-    return ran

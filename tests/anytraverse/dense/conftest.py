@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 import cv2
-import onnxruntime
 import pytest
 
 from anytraverse.bundle.calibrating import calibrate
@@ -59,17 +57,3 @@ def calibrated(made: Path, terrain: Path, tmp_path_factory: pytest.TempPathFacto
 def eyes(calibrated: Path) -> Dense:
     """Made anew, so that it has heard no word."""
     return Dense(str(calibrated), ONE)
-
-
-@pytest.fixture
-def runs(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Every network that is run, by the name of its file."""
-    ran: list[str] = []
-    run = onnxruntime.InferenceSession.run
-
-    def counted(self: Any, *given: Any, **options: Any) -> Any:
-        ran.append(Path(self._model_path).stem)
-        return run(self, *given, **options)
-
-    monkeypatch.setattr(onnxruntime.InferenceSession, "run", counted)
-    return ran

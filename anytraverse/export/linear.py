@@ -1,4 +1,4 @@
-"""Writes the products x W + b, which take nearly all the time, in two precisions."""
+"""Writes the products x W + b, which take nearly all the time, in the precisions of a bundle."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Linear = Callable[[Graph, str, Array, Array | None], str]
 """(graph, x, weight (inputs, outputs), bias (outputs) or None) -> the product, float32."""
 
 
-def fp32(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
+def fp32(graph: Graph, x: str, weight: Array | str, bias: Array | None) -> str:
     """Write the product in the checkpoint's precision."""
     return graph.op("Gemm", x, weight, *(() if bias is None else (bias,)))
 
@@ -24,11 +24,26 @@ def int8(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
 
     x is unsigned and the weights are signed: x86 has instructions for this combination.
     """
-    scale = np.maximum(np.abs(weight).max(axis=0), np.finfo(np.float32).tiny) / 127
-    rounded = np.clip(np.rint(weight / scale), -127, 127).astype(np.int8)
+    rounded, scale = _rounded(weight)
     zero = np.zeros(weight.shape[1], dtype=np.int8)
     given = () if bias is None else (bias,)
-    return graph.op("DynamicQuantizeMatMul", x, rounded, scale.astype(np.float32), zero, *given, domain=FAST)
+    return graph.op("DynamicQuantizeMatMul", x, rounded, scale, zero, *given, domain=FAST)
+
+
+def stored_int8(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
+    """Write the product in fp32 with weights that are stored in 8 bits, one scale for each output.
+
+    They are unpacked at each run: a quarter of the memory. For few tokens it is no slower, since reading the
+    weights takes most of the time.
+    """
+    rounded, scale = _rounded(weight)
+    return fp32(graph, x, graph.op("DequantizeLinear", rounded, scale, axis=1), bias)
+
+
+def _rounded(weight: Array) -> tuple[NDArray[np.int8], Array]:
+    """Return the weights in 8 bits, and the scale of each output."""
+    scale = np.maximum(np.abs(weight).max(axis=0), np.finfo(np.float32).tiny) / 127
+    return np.clip(np.rint(weight / scale), -127, 127).astype(np.int8), scale.astype(np.float32)
 
 
 LINEAR: dict[str, Linear] = {"fp32": fp32, "int8": int8}

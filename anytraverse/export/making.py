@@ -16,7 +16,7 @@ from anytraverse.export.architecture import Architecture, Vision, Weights
 from anytraverse.export.clipseg_graphs import image_graph, scene_graph, tail_graph, text_graphs
 from anytraverse.export.decoder_graph import decoder_graph
 from anytraverse.export.graph import Graph
-from anytraverse.export.linear import LINEAR
+from anytraverse.export.linear import LINEAR, stored_int8
 from anytraverse.export.smoothing import smoothed
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.clipseg.tokenizer import save_tokenizer
@@ -124,7 +124,8 @@ def _graphs(
         encoder = scene.weights
         if precision == "int8":
             encoder = smoothed(encoder, "vision_model.encoder", scene.vision.tower.layers)
-        yield "scene", scene_graph(scene.vision, encoder, scene.fit.width, linear)
+        products = linear if precision != "fp32" else stored_int8
+        yield "scene", scene_graph(scene.vision, encoder, scene.fit.width, products)
     if precision == "fp32":  # the text tower runs only for a new word: int8 would gain little
         for number, piece in enumerate(text_graphs(arch, weights, linear), 1):
             yield f"text-{number}", piece

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import BundleError, PerceiverError
-from anytraverse.perception.runtime import Runtime, open_session, run_session
+from anytraverse.perception.runtime import Runtime, give_back_memory, open_session, run_session
 
 Array = NDArray[np.float32]
 
@@ -57,9 +55,3 @@ def open_array(path: Path) -> NDArray[Any]:
     except Exception as error:  # numpy, tokenize and mmap raise many classes for a bad header
         why = " ".join(str(error).split())[:200]
         raise BundleError(f"{path} cannot be read ({why}): copy the bundle again") from error
-
-
-def give_back_memory() -> None:
-    """Return freed memory to the system: glibc would keep the 25 MB of each piece of the text tower."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)

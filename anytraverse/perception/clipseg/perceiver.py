@@ -76,11 +76,11 @@ class ClipSeg:
         self._runtime = runtime
         pieces = [self._file(part) for part in sorted(manifest.variants["fp32"]) if part.startswith("text-")]
         self._prompts = Prompts(pieces, self._file("tokenizer"), self._file("tokens"), runtime)
+        self._scene = self._session("scene") if manifest.scene_image is not None else None
         self._image = self._session("image")
-        self._tail = self._session("tail")
         self._decoder = self._session("decoder")
         self._resize = Resizer(manifest.image)
-        self._scene = self._session("scene") if manifest.scene_image is not None else None
+        self._tail = self._session("tail") if self._scene is None else None
         self._resize_scene = Resizer(manifest.scene_image) if manifest.scene_image is not None else None
 
     @property
@@ -172,7 +172,9 @@ class ClipSeg:
         return asked
 
     def _embed_deep(self, deep: Array) -> Array:
-        (vector,) = run_session(self._tail, {"deep": deep})
+        # beside a scene encoder only taps need the tail: it is opened for them and released after
+        tail = self._tail or self._session("tail")
+        (vector,) = run_session(tail, {"deep": deep})
         return vector
 
     def _file(self, part: str) -> Path:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from anytraverse.errors import PerceiverError
 from anytraverse.perception.dense.details import filled
 from anytraverse.perception.dense.tokenizer import Tokenizer
-from anytraverse.perception.text_tower import TextTower, give_back_memory
+from anytraverse.perception.runtime import give_back_memory
+from anytraverse.perception.text_tower import TextTower
 
 Array = NDArray[np.float32]
 

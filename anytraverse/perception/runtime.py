@@ -70,11 +70,13 @@ def available_providers() -> tuple[str, ...]:
     return tuple(name for name, theirs in PROVIDERS.items() if theirs in installed)
 
 
-def open_session(model: Path, runtime: Runtime) -> onnxruntime.InferenceSession:
+def open_session(model: Path, runtime: Runtime, *, once: bool = False) -> onnxruntime.InferenceSession:
     """Open a session for a network file.
 
     Sessions take turns in one thread. So each may use all cores, but its workers must not keep spinning
-    after its turn. Raises PerceiverError when a provider is missing or the network cannot be read.
+    after its turn. once: the session will be closed after a few runs. Its weights then stay mapped from disk,
+    not rearranged in memory, which takes longer than a run. Raises PerceiverError when a provider is missing
+    or the network cannot be read.
     """
     ort = load_onnxruntime()
     available = available_providers()
@@ -95,6 +97,8 @@ def open_session(model: Path, runtime: Runtime) -> onnxruntime.InferenceSession:
     _share_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     options.add_session_config_entry("session.force_spinning_stop", "1")
+    if once:
+        options.add_session_config_entry("session.disable_prepacking", "1")
     names = [PROVIDERS[name] for name in dict.fromkeys((*runtime.providers, "CPU"))]
     try:
         session = ort.InferenceSession(str(model), options, names)

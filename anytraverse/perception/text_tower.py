@@ -35,7 +35,7 @@ class TextTower:
             raise BundleError("the tokenizer knows more tokens than the network: export the bundle again")
         states = [np.asarray(self._table[list(ids)]) for ids in texts.values()]
         for piece in self._pieces:
-            session = open_session(piece, self._runtime)
+            session = open_session(piece, self._runtime, once=True)
             states = [run_session(session, {"tokens": state})[0] for state in states]
             del session
             give_back_memory()

@@ -173,7 +173,7 @@ class ClipSeg:
 
     def _embed_deep(self, deep: Array) -> Array:
         # beside a scene encoder only taps need the tail: it is opened for them and released after
-        tail = self._tail or self._session("tail")
+        tail = self._tail or open_session(self._file("tail"), self._runtime, once=True)
         (vector,) = run_session(tail, {"deep": deep})
         return vector
 

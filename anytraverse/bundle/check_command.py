@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from anytraverse.bundle import against
 from anytraverse.bundle.calibrating import LEAST_RATIO
 from anytraverse.bundle.checking import MOST_WORDS, Plan, Report, check
 from anytraverse.bundle.timing import Timing
@@ -35,17 +36,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Verify a bundle, time it on this machine, and compare its int8 variant with fp32 on your frames. "
         "A dense bundle is calibrated on these frames, and refused before that. "
         "Speed is judged by CPU time, not by the clock. "
+        "With --against, compare it with a larger bundle instead, and write nothing. "
         "Exit code 0: good; 1: int8 failed its check, fp32 runs; 2: the bundle is refused."
     )
     parser.add_argument("folder", metavar="DIR", type=Path, help="the bundle")
     parser.add_argument("--frames", metavar="PATH", type=Path, help="a folder of pictures, or a video")
+    parser.add_argument(
+        "--against",
+        metavar="DIR",
+        type=Path,
+        help="another bundle, of a larger size: say what this one loses on your frames, and how fast it is",
+    )
     parser.add_argument("--words", type=_words, default=(), help="words to look for, separated by commas")
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="cores to use, by default all")
     parser.add_argument(
         "--precision",
         choices=("fp32", "int8"),
         default="fp32",
-        help="the variant to time, and whose memory to tell, by default %(default)s",
+        help="the variant to time, whose memory to tell, or to compare, by default %(default)s",
     )
     parser.add_argument(
         "--repeat",
@@ -62,11 +70,19 @@ def run(options: argparse.Namespace) -> int:
     plan = Plan(
         options.folder, options.frames, options.words, options.threads, options.precision, options.repeat
     )
-    report = check(plan, lambda line: print(line, file=sys.stderr, flush=True))
+    if options.against is not None:
+        found = against.check_against(plan, options.against, _say)
+        print(json.dumps(against.figures(found), allow_nan=False) if options.json else against.text(found))
+        return 0
+    report = check(plan, _say)
     print(json.dumps(figures(report), allow_nan=False) if options.json else text(report))
     if report.refused:
         return 2
     return 1 if report.record is not None and not report.record.passed else 0
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 def figures(report: Report) -> dict[str, Any]:

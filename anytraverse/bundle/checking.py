@@ -127,7 +127,7 @@ def _load_and_time(plan: Plan, precision: str, report: Report, say: Say) -> Perc
         if plan.frames is None
         else list(islice(frames_of(plan.frames, report_skipped), plan.repeat))
     )
-    report.timings[precision] = time_parts(perceiver, images, _words(plan, perceiver), plan.repeat)
+    report.timings[precision] = time_parts(perceiver, images, words_of(plan, perceiver), plan.repeat)
     return perceiver
 
 
@@ -144,7 +144,7 @@ def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say
     assert isinstance(fp32, Dense)
     assert plan.frames is not None
     say("calibrating")
-    report.calibrated = calibrate(plan.folder, fp32, frames_of(plan.frames, say), _words(plan, fp32), say)
+    report.calibrated = calibrate(plan.folder, fp32, frames_of(plan.frames, say), words_of(plan, fp32), say)
     report.manifest = read_manifest(plan.folder)
     for perceiver in perceivers.values():
         assert isinstance(perceiver, Dense)
@@ -153,7 +153,7 @@ def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say
 
 def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> CheckRecord:
     fp32 = _fp32(plan, perceivers, report, say)
-    words = _words(plan, fp32)
+    words = words_of(plan, fp32)
     comparison, slow, fast = Comparison(words), report.timings["fp32"].step, 0.0
     try:
         int8 = perceivers.get("int8") or _load_and_time(plan, "int8", report, say)
@@ -161,7 +161,7 @@ def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, sa
         comparison.failure = str(error)
     else:
         assert plan.frames is not None
-        slow, fast = _compare(comparison, fp32, int8, frames_of(plan.frames, say), say)
+        slow, fast = compare(comparison, fp32, int8, frames_of(plan.frames, say), say)
     gain = slow / fast if fast else 0.0
     passed, why = comparison.verdict(gain)
     return CheckRecord(
@@ -186,26 +186,27 @@ def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, sa
     )
 
 
-def _compare(
-    comparison: Comparison, fp32: Perceiver, int8: Perceiver, frames: Iterable[Image], say: Say
+def compare(
+    comparison: Comparison, reference: Perceiver, other: Perceiver, frames: Iterable[Image], say: Say
 ) -> tuple[float, float]:
     """Run both on every frame and return their median milliseconds.
 
-    They take turns at being first, so that a hot chip or a busy moment affects both alike.
+    They take turns at being first, so that a hot chip or a busy moment affects both alike. An error of the
+    second is in the comparison's `failure`, and ends it.
     """
     prompts = [Prompt(word) for word in comparison.words]
     slow, fast = [], []
     for number, image in enumerate(frames):
-        first = _run_step(fp32, image, prompts) if number % 2 == 0 else None
+        first = _run_step(reference, image, prompts) if number % 2 == 0 else None
         try:
-            other = _run_step(int8, image, prompts)
+            second = _run_step(other, image, prompts)
         except PerceiverError as error:
             comparison.failure = str(error)
             break
-        reference = first or _run_step(fp32, image, prompts)
-        comparison.add(reference, other)
-        slow.append(reference.milliseconds)
-        fast.append(other.milliseconds)
+        first = first or _run_step(reference, image, prompts)
+        comparison.add(first, second)
+        slow.append(first.milliseconds)
+        fast.append(second.milliseconds)
         if comparison.failure:
             break
         if number % 10 == 9:
@@ -222,7 +223,7 @@ def _run_step(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> 
     return Seen(maps, embedding, milliseconds)
 
 
-def _words(plan: Plan, perceiver: Perceiver) -> list[str]:
+def words_of(plan: Plan, perceiver: Perceiver) -> list[str]:
     """Return the words to look for; where the caller gives none, words that the perceiver knows."""
     if plan.words:
         for word in plan.words:

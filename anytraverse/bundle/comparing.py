@@ -1,4 +1,4 @@
-"""Compares int8's masks and embeddings with fp32's on the same frames, and decides whether int8 may run.
+"""Compares masks and embeddings of the same frames: int8's with fp32's, to decide whether int8 may run.
 
 The main figure is each word's IoU, pooled over all its masks. A mean over masks would be dominated by masks
 of a few pixels; an IoU pooled over all words would be dominated by the ground and hide an error on a rock. A
@@ -52,7 +52,7 @@ class Comparison:
     failure: str = ""
     stray: float = 0.0
     cosine: float = 1.0
-    _single: list[float] = field(default_factory=list)
+    _single: dict[str, list[float]] = field(default_factory=dict)
     _large: list[float] = field(default_factory=list)
     _both: dict[str, int] = field(default_factory=dict)
     _either: dict[str, int] = field(default_factory=dict)
@@ -65,19 +65,20 @@ class Comparison:
         elif fp32.maps.shape != int8.maps.shape or fp32.embedding.shape != int8.embedding.shape:
             self.failure = "its outputs are of another size"
         else:
-            self._add_maps(fp32.maps, int8.maps)
+            self.add_maps(fp32.maps, int8.maps)
             self.cosine = min(self.cosine, max(-1.0, float(fp32.embedding @ int8.embedding)))
 
-    def _add_maps(self, fp32: Array, int8: Array) -> None:
-        for word, reference, other in zip(self.words, fp32 >= LEVEL, int8 >= LEVEL, strict=True):
-            share = float(reference.mean())
+    def add_maps(self, reference: Array, other: Array) -> None:
+        """Add the maps of one frame, both (words, h, w)."""
+        for word, mask, another in zip(self.words, reference >= LEVEL, other >= LEVEL, strict=True):
+            share = float(mask.mean())
             if SPECK <= share <= 1 - SPECK:
-                self._add_masks(word, share, int((reference & other).sum()), int((reference | other).sum()))
+                self._add_masks(word, share, int((mask & another).sum()), int((mask | another).sum()))
             else:
-                self.stray = max(self.stray, float((reference != other).mean()))
+                self.stray = max(self.stray, float((mask != another).mean()))
 
     def _add_masks(self, word: str, share: float, both: int, either: int) -> None:
-        self._single.append(both / either)
+        self._single.setdefault(word, []).append(both / either)
         if share >= LARGE:
             self._large.append(both / either)
         self._both[word] = self._both.get(word, 0) + both
@@ -86,23 +87,34 @@ class Comparison:
     @property
     def masks(self) -> int:
         """The number of masks compared."""
-        return len(self._single)
+        return len(self._ious)
+
+    @property
+    def by_word(self) -> dict[str, tuple[int, float]]:
+        """Word -> its number of masks, and their pooled IoU; words without masks are left out."""
+        return {
+            word: (len(self._single[word]), both / self._either[word]) for word, both in self._both.items()
+        }
 
     @property
     def worst_word(self) -> tuple[str, float] | None:
         """The word with the smallest pooled IoU, and that IoU; None without masks."""
-        pooled = {word: self._both[word] / self._either[word] for word in self._both}
-        return min(pooled.items(), key=lambda item: item[1]) if pooled else None
+        pooled = [(word, iou) for word, (_, iou) in self.by_word.items()]
+        return min(pooled, key=lambda item: item[1]) if pooled else None
 
     @property
     def iou_worst(self) -> float | None:
         """The smallest IoU of a single mask; None without masks."""
-        return min(self._single) if self._single else None
+        return min(self._ious) if self._ious else None
 
     @property
     def iou_mean(self) -> float | None:
         """The mean IoU of single masks; None without masks."""
-        return sum(self._single) / len(self._single) if self._single else None
+        return sum(self._ious) / len(self._ious) if self._ious else None
+
+    @property
+    def _ious(self) -> list[float]:
+        return [iou for ious in self._single.values() for iou in ious]
 
     def verdict(self, gain: float) -> tuple[bool, str]:
         """Return whether int8 may run, and the reason. gain: fp32's time for a step over int8's."""

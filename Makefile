@@ -29,7 +29,7 @@ check: lint types test ## all three, as before a commit
 interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.2 GB of packages); ARGS as for test
 	@INTEROP=.venv-interop $(PYTHON_IN_VENV) -m pytest tests/interop $(ARGS)
 
-bench-clipseg: ready-export ## time CLIPSeg against the authors' step (GBs of packages); ARGS=--quick, OUT=folder
+bench-clipseg: ready-export ## time the bundles of any word against the authors' step (GBs of packages and models); ARGS=--quick, OUT=folder
 	@$(PYTHON_IN_VENV) -m bench.clipseg $(ARGS) $${OUT:+--out "$$OUT"}
 
 bench-link: ready-dev ## a bad radio, a million mutated frames, and how fast the link is; ARGS="lossy --calls 20"

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import os
 import platform
+from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from anytraverse.bundle.machine import this_machine
+from bench.commit import commit_of
 
+ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("torch", "transformers", "onnxruntime", "numpy")
 
 
 def describe_machine() -> dict[str, Any]:
-    """Returns the CPU, its flags that matter to networks, the usable cores and the versions."""
+    """Returns commit, date, the CPU, its flags that matter to networks, the usable cores and the versions."""
     machine = this_machine()
     described: dict[str, Any] = {
+        "commit": commit_of(ROOT) or "unknown",
+        "date": datetime.now(timezone.utc).date().isoformat(),
         "cpu": machine.cpu,
         "cpu_flags": list(machine.flags),
         "architecture": machine.architecture,

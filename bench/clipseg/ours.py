@@ -1,12 +1,7 @@
-"""Runs this project's step: a bundle in ONNX Runtime, pooled at the model's own size.
-
-Run: python -m bench.clipseg.ours CHECKPOINT CLIP OUT SCENE PRECISION... exports the bundle OUT.
-"""
+"""Runs this project's step: a bundle in ONNX Runtime, pooled at the model's own size."""
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.assessment import Finding
+from anytraverse.bundle.manifest import read_manifest
 from anytraverse.bundle.records import CheckRuntime
 from anytraverse.judging import Settings, make_maps, roi_figures
-from anytraverse.perception import Prompt
-from anytraverse.perception.clipseg.perceiver import ClipSeg
+from anytraverse.perception import Prompt, make_perceiver
 from anytraverse.regions import Box
 from bench.clipseg.contestants import Figures
 from bench.clipseg.parts import Parts
@@ -28,14 +23,20 @@ REGION = Box(0.333, 0.6, 0.667, 0.95)
 
 
 class Ours:
-    """Runs the perceiver `clipseg` and judges its maps; it makes the scene's embedding on every frame."""
+    """Runs the bundle's perceiver and judges its maps; it makes the scene's embedding on every frame.
+
+    A dense bundle runs as a check runs it, without a calibration, which would be two numbers in its sigmoid.
+    """
 
     def __init__(self, bundle: str, precision: str, threads: int) -> None:
         self.parts = Parts()
-        self._perceiver = ClipSeg(bundle, CheckRuntime(threads=threads, precision=precision))
+        manifest = read_manifest(Path(bundle))
+        runtime = CheckRuntime(threads=threads, precision=precision)
+        self._perceiver = make_perceiver(f"{manifest.kind}:{bundle}", runtime)
         inside: Any = self._perceiver
         inside._resize = self.parts.timed("resize", inside._resize)
-        self._scene = "tail" if self._perceiver.manifest.scene_image is None else "scene"
+        self._scene = "tail" if manifest.scene == "shared" else "scene"
+        self._maps = "decoder" if manifest.kind == "clipseg" else "scores"
         self._settings = Settings(region=REGION)
         self._prompts: list[Prompt] = []
         self._weights: list[float] = []
@@ -49,7 +50,7 @@ class Ours:
             features = self._perceiver.encode(frame)
         with self.parts.time(self._scene):
             embedding = self._perceiver.embed(features)
-        with self.parts.time("decoder"):
+        with self.parts.time(self._maps):
             attention = self._perceiver.attend(features, self._prompts)
         with self.parts.time("pooling"):
             maps = make_maps(attention, self._weights, self._settings)
@@ -57,31 +58,3 @@ class Ours:
         if isinstance(roi, Finding):
             raise RuntimeError(f"the maps cannot be judged: {roi}")
         return Figures(roi.traversability, roi.uncertainty, tuple(embedding.tolist()))
-
-
-def main() -> None:
-    from anytraverse.export import export_bundle
-    from bench.clipseg.checkpoints import quieten_transformers
-
-    quieten_transformers()
-    parser = argparse.ArgumentParser(description="Export the bundle that the benchmark runs.")
-    parser.add_argument("checkpoint")
-    parser.add_argument("clip")
-    parser.add_argument("out", type=Path)
-    parser.add_argument("scene", choices=["shared", "clip-b32"])
-    parser.add_argument("precisions", nargs="+", choices=["fp32", "int8"])
-    given = parser.parse_args()
-    images = Path(given.checkpoint) / "preprocessor_config.json"
-    export_bundle(
-        given.checkpoint,
-        given.out,
-        size=json.loads(images.read_text())["size"]["height"],
-        precisions=given.precisions,
-        scene=given.scene,
-        clip=given.clip if given.scene == "clip-b32" else None,
-        say=print,
-    )
-
-
-if __name__ == "__main__":
-    main()

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from bench.clipseg.frames import COUNTS, SIZES
-from bench.clipseg.results import Results, labels
+from bench.clipseg.lineup import CONTESTANTS
+from bench.clipseg.results import Results
 
 COLOURS = {
     "resize": "#b8b8b8",
     "tower": "#3b6ea5",
     "decoder": "#e39b3d",
+    "scores": "#c94f4f",
     "tail": "#8db3d9",
     "scene": "#7a4f9a",
     "maps": "#5aa469",
@@ -26,7 +28,7 @@ def draw(results: Results, path: Path) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(13, 5.5), width_ratios=[3, 1], layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(20, 6), width_ratios=[3, 1], layout="constrained")
     _draw_times(left, results)
     _draw_memory(right, results)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -39,8 +41,8 @@ def _draw_times(axes: Any, results: Results) -> None:
     bar = 0.8 / len(results.names)
     told: set[str] = set()
     for group, count in enumerate(COUNTS):
-        for index, (name, label) in enumerate(zip(results.names, labels(results.names), strict=True)):
-            samples = results.of(name, size, count)
+        for index, name in enumerate(results.names):
+            label, samples = CONTESTANTS[name].label, results.of(name, size, count)
             if not samples:
                 continue
             place, height = group + (index - (len(results.names) - 1) / 2) * bar, 0.0
@@ -68,7 +70,7 @@ def _draw_times(axes: Any, results: Results) -> None:
 
 def _draw_memory(axes: Any, results: Results) -> None:
     peaks = [results.peak_mb(name, SIZES[0]) or 0.0 for name in results.names]
-    bars = axes.barh(labels(results.names), peaks, color="#3b6ea5")
+    bars = axes.barh([CONTESTANTS[name].label for name in results.names], peaks, color="#3b6ea5")
     axes.bar_label(bars, fmt=" %.0f")
     axes.invert_yaxis()
     axes.set_xlim(0, 1.2 * max(peaks))

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from bench.clipseg.frames import COUNTS, SIZES
+from bench.clipseg.lineup import BUNDLES, CONTESTANTS, OURS, REFERENCE
 from bench.clipseg.ratios import spread
-from bench.clipseg.results import OURS, REFERENCE, Results, labels
-from bench.clipseg.work import ClipSegWork, Transformer, read_clip, read_clipseg
+from bench.clipseg.results import Results
+from bench.clipseg.work import ClipSegWork, Transformer, dense_image, dense_scores, read_clip, read_clipseg
 
 SHOWN = (SIZES[0], 4)
 """The case whose parts are shown."""
@@ -25,7 +26,13 @@ EXPLANATION = (
 LIKENESS = (
     'Like meets like: a row of a "CLIP B/32 scene" runs the same second encoder as the authors\' step. '
     '"Maps alone" leaves out, on both sides, what makes the scene\'s embedding: the second encoder, or the '
-    "tail of the tower."
+    'tail of the tower. For another size or another model, "faster" is a statement of time alone: its maps '
+    "are coarser, or others."
+)
+AGREEMENT = (
+    "A size is compared with 352 in the same precision, int8 of a dense model with its fp32. The weights are "
+    "random and their maps not calibrated: what a size or int8 loses with real weights, `anytraverse bundle "
+    "check` measures on real frames."
 )
 
 
@@ -35,7 +42,7 @@ def write_report(
     """Returns the whole report. work: contestant -> part -> floating-point operations in the case shown."""
     return "\n\n".join(
         [
-            "# CLIPSeg: this project against the authors' AnyTraverse 2.0.0",
+            "# Bundles of this project against the authors' AnyTraverse 2.0.0",
             ", ".join(f"{key} {_plain(value)}" for key, value in machine.items()),
             EXPLANATION,
             _table(["frame", "prompts", "who", "CPU ms", "wall ms", "faster", "maps alone"], _steps(results)),
@@ -44,28 +51,50 @@ def write_report(
             _table(["who", "part", "CPU ms", "share", "GFLOP", "GFLOP/s"], _parts(results, work)),
             "## Peak resident memory, MB",
             _table(["who", *(f"{w}x{h}" for w, h in results.sizes), "share"], _memory(results)),
-            "## Agreement with the authors' step",
+            "## Agreement",
+            AGREEMENT,
             _table(
-                ["who", "largest difference of a ROI mean", "cosine of the embeddings"], _agreement(results)
+                [
+                    "who",
+                    "compared with",
+                    "largest difference of a ROI mean",
+                    "cosine with the authors' scene",
+                ],
+                _agreement(results),
             ),
             *[f"Not measured: {name}: {why}" for name, why in results.missing.items()],
         ]
     )
 
 
-def count_work(clipseg: Path, clip: Path, count: int) -> dict[str, dict[str, float]]:
-    """Computes the floating-point operations of each contestant's parts with `count` prompts."""
-    net, scene = read_clipseg(clipseg), read_clip(clip)
-    shared = {**_ours(net, count), "tail": net.tail()}
-    own = {**_ours(net, count), "scene": _once(scene)}
-    return {
+def count_work(models: Path, count: int, tiny: bool = False) -> dict[str, dict[str, float]]:
+    """Computes the floating-point operations of each contestant's parts with `count` prompts.
+
+    models: the folder with the checkpoints `clipseg` and `clip`.
+    """
+    clipseg, scene = models / "clipseg", read_clip(models / "clip")
+    net = read_clipseg(clipseg)
+    work = {
         REFERENCE: {
             "scene": scene.tower(scene.layers) + scene.tail(scene.layers),
             "tower": net.tower_whole(),
             "decoder": count * (net.reduce() + net.decoder()),
-        },
-        **{name: own if name.endswith("clip_b32") else shared for name in OURS},
+        }
     }
+    for name in OURS:
+        made = BUNDLES[CONTESTANTS[name].bundle]
+        size = made.tiny if tiny else made.size
+        if made.model != "clipseg":
+            work[name] = {
+                "tower": dense_image(made.model, size, tiny),
+                "scores": count * dense_scores(made.model, size, tiny),
+            }
+            continue
+        net = read_clipseg(clipseg, size)
+        work[name] = _ours(net, count) | (
+            {"tail": net.tail()} if made.scene == "shared" else {"scene": _once(scene)}
+        )
+    return work
 
 
 def _ours(net: ClipSegWork, count: int) -> dict[str, float]:
@@ -80,7 +109,7 @@ def _once(scene: Transformer) -> float:
 def _steps(results: Results) -> Iterable[Sequence[str]]:
     for size in results.sizes:
         for count in COUNTS:
-            for name, label in zip(results.names, labels(results.names), strict=True):
+            for name in results.names:
                 samples = results.of(name, size, count)
                 if not samples:
                     continue
@@ -89,7 +118,7 @@ def _steps(results: Results) -> Iterable[Sequence[str]]:
                 yield [
                     f"{size[0]}x{size[1]}",
                     str(count),
-                    label,
+                    CONTESTANTS[name].label,
                     f"{spread([sample.cpu for sample in samples]).times(1e3):.0f}",
                     f"{spread([sample.wall for sample in samples]).median * 1e3:.0f}",
                     f"{faster:.2f}" if name != REFERENCE else "",
@@ -98,7 +127,7 @@ def _steps(results: Results) -> Iterable[Sequence[str]]:
 
 
 def _parts(results: Results, work: Mapping[str, Mapping[str, float]]) -> Iterable[Sequence[str]]:
-    for name, label in zip(results.names, labels(results.names), strict=True):
+    for name in results.names:
         samples = results.of(name, *SHOWN)
         whole = spread([sample.cpu for sample in samples]).median
         for part in dict.fromkeys(part for sample in samples for part in sample.parts):
@@ -107,7 +136,7 @@ def _parts(results: Results, work: Mapping[str, Mapping[str, float]]) -> Iterabl
                 continue
             operations = work[name].get(part)
             yield [
-                label,
+                CONTESTANTS[name].label,
                 part,
                 f"{seconds * 1e3:.1f}",
                 f"{seconds / whole:.1%}",
@@ -118,19 +147,22 @@ def _parts(results: Results, work: Mapping[str, Mapping[str, float]]) -> Iterabl
 
 def _memory(results: Results) -> Iterable[Sequence[str]]:
     reference = results.peak_mb(REFERENCE, results.sizes[0])
-    for name, label in zip(results.names, labels(results.names), strict=True):
+    for name in results.names:
         peaks = [results.peak_mb(name, size) for size in results.sizes]
         share = f"{peaks[0] / reference:.0%}" if peaks[0] and reference else ""
-        yield [label, *(f"{peak:.0f}" if peak else "" for peak in peaks), share]
+        yield [CONTESTANTS[name].label, *(f"{peak:.0f}" if peak else "" for peak in peaks), share]
 
 
 def _agreement(results: Results) -> Iterable[Sequence[str]]:
-    for name, label in zip(results.names, labels(results.names), strict=True):
-        if name != REFERENCE:
-            cosine = (
-                f"{results.embedding_cosine(name):.6f}" if name.endswith("clip_b32") else "another embedding"
-            )
-            yield [label, f"{results.roi_difference(name):.5f}", cosine]
+    for name in results.names:
+        difference, cosine = results.roi_difference(name), results.embedding_cosine(name)
+        if difference is not None:
+            yield [
+                CONTESTANTS[name].label,
+                CONTESTANTS[CONTESTANTS[name].like].label,
+                f"{difference:.5f}",
+                "another embedding" if cosine is None else f"{cosine:.6f}",
+            ]
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,12 +10,10 @@ import numpy as np
 
 from bench.clipseg.contestants import Sample
 from bench.clipseg.frames import COUNTS, SIZES
+from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE
 from bench.clipseg.measuring import Samples
 from bench.clipseg.ratios import Spread, ratio, spread
 
-REFERENCE = "reference"
-OURS = ("fp32", "int8", "fp32_clip_b32", "int8_clip_b32")
-"""Precision, and the scene embedding where it is not the shared one."""
 EMBEDDING_PARTS = ("scene", "tail")
 
 
@@ -29,7 +27,7 @@ class Results:
     @property
     def names(self) -> list[str]:
         """Returns the contestants that were measured, the reference first."""
-        return [name for name in (REFERENCE, *OURS) if any(key[0] == name for key in self.samples)]
+        return [name for name in CONTESTANTS if any(key[0] == name for key in self.samples)]
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -67,29 +65,39 @@ class Results:
         peaks = [sample.peak_mb for count in COUNTS for sample in self.of(name, size, count)]
         return max(peaks) if peaks else None
 
-    def roi_difference(self, name: str) -> float:
-        """Computes the largest difference of a ROI mean from the reference's on the same frame and words."""
-        pairs = self._pairs(name)
+    def roi_difference(self, name: str) -> float | None:
+        """Computes the largest difference of a ROI mean from its `like`'s on the same frame and words.
+
+        None where it is compared with none, or that one was not measured.
+        """
         return max(
-            max(
-                abs(one.figures.roi_uncertainty - other.figures.roi_uncertainty),
-                abs(one.figures.roi_traversability - other.figures.roi_traversability),
-            )
-            for one, other in pairs
+            (
+                max(
+                    abs(one.figures.roi_uncertainty - other.figures.roi_uncertainty),
+                    abs(one.figures.roi_traversability - other.figures.roi_traversability),
+                )
+                for one, other in self._pairs(name, CONTESTANTS[name].like)
+            ),
+            default=None,
         )
 
-    def embedding_cosine(self, name: str) -> float:
-        """Computes the smallest cosine of an embedding and the reference's; CLIP B/32 scene only."""
+    def embedding_cosine(self, name: str) -> float | None:
+        """Computes the smallest cosine of an embedding and the reference's; None for another encoder's."""
+        if not CONTESTANTS[name].same_encoder:
+            return None
         return min(
-            float(np.dot(one.figures.embedding, other.figures.embedding)) for one, other in self._pairs(name)
+            float(np.dot(one.figures.embedding, other.figures.embedding))
+            for one, other in self._pairs(name, REFERENCE)
         )
 
-    def _pairs(self, name: str) -> list[tuple[Sample, Sample]]:
+    def _pairs(self, name: str, like: str) -> list[tuple[Sample, Sample]]:
+        if like not in self.names:
+            return []
         return [
             pair
             for (who, size, count), samples in self.samples.items()
             if who == name
-            for pair in zip(self.of(REFERENCE, size, count), samples, strict=True)
+            for pair in zip(self.of(like, size, count), samples, strict=True)
         ]
 
 
@@ -105,16 +113,19 @@ def figures(results: Results) -> dict[str, Any]:
         for name in OURS:
             for count in COUNTS:
                 line |= _ratio(f"ratio_{name}_k{count}", suffix, results, (name, size, count))
-        for name in (REFERENCE, *OURS):
+        for name in CONTESTANTS:
             peak = results.peak_mb(name, size)
             line[f"rss_mb_{name}{suffix}"] = None if peak is None else round(peak)
     for name in OURS:
         if name not in results.names:
             line[f"{name}_reason"] = results.missing.get(name, "not measured")
             continue
-        line[f"roi_difference_{name}"] = round(results.roi_difference(name), 5)
-        if name.endswith("clip_b32"):
-            line[f"embedding_cosine_{name}"] = round(results.embedding_cosine(name), 6)
+        for key, value, digits in (
+            ("roi_difference", results.roi_difference(name), 5),
+            ("embedding_cosine", results.embedding_cosine(name), 6),
+        ):
+            if value is not None:
+                line[f"{key}_{name}"] = round(value, digits)
     return line
 
 
@@ -129,15 +140,3 @@ def _ratio(
         f"{key}_quartiles{suffix}": [round(faster.low, 3), round(faster.high, 3)],
         f"{key}_maps_alone{suffix}": round(alone.median, 3),
     }
-
-
-def labels(names: Sequence[str]) -> list[str]:
-    """Returns the contestants' names as people read them."""
-    readable = {
-        REFERENCE: "authors' step, PyTorch",
-        "fp32": "fp32, shared scene",
-        "int8": "int8, shared scene",
-        "fp32_clip_b32": "fp32, CLIP B/32 scene",
-        "int8_clip_b32": "int8, CLIP B/32 scene",
-    }
-    return [readable[name] for name in names]

@@ -1,11 +1,17 @@
-"""Computes the networks' floating-point work from their architecture: the matrix products."""
+"""Computes the networks' floating-point work from their architecture: the matrix products.
+
+Run: python -m bench.clipseg.work prints the work of a frame with the scene and four words, by model and size.
+"""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from anytraverse.export.architecture import DenseArchitecture
 
 _VISION = {
     "hidden_size": 768,
@@ -100,12 +106,18 @@ def _layer(tokens: int, width: int, hidden: int) -> float:
     return 2.0 * tokens * (4 * width**2 + 2 * tokens * width + 2 * width * hidden)
 
 
-def read_clipseg(checkpoint: Path) -> ClipSegWork:
-    """Computes CLIPSeg's work at the image size that the checkpoint's preprocessor makes."""
-    config = _CLIPSEG | json.loads((checkpoint / "config.json").read_text())
+def read_clipseg(checkpoint: Path, size: int | None = None) -> ClipSegWork:
+    """Computes CLIPSeg's work at an image size in pixels, by default the checkpoint's preprocessor's."""
+    config = json.loads((checkpoint / "config.json").read_text())
     images = json.loads((checkpoint / "preprocessor_config.json").read_text())
+    return clipseg_work(config, size or images["size"]["height"])
+
+
+def clipseg_work(given: dict[str, Any], size: int) -> ClipSegWork:
+    """Computes the work of the CLIPSeg of a config.json at an image size in pixels."""
+    config: dict[str, Any] = _CLIPSEG | given
     return ClipSegWork(
-        vision=_vision(config, images["size"]["height"]),
+        vision=_vision(config, size),
         needed=max(config["extract_layers"]) + 1,
         reduced=config["reduce_dim"],
         hidden=config["decoder_intermediate_size"],
@@ -120,6 +132,31 @@ def read_clip(checkpoint: Path) -> Transformer:
     return _vision(config, None)
 
 
+def dense_image(family: str, size: int, tiny: bool = False) -> float:
+    """Computes the work of a dense model's image pass: the tower, and SigLIP's head for each patch."""
+    arch = _dense(family, tiny)
+    tower, patch = arch.vision.tower, arch.vision.patch
+    count, width = (size // patch) ** 2, tower.width
+    work = 2.0 * count * 3 * patch**2 * width
+    work += tower.layers * _layer(arch.before + count, width, tower.inner)
+    if family != "siglip":
+        return work
+    keys_and_values = 2.0 * count * 2 * width**2 + 2.0 * count * 2 * width
+    return work + keys_and_values + 2.0 * (count + 1) * (width**2 + 2 * width * tower.inner)
+
+
+def dense_scores(family: str, size: int, tiny: bool = False) -> float:
+    """Computes the work of one word's map."""
+    arch = _dense(family, tiny)
+    return 2.0 * (size // arch.vision.patch) ** 2 * arch.joint
+
+
+def _dense(family: str, tiny: bool) -> DenseArchitecture:
+    from anytraverse.export.random_weights import DENSE, TINY_DENSE
+
+    return (TINY_DENSE if tiny else DENSE)[family]
+
+
 def _vision(config: dict[str, Any], image: int | None) -> Transformer:
     vision = _VISION | (config.get("vision_config") or {})
     return Transformer(
@@ -130,3 +167,20 @@ def _vision(config: dict[str, Any], image: int | None) -> Transformer:
         image=image or vision["image_size"],
         projection=config["projection_dim"],
     )
+
+
+def main() -> None:
+    from bench.clipseg.checkpoints import PUBLISHED
+
+    for size in (352, 288, 224):
+        net = clipseg_work(PUBLISHED.clipseg, size)
+        work = net.tower_needed() + net.reduce() + net.tail() + 4 * net.decoder()
+        print(f"clipseg {size}: {work / 1e9:.1f} GFLOP")
+    for family, sizes in (("siglip", (224, 256, 384)), ("tipsv2", (252, 448))):
+        for size in sizes:
+            work = dense_image(family, size) + 4 * dense_scores(family, size)
+            print(f"{family} {size}: {work / 1e9:.1f} GFLOP")
+
+
+if __name__ == "__main__":
+    main()

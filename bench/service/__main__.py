@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bench.commit import commit_of
 from bench.service.container import ROOT, Container, ContainerError, base, require, wheel, wheels
 from bench.service.rover import Field
 from bench.service.steps import (
@@ -63,7 +64,7 @@ def main() -> int:
     )
     given = parser.parse_args()
     signal.signal(signal.SIGTERM, _end)
-    commit = _commit()
+    commit = commit_of(ROOT)
     figures: Figures = {}
     failed = ""
     try:
@@ -132,11 +133,6 @@ def _checkout(folder: Path) -> Path:
     checkout.mkdir()
     subprocess.run(["tar", "-x", "-f", str(folder / "checkout.tar"), "-C", str(checkout)], check=True)
     return checkout
-
-
-def _commit() -> str:
-    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    return subprocess.run(asked, cwd=ROOT, check=False, capture_output=True, text=True).stdout.strip()
 
 
 if __name__ == "__main__":

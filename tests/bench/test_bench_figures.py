@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from bench.clipseg.frames import SIZES
+from bench.clipseg.lineup import BUNDLES, CONTESTANTS, OURS, REFERENCE
 from bench.clipseg.report import write_report
-from bench.clipseg.results import OURS, REFERENCE, Results, figures, labels
+from bench.clipseg.results import Results, figures
+from bench.commit import commit_of
 
 if TYPE_CHECKING:
     from tests.bench.conftest import MakeSample, MakeSamples
@@ -80,9 +83,52 @@ def test_agreement_is_judged_by_the_worst_frame(sample: MakeSample) -> None:
 def test_the_report_shows_every_contestant_and_its_rate(samples_of: MakeSamples) -> None:
     text = write_report(Results(samples_of(ALL)), {"cpu": "some", "cpu_flags": ["avx2", "fma"]}, WORK)
     assert "cpu some, cpu_flags avx2 fma" in text
-    for label in labels(list(ALL)):
-        assert text.count(f"| {label} |") >= 6 + 2 + 1
+    for name in ALL:
+        assert text.count(f"| {CONTESTANTS[name].label} |") >= 6 + 2 + 1
     assert "| fp32, shared scene | tower | 750.0 | 50.0% | 1.00 | 1 |" in text
+
+
+def test_a_size_is_compared_with_352_and_a_dense_model_with_no_other(sample: MakeSample) -> None:
+    size = SIZES[0]
+    results = Results(
+        {
+            (REFERENCE, size, 4): [sample(uncertainty=0.9)],
+            ("fp32", size, 4): [sample(uncertainty=0.5)],
+            ("fp32_288", size, 4): [sample(uncertainty=0.52)],
+            ("int8_288", size, 4): [sample(uncertainty=0.52)],
+            ("fp32_siglip2", size, 4): [sample(uncertainty=0.7)],
+        }
+    )
+    line = figures(results)
+    assert line["roi_difference_fp32_288"] == pytest.approx(0.02)
+    assert "roi_difference_int8_288" not in line  # int8 at 352 was not measured
+    assert "roi_difference_fp32_siglip2" not in line
+    text = write_report(results, {}, {name: {} for name in CONTESTANTS})
+    assert "| fp32, shared scene, 288 | fp32, shared scene | 0.02000 | another embedding |" in text
+
+
+def test_every_contestant_has_a_bundle_a_label_of_its_own_and_one_to_be_compared_with() -> None:
+    assert len({entry.label for entry in CONTESTANTS.values()}) == len(CONTESTANTS)
+    assert all(CONTESTANTS[name].bundle in BUNDLES for name in OURS)
+    assert {entry.like for entry in CONTESTANTS.values()} <= {"", *CONTESTANTS}
+    alike = {name for name, entry in CONTESTANTS.items() if entry.same_encoder}
+    assert alike == {"fp32_clip_b32", "int8_clip_b32"}
+
+
+def test_the_head_names_commit_and_date(samples_of: MakeSamples) -> None:
+    from bench.clipseg.machine import describe_machine
+
+    machine = describe_machine()
+    assert machine["commit"]
+    assert re.fullmatch(r"20\d\d-\d\d-\d\d", machine["date"])
+    head = write_report(Results(samples_of(ALL)), machine, WORK).splitlines()[2]
+    assert f"commit {machine['commit']}, date {machine['date']}, cpu " in head
+
+
+def test_outside_git_there_is_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert commit_of(tmp_path) == ""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert commit_of(tmp_path) == ""
 
 
 def test_the_picture_is_drawn_where_matplotlib_is_installed(samples_of: MakeSamples, tmp_path: Path) -> None:

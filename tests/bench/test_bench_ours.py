@@ -8,26 +8,21 @@ import numpy as np
 import pytest
 
 from bench.clipseg.frames import make_frame
+from bench.clipseg.lineup import BUNDLES, CONTESTANTS
 
 for _package in ("torch", "transformers", "onnx", "onnxruntime"):
     pytest.importorskip(_package, reason="the extra `export` is not installed")
 
 
-@pytest.mark.parametrize(
-    ("scene", "part", "precision"), [("shared", "tail", "int8"), ("clip-b32", "scene", "fp32")]
-)
-def test_it_finds_what_the_authors_step_finds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, scene: str, part: str, precision: str
-) -> None:
-    from bench.clipseg import ours, reference
+@pytest.mark.parametrize(("name", "part"), [("int8", "tail"), ("fp32_clip_b32", "scene")])
+def test_it_finds_what_the_authors_step_finds(tmp_path: Path, name: str, part: str) -> None:
+    from bench.clipseg import bundles, ours, reference
     from bench.clipseg.checkpoints import TINY, make_checkpoints
 
-    made = make_checkpoints(tmp_path, TINY)
-    command = ["ours", str(made.clipseg), str(made.clip), str(tmp_path / "bundle"), scene, "fp32", "int8"]
-    monkeypatch.setattr("sys.argv", command)
-    ours.main()
+    made, entry = make_checkpoints(tmp_path, TINY), CONTESTANTS[name]
     theirs = reference.make(str(made.clipseg), str(made.clip), threads=1)
-    contestant = ours.Ours(str(tmp_path / "bundle"), precision, threads=1)
+    bundle = bundles.make(tmp_path, entry.bundle, tiny=True)
+    contestant = ours.Ours(str(bundle), entry.precision, threads=1)
     for each in (contestant, theirs):
         each.set_prompts(["grass", "tree"], [1.0, -1.0])
     frame = make_frame(128, 96, 1)
@@ -36,5 +31,28 @@ def test_it_finds_what_the_authors_step_finds(
     assert found.roi_traversability == pytest.approx(expected.roi_traversability, abs=0.05)
     assert np.linalg.norm(found.embedding) == pytest.approx(1.0, abs=1e-5)
     assert set(contestant.parts.take()) == {"resize", "tower", part, "decoder", "pooling"}
-    if scene == "clip-b32":
+    if entry.same_encoder:
         assert np.dot(found.embedding, expected.embedding) > 0.999
+
+
+@pytest.mark.parametrize("name", ["fp32_siglip2", "int8_tipsv2"])
+def test_it_runs_a_dense_bundle_that_is_not_calibrated(tmp_path: Path, name: str) -> None:
+    from bench.clipseg import bundles, ours
+
+    entry = CONTESTANTS[name]
+    contestant = ours.Ours(str(bundles.make(tmp_path, entry.bundle, tiny=True)), entry.precision, threads=1)
+    contestant.set_prompts(["grass", "tree"], [1.0, -1.0])
+    found = contestant.figures(make_frame(128, 96, 1))
+    assert np.linalg.norm(found.embedding) == pytest.approx(1.0, abs=1e-5)
+    assert 0.0 < found.roi_uncertainty < 1.0
+    assert set(contestant.parts.take()) == {"resize", "tower", "scene", "scores", "pooling"}
+
+
+def test_a_smaller_size_has_its_own_bundle(tmp_path: Path) -> None:
+    from anytraverse.bundle.manifest import read_manifest
+    from bench.clipseg import bundles
+    from bench.clipseg.checkpoints import TINY, make_checkpoints
+
+    make_checkpoints(tmp_path, TINY)
+    name = CONTESTANTS["fp32_224"].bundle
+    assert read_manifest(bundles.make(tmp_path, name, tiny=True)).image.width == BUNDLES[name].tiny

@@ -10,9 +10,9 @@ import pytest
 
 from bench.clipseg.checkpoints import PUBLISHED
 from bench.clipseg.frames import COUNTS
+from bench.clipseg.lineup import OURS, REFERENCE
 from bench.clipseg.report import count_work
-from bench.clipseg.results import OURS, REFERENCE
-from bench.clipseg.work import read_clip, read_clipseg
+from bench.clipseg.work import clipseg_work, dense_image, dense_scores, read_clip, read_clipseg
 
 
 @pytest.fixture
@@ -51,9 +51,28 @@ def test_a_last_layer_for_one_token_is_less_work_than_for_all(published: Path) -
     assert 0.9 * whole < scene.tower(11) + scene.tail(11) < whole
 
 
+def test_a_smaller_size_is_less_work_by_its_patches(published: Path) -> None:
+    whole, small = (read_clipseg(published / "clipseg", size) for size in (None, 224))
+    assert small == clipseg_work(PUBLISHED.clipseg, 224)
+    assert small.vision.tokens == 197
+    assert small.tower_needed() / whole.tower_needed() == pytest.approx(0.38, abs=0.01)
+
+
+def test_a_dense_models_work_is_that_of_its_patches_and_of_siglips_head() -> None:
+    pytest.importorskip("onnx", reason="the random models need it")
+    layers = 12 * 2.0 * 256 * (12 * 768**2 + 2 * 256 * 768)
+    head = 2.0 * 256 * 11 * 768**2
+    assert dense_image("siglip", 256) == pytest.approx(layers + head, rel=0.01)
+    assert dense_image("tipsv2", 448) / 1e9 == pytest.approx(214, abs=1)
+    assert dense_scores("tipsv2", 448) == 2.0 * 32 * 32 * 768
+
+
 def test_the_decoder_grows_with_the_prompts_and_the_tower_does_not(published: Path) -> None:
-    works = [count_work(published / "clipseg", published / "clip", count) for count in COUNTS]
-    for name in (REFERENCE, *OURS):
+    pytest.importorskip("onnx", reason="the random models need it")
+    works = [count_work(published, count) for count in COUNTS]
+    assert set(works[0]) == {REFERENCE, *OURS}
+    for name in works[0]:
+        maps = "scores" if "scores" in works[0][name] else "decoder"
         assert works[0][name]["tower"] == works[2][name]["tower"]
-        assert works[2][name]["decoder"] == 8 * works[0][name]["decoder"]
+        assert works[2][name][maps] == 8 * works[0][name][maps]
     assert works[0]["fp32"]["decoder"] < works[0][REFERENCE]["decoder"]

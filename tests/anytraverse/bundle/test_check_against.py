@@ -99,7 +99,9 @@ class TestCommand:
         assert main(["bundle", "check", str(small), "--against", str(big)]) == 2
         assert "--frames FOLDER" in capsys.readouterr().err
 
-    @pytest.mark.parametrize(("flaw", "why"), [({"fails": True}, "network failed"), ({"nan": True}, "finite")])
+    @pytest.mark.parametrize(
+        ("flaw", "why"), [({"fails": True}, "network failed"), ({"nan": True}, "finite")]
+    )
     def test_a_bundle_that_fails_is_refused(
         self, make_bundle: MakeBundle, frames: Path, capsys: Out, flaw: dict[str, Any], why: str
     ) -> None:

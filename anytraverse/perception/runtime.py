@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,10 @@ PROVIDERS = {
 PRECISIONS = ("auto", "fp32", "int8")
 
 
+def _nothing() -> None:
+    pass
+
+
 @dataclass(frozen=True)
 class Runtime:
     """Holds how networks are run.
@@ -42,12 +46,14 @@ class Runtime:
     providers: names of `PROVIDERS`, the preferred one first; the CPU runs what they cannot run.
     threads: cores that one network may use; 0: all that this process may use.
     precision: the bundle's variant; "auto": int8 where a check on this machine has passed it, else fp32.
+    progress: called between the parts of what takes longer than a frame, such as the text of a new word.
     Raises PerceiverError for an unknown name or a number out of range.
     """
 
     providers: tuple[str, ...] = ("CPU",)
     threads: int = 0
     precision: str = "auto"
+    progress: Callable[[], None] = field(default=_nothing, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in self.providers:

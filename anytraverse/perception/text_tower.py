@@ -36,7 +36,9 @@ class TextTower:
         states = [np.asarray(self._table[list(ids)]) for ids in texts.values()]
         for piece in self._pieces:
             session = open_session(piece, self._runtime, once=True)
-            states = [run_session(session, {"tokens": state})[0] for state in states]
+            for index, state in enumerate(states):
+                self._runtime.progress()
+                states[index] = run_session(session, {"tokens": state})[0]
             del session
             give_back_memory()
         made = dict(zip(texts, states, strict=True))

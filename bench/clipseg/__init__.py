@@ -1,1 +1,1 @@
-"""Compares the bundles of any word in ONNX Runtime with the authors' step in PyTorch. Run: python -m bench.clipseg"""
+"""Compares bundles in ONNX Runtime with the authors' step in PyTorch. Run: python -m bench.clipseg"""

@@ -126,7 +126,7 @@ def _serve(port: Port) -> None:
         size=(camera.width, camera.height),
     )
     try:
-        ready = load_and_warm_up(start.config, start.memory)
+        ready = load_and_warm_up(start.config, start.memory, partial(_send_alive, port, reader))
     except AnyTraverseError as error:
         port.send(Failed(error_text(error)))
         return
@@ -149,6 +149,10 @@ def _serve(port: Port) -> None:
     model = Model.of(engine.perceiver)
     port.send(Ready(model, engine.settings, update, tuple(ready.notices), ready.step))
     _judge_frames(port, Worker(engine, revision), reader, camera.rate)
+
+
+def _send_alive(port: Port, reader: CameraThread) -> None:
+    port.send(Alive(reader.status, reader.delivered_at))
 
 
 def _receive_start(port: Port) -> Start:
@@ -178,7 +182,7 @@ def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float)
         now = time.monotonic()
         if now - alive_at >= _ALIVE_EVERY:
             alive_at = now
-            port.send(Alive(reader.status, reader.delivered_at))
+            _send_alive(port, reader)
         # A frame that comes too early is dropped, since it would be old when its turn comes. Half a period of
         # tolerance lets every frame pass of a camera that runs at the configured rate with some jitter.
         if frame is None or not tuned or now < due - period / 2:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
@@ -49,9 +49,11 @@ class Ready:
     step: float
 
 
-def load_and_warm_up(config: Config, saved: Memory | None) -> Ready:
+def load_and_warm_up(
+    config: Config, saved: Memory | None, progress: Callable[[], None] | None = None
+) -> Ready:
     """Load the engine and warm it up. Takes seconds. Raises as `load_engine` does."""
-    engine, notices = load_engine(config, saved)
+    engine, notices = load_engine(config, saved, progress)
     remembered = [word for entry in engine.memory.history for word in entry.preferences]
     return Ready(engine, notices, warm_up(engine, (*config.vocabulary, *remembered)))
 
@@ -83,12 +85,17 @@ def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
     )
 
 
-def load_engine(config: Config, saved: Memory | None) -> tuple[AnyTraverse, list[str]]:
+def load_engine(
+    config: Config, saved: Memory | None, progress: Callable[[], None] | None = None
+) -> tuple[AnyTraverse, list[str]]:
     """Load the perceiver, and fit the saved memory to it. Returns the engine and notices as in `Ready`.
 
+    progress: called between the parts of what takes longer than a frame, see `Runtime`.
     Raises AnyTraverseError when the perceiver cannot be made, or cannot ground a configured word.
     """
-    perceiver = make_perceiver(config.perceiver.name, config.perceiver.runtime)
+    runtime = config.perceiver.runtime
+    runtime = runtime if progress is None else replace(runtime, progress=progress)
+    perceiver = make_perceiver(config.perceiver.name, runtime)
     memory, notices = _fitted_memory(saved, config, perceiver)
     return AnyTraverse(perceiver, judging_settings(config, perceiver), memory), notices
 

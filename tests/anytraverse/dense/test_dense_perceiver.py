@@ -18,6 +18,7 @@ from anytraverse.memory import first_memory
 from anytraverse.perception import Example, Prompt, make_perceiver
 from anytraverse.perception.dense.details import Calibration
 from anytraverse.perception.dense.perceiver import Dense, Patches
+from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.text_tower import TextTower
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
@@ -236,3 +237,14 @@ def test_scores_of_another_shape_are_refused(eyes: Dense, monkeypatch: pytest.Mo
     monkeypatch.setattr("anytraverse.perception.dense.perceiver.run_session", broken)
     with pytest.raises(BundleError, match="scores network does not fit"):
         eyes.scores(seen, ["grass"])
+
+
+def test_a_new_word_tells_of_its_progress_and_a_known_one_needs_none(calibrated: Path) -> None:
+    told: list[str] = []
+    eyes = Dense(str(calibrated), Runtime(threads=1, progress=lambda: told.append("progress")))
+    seen = eyes.encode(picture(96, 72, 0))
+    eyes.attend(seen, [Prompt("grass")])
+    assert not told
+    eyes.attend(seen, [Prompt("an upturned boat")])
+    pieces = [part for part in eyes.manifest.variants["fp32"] if part.startswith("text-")]
+    assert len(told) == len(pieces) * len(eyes.details.templates)

@@ -27,9 +27,11 @@ from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.pace import Pace
 from anytraverse.perception import Perceiver, Prompt
+from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from companion import run
 from companion.answers.answer import Answer
+from companion.cameras.newest import CameraStatus
 from companion.cli import main as cli
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkSettings
@@ -40,7 +42,7 @@ from companion.system.service_manager import ServiceManager
 from companion.vision import process
 from companion.vision import warm_up as warm_up_module
 from companion.vision.codec import Splitter, decode, encode
-from companion.vision.messages import Failed, Model, Start
+from companion.vision.messages import Alive, Failed, Model, Start
 from companion.vision.warm_up import too_slow, warm_up
 from companion.wire.ids import Policy
 from tests.anytraverse.conftest import Painted
@@ -320,6 +322,25 @@ def test_the_ground_may_not_set_hold_where_nobody_knows_whether_it_stops_in_time
     assert rig.told_policy is Policy.REPORT
     assert rig.stage.sent("COMMAND_ACK")[-1].result == mavlink.MAV_RESULT_FAILED
     assert "HOLD refused: set [mount] and [stopping]" in rig.texts
+
+
+def test_long_work_gives_signs_of_life(monkeypatch: pytest.MonkeyPatch, config: Config) -> None:
+    def prepare(name: str, runtime: Runtime) -> Perceiver:
+        for _ in range(3):
+            runtime.progress()
+        raise PerceiverError(f"{name} cannot be loaded")
+
+    def camera(*_: object, **__: object) -> SimpleNamespace:
+        return SimpleNamespace(status=CameraStatus(), delivered_at=None)
+
+    monkeypatch.setattr(warm_up_module, "make_perceiver", prepare)
+    monkeypatch.setattr(process, "CameraThread", camera)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.sendall(encode(Start(config, None, 0, 1)))
+        process._serve(process.Port(theirs))
+        sent = [decode(packed) for packed in Splitter().feed(ours.recv(1 << 20))]
+    assert [type(report) for report in sent] == [Alive, Alive, Alive, Failed]
 
 
 def test_remembered_and_offered_words_are_prepared_before_the_first_frame(

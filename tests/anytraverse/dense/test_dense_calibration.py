@@ -196,3 +196,16 @@ def test_calibrating_reads_folders_as_every_check_does(bundle: Path, terrain: Pa
     eyes = Dense(str(bundle), CHECKING)
     found = calibrate(bundle, eyes, frames_of(terrain, print), ["grass"], print)
     assert found.calibration.frames == 24
+
+
+def test_calibrated_bundles_are_compared_and_stay_as_they_are(
+    calibrated: Path, terrain: Path, capsys: Out
+) -> None:
+    before = manifest_digest(calibrated), sorted(calibrated.rglob("*"))
+    command = ["bundle", "check", str(calibrated), "--against", str(calibrated), "--frames", str(terrain)]
+    assert main([*command, "--words", "grass,piano", "--threads", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (manifest_digest(calibrated), sorted(calibrated.rglob("*"))) == before
+    assert found["frames"] == 24
+    assert [word["roi_difference"] for word in found["words"].values()] == [0.0, 0.0]
+    assert {word["iou"] for word in found["words"].values()} <= {None, 1.0}

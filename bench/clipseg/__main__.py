@@ -19,6 +19,7 @@ from pathlib import Path
 from bench.clipseg.contestants import Plan
 from bench.clipseg.frames import COUNTS, SIZES
 from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE
+from bench.clipseg.machine import describe_machine, describe_run
 from bench.clipseg.measuring import measure
 from bench.clipseg.results import Results, figures
 
@@ -34,13 +35,14 @@ def main() -> None:
         sys.exit("give at least one thread and one round")
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = str(given.threads)
+    run = describe_run()
     models = given.out / ("tiny" if given.tiny else "models")
     for module in ("bench.clipseg.checkpoints", "bench.clipseg.bundles"):
         _prepare(module, str(models), *(["--tiny"] if given.tiny else []))
     plans = _plans(models, given.threads)
     cases = [(size, count) for size in SIZES[: 1 if given.quick else 2] for count in COUNTS]
     samples, failed = measure(plans, cases, 3 if given.quick else given.rounds, _say)
-    _publish(Results(samples, failed), models, given)
+    _publish(Results(samples, failed), models, given, run)
 
 
 def _arguments() -> argparse.Namespace:
@@ -80,12 +82,11 @@ def _prepare(module: str, *arguments: str) -> None:
         sys.exit(f"{module} failed: what went wrong stands above")
 
 
-def _publish(results: Results, models: Path, given: argparse.Namespace) -> None:
-    from bench.clipseg.machine import describe_machine
+def _publish(results: Results, models: Path, given: argparse.Namespace, run: dict[str, str]) -> None:
     from bench.clipseg.plot import draw
     from bench.clipseg.report import SHOWN, count_work, write_report
 
-    machine = {**describe_machine(), "threads": given.threads}
+    machine = {**run, **describe_machine(), "threads": given.threads}
     text = write_report(results, machine, count_work(models, SHOWN[1], given.tiny))
     line = figures(results) | machine
     places = [given.out]

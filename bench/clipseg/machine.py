@@ -16,12 +16,16 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("torch", "transformers", "onnxruntime", "numpy")
 
 
+def describe_run() -> dict[str, str]:
+    """Returns commit and date. Called before a benchmark measures: the checkout may change meanwhile."""
+    today = datetime.now(timezone.utc).date().isoformat()
+    return {"commit": commit_of(ROOT) or "unknown", "date": today}
+
+
 def describe_machine() -> dict[str, Any]:
-    """Returns commit, date, the CPU, its flags that matter to networks, the usable cores and the versions."""
+    """Returns the CPU, its flags that matter to networks, the usable cores and the versions."""
     machine = this_machine()
     described: dict[str, Any] = {
-        "commit": commit_of(ROOT) or "unknown",
-        "date": datetime.now(timezone.utc).date().isoformat(),
         "cpu": machine.cpu,
         "cpu_flags": list(machine.flags),
         "architecture": machine.architecture,

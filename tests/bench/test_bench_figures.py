@@ -116,9 +116,9 @@ def test_every_contestant_has_a_bundle_a_label_of_its_own_and_one_to_be_compared
 
 
 def test_the_head_names_commit_and_date(samples_of: MakeSamples) -> None:
-    from bench.clipseg.machine import describe_machine
+    from bench.clipseg.machine import describe_machine, describe_run
 
-    machine = describe_machine()
+    machine = describe_run() | describe_machine()
     assert machine["commit"]
     assert re.fullmatch(r"20\d\d-\d\d-\d\d", machine["date"])
     head = write_report(Results(samples_of(ALL)), machine, WORK).splitlines()[2]

@@ -171,7 +171,9 @@ def text(found: Against) -> str:
         f"{_named(found.reference)} marks nothing or all"
     )
     if not all(each.masks for each in found.words.values()):
-        lines.append("            a word without masks is such on every frame: choose words that they show")
+        lines.append(
+            "            a word without masks cannot be compared: choose words that your frames show"
+        )
     lines.append(
         f"time        {found.milliseconds:.0f} ms a frame against {found.milliseconds_reference:.0f} ms, "
         f"{found.gain:.1f} times as fast, by CPU time"

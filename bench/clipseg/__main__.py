@@ -18,7 +18,7 @@ from pathlib import Path
 
 from bench.clipseg.contestants import Plan
 from bench.clipseg.frames import COUNTS, SIZES
-from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE
+from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE, bundle_of
 from bench.clipseg.machine import describe_machine, describe_run
 from bench.clipseg.measuring import measure
 from bench.clipseg.results import Results, figures
@@ -57,8 +57,6 @@ def _arguments() -> argparse.Namespace:
 
 def _plans(models: Path, threads: int) -> list[Plan]:
     """Returns the plans of the contestants, the reference first."""
-    from bench.clipseg.bundles import bundle_of
-
     options = {"checkpoint": str(models / "clipseg"), "clip": str(models / "clip"), "threads": threads}
     plans = [Plan(REFERENCE, "bench.clipseg.reference:make", options)]
     for name in OURS:

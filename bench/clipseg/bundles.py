@@ -13,16 +13,11 @@ from anytraverse.export import export_bundle
 from anytraverse.export.dense_making import make_dense_bundle
 from anytraverse.export.random_weights import DENSE, TINY_DENSE, random_dense
 from bench.clipseg.checkpoints import quieten_transformers
-from bench.clipseg.lineup import BUNDLES, Made
+from bench.clipseg.lineup import BUNDLES, Made, bundle_of
 
 PRECISIONS = ("fp32", "int8")
 MOST_WORKERS = 3
 """Bundles made at once: each takes 2 GB of memory meanwhile."""
-
-
-def bundle_of(models: Path, name: str) -> Path:
-    """Returns the folder of a bundle."""
-    return models / f"bundle-{name}"
 
 
 def make(models: Path, name: str, tiny: bool = False) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -66,3 +67,8 @@ CONTESTANTS = {
 """Name in the last line -> contestant, in the order of the tables; the reference is the first."""
 
 OURS = tuple(CONTESTANTS)[1:]
+
+
+def bundle_of(models: Path, name: str) -> Path:
+    """Returns the folder of one of `BUNDLES`."""
+    return models / f"bundle-{name}"

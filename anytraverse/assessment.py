@@ -131,6 +131,8 @@ class Assessment:
     age: seconds from capture to judging. similarity: cosine to the reference, None without one.
     scene_age: seconds by which the embedding compared with the reference is older than the frame.
     match: the remembered scene that fits a changed scene, adopted or waiting for more votes.
+    undecided: whether a changed scene may still prove to be a remembered one: its match waits for more votes,
+    or it misses one by at most the margin of the similarity.
     adopted: the remembered scene whose words came into force with this frame.
     dropped: words that this put out of use: contradicted by the adopted words, or beyond the limit of 16.
     """
@@ -144,6 +146,7 @@ class Assessment:
     similarity: float | None = None
     scene_age: float = 0.0
     match: Match | None = None
+    undecided: bool = False
     adopted: Entry | None = None
     dropped: tuple[str, ...] = ()
     observation: Observation | None = field(default=None, repr=False)

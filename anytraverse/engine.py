@@ -86,12 +86,10 @@ class AnyTraverse:
         if self.memory.reference is None:
             self.memory = self.memory.remembering(observation.embedding, 0, place, move=True)
             assessment = self.judge(observation, now)
-        match = self._match(assessment, observation)
+        match, undecided = self._match(assessment, observation)
         self._matched.append(match is not None)
-        if match is None:
-            return assessment
-        if sum(self._matched) < self.settings.votes:
-            return replace(assessment, match=match)
+        if match is None or sum(self._matched) < self.settings.votes:
+            return replace(assessment, match=match, undecided=undecided)
         self.memory, dropped = adopted_memory(
             self.memory, match, self.perceiver.meaning, observation.embedding, place.time
         )
@@ -276,12 +274,19 @@ class AnyTraverse:
         newest = self.newest
         return newest is not None and cosine(newest.embedding, embedding) >= self.settings.thresholds.scene
 
-    def _match(self, assessment: Assessment, observation: Observation) -> Match | None:
+    def _match(self, assessment: Assessment, observation: Observation) -> tuple[Match | None, bool]:
+        """The remembered scene that a changed one matches, and whether the scene is undecided.
+
+        A match may need more than the threshold of the scene. Frames of a known place lie on both sides of
+        that number, so that one which misses it by at most the margin does not say that the place is unknown.
+        """
         if Reason.UNKNOWN_SCENE not in assessment.reasons:
-            return None
-        history = self.memory.history
-        best, least = history.best(observation.embedding), self.settings.thresholds.least_match(len(history))
-        return best if best is not None and best.similarity >= least else None
+            return None, False
+        history, limits = self.memory.history, self.settings.thresholds
+        best, least = history.best(observation.embedding), limits.least_match(len(history))
+        if best is None or best.similarity < max(limits.scene, least - limits.similarity_margin):
+            return None, False
+        return best if best.similarity >= least else None, True
 
 
 def _refuse_foreign(memory: Memory, model_id: str) -> None:

@@ -178,10 +178,11 @@ class ReasonFilter:
     def _vote(self, reason: Reason, seen: Assessment, now: float) -> tuple[bool, bool]:
         """Return whether the frame is bad, and whether it is clear, for `reason`.
 
-        A changed scene that matches a remembered one is neither, while the match waits to be adopted.
+        A changed scene that may still prove to be a remembered one is neither, within T of the last OK frame.
         """
         if reason in self._not_accepted:
-            waiting = reason is Reason.UNKNOWN_SCENE and seen.match is not None and seen.adopted is None
+            may_wait = reason is Reason.UNKNOWN_SCENE and seen.undecided
+            waiting = may_wait and now - self._ok_at <= self.numbers.freshness
             return not waiting, False
         clear = reason in seen.reasons or seen.is_clear(reason)
         return False, clear and not self._is_old(seen, now)

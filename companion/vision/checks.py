@@ -161,6 +161,7 @@ def _check_assessment(seen: Any, now: float) -> None:
         "a similarity",
     )
     _need(_number(seen.scene_age) and math.isfinite(seen.scene_age), "a scene's age")
+    _need(isinstance(seen.undecided, bool), "whether a scene is undecided")
     _need(isinstance(seen.findings, tuple), "findings")
     for finding in seen.findings:
         _check_finding(finding)

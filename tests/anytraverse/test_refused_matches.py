@@ -49,6 +49,7 @@ def test_the_scene_does_not_match_such_a_frame_again_but_still_its_own_place() -
     for _ in range(4):
         seen = rover.see(90, "trail")
         assert seen.match is None
+        assert not seen.undecided
         assert Reason.UNKNOWN_SCENE in seen.reasons
     rover.see(100, "trail")
     assert rover.see(100, "trail").adopted is not None

@@ -55,6 +55,7 @@ def test_a_scene_never_seen_is_a_call_for_words(rover: Rover) -> None:
     seen = rover.see(90)
     assert seen.reasons == {Reason.UNKNOWN_SCENE}
     assert seen.match is None
+    assert not seen.undecided
 
 
 def test_a_match_is_adopted_after_two_frames_and_judged_with_its_words_before_anything_is_told(
@@ -64,10 +65,12 @@ def test_a_match_is_adopted_after_two_frames_and_judged_with_its_words_before_an
     first = rover.see(90, "trail")
     assert first.reasons == {Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT}
     assert first.match is not None
+    assert first.undecided
     assert first.adopted is None
     assert "trail" not in first.words
     second = rover.see(90, "trail")
     assert second.adopted is not None
+    assert not second.undecided
     assert second.words == TRAIL_TOO
     assert second.ok
     assert second.roi is not None
@@ -332,3 +335,46 @@ def test_a_frame_that_matches_one_scene_of_few_does_not_match_one_of_many(
     )
     rover.see(70, "trail")
     assert (rover.see(70, "trail").adopted is not None) == (others == 0)
+
+
+def of_many(make_rover: type[Rover], margin: float = 0.01) -> Rover:
+    """One of 16 scenes is at 90 degrees: a match needs a cosine of .96."""
+    far = (entry(-90 - n, GRASS, order=6 + n) for n in range(15))
+    limits = replace(MEASURED, similarity_margin=margin)
+    return make_rover("", Settings(thresholds=limits), memory(GRASS, entry(90, TRAIL_TOO), *far))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "match", "undecided"),
+    [(16, True, True), (17, False, True), (18, False, True), (19, False, False)],
+)
+def test_a_scene_that_misses_a_match_by_at_most_the_margin_is_undecided(
+    make_rover: type[Rover], degrees: int, match: bool, undecided: bool
+) -> None:
+    """17, 18 and 19 degrees are .956, .951 and .946."""
+    seen = of_many(make_rover).see(90 + degrees)
+    assert (seen.match is not None, seen.undecided) == (match, undecided)
+    assert seen.reasons == {Reason.UNKNOWN_SCENE}
+
+
+def test_a_scene_that_only_misses_a_match_is_never_adopted(make_rover: type[Rover]) -> None:
+    rover = of_many(make_rover)
+    assert not any(rover.see(107).adopted for _ in range(20))
+
+
+def test_a_scene_that_the_threshold_of_the_scene_tells_apart_is_not_undecided_however_wide_the_margin(
+    make_rover: type[Rover],
+) -> None:
+    rover = of_many(make_rover, margin=0.5)
+    assert rover.see(90 + 31).undecided  # .857; the threshold is .85
+    assert not rover.see(90 + 32).undecided
+
+
+def test_a_scene_that_is_as_it_was_is_not_undecided(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(20, TRAIL_TOO)))
+    assert not rover.see(10).undecided
+
+
+def test_a_fault_is_not_undecided(make_rover: type[Rover]) -> None:
+    rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
+    assert not rover.see(90, captured_at=0.0).undecided

@@ -12,7 +12,6 @@ import numpy as np
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Observation, Reason
 from anytraverse.frame import Frame
-from anytraverse.history import Entry, Match
 from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
@@ -73,8 +72,7 @@ class View:
     """What a frame shows.
 
     turned: the embedding's angle in degrees; far from the reference's angle the scene has changed. haze:
-    uncertainty of the trail. broken: the maps are NaN. pending: a remembered scene matches, and waits to be
-    adopted.
+    uncertainty of the trail. broken: the maps are NaN. pending: it may still prove to be a remembered scene.
     """
 
     things: tuple[Thing, ...] = ()
@@ -122,11 +120,9 @@ class View:
         roi = roi_figures(maps, WIDTH / HEIGHT, judging)
         assert not isinstance(roi, Finding)
         similarity = math.cos(angle - math.radians(reference))
-        match = None
-        if self.pending:
-            match = Match(Entry(embedding, Preferences.of(words), 1, 1), 1.0)
         findings = tuple(find(maps, roi, similarity, judging))
-        return replace(seen, findings=findings, maps=maps, roi=roi, similarity=similarity, match=match)
+        seen = replace(seen, findings=findings, maps=maps, roi=roi, similarity=similarity)
+        return replace(seen, undecided=self.pending and Reason.UNKNOWN_SCENE in seen.reasons)
 
 
 CLEAR = View()

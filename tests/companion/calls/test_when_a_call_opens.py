@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from anytraverse.assessment import Reason
+from anytraverse.judging import Settings
+from companion.calls.machine import OperatorCalls
+from companion.calls.numbers import Numbers
+from companion.calls.policy import PolicyState
 from companion.calls.reason_filter import Debounce
-from companion.wire.ids import Outcome, State
+from companion.wire.ids import Outcome, Policy, State
+from tests.anytraverse.conftest import Rover
+from tests.anytraverse.test_remembered_scenes import GRASS, MEASURED, TRAIL_TOO, entry, memory
 from tests.companion.calls.scenes import (
+    ACROSS,
     AHEAD,
     BESIDE,
     BROKEN,
@@ -13,12 +23,14 @@ from tests.companion.calls.scenes import (
     DRUM,
     ELSEWHERE,
     LOG,
+    PERIOD,
     Scene,
     Thing,
     View,
 )
 
 OBJECT, PLACE = Reason.UNKNOWN_OBJECT, Reason.UNKNOWN_SCENE
+UNDECIDED = View(turned=60.0, pending=True)
 
 
 def faint(uncertainty: float) -> View:
@@ -128,14 +140,55 @@ def test_a_worse_frame_is_added_to_the_record(report: Scene) -> None:
     assert report.call.worst_frame_id > report.call.frame_id
 
 
-def test_a_remembered_scene_that_may_still_be_adopted_is_no_vote(report: Scene) -> None:
-    report.show(*[View(turned=60.0, pending=True)] * 6)
-    assert report.opened() == []
+@given(st.lists(st.sampled_from([CLEAR, ELSEWHERE, UNDECIDED]), max_size=40))
+def test_a_place_is_called_for_by_two_frames_of_three_that_show_it_unknown_or_where_none_was_ok_within_t(
+    views: list[View],
+) -> None:
+    scene = Scene()
+    scene.show(CLEAR, CLEAR)
+    ok_at = scene.now - scene.latency
+    for number, view in enumerate(views, 1):
+        scene.now += PERIOD
+        ok_at = scene.now - scene.latency if view is CLEAR else ok_at
+        scene.show(view)
+        known = views[max(0, number - 3) : number].count(ELSEWHERE) < 2
+        assert (scene.opened() == []) == (known and scene.now - ok_at <= scene.numbers.freshness)
+        if scene.opened():
+            return
 
 
-def test_a_thing_in_a_remembered_scene_that_may_still_be_adopted_is_a_vote(report: Scene) -> None:
+def test_a_thing_in_an_undecided_place_is_a_vote(report: Scene) -> None:
     report.show(*[View((Thing(AHEAD),), turned=60.0, pending=True)] * 2)
     assert report.call.reasons == {OBJECT}
+
+
+def test_what_blocks_the_way_does_not_keep_an_undecided_place_from_being_called_for_after_t(
+    report: Scene,
+) -> None:
+    report.run(0.9, View((Thing(ACROSS, "log"),), turned=60.0, pending=True))
+    assert report.opened() == []
+    assert report.calls.reason_filter.reasons(report.now) == {Reason.BLOCKED}
+    report.run(0.4)
+    assert report.call.reasons == {PLACE}
+
+
+@given(
+    st.lists(st.sampled_from([17, 18]), max_size=3),
+    st.lists(st.sampled_from([0, 10, 16]), min_size=2, max_size=2),
+)
+def test_back_at_a_known_place_nobody_is_asked_though_its_first_frames_miss_the_match_by_little(
+    first: list[int], then: list[int]
+) -> None:
+    """One of 16 remembered scenes is at 90 degrees: a match needs a cosine of .96, that of 16 degrees."""
+    far = (entry(-90 - n, GRASS, order=6 + n) for n in range(15))
+    rover = Rover("", Settings(thresholds=MEASURED), memory(GRASS, entry(90, TRAIL_TOO), *far))
+    calls = OperatorCalls(Numbers(judging=rover.engine.settings), PolicyState(Policy.REPORT), rover.now)
+    calls.assessed(rover.see(0), rover.now)
+    for degrees in (*first, *then):
+        seen = rover.see(90 + degrees)
+        assert calls.assessed(seen, rover.now) == []
+    assert seen.adopted is not None
+    assert seen.ok
 
 
 def test_a_call_whose_reasons_are_gone_for_five_seconds_has_passed(report: Scene) -> None:

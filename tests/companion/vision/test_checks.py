@@ -188,6 +188,7 @@ WRONG: dict[str, Any] = {
     "an endless age": seen(age=INF),
     "a similarity above 1": seen(similarity=1.1),
     "a scene's age of NaN": seen(scene_age=NAN),
+    "undecided, perhaps": seen(undecided=1),
     "words that are none": seen(words={"grass": 1.0}),
     "a weight above 1": seen(
         words=unmade(Preferences, _settings={"grass": Setting(1.0), "rock": Setting(2.0)})

@@ -34,6 +34,8 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor
+from companion.calls.numbers import Numbers
+from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.sim.field.render import Camera
 from companion.sim.field.things import Thing, World
 from companion.sim.field.trail import Pose
@@ -126,7 +128,8 @@ def laps(perceiver: Perceiver, seed: int, size: tuple[int, int]) -> list[list[st
     world = World(seed)
     camera = Camera(world, *size)
     engine = engine_of(perceiver, WORDS["meadow"])
-    trail, calls, flags = world.trail, [], [False, False]
+    trail, calls = world.trail, []
+    counted = ReasonFilter(Numbers(judging=engine.settings), 0.0)
     for lap in range(2):
         calls.append(list[str]())
         for s in np.arange(trail.start, trail.start + trail.length + (10.0 if lap else 0.0), STEP):
@@ -134,8 +137,8 @@ def laps(perceiver: Perceiver, seed: int, size: tuple[int, int]) -> list[list[st
             world.light = 1 + 0.4 * math.sin(now / 7)
             pose = trail.pose(float(s))
             judged = engine.step(Frame(round(now * 10), now, camera.render(pose, now)[0]), now)
-            flags.append(bool(judged.reasons & {Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT}))
-            if judged.match is not None or sum(flags[-3:]) < 2 or not flags[-1]:
+            counted.add_frame(judged, now, None)
+            if not counted.reasons(now) & CALLS_FOR_WORDS:
                 continue
             ahead = [t for t in world.things.values() if t.surprise and _away(pose, t) < 8]
             if Reason.UNKNOWN_SCENE in judged.reasons or not ahead or judged.tile is None:
@@ -150,7 +153,7 @@ def laps(perceiver: Perceiver, seed: int, size: tuple[int, int]) -> list[list[st
             calls[-1].append(f"{s:.0f} m {what} -> {'+'.join(after) or 'ok'}")
             if changes.taps:
                 world.remove(ahead[0].id)
-            flags.clear()
+            counted.restart_after_answer(now)
     return calls
 
 

@@ -1,10 +1,11 @@
 """Tests whether the built-in perceiver calls for every thing on simulated trails, and for little else.
 
-It drives two laps a seed at 2.5 m/s and 10 frames/s in changing light. An operator names each place, taps
-each thing that is called for and removes it. A thing is missed when the rover reaches it. A call is false on
-familiar trail, more than 10 m from a thing and from a change of scene. With --teach, the operator answers a
-false call with a tap of that word and weight 1. Run: python -m bench.field_goal [--perceiver builtin]
-[--seeds 1 2 3] [--size 320x240] [--teach tuft] The last line is one JSON object.
+It drives two laps a seed at 2.5 m/s and 10 frames/s in changing light, and calls as the daemon does. An
+operator names each place, taps each thing that is called for and removes it. A thing is missed when the rover
+reaches it. A call is false on familiar trail, more than 10 m from a thing and from a change of scene. With
+--teach, the operator answers a false call with a tap of that word and weight 1.
+Run: python -m bench.field_goal [--perceiver builtin] [--seeds 1 2 3] [--size 320x240] [--teach tuft]
+The last line is one JSON object.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from bench.builtin_field import WORDS, engine_of
+from companion.calls.numbers import Numbers
+from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.sim.field.render import Camera
 from companion.sim.field.things import DEFAULT_SURPRISES, Thing, World
 
@@ -33,7 +36,6 @@ LAPS = 2
 FAMILIAR = 10.0  # m
 REACHED = 0.8  # m from the rover's middle to a thing's, along the trail
 NEAR = 7.0  # m, within which a call is about the thing
-CALLS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
 
 
 @dataclass
@@ -61,7 +63,7 @@ class Drive:
         self.camera = Camera(self.world, *size)
         self.engine: AnyTraverse = engine_of(perceiver, WORDS["meadow"])
         self.tally = Tally()
-        self._flags: list[bool] = []
+        self._reasons = ReasonFilter(Numbers(judging=self.engine.settings), 0.0)
         self._blocked: list[bool] = []
         self._calls = 0
         self._teach = teach
@@ -81,9 +83,9 @@ class Drive:
         self.tally.familiar += familiar
         image, _ = self.camera.render(self.world.trail.pose(s), now)
         judged = self.engine.step(Frame(self.tally.frames, now, image), now)
-        self._flags.append(bool(judged.reasons & CALLS))
+        self._reasons.add_frame(judged, now, None)
         ahead = self._ahead(s)
-        if judged.match is None and self._flags[-1] and sum(self._flags[-3:]) >= 2:
+        if self._reasons.reasons(now) & CALLS_FOR_WORDS:
             self._call(judged, s, now, ahead, familiar=familiar)
         self._blocked.append(Reason.BLOCKED in judged.reasons)
         if sum(self._blocked[-3:]) >= 2 and self._blocked[-1]:
@@ -106,11 +108,11 @@ class Drive:
             changes = Changes(weights=dict(Preferences.parse(WORDS[self.world.trail.zone(s + 4.0)])))
             self.tally.places += 1
         if familiar:
-            why = "+".join(sorted(reason.value for reason in judged.reasons & CALLS))
+            why = "+".join(sorted(reason.value for reason in judged.reasons & CALLS_FOR_WORDS))
             self.tally.false.append(f"{self.world.trail.zone(s)} {s:.0f} m {why}")
         self._calls += 1
         self.engine.answer(changes, now, call=judged.observation, call_id=self._calls, go=True)
-        self._flags.clear()
+        self._reasons.restart_after_answer(now)
 
     def _hold(self, s: float, ahead: Thing | None, *, familiar: bool) -> None:
         left = self._left(ahead, s) if ahead is not None and ahead.id in self.world.things else math.inf

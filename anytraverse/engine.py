@@ -17,9 +17,10 @@ from anytraverse.adoption import adopted_memory, refused_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
 from anytraverse.assessment import Assessment, Finding, Map, Observation, Reason
 from anytraverse.errors import ExampleError, PerceiverError
+from anytraverse.findings import check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.frame import Frame, is_black, is_image
 from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
-from anytraverse.judging import Settings, check_age, find, find_scene, make_maps, roi_figures
+from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.perception import Features, Perceiver, Prompt
 from anytraverse.scene_watch import CarriedPlace, SceneWatch

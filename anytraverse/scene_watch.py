@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from anytraverse.assessment import Assessment, Reason
+from anytraverse.findings import find_scene
 from anytraverse.history import Embedding, Place, cosine
-from anytraverse.judging import Settings, find_scene
+from anytraverse.judging import Settings
 
 
 class Scene(NamedTuple):

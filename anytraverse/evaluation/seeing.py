@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from anytraverse.assessment import Finding, Map, Maps
 from anytraverse.errors import PerceiverError, PreferencesError
 from anytraverse.evaluation.datasets import LabelledFrame
-from anytraverse.judging import Settings, make_maps
+from anytraverse.findings import make_maps
+from anytraverse.judging import Settings
 from anytraverse.perception import Perceiver, Prompt
 from anytraverse.preferences import Preferences
 from anytraverse.synonyms import refuse_contradictions

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from anytraverse.assessment import Finding
 from anytraverse.bundle.manifest import read_manifest
 from anytraverse.bundle.records import CheckRuntime
-from anytraverse.judging import Settings, make_maps, roi_figures
+from anytraverse.findings import make_maps, roi_figures
+from anytraverse.judging import Settings
 from anytraverse.perception import Prompt, make_perceiver
 from anytraverse.regions import Box
 from bench.clipseg.contestants import Figures

@@ -18,6 +18,7 @@ _DAEMON = ("tests/companion/daemon",)
 _VISION = ("tests/companion/vision",)
 _LINK = ("tests/companion/link",)
 SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
+    "anytraverse/findings.py": _ALGORITHM,
     "anytraverse/judging.py": _ALGORITHM,
     "anytraverse/roi.py": _ALGORITHM,
     "anytraverse/engine.py": _ALGORITHM,

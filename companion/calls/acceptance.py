@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, Assessment, Maps, Reason
+from anytraverse.findings import is_open
 from anytraverse.history import Embedding, cosine
-from anytraverse.judging import is_open
 from anytraverse.regions import Box
 from anytraverse.roi import worst_tile
 from companion.calls.masks import Mask, coarse, joined

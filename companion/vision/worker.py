@@ -11,9 +11,9 @@ from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment, Finding, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
+from anytraverse.findings import check_age
 from anytraverse.frame import Frame
 from anytraverse.history import Place
-from anytraverse.judging import check_age
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from anytraverse.assessment import Finding, Maps, Observation, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import PreferencesError
+from anytraverse.findings import find, make_maps, roi_figures
 from anytraverse.frame import Frame
-from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.look import read_picture
 from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver

@@ -11,7 +11,8 @@ import pytest
 
 from anytraverse.assessment import CORRIDOR, Assessment, Finding, Maps, Reason
 from anytraverse.errors import SettingsError
-from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
+from anytraverse.findings import find, make_maps, roi_figures
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.perception import DefaultThresholds
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor

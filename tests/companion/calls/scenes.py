@@ -11,8 +11,9 @@ import numpy as np
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Observation, Reason
+from anytraverse.findings import find, make_maps, roi_figures
 from anytraverse.frame import Frame
-from anytraverse.judging import Settings, Thresholds, find, make_maps, roi_figures
+from anytraverse.judging import Settings, Thresholds
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved, HoldStarted, SetMode

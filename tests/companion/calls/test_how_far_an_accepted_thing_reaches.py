@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from anytraverse.assessment import Reason
-from anytraverse.judging import is_open
+from anytraverse.findings import is_open
 from anytraverse.regions import Box
 from companion.calls.acceptance import Acceptance
 from companion.wire.ids import Policy

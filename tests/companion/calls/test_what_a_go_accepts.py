@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from anytraverse.assessment import Assessment, Maps, Reason
-from anytraverse.judging import Settings, find, make_maps, roi_figures
+from anytraverse.findings import find, make_maps, roi_figures
+from anytraverse.judging import Settings
 from anytraverse.regions import Box
 from anytraverse.roi import Mask, RoiFigures
 from companion.calls import masks

@@ -9,8 +9,6 @@ from bench.house import circles, imports, rooms_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text()
-ALIAS = "field"
-"""The former name of sim.field, for `python -m companion.field`."""
 
 
 def _rows() -> list[list[str]]:
@@ -21,7 +19,7 @@ def _rows() -> list[list[str]]:
 
 def test_every_room_stands_in_the_table() -> None:
     rooms = {path.name for path in (ROOT / "companion").iterdir() if (path / "__init__.py").exists()}
-    assert sorted(name for row in _rows() for name in row) == sorted(rooms - {ALIAS})
+    assert sorted(name for row in _rows() for name in row) == sorted(rooms)
 
 
 def test_a_room_imports_only_rooms_above_it() -> None:

@@ -1,1 +1,0 @@
-"""Stands for `companion.sim.field` under its former name: `python -m companion.field`."""

@@ -119,11 +119,10 @@ class VisionClient:
         self._expected = Expected(first_frame - 1)
         self._settings: Settings | None = None
         self._numbers = 0
-        self._unanswered: OrderedDict[int, object] = OrderedDict()
+        self._unanswered: dict[int, tuple[object, int]] = {}
+        """Number of the request -> its caller's token, and id of the frame that it gives back, 0: none."""
         self._drawing: dict[int, int] = {}
         """Number of the request -> id of the frame that it stores, 0: none."""
-        self._restoring: dict[int, int] = {}
-        """Number of the request -> id of the frame that it gives back."""
         self._suspects = set[int]()
         """Ids of frames that were being given back when the last process died. A frame over which two
         processes in a row died is dropped: it may be what kills them."""
@@ -218,16 +217,14 @@ class VisionClient:
         png: the frame as PNG. False as for `answer`.
         """
         self._remember_frame(frame_id, png)
-        return self._ask(token, lambda number: self._restore(number, frame_id, png))
+        return self._ask(token, lambda number: Restore(number, frame_id, png), frame_id)
 
     def tune(self, settings: Settings) -> bool:
         """Judge frames by these settings from now on. No frame is judged before the first call of `tune`.
 
         False when the process hangs or is not ready.
         """
-        if not self.watchdog.responsive:
-            return False
-        if not self._send(Tune(settings)):
+        if not self.watchdog.responsive or not self._send(Tune(settings)):
             return False
         self._settings = settings
         return True
@@ -310,11 +307,11 @@ class VisionClient:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
                 if report.update is not None:
                     self._apply_update(report.update)
-                frame_id = self._restoring.pop(report.number, None)
-                if report.error and frame_id is not None:
+                token, frame_id = self._unanswered.pop(report.number)
+                if report.error:
                     self._frames.pop(frame_id, None)
                 error = AnyTraverseError(report.error) if report.error else None
-                return [Applied(self._unanswered.pop(report.number), report.outcome, error, self.memory)]
+                return [Applied(token, report.outcome, error, self.memory)]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")
@@ -345,8 +342,8 @@ class VisionClient:
         self._send(Tune(self._settings))
         for frame_id, png in self._frames.items():
             self._numbers += 1
-            self._unanswered[self._numbers] = None
-            self._send(self._restore(self._numbers, frame_id, png))
+            self._unanswered[self._numbers] = None, frame_id
+            self._send(Restore(self._numbers, frame_id, png))
 
     def _restart(self, failure: Failure, now: float) -> list[Result]:
         """Have the process killed and restarted. Return the errors of the answers that waited.
@@ -363,26 +360,25 @@ class VisionClient:
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=failure.cause)
         self.delivered_at = None
         self._drawing.clear()
-        restoring = set(self._restoring.values())
-        self._restoring.clear()
+        restoring = {frame_id for _, frame_id in self._unanswered.values() if frame_id}
         dropped, self._suspects = restoring & self._suspects, restoring
         self._frames = OrderedDict(
             (number, png) for number, png in self._frames.items() if png and number not in dropped
         )
         error = VisionLostError("vision restarted: send it again")
-        tokens = [token for token in self._unanswered.values() if token is not None]
+        tokens = [token for token, _ in self._unanswered.values() if token is not None]
         self._unanswered.clear()
         if self._copy.memory is None:
             return []
         return [Applied(token, None, error, self.memory) for token in tokens]
 
-    def _ask(self, token: object, request: Callable[[int], Request]) -> bool:
+    def _ask(self, token: object, request: Callable[[int], Request], frame_id: int = 0) -> bool:
         if not self.watchdog.responsive or len(self._unanswered) >= MAX_JOBS:
             return False
         self._numbers += 1
         if not self._send(request(self._numbers)):
             return False
-        self._unanswered[self._numbers] = token
+        self._unanswered[self._numbers] = token, frame_id
         return True
 
     def _send(self, request: Request) -> bool:
@@ -396,10 +392,6 @@ class VisionClient:
             log.error("a request was not sent to the vision process: %s", error)
         self._overflowed = True  # the next poll kills the process
         return False
-
-    def _restore(self, number: int, frame_id: int, png: bytes) -> Restore:
-        self._restoring[number] = frame_id
-        return Restore(number, frame_id, png)
 
     def _remember_frame(self, frame_id: int, png: bytes) -> None:
         self._frames[frame_id] = png

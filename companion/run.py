@@ -22,6 +22,7 @@ from companion.daemon.composition import (
     stored_u32,
 )
 from companion.daemon.daemon import Daemon
+from companion.daemon.death import report_death
 from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
@@ -105,7 +106,14 @@ def _main(
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
-    _run(daemon, stop, service, writer, report, closing.enter_context(BackgroundJob()), page)
+    try:
+        _run(daemon, stop, service, writer, report, closing.enter_context(BackgroundJob()), page)
+    except Exception:
+        log.critical("the supervisor's main loop failed: the companion stops")
+        report_death(link, daemon.calls)
+        raise
+    service.stopping()
+    daemon.leave()
     return 0
 
 
@@ -157,27 +165,20 @@ def _run(
         document = report.document()
         return {"told": daemon.told(), "status": figures, "state": daemon.state_file(), "check": document}
 
-    try:
-        while not stop():
-            daemon.turn()
-            now = time.monotonic()
-            if daemon.sees_or_reports_fault(now):
-                service.alive(now)
-            if now - status_at >= _STATUS_PERIOD:
-                status_at, figures = now, daemon.write_status(web=page.figures())
-                service.status(f"{figures['state']}, policy {figures['policy']}")
-                if status_at - checked_at < EVERY:
-                    background.run(daemon.computer.measure)
-                elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
-                    checked_at = status_at
-            page.poll(now, news)
-            if page.wanted():
-                daemon.live_picture.want()
-            if (picture := daemon.live_picture.take()) is not None:
-                page.show(picture.frame, picture.captured_at, picture.jpeg)
-    except Exception:
-        log.critical("the supervisor's main loop failed: the companion stops")
-        daemon.report_death()
-        raise
-    service.stopping()
-    daemon.leave()
+    while not stop():
+        daemon.turn()
+        now = time.monotonic()
+        if daemon.sees_or_reports_fault(now):
+            service.alive(now)
+        if now - status_at >= _STATUS_PERIOD:
+            status_at, figures = now, daemon.write_status(web=page.figures())
+            service.status(f"{figures['state']}, policy {figures['policy']}")
+            if status_at - checked_at < EVERY:
+                background.run(daemon.computer.measure)
+            elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
+                checked_at = status_at
+        page.poll(now, news)
+        if page.wanted():
+            daemon.live_picture.want()
+        if (picture := daemon.live_picture.take()) is not None:
+            page.show(picture.frame, picture.captured_at, picture.jpeg)

@@ -11,7 +11,6 @@ from anytraverse.assessment import Assessment
 from anytraverse.memory import Adoption
 from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
-from companion.calls.hold import HoldState
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
 from companion.daemon.executor import DecisionExecutor
@@ -46,14 +45,13 @@ from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
 from companion.vision.client import Applied, Judged, Result, VisionClient
 from companion.vision.messages import Drawn, Model
 from companion.wire import notices, texts
-from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Policy, State
+from companion.wire.ids import ERROR, INFO, NOTICE, WARNING, Policy, State
 
 log = logging.getLogger(__name__)
 
 TICK = 0.02
 _SHORTEST_TURN = 0.005
 """Seconds between two turns, at least: a flood of datagrams must not cause a turn for each of them."""
-_FAREWELL_TICKS, _FAREWELL_STEP = 15, 0.02
 _LEAVE_WITHIN = 4.0
 
 
@@ -63,7 +61,7 @@ class Daemon:
     `turn` is one round of the main loop and waits for at most `TICK` seconds. An exception while an event or
     a result is handled, or a decision carried out, is logged and reported. One in the state machine ends the
     daemon, whichever input led to it: half of a change may have happened, so what it decides is not known to
-    be right. A restart begins with a state that is: the journal's. `report_death` holds the vehicle first.
+    be right. A restart begins with a state that is: the journal's. Before that `death` holds the vehicle.
     """
 
     def __init__(
@@ -176,28 +174,6 @@ class Daemon:
     def write_status(self, **more: Any) -> dict[str, Any]:
         """Queue the status file, and return its content. more: figures of parts that are not the daemon's."""
         return self.records.write_status({**self.status(), **more})
-
-    def report_death(self) -> None:
-        """Report at once that the daemon dies, to the autopilot's script and to the operator.
-
-        Under the hold policy a vehicle that drives by itself, or was told to drive on, is held: nobody
-        watches the trail from now on. A mode that waits to be sent is dropped: it may be a resume.
-        """
-        self._link.modes.cancel()
-        now, report, vehicle = time.monotonic(), self.calls.monitor.newest, self._link.vehicle
-        # The error may have kept a report from the state machine: a human may have taken over.
-        current = vehicle is not None and (vehicle.custom_mode, vehicle.armed) == (report.mode, report.armed)
-        hold, known = self.calls.hold, current and self.calls.monitor.known(now)
-        drives = report.drives_itself or (hold is not None and hold.state is HoldState.RESUMING)
-        drives = drives and known and self.calls.policy is Policy.HOLD
-        if report.autopilot is not None and (drives or self.calls.holding.streams):
-            self._link.modes.command(report.autopilot.rest_mode, now)
-        self._link.set_state(State.FAULT, self.calls.current_id, self.calls.policy)
-        self._link.send_text(notices.dying(), ALERT, time.monotonic())
-        # The link sends within its budgets, so that one tick does not send everything.
-        for _ in range(_FAREWELL_TICKS):
-            self._link.tick(time.monotonic())
-            time.sleep(_FAREWELL_STEP)
 
     def status(self) -> dict[str, Any]:
         """Return the figures of the status file."""

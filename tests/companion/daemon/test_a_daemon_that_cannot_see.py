@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.calls.decisions import Decision
 from companion.cameras.newest import CameraState
+from companion.daemon.death import report_death
 from companion.system.error_guard import FatalError
 from companion.wire import notices
 from companion.wire.answers import TapBox
@@ -262,7 +263,7 @@ def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
 def commands_of_death(rig: Rig) -> list[int]:
     """Let the daemon report its death, and return the modes that it then commands."""
     before = len(rig.stage.frames)
-    rig.daemon.report_death()
+    report_death(rig.stage.link, rig.calls)
     rig.stage.collect(rig.stage.now)
     sent = [frame.message for frame in rig.stage.frames[before:]]
     commands = [message for message in sent if message.get_type() == "COMMAND_LONG"]

@@ -4,30 +4,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import MISSING, fields, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from anytraverse.answers import AnswerOutcome
-from anytraverse.assessment import Finding, Maps, Reason
-from anytraverse.engine import AnyTraverse
+from anytraverse.assessment import Finding, Maps
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, Place
 from anytraverse.judging import Settings, Thresholds
-from anytraverse.memory import Adoption, first_memory
-from anytraverse.pooling import POOLINGS, UNCERTAINTIES
+from anytraverse.memory import Adoption
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor, Tile
 from companion.cameras.newest import CameraStatus
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
-from companion.vision.codec import Splitter, decode, encode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     LONGEST_TEXT,
@@ -41,7 +35,6 @@ from companion.vision.messages import (
     Ready,
 )
 from companion.vision.worker import Worker
-from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
 from tests.companion.vision.played import WORDS, engine
 
@@ -364,46 +357,3 @@ def test_a_field_that_is_missing_or_something_else_is_refused(message: Any) -> N
         for broken in ({**given, field.name: object()}, {**given, field.name: SimpleNamespace()}):
             with pytest.raises(BadReportError):
                 check_report(unmade(type(message), **broken), Expected(4), time.monotonic())
-
-
-def broken_eyes(spoil: str, value: float) -> Painted:
-    """Painted eyes that answer `value`."""
-    perceiver = Painted()
-    made: Callable[[Any], Any] = lambda right: np.full_like(right, value)  # noqa: E731
-    setattr(perceiver, spoil, made)
-    return perceiver
-
-
-@pytest.mark.parametrize("value", [NAN, INF, -INF, 0.0, -1e-3, 1.0005, 3.0])
-@pytest.mark.parametrize("spoil", ["spoil_attention", "spoil_embedding"])
-def test_whatever_a_broken_perceiver_answers_the_fault_is_believed(spoil: str, value: float) -> None:
-    perceiver = broken_eyes(spoil, value)
-    start = replace(first_memory(perceiver.model_id, WORDS), reference=VECTOR)
-    worker = Worker(AnyTraverse(perceiver, Settings(), start), 1)
-    (packed,) = Splitter().feed(encode(worker.judge(Frame(1, time.monotonic(), picture()))))
-    check_report(decode(packed), Expected(0), time.monotonic())
-
-
-def test_a_scene_that_cannot_be_compared_is_a_fault_that_is_believed() -> None:
-    perceiver = Painted()
-    start = replace(first_memory(perceiver.model_id, WORDS), reference=np.ones(7, np.float32))
-    looked = Worker(AnyTraverse(perceiver, Settings(), start), 1).judge(Frame(1, time.monotonic(), picture()))
-    assert looked.assessment.reasons == {Reason.FAULT}
-    check_report(looked, Expected(0), time.monotonic())
-
-
-@settings(max_examples=80)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(list(POOLINGS)), st.sampled_from(list(UNCERTAINTIES)))
-def test_every_map_that_the_engine_makes_is_believed(seed: int, pooling: str, uncertainty: str) -> None:
-    grain = np.random.default_rng(seed)
-    perceiver = Painted()
-    perceiver.spoil_attention = lambda maps: grain.choice(
-        [0.0, 1.0, 1 / 3, grain.random()], maps.shape
-    ).astype(np.float32)
-    names = grain.permutation(["grass", "trail", "drum", "rock", "kind 1", "kind 2"])[: grain.integers(1, 7)]
-    words = Preferences.of({str(name): float(grain.choice([-1.0, 1.0, 0.0, 0.7])) for name in names})
-    given_settings = Settings(pooling=pooling, uncertainty=uncertainty)
-    worker = Worker(AnyTraverse(perceiver, given_settings, first_memory(perceiver.model_id, words)), 1)
-    looked = worker.judge(Frame(1, time.monotonic(), picture("drum")))
-    assert looked.assessment.maps is not None
-    check_report(looked, Expected(0), time.monotonic())

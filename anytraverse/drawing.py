@@ -24,7 +24,6 @@ GREEN: Colour = (0, 158, 115)
 VERMILION: Colour = (213, 94, 0)
 VIOLET: Colour = (126, 47, 190)
 AMBER: Colour = (230, 159, 0)
-BLUE: Colour = (0, 114, 178)
 YELLOW: Colour = (255, 225, 60)
 
 SIGNED_STOPS: tuple[Colour, ...] = (

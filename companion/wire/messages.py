@@ -109,12 +109,6 @@ TEXT_SLOW_PERIOD = 60.0
 NUMBERS = ("AT_TRAV", "AT_UNC", "AT_SIM", "AT_CALL")
 
 
-def quiet_rate() -> float:
-    """Bytes per second at most while no call or hold is open: all that is sent at a rate."""
-    count = {"heartbeat": 1, "summary": 1, "number": len(NUMBERS), "computer": 1}
-    return sum(n * MESSAGES[name].bytes / (MESSAGES[name].period or 1.0) for name, n in count.items())
-
-
 def markdown() -> str:
     """Format the table for docs/protocol.md."""
     lines = [

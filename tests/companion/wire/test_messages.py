@@ -3,7 +3,7 @@ import sys
 from pathlib import Path
 
 from companion.link.signing import PRIVATE_TELEMETRY
-from companion.wire.messages import MESSAGES, NUMBERS, TABLE, TELEMETRY, markdown, quiet_rate
+from companion.wire.messages import MESSAGES, NUMBERS, TABLE, TELEMETRY, markdown
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -32,8 +32,10 @@ def test_an_autopilot_that_may_be_unsigned_may_say_all_that_is_heard_of_it() -> 
 
 
 def test_quiet_traffic_fits_the_default_budget_twice() -> None:
-    assert quiet_rate() == 21 + 64 + len(NUMBERS) * 27 / 2 + 252 / 30
-    assert 2 * quiet_rate() < 300
+    count = {"heartbeat": 1, "summary": 1, "number": len(NUMBERS), "computer": 1}
+    quiet = sum(n * MESSAGES[name].bytes / (MESSAGES[name].period or 1.0) for name, n in count.items())
+    assert quiet == 21 + 64 + len(NUMBERS) * 27 / 2 + 252 / 30
+    assert 2 * quiet < 300
 
 
 def test_the_public_page_shows_the_table_as_it_is() -> None:

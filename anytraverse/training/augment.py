@@ -77,16 +77,14 @@ def relit(image: Image, rng: Rng) -> Image:
     if rng.random() < 0.3:
         image = _softened(image, rng)
     light: Floats = np.float32(1 / 255) * np.asarray(image, dtype=np.float32)
-    if rng.random() < 0.08:
+    if rng.random() < 0.12:
         light = _infrared(light, rng)
     light = light @ _colours(rng).T
     light = np.clip(light, 0.0, 1.0, out=light)
     if rng.random() < 0.6:
         light **= np.float32(math.exp(rng.normal(0, 0.25)))
-    if rng.random() < 0.5:
-        light *= _shading(image.shape[:2], rng)[..., None]
-    if rng.random() < 0.25:
-        light = _veiled(light, rng)
+    if rng.random() < 0.3:
+        light *= _clouds(image.shape[:2], rng)[..., None]
     light *= np.float32(math.exp(np.clip(rng.normal(0, 0.35), -1.0, 0.75)))
     if rng.random() < 0.3:
         light += np.float32(rng.uniform(-0.04, 0.08))  # haze, or a black level
@@ -119,15 +117,15 @@ def _gains(rng: Rng) -> Floats:
 
 
 def _weathered(image: Image, rng: Rng) -> Image:
-    """Show four views in ten in a low sun, hard shadows, fog or rain, of any strength."""
+    """Show six views in ten in a low sun, hard shadows, fog or rain, of any strength."""
     kind, horizon = rng.random(), float(rng.uniform(0.1, 0.55))
-    if kind < 0.1:
+    if kind < 0.14:
         return glare(image, rng, veil=float(rng.uniform(0.2, 1.2)))
-    if kind < 0.25:
-        return shadows(image, rng, left=float(rng.uniform(0.12, 0.7)), horizon=horizon)
-    if kind < 0.33:
+    if kind < 0.36:
+        return shadows(image, rng, left=float(rng.uniform(0.12, 0.75)), horizon=horizon)
+    if kind < 0.46:
         return fog(image, visibility=float(np.exp(rng.uniform(3.2, 5.3))), horizon=horizon)
-    return rain(image, rng) if kind < 0.41 else image
+    return rain(image, rng) if kind < 0.59 else image
 
 
 def _infrared(light: Floats, rng: Rng) -> Floats:
@@ -140,23 +138,6 @@ def _infrared(light: Floats, rng: Rng) -> Floats:
     share = np.array([1.0, rng.uniform(0.3, 0.7), rng.uniform(0.6, 1.0)], dtype=np.float32)
     seen = light + np.float32(rng.uniform(0.3, 1.2)) * near[..., None] * share
     return np.asarray(seen * (light.mean() / max(float(seen.mean()), 1e-3)), dtype=np.float32)
-
-
-def _veiled(light: Floats, rng: Rng) -> Floats:
-    """Lay a veil over the frame: the glare of a low sun from one point, or fog that is denser at the top."""
-    rows, columns = light.shape[:2]
-    y, x = np.mgrid[:rows, :columns].astype(np.float32)
-    if rng.random() < 0.5:
-        at_x, at_y = rng.uniform(-0.2, 1.2) * columns, rng.uniform(-0.3, 0.5) * rows
-        far = np.hypot(x - at_x, y - at_y) / (rng.uniform(0.3, 1.2) * columns)
-        veil = rng.uniform(0.3, 1.1) * np.exp(-far) + rng.uniform(0.0, 0.2)
-        colour = np.array([1.0, rng.uniform(0.85, 1.0), rng.uniform(0.6, 1.0)])
-    else:
-        depth = np.clip(1.0 - y / rows + rng.uniform(-0.2, 0.2), 0.0, None)
-        veil = 1.0 - np.exp(-rng.uniform(0.5, 3.0) * depth)
-        colour = np.full(3, rng.uniform(0.6, 0.95)) * np.exp(rng.normal(0, 0.03, 3))
-    veil = np.clip(veil, 0.0, 1.0)[..., None]
-    return np.asarray(light * (1 - veil) + colour * veil, dtype=np.float32)
 
 
 def _colours(rng: Rng) -> Floats:
@@ -182,23 +163,10 @@ def _hue(angle: float) -> Floats:
     )
 
 
-def _shading(shape: tuple[int, int], rng: Rng) -> Floats:
-    """Draw light that varies over the frame, (rows, columns): soft clouds, or shadows with edges."""
-    rows, columns = shape
-    if rng.random() < 0.6:
-        soft = np.exp(rng.normal(0, 0.3, (3, 4))).astype(np.float32)
-        return np.asarray(cv2.resize(soft, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
-    shade = np.ones(shape, dtype=np.float32)
-    if rng.random() < 0.3:  # the shadows of leaves
-        coarse = rng.uniform(size=tuple(max(2, side // int(rng.integers(3, 9))) for side in shape))
-        spots = np.asarray(
-            cv2.resize(coarse.astype(np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
-        )
-        shade[spots > rng.uniform(0.4, 0.8)] = rng.uniform(0.35, 0.75)
-    for _ in range(int(rng.integers(1, 5))):
-        corners = rng.uniform([0, 0.3 * rows], [columns, rows], (4, 2)).astype(np.int32)
-        cv2.fillConvexPoly(shade, cv2.convexHull(corners), float(rng.uniform(0.25, 0.7)))
-    return np.asarray(cv2.GaussianBlur(shade, (0, 0), rng.uniform(0.7, 4.0)), dtype=np.float32)
+def _clouds(shape: tuple[int, int], rng: Rng) -> Floats:
+    """Draw light that varies softly over the frame, (rows, columns)."""
+    soft = np.exp(rng.normal(0, 0.3, (3, 4))).astype(np.float32)
+    return np.asarray(cv2.resize(soft, shape[::-1], interpolation=cv2.INTER_CUBIC), dtype=np.float32)
 
 
 def _softened(image: Image, rng: Rng) -> Image:

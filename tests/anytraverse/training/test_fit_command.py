@@ -51,7 +51,7 @@ def test_few_frames_refit_the_shipped_network_and_a_worse_fit_does_not_replace_i
 ) -> None:
     from anytraverse.training.fitting import Options
 
-    monkeypatch.setattr("anytraverse.training.running.REFIT", Options(steps=40, batch=4, rate=5e-4))
+    monkeypatch.setattr("anytraverse.training.running.REFIT", Options(steps=40, batch=4, rate=2e-4))
     out = tmp_path / "mine.onnx"
     words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--test", "3"]
     assert main(words) == 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import os
 import re
@@ -13,22 +12,21 @@ import select
 import signal
 import socket
 import sys
-import time
 import traceback
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any, NoReturn, TypeVar
 
-import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from companion.web.access import BoundedConnection, Gate
+from companion.browser.access import Gate
+from companion.browser.site import EVENT_STREAM, Server, as_json, event, static_routes
 from companion.web.files import StateFolder
 from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode
 from companion.web.metrics import Metrics
@@ -43,11 +41,8 @@ _BEAT = 1.0
 _DISK_PATIENCE = 5.0
 MOST_READING = 16
 """Requests that may wait for the disk."""
-_LARGEST_HEADER = 16 << 10
 _SETUP_WITHIN = 10.0
 _STATIC = Path(__file__).parent / "static"
-_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_STREAM = "text/event-stream"
 _PICTURE = re.compile(r"([0-9]{1,5})(-large)?\.jpg", re.ASCII)
 _SCENE = re.compile(r"([0-9a-f]{16})\.jpg", re.ASCII)
 _T = TypeVar("_T")
@@ -77,16 +72,16 @@ class Site:
             Route("/scenes/{name}", self._scene),
             Route("/log.txt", self._log),
             *(Route(f"/{name}.json", self._document(name)) for name in ("status", "state", "check")),
-            *(Route(path, _fixed(content, kind)) for path, content, kind in _static()),
+            *static_routes(_STATIC),
         ]
         return Starlette(routes=routes)
 
     async def _events(self, request: Request) -> Response:
         if request.method == "HEAD":
-            return Response(media_type=_STREAM)
+            return Response(media_type=EVENT_STREAM)
         if self.streams >= MOST_STREAMS:
             return PlainTextResponse(f"{MOST_STREAMS} pages are open: close one\n", 503)
-        return StreamingResponse(self._stream(), media_type=_STREAM)
+        return StreamingResponse(self._stream(), media_type=EVENT_STREAM)
 
     async def _stream(self) -> AsyncIterator[bytes]:
         if self.streams >= MOST_STREAMS:  # others that asked at the same moment came first
@@ -98,11 +93,11 @@ class Site:
                 news = self._news
                 if news.told_at != told_at:
                     told_at = news.told_at
-                    yield _event("news", news.event())
+                    yield event("news", news.event())
                 picture = news.shown_picture()
                 if picture is not None and picture.frame != frame:
                     frame = picture.frame
-                    yield _event("picture", {"frame": frame, "age": round(news.picture_age(), 3)})
+                    yield event("picture", {"frame": frame, "age": round(news.picture_age(), 3)})
                 await news.more(_BEAT)
                 if news.told_at == told_at:
                     yield b": still here\n\n"
@@ -118,7 +113,7 @@ class Site:
     async def _health(self, _: Request) -> Response:
         trouble, age = self._news.trouble(), self._news.event()["age"]
         shown = {"ok": not trouble, "state": self._news.state or None, "age": age, "why": trouble}
-        return _json(shown, 503 if trouble else 200)
+        return as_json(shown, 503 if trouble else 200)
 
     async def _show_metrics(self, _: Request) -> Response:
         return Response(self._metrics.text(), media_type=CONTENT_TYPE_LATEST)
@@ -126,13 +121,13 @@ class Site:
     def _document(self, name: str) -> Callable[[Request], Any]:
         async def show(_: Request) -> Response:
             if self._news.trouble() == SILENT:
-                return _json({"state": "unknown", "why": SILENT}, 503)
-            return _json(self._news.told.get(name, {}))
+                return as_json({"state": "unknown", "why": SILENT}, 503)
+            return as_json(self._news.told.get(name, {}))
 
         return show
 
     async def _calls(self, _: Request) -> Response:
-        return await self._read(self._folder.calls, _json)
+        return await self._read(self._folder.calls, as_json)
 
     async def _log(self, _: Request) -> Response:
         return await self._read(self._folder.log, PlainTextResponse)
@@ -169,38 +164,6 @@ class Site:
             return PlainTextResponse(f"the disk cannot be read: {error or 'it is slow'}\n", 503)
 
 
-def _static() -> Iterator[tuple[str, bytes, str]]:
-    """Yield path, content and type of each file of the page. They are read once, at the start."""
-    for file in sorted(_STATIC.iterdir()):
-        if file.suffix in _TYPES:
-            path = "/" if file.name == "index.html" else f"/{file.name}"
-            yield path, file.read_bytes(), _TYPES[file.suffix]
-
-
-def _fixed(content: bytes, kind: str) -> Callable[[Request], Any]:
-    async def show(_: Request) -> Response:
-        return Response(content, media_type=kind)
-
-    return show
-
-
-def _json(content: Any, status: int = 200) -> Response:
-    return Response(json.dumps(content, separators=(",", ":")), status, media_type="application/json")
-
-
-def _event(name: str, content: Mapping[str, Any]) -> bytes:
-    """Encode an event. clock: when it was made, in monotonic seconds, since it may wait on a slow network."""
-    stamped = {**content, "clock": round(time.monotonic(), 3)}
-    return f"event: {name}\ndata: {json.dumps(stamped, separators=(',', ':'))}\n\n".encode()
-
-
-class _Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Leave signals alone: the supervisor gets them, too, and ends this process."""
-        yield
-
-
 def main(channel: int, listener: int) -> NoReturn:
     """Run until the supervisor is gone. channel, listener: descriptors of sockets."""
     with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
@@ -227,20 +190,8 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     channel.settimeout(0)
     news = News()
     site = Site(news, StateFolder(setup["folder"]))
-    config = uvicorn.Config(
-        Gate(site.app(), token=setup["token"], own_address=setup["own_address"]),
-        http=BoundedConnection,
-        ws="none",
-        lifespan="off",
-        loop="asyncio",
-        log_config=None,
-        access_log=False,
-        proxy_headers=False,
-        server_header=False,
-        h11_max_incomplete_event_size=_LARGEST_HEADER,
-    )
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news)
-    server = _Server(config)
+    server = Server(Gate(site.app(), token=setup["token"], own_address=setup["own_address"]))
     beating = asyncio.create_task(_beat(channel, server, site))
     await server.serve(sockets=[listener])
     beating.cancel()
@@ -262,7 +213,7 @@ def _listen(channel: socket.socket, news: News) -> None:
         log.error("a message of the supervisor is not understood: %s", error)
 
 
-async def _beat(channel: socket.socket, server: uvicorn.Server, site: Site) -> None:
+async def _beat(channel: socket.socket, server: Server, site: Site) -> None:
     """Tell the supervisor once a second that this process lives, and whether somebody watches."""
     while True:
         if server.started:

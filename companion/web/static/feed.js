@@ -1,9 +1,7 @@
-// Fetches what the companion tells. It connects again by itself, and listens only while the page is seen.
+// Fetches what the companion tells, only while the page is seen.
 
-import { Delay } from "./model.js";
+import { PATIENCE, Stream } from "./stream.js";
 
-const AGAIN = 2000; // ms
-const PATIENCE = 5000; // ms without any event after which the stream counts as dead
 const FILES_EVERY = 5000; // ms
 
 export class Feed {
@@ -11,47 +9,11 @@ export class Feed {
   // an event waited on its way.
   constructor(take) {
     this.take = take;
-    this.stream = null;
-    this.heardAt = 0;
     this.reading = false;
-    document.addEventListener("visibilitychange", () => (document.hidden ? this.close() : this.open()));
-    setInterval(() => this.check(), 1000);
+    this.stream = new Stream(["news", "picture"], take, whyNot);
+    document.addEventListener("visibilitychange", () => this.readFiles());
     setInterval(() => this.readFiles(), FILES_EVERY);
-    if (!document.hidden) this.open();
-  }
-
-  open() {
-    this.close();
-    this.heardAt = performance.now();
-    const stream = new EventSource("/events");
-    const delay = new Delay();
-    this.stream = stream;
-    for (const kind of ["news", "picture"]) {
-      stream.addEventListener(kind, (event) => {
-        this.heardAt = performance.now();
-        this.take("connection", "");
-        const content = JSON.parse(event.data);
-        this.take(kind, content, delay.late(content.clock, performance.now() / 1000));
-      });
-    }
-    stream.onerror = () => this.lost(stream);
     this.readFiles();
-  }
-
-  close() {
-    this.stream?.close();
-    this.stream = null;
-  }
-
-  check() {
-    if (this.stream && performance.now() - this.heardAt > PATIENCE) this.lost(this.stream);
-  }
-
-  async lost(stream) {
-    if (stream !== this.stream) return;
-    this.close();
-    this.take("connection", await whyNot());
-    setTimeout(() => this.stream || document.hidden || this.open(), AGAIN);
   }
 
   async readFiles() {

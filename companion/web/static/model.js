@@ -1,55 +1,10 @@
 // Turns what the companion tells into what a person reads. Pure: no page, no network, no clock.
 
+import { OUTCOMES, POLICIES, REASONS, STATES, capital, clock, duration, percent, signed } from "./wording.js";
+
 const NEWS_FRESH = 3; // seconds; the companion tells something once a second
 const PICTURE_FRESH = 3;
 const CHECKS_FRESH = 60; // the companion checks itself every ten seconds
-const DRIFT = 5e-4; // seconds by which two computers' clocks may part in a second
-
-const STATES = {
-  ok: { title: "OK", tone: "good", text: "The way ahead is known and drivable." },
-  calling: { title: "CALLING", tone: "call", text: "It asks the operator." },
-  holding: { title: "HOLDING", tone: "hold", text: "It holds the vehicle." },
-  blocked: { title: "BLOCKED", tone: "blocked", text: "What is ahead is known and not drivable." },
-  fault: { title: "FAULT", tone: "fault", text: "It cannot judge the way." },
-  off: { title: "OFF", tone: "idle", text: "Switched off: nobody watches the way." },
-  starting: { title: "STARTING", tone: "idle", text: "The perceiver is loading." },
-};
-const REASONS = {
-  unknown_object: "an unknown thing is ahead",
-  unknown_scene: "the place is new",
-  blocked: "the way is blocked by what is known",
-  fault: "no picture can be judged",
-};
-const OUTCOMES = {
-  answered: "answered",
-  accepted: "accepted by a go",
-  passed: "passed by itself",
-  taken_over: "a human took over",
-  recovered: "the fault is gone",
-  switched_off: "the companion was switched off",
-};
-const POLICIES = {
-  report: "report: it calls and holds nothing",
-  shadow: "shadow: it calls, and counts what it would have held",
-  hold: "hold: it may hold the vehicle",
-  off: "off: nobody watches the way",
-};
-
-// Measures by how much events were slower on their way than the quickest one. A slow network keeps them waiting,
-// and they would look new. One for each stream.
-export class Delay {
-  constructor() {
-    this.least = Infinity;
-    this.measuredAt = 0;
-  }
-
-  // sentAt: seconds of the rover's clock. now: seconds of this computer's. Both clocks only go forward.
-  late(sentAt, now) {
-    this.least = Math.min(now - sentAt, this.least + DRIFT * (now - this.measuredAt));
-    this.measuredAt = now;
-    return now - sentAt - this.least;
-  }
-}
 
 // news: the newest event with `receivedAt` added, or null. now, receivedAt: seconds of one clock.
 // connection: "" or why there is none.
@@ -148,7 +103,7 @@ export function words({ state = {} }) {
     .sort(([, a], [, b]) => b - a)
     .map(([word, weight]) => ({
       word,
-      weight: `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`,
+      weight: signed(weight),
       tone: weight > 0 ? "good" : weight < 0 ? "bad" : "even",
     }));
 }
@@ -198,16 +153,6 @@ function openText(open) {
   return `${kind} ${open.id}, ${open.stage}, ${open.holding ? "vehicle held" : "vehicle not held"}`;
 }
 
-export function duration(seconds) {
-  const whole = Math.max(0, Math.floor(seconds));
-  if (whole < 60) return `${whole} s`;
-  if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
-  return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
-}
-
 const raised = (share) => (Math.ceil(100 * share - 1e-4) / 100).toFixed(2);
 const floored = (share) => (Math.floor(100 * share + 1e-4) / 100).toFixed(2); // one that is shown as 1 is 1
-const percent = (share) => (share == null ? "not known" : `${Math.round(100 * share)} %`);
 const gib = (mebibytes) => (mebibytes < 1024 ? `${mebibytes} MiB` : `${(mebibytes / 1024).toFixed(1)} GiB`);
-const capital = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}` : "");
-const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString("en-GB");

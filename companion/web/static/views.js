@@ -1,24 +1,6 @@
 // Puts what `model.js` made into the page. No network, and no decision: what is given is what is shown.
 
-export function element(tag, properties = {}, ...children) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(properties)) {
-    if (name === "tone") made.dataset.tone = value;
-    else made[name] = value;
-  }
-  made.append(...children.filter((child) => child !== ""));
-  return made;
-}
-
-const shown = new Map();
-
-// Calls `draw` only if `content` differs from what the part shows, so that nothing flickers or scrolls away.
-function changed(id, content, draw) {
-  const text = JSON.stringify(content);
-  if (shown.get(id) === text) return;
-  shown.set(id, text);
-  draw(document.getElementById(id));
-}
+import { changed, element, showFacts } from "./elements.js";
 
 export function showState(state) {
   changed("state", { ...state, since: "" }, (part) => {
@@ -34,11 +16,6 @@ export function showState(state) {
 export function showPictureNote({ text, fresh }) {
   changed("picture-note", text, (part) => part.replaceChildren(text));
   changed("view", fresh, (part) => part.classList.toggle("stale", !fresh));
-}
-
-export function showFacts(id, rows) {
-  changed(id, rows, (part) =>
-    part.replaceChildren(...rows.map(([name, text]) => element("div", {}, element("dt", {}, name), element("dd", {}, text)))));
 }
 
 // place: of `model.place`, or null. Its picture may be gone: then that is said.

@@ -186,7 +186,7 @@ def test_news_that_cannot_be_made_are_logged_and_survived(
 
 
 def test_too_many_connections_and_streams_are_refused_and_forgotten(tmp_path: Path) -> None:
-    from companion.web.access import MOST_CONNECTIONS
+    from companion.browser.access import MOST_CONNECTIONS
     from companion.web.server import MOST_STREAMS
 
     stage = Stage(tmp_path, restarts=LIMITS._replace(silent_for=20.0))
@@ -251,7 +251,7 @@ def test_a_watcher_that_reads_nothing_is_ended_and_delays_nobody(tmp_path: Path)
 
 HASTY = """
 import sys
-from companion.web import access
+from companion.browser import access
 access._IDLE = access._STALLED = 0.6
 from companion.web.server import main
 main(*map(int, sys.argv[1:3]))

@@ -10,20 +10,24 @@ from typing import Any
 
 import pytest
 
+import companion.browser
 import companion.web
 
 NODE = shutil.which("node")
-MODEL = Path(companion.web.__file__).parent / "static" / "model.js"
+FOLDERS = [Path(package.__file__).parent / "static" for package in (companion.browser, companion.web)]
 pytestmark = pytest.mark.skipif(NODE is None, reason="Node.js is not installed")
 
 
 def said(folder: Path, expression: str, **given: Any) -> Any:
-    """What the expression is, which may use `model` and what is given."""
+    """What the expression is, which may use `model`, `Delay` and what is given."""
     assert NODE is not None
-    (folder / "model.mjs").write_bytes(MODEL.read_bytes())
+    (folder / "package.json").write_text('{"type": "module"}')
+    for module in (file for static in FOLDERS for file in static.glob("*.js")):
+        (folder / module.name).write_bytes(module.read_bytes())
     script = folder / "script.mjs"
     script.write_text(
-        f"import * as model from './model.mjs'; const {{{', '.join(given)}}} = {json.dumps(given)};\n"
+        "import * as model from './model.js'; import { Delay } from './delay.js';"
+        f" const {{{', '.join(given)}}} = {json.dumps(given)};\n"
         f"console.log(JSON.stringify({expression}));"
     )
     ran = subprocess.run([NODE, str(script)], capture_output=True, text=True, timeout=30.0, check=True)
@@ -73,7 +77,7 @@ def test_computer_figures_that_are_not_measured_any_more_are_said_to_be_old(tmp_
     assert "measured" not in dict(said(tmp_path, "model.computer({ check })", check=works))
 
 
-EACH = "const d = new model.Delay(); return events.map(([sent, now]) => d.late(sent, now));"
+EACH = "const d = new Delay(); return events.map(([sent, now]) => d.late(sent, now));"
 
 
 def late(folder: Path, events: list[tuple[float, float]]) -> list[float]:

@@ -35,13 +35,30 @@ _HERE = frozenset({"localhost", "127.0.0.1", "[::1]"})
 class Gate:
     """Checks each request before the page sees it, and adds `HEADERS` to each answer."""
 
-    def __init__(self, app: ASGIApp, *, token: str, own_address: str) -> None:
-        """token: "" for none. own_address: where it listens if only this computer reaches it, else ""."""
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        token: str,
+        own_address: str,
+        origin: str = "",
+        most_posted: int = 0,
+        where_the_token_is: str = "[web] token in companion.toml",
+    ) -> None:
+        """token: "" for none. own_address: where it listens if only this computer reaches it, else "".
+
+        origin: "http://HOST:PORT" as browsers elsewhere open it; then it answers to no other name but this
+        computer's own. most_posted: bytes of JSON that a POST may bring; 0: the page only shows.
+        """
         self._app = app
+        self._origin = origin
+        self._most_posted = most_posted
+        self._hint = where_the_token_is
         self._token = token.encode()
         self._cookie = hmac.new(self._token, b"the cookie of the page", hashlib.sha256).hexdigest()
         itself = f"[{own_address}]" if ":" in own_address else own_address
-        self._names = _HERE | {itself} if own_address else None
+        named = {itself, _host(origin.partition("://")[2])} - {""}
+        self._names = _HERE | named if named else None
         """What a request may call this computer; None: anything."""
         self._guard = ErrorGuard(lambda _now: None)
 
@@ -67,16 +84,31 @@ class Gate:
     def _refusal(self, scope: Scope) -> Response | None:
         """Return the answer to a request that may not pass, None for one that may."""
         headers = Headers(scope=scope)
-        if scope["method"] not in ("GET", "HEAD"):
+        posted = scope["method"] == "POST" and self._most_posted > 0
+        if not posted and scope["method"] not in ("GET", "HEAD"):
             return PlainTextResponse("this page only shows: GET and HEAD\n", 405, {"allow": "GET, HEAD"})
-        if headers.get("content-length", "0") != "0" or "transfer-encoding" in headers:
+        if (not posted and headers.get("content-length", "0") != "0") or "transfer-encoding" in headers:
             return PlainTextResponse("a request without a body, please\n", 413)
         # Another site's name may lead here (DNS rebinding), and its scripts would read the page.
         if self._names is not None and _host(headers.get("host", "")) not in self._names:
             return PlainTextResponse("open it as http://localhost and the port\n", 421)
         if headers.get("sec-fetch-site") in ("cross-site", "same-site") and scope["path"] != "/":
             return PlainTextResponse("another site may not load this\n", 403)
-        return self._without_token(scope, headers) if self._token else None
+        refusal = self._without_token(scope, headers) if self._token else None
+        return self._of_post(headers) if posted and refusal is None else refusal
+
+    def _of_post(self, headers: Headers) -> Response | None:
+        """Return the answer to a POST that may not pass: one of another site, or of no browser's page."""
+        if headers.get("origin") not in {self._origin or None, f"http://{headers.get('host', '')}"} - {None}:
+            return PlainTextResponse("only the page itself may send this\n", 403)
+        if headers.get("sec-fetch-site", "same-origin") != "same-origin":
+            return PlainTextResponse("only the page itself may send this\n", 403)
+        if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
+            return PlainTextResponse("send JSON\n", 415)
+        length = headers.get("content-length", "")
+        if not (length.isascii() and length.isdecimal()) or int(length[:9]) > self._most_posted:
+            return PlainTextResponse(f"at most {self._most_posted} bytes, please\n", 413)
+        return None
 
     def _without_token(self, scope: Scope, headers: Headers) -> Response | None:
         kind, _, given = headers.get("authorization", "").partition(" ")
@@ -90,7 +122,7 @@ class Gate:
         if hmac.compare_digest(_cookie(headers).encode(), self._cookie.encode()):
             return None
         return PlainTextResponse(
-            "this page needs its token: open it as http://.../?token=... ([web] token in companion.toml)\n",
+            f"this page needs its token: open it as http://.../?token=... ({self._hint})\n",
             401,
             {"www-authenticate": "Bearer"},
         )

@@ -1,0 +1,79 @@
+"""What both pages' servers do alike: serve files of the page, JSON and events, and run on a socket."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from companion.browser.access import BoundedConnection
+
+EVENT_STREAM = "text/event-stream"
+_SHARED = Path(__file__).parent / "static"
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_LARGEST_HEADER = 16 << 10
+
+
+def static_routes(folder: Path) -> list[Route]:
+    """Make a route for each file of the page in `folder`, and for those that both pages share.
+
+    They are read once, here. index.html is "/".
+    """
+    found = {}
+    for file in (*sorted(_SHARED.iterdir()), *sorted(folder.iterdir())):
+        if file.suffix in _TYPES:
+            path = "/" if file.name == "index.html" else f"/{file.name}"
+            found[path] = Route(path, _fixed(file.read_bytes(), _TYPES[file.suffix]))
+    return list(found.values())
+
+
+def _fixed(content: bytes, kind: str) -> Callable[[Request], Any]:
+    async def show(_: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return show
+
+
+def as_json(content: Any, status: int = 200) -> Response:
+    """Answer with JSON."""
+    return Response(json.dumps(content, separators=(",", ":")), status, media_type="application/json")
+
+
+def event(name: str, content: Mapping[str, Any]) -> bytes:
+    """Encode an event. clock: when it was made, in monotonic seconds, since it may wait on a slow network."""
+    stamped = {**content, "clock": round(time.monotonic(), 3)}
+    return f"event: {name}\ndata: {json.dumps(stamped, separators=(',', ':'))}\n\n".encode()
+
+
+class Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy
+    """Serves an application over bounded connections. It leaves signals to the process that runs it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                http=BoundedConnection,
+                ws="none",
+                lifespan="off",
+                loop="asyncio",
+                log_config=None,
+                access_log=False,
+                proxy_headers=False,
+                server_header=False,
+                h11_max_incomplete_event_size=_LARGEST_HEADER,
+            )
+        )
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave signals alone."""
+        yield

@@ -58,7 +58,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     session = Session(client, output, script, pictures.keep)
     try:
         output.started(connection.name)
-        _run(runner, session, _LinkProblems(connection, client, output, signing), stopped, options.quit_after)
+        _run(
+            runner,
+            client,
+            session,
+            _LinkProblems(connection, client, output, signing),
+            stopped,
+            options.quit_after,
+        )
         for pending in client.unsettled:
             output.problem(wording.given_up(pending.target))
         output.end(session.totals.record(client.rovers, time.monotonic() - started))
@@ -76,6 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(
     runner: Runner,
+    client: OperatorClient,
     session: Session,
     link_problems: _LinkProblems,
     stopped: _Stopped,
@@ -92,7 +100,7 @@ def _run(
         for line in keyboard.lines():
             session.type(line, now)
         over = quit_after is not None and now - started >= quit_after
-        if over or (keyboard.ended and not runner.client.busy):
+        if over or (keyboard.ended and not client.busy):
             break
 
 
@@ -170,7 +178,7 @@ def _colours(stream: TextIO) -> bool:
     return stream.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
 
 
-def _identity(text: str) -> int:
+def identity(text: str) -> int:
     value = int(text)
     if not 1 <= value <= 255:
         raise argparse.ArgumentTypeError(f"{value} is not an id: 1 to 255")
@@ -185,8 +193,8 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--connect", default="udpin:0.0.0.0:14550", metavar="LINK", help=f"{EXAMPLES} (default %(default)s)"
     )
-    parser.add_argument("--system", type=_identity, default=255, help="our system id (default 255)")
-    parser.add_argument("--component", type=_identity, default=190, help="our component id (default 190)")
+    parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
+    parser.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
     parser.add_argument(
         "--signing-key", type=Path, metavar="FILE", help="sign with this key, and believe nothing unsigned"
     )

@@ -54,8 +54,8 @@ def to_line(fields: dict[str, Any]) -> str:
 REPEATED_S = 60.0
 _FIGURE = re.compile(r"\d+%")
 _TYPED = re.compile(r"`(?=\w)")
-_ALARM, _GOOD, _FAINT, _PLAIN = "1;31", "32", "2", ""
-_STATUS_TEXTS = {
+ALARM, GOOD, FAINT, _PLAIN = "1;31", "32", "2", ""
+STATUS_TEXTS = {
     Status.WAITING: "waits: the companion is not heard",
     Status.SENT: "sent",
     Status.ACKNOWLEDGED: "acknowledged",
@@ -74,8 +74,8 @@ def _shown_state(call: CallData) -> _ShownState:
 def _urgency(severity: int) -> str:
     """Choose a colour for a STATUSTEXT: alarms stand out, and texts below WARNING are faint."""
     if severity <= MAV_SEVERITY_CRITICAL:
-        return _ALARM
-    return _PLAIN if severity <= MAV_SEVERITY_WARNING else _FAINT
+        return ALARM
+    return _PLAIN if severity <= MAV_SEVERITY_WARNING else FAINT
 
 
 class Writes(Protocol):
@@ -195,7 +195,7 @@ class TextOutput:
         self._write(f"on {link}; type `help` for what can be typed", stamped=True)
 
     def event(self, event: ev.Event, now: float, *, several: bool) -> None:
-        lines, colour = self._lines(event, now)
+        lines, colour = self.lines(event, now)
         who = f"rover {event.system}: " if several else ""
         for number, line in enumerate(lines):
             self._write(line if number else who + line, colour, stamped=not number)
@@ -208,7 +208,7 @@ class TextOutput:
         self._write(f"? {_TYPED.sub('`' + self._before, text)}")
 
     def typed(self, line: str) -> None:
-        self._write(f"> {line}", _FAINT, stamped=True)
+        self._write(f"> {line}", FAINT, stamped=True)
 
     def end(self, totals: dict[str, Any]) -> None:
         self._write(
@@ -216,34 +216,35 @@ class TextOutput:
             f"acknowledged, {totals['summaries_lost']} summaries lost, {totals['seconds']:.0f} s"
         )
 
-    def _lines(self, event: ev.Event, now: float) -> tuple[list[str], str]:
+    def lines(self, event: ev.Event, now: float) -> tuple[list[str], str]:
+        """Word an event: lines for a person, maybe none, and how urgent they are: `ALARM`, `GOOD` ..."""
         match event:
             case ev.LinkChanged():
                 known = "companion heard" if event.up else "companion NOT HEARD: answers wait"
-                return [f"rover {event.system} {known}"], _GOOD if event.up else _ALARM
+                return [f"rover {event.system} {known}"], GOOD if event.up else ALARM
             case ev.StateChanged():
                 call = event.state in (State.CALLING, State.HOLDING) and event.current_id != 0
                 told = not call  # the call's own lines say more
-                return [wording.state(event.state, event.current_id)] * told, _FAINT
+                return [wording.state(event.state, event.current_id)] * told, FAINT
             case ev.VehicleChanged():
-                return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], _FAINT
+                return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], FAINT
             case ev.CallOpened():
                 self._shown_state[event.system] = _shown_state(event.call)
-                return wording.call_lines(event.call, event.call.age_s, self._before), _ALARM
+                return wording.call_lines(event.call, event.call.age_s, self._before), ALARM
             case ev.CallChanged():
                 return self._call_change_lines(event), _PLAIN
             case ev.CallClosed():
-                return [wording.closed(event.call, event.after_s)], _GOOD
+                return [wording.closed(event.call, event.after_s)], GOOD
             case ev.TextReceived():
                 fresh = self._fresh(event, now)
                 return [f'says "{wording.clean(event.text)}"'] * fresh, _urgency(event.severity)
             case ev.VehicleTextReceived():
                 fresh = self._fresh(event, now)
-                return [f'autopilot says "{wording.clean(event.text)}"'] * fresh, _ALARM
+                return [f'autopilot says "{wording.clean(event.text)}"'] * fresh, ALARM
             case ev.AnswerStatusChanged():
                 subject = str(event.target) if event.target else "no call"
                 alarm = event.status in (Status.WAITING, Status.EXPIRED)
-                return [f"answer to {subject} {_STATUS_TEXTS[event.status]}"], _ALARM if alarm else _FAINT
+                return [f"answer to {subject} {STATUS_TEXTS[event.status]}"], ALARM if alarm else FAINT
             case ev.Acknowledged():
                 return [wording.acknowledged(event.acknowledgement)], _PLAIN
             case ev.PolicyStatusChanged():
@@ -252,9 +253,9 @@ class TextOutput:
                     PolicyStatus.REFUSED,
                     PolicyStatus.EXPIRED,
                 )
-                return [wording.policy(event.policy, event.status)], _ALARM if alarm else _PLAIN
+                return [wording.policy(event.policy, event.status)], ALARM if alarm else _PLAIN
             case ev.NotUnderstood():
-                return [f"cannot read a message of the companion: {wording.clean(event.problem)}"], _ALARM
+                return [f"cannot read a message of the companion: {wording.clean(event.problem)}"], ALARM
             case _:
                 return [], _PLAIN
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import select
 import stat
-from typing import TextIO
+from typing import Any, Protocol, TextIO
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal.connection import Connection
 from gcs_plugin.terminal.signing import Signing
 
@@ -62,6 +61,18 @@ HEARTBEAT_S = 1.0
 MAX_BUFFER = 65536
 
 
+class Client(Protocol):
+    """What runs on a connection: `OperatorClient`, or one that passes on to it."""
+
+    ids: tuple[int, int] | None
+
+    def receive(self, message: Any, now: float) -> None:
+        """Take a decoded message."""
+
+    def outgoing(self, now: float) -> list[Any]:
+        """Return the messages to send now."""
+
+
 class Runner:
     """Owns the connection. Call `step` often; `wait` sleeps until there is something to read.
 
@@ -72,7 +83,7 @@ class Runner:
     def __init__(
         self,
         connection: Connection,
-        client: OperatorClient,
+        client: Client,
         system: int = 255,
         component: int = 190,
         signing: Signing | None = None,

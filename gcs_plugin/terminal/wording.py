@@ -153,22 +153,30 @@ def stands(call: CallData) -> str:
 
 def closed(call: CallData, after_s: float) -> str:
     """Word a call that is closed."""
-    if call.test:
-        how = _TEST_OUTCOMES.get(call.outcome, "over")
-        return f"{name(call.kind, call.id)} TEST closed: {how}, after {duration(after_s)}"
-    return f"{name(call.kind, call.id)} closed: {_OUTCOMES[call.outcome]}, after {duration(after_s)}"
+    test = " TEST" if call.test else ""
+    how = outcome(call.outcome, test=call.test)
+    return f"{name(call.kind, call.id)}{test} closed: {how}, after {duration(after_s)}"
 
 
 def acknowledged(ack: Acknowledgement) -> str:
     """Word the acknowledgement of an answer, with the figures of the call's frame judged again."""
-    subject = f"answer to {ack.target or 'no call'}"
+    return f"answer to {ack.target or 'no call'}: {result(ack)}"
+
+
+def result(ack: Acknowledgement) -> str:
+    """Word what became of an answer, with the figures of the call's frame judged again."""
     figures = []
     if ack.roi_uncertainty is not None:
         figures.append(f"now {percent(ack.roi_uncertainty)} unexplained")
     if ack.worst_tile is not None:
         figures.append(f"worst tile {percent(ack.worst_tile)}")
     told = f": {clean(ack.text)}" if clean(ack.text) else ""
-    return f"{subject}: {_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
+    return f"{_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
+
+
+def outcome(value: Outcome, *, test: bool = False) -> str:
+    """Word how a call was closed."""
+    return _TEST_OUTCOMES.get(value, "over") if test else _OUTCOMES[value]
 
 
 def given_up(target: int) -> str:

@@ -1,0 +1,120 @@
+"""Follows all rovers and carries out what the page posts. No I/O: time comes as an argument."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from companion.wire.answers import OtherPlace
+from companion.wire.ids import Motion
+from companion.wire.packing import PayloadError
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.console.requests import (
+    AnswerRequest,
+    FileRequest,
+    PolicyRequest,
+    Request,
+    RequestError,
+    UndoRequest,
+)
+from gcs_plugin.console.rover_desk import RoverDesk
+from gcs_plugin.terminal.commands import CommandError, Tap, Word
+from gcs_plugin.terminal.resolve import Addressed, address, choose_rover
+
+
+class Console:
+    """The desks of all rovers. revision: rises whenever something that the page shows has changed."""
+
+    def __init__(self, client: OperatorClient) -> None:
+        self.client = client
+        self.desks: dict[int, RoverDesk] = {}
+        self.revision = 0
+        self._progress_at = 0.0
+
+    def step(self, now: float, wall: float) -> None:
+        """Take in what has happened. wall: seconds since 1970."""
+        happened = self.client.events()
+        rovers = self.client.rovers
+        for system in rovers:
+            if system not in self.desks:
+                self.desks[system] = RoverDesk(self.client, system)
+                self.revision += 1
+        for event in happened:
+            if event.system in self.desks:
+                self.desks[event.system].take(event, now, wall)
+        changed = [desk.step(now, wall) for system, desk in self.desks.items() if system in rovers]
+        busy = self.client.busy and now - self._progress_at >= 0.5
+        if happened or any(changed) or busy:
+            self._progress_at = now
+            self.revision += 1
+
+    def documents(self, now: float) -> list[dict[str, Any]]:
+        """Return what is known of each rover; one that calls comes first, the longest open call before others."""
+        shown = [desk.document(now, self.client.ids) for desk in self.desks.values()]
+        return sorted(shown, key=lambda one: (_urgency(one), one["system"]))
+
+    def picture(self, system: int, call: int, size: str) -> bytes | None:
+        """Return a picture of a call, JPEG, if it has come."""
+        desk = self.desks.get(system)
+        story = desk.stories.by_id.get(call) if desk is not None else None
+        return None if story is None else story.pictures.get(size)
+
+    def carry_out(self, request: Request, now: float, wall: float) -> str:
+        """Carry out a request of the page; returns what was done. Raises RequestError."""
+        self.revision += 1
+        try:
+            rover = choose_rover(self.client.rovers, request.rover)
+            desk = self.desks[request.rover]
+            match request:
+                case AnswerRequest():
+                    return self._answer(request, desk, now, wall)
+                case PolicyRequest():
+                    self.client.set_policy(rover.system, request.policy, now)
+                    return f"policy {request.policy.name.lower()} is asked for"
+                case UndoRequest():
+                    return self._undo(request, desk, now)
+                case FileRequest():
+                    problem = desk.fetch(request.what, request.call)
+                    if problem:
+                        raise RequestError(problem)
+                    return "asked for"
+        except (CommandError, PayloadError, KeyError) as error:
+            raise RequestError(str(error)) from error
+
+    def _answer(self, request: AnswerRequest, desk: RoverDesk, now: float, wall: float) -> str:
+        reply, rover = request.reply, desk.rover
+        call = rover.calls.get(reply.call_id or 0)
+        if request.frame is not None and (call is None or call.data.frame_id != request.frame):
+            raise RequestError("you tapped in an older picture, so nothing was sent: tap in the new one")
+        if reply.call_id is not None and (call is None or not call.open):
+            raise RequestError(f"call {reply.call_id} is closed already, so nothing was sent")
+        answer = address(reply, rover, now)
+        if reply.call_id is None and rover.current_id and answer.operations and not _only_places(answer):
+            raise RequestError("a call is open: words now would answer it, so send them as its answer")
+        pending = self.client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
+        desk.stories.answered(pending, desk.words, wall)
+        desk.note_named({one.word: one.weight for one in reply.changes if isinstance(one, Word | Tap)})
+        return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"
+
+    def _undo(self, request: UndoRequest, desk: RoverDesk, now: float) -> str:
+        if desk.rover.current_id:
+            raise RequestError("a call is open: answer it first, then undo")
+        operations = desk.stories.undo(request.call)
+        if not operations:
+            raise RequestError(f"this console has answered nothing to call {request.call}")
+        story = desk.stories.by_id[request.call]
+        story.undone = self.client.answer(desk.system, 0, Motion.NONE, operations, now)
+        return "asked for"
+
+
+def _only_places(answer: Addressed) -> bool:
+    return all(isinstance(one, OtherPlace) for one in answer.operations)
+
+
+_ORDER = ("calling", "holding", "fault", "blocked", "off", "starting", "ok")
+
+
+def _urgency(shown: dict[str, Any]) -> int:
+    if any(call["open"] for call in shown["calls"]):
+        return -1
+    state = shown["state"]
+    return _ORDER.index(state) if state in _ORDER and shown["up"] else len(_ORDER)

@@ -1,0 +1,119 @@
+"""Fetches a rover's files, one at a time, the most urgent first. No I/O: the client does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.documents import DocumentError
+from gcs_plugin.client.fetch import Fetch, FetchStatus
+
+MOST_WANTED = 32
+TRIES = 3
+AGAIN_S = 5.0
+"""Seconds before a file that failed is asked for again; with each failure longer."""
+MEASURED_BYTES = 600
+"""A file of fewer bytes says little about the link's rate."""
+
+
+class Rank(IntEnum):
+    """How urgent a file is; the lowest number goes first."""
+
+    CALL_PICTURE = 0
+    STATE = 1
+    LARGE_PICTURE = 2
+    RECORD = 3
+    CHECK = 4
+    OLD = 5
+
+
+@dataclass
+class _Wanted:
+    path: str
+    rank: Rank
+    use: Callable[[bytes], None]
+    failures: int = 0
+    not_before: float = 0.0
+
+
+class Files:
+    """What is fetched from one rover. rate: bytes a second of the newest long file, None while not known."""
+
+    def __init__(self, client: OperatorClient, system: int) -> None:
+        self._client = client
+        self._system = system
+        self._wanted: dict[str, _Wanted] = {}
+        self._running: tuple[_Wanted, Fetch, float] | None = None
+        self.rate: float | None = None
+        self.problems: dict[str, str] = {}
+        """Why a file did not come, by path."""
+
+    def want(self, path: str, rank: Rank, use: Callable[[bytes], None]) -> None:
+        """Fetch a file, once, and give its content to `use`, which may raise DocumentError."""
+        if path in self._wanted or len(self._wanted) >= MOST_WANTED:
+            return
+        self.problems.pop(path, None)
+        self._wanted[path] = _Wanted(path, rank, use)
+
+    def waits(self, path: str) -> bool:
+        """Whether a file is still to come."""
+        return path in self._wanted
+
+    def drop(self, rank: Rank) -> None:
+        """Forget files of this rank that are not being fetched."""
+        running = self._running[0].path if self._running else ""
+        self._wanted = {
+            path: one for path, one in self._wanted.items() if one.rank is not rank or path == running
+        }
+
+    def progress(self, path: str) -> tuple[int, int | None] | None:
+        """Return the bytes of a file that is being fetched: received, and in all; None: it is not."""
+        if self._running is None or self._running[0].path != path:
+            return None
+        fetch = self._running[1]
+        return fetch.received, fetch.size
+
+    def step(self, now: float) -> bool:
+        """Take what has come, and begin what is most urgent. Returns whether something changed."""
+        changed = self._finish(now)
+        ready = [one for one in self._wanted.values() if one.not_before <= now]
+        urgent = min(ready, key=lambda one: one.rank, default=None)
+        if urgent is None:
+            return changed
+        if self._running is not None and (
+            self._running[0].rank <= urgent.rank or urgent.rank is not Rank.CALL_PICTURE
+        ):
+            return changed
+        self._running = urgent, self._client.fetch(self._system, urgent.path, now), now
+        return True
+
+    def _finish(self, now: float) -> bool:
+        if self._running is None:
+            return False
+        wanted, fetch, began = self._running
+        if fetch.status is FetchStatus.WAITING:
+            self._running = wanted, fetch, now
+        if not fetch.settled:
+            return False
+        self._running = None
+        problem = fetch.problem
+        if fetch.status is FetchStatus.DONE:
+            if len(fetch.content) >= MEASURED_BYTES:
+                self.rate = len(fetch.content) / max(0.02, now - began)
+            try:
+                wanted.use(fetch.content)
+            except DocumentError as error:
+                problem = str(error)
+        if not problem:
+            self._wanted.pop(wanted.path, None)
+            return True
+        wanted.failures += 1
+        wanted.not_before = now + AGAIN_S * 2**wanted.failures
+        self.problems[wanted.path] = problem
+        if wanted.failures >= TRIES:
+            self._wanted.pop(wanted.path, None)
+        while len(self.problems) > MOST_WANTED:
+            self.problems.pop(next(iter(self.problems)))
+        return True

@@ -1,0 +1,182 @@
+"""The operator's console: a page in a browser that shows what rovers ask for, and sends the answers."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import logging
+import signal
+import socket
+import sys
+import threading
+import time
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+from anytraverse.release import own_version
+from companion.browser.listen import Listen, check_token, read_listen
+from companion.wire.signing_key import SigningKeyError, read_key
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.console.console import Console
+from gcs_plugin.console.links import Links
+from gcs_plugin.terminal.connection import EXAMPLES, LinkError, open_connection
+from gcs_plugin.terminal.main import NOBODY, SILENT_S, UNSIGNED, identity
+from gcs_plugin.terminal.signing import open_signing
+
+DEFAULT_LINK = "udpin:0.0.0.0:14550"
+EXTRA = "the console needs starlette and uvicorn: pip install 'anytraverse-companion[ground]'"
+MOST_LINKS = 8
+
+
+class OptionError(ValueError):
+    """Reports options that cannot be; the text says what to do."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run until a signal. Returns the exit code."""
+    options = _options(argv)
+    try:
+        listen, token = _listen(options)
+        if len(options.connect) > MOST_LINKS:
+            raise OptionError(f"at most {MOST_LINKS} --connect")
+        key = None if options.signing_key is None else read_key(options.signing_key)
+        taken = listen.bind()
+        connections = [open_connection(link) for link in options.connect or [DEFAULT_LINK]]
+    except (LinkError, SigningKeyError, OptionError) as error:
+        print(f"anytraverse-console: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        where = f"{options.host}:{options.port}"
+        print(f"anytraverse-console: cannot listen on {where}: {error.strerror}", file=sys.stderr)
+        return 2
+    try:
+        import starlette  # noqa: F401
+        import uvicorn  # noqa: F401
+    except ImportError:
+        print(f"anytraverse-console: {EXTRA}", file=sys.stderr)
+        return 2
+    signing = None if key is None else open_signing(key, options.system, options.component)
+    client = OperatorClient()
+    links = Links(connections, client, options.system, options.component, signing)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    for name in ("uvicorn", "uvicorn.error"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    listen = Listen(listen.host, taken.getsockname()[1])
+    address = f"{options.origin or listen.url().rstrip('/')}/" + (f"?token={token}" if token else "")
+    print(f"The console is at {address if not token else address.partition('?')[0]}", flush=True)
+    print(f"It listens on {', '.join(one.name for one in connections)}. Ctrl-C ends it.", flush=True)
+    if not options.no_browser:
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    try:
+        asyncio.run(_run(taken, listen, token, options.origin, links, Console(client)))
+    finally:
+        links.close()
+    return 0
+
+
+async def _run(
+    taken: socket.socket, listen: Listen, token: str, origin: str, links: Links, console: Console
+) -> None:
+    from companion.browser.access import Gate
+    from companion.browser.site import Server
+    from gcs_plugin.console.server import CYCLE, MOST_POSTED, Site
+
+    site = Site(console, [one.name for one in links.connections], _Problems(links, console).now)
+    gate = Gate(
+        site.app(),
+        token=token,
+        own_address=listen.host if listen.loopback else "",
+        origin=origin,
+        most_posted=MOST_POSTED,
+        where_the_token_is="the file given by --token-file",
+    )
+    server = Server(gate)
+
+    async def follow() -> None:
+        while not server.should_exit:
+            now = time.monotonic()
+            links.step(now)
+            console.step(now, time.time())
+            await asyncio.sleep(CYCLE)
+
+    def stop() -> None:
+        server.should_exit = server.force_exit = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop)
+    following = asyncio.create_task(follow())
+    following.add_done_callback(lambda _: stop())
+    taken.listen(64)
+    await server.serve(sockets=[taken])
+    with contextlib.suppress(asyncio.CancelledError):
+        await following  # raises what ended it
+
+
+class _Problems:
+    """What is wrong with the links, and that nobody is heard."""
+
+    def __init__(self, links: Links, console: Console) -> None:
+        self._links = links
+        self._console = console
+        self._began = time.monotonic()
+        self._signing: list[str] = []
+
+    def now(self) -> list[str]:
+        rovers = self._console.client.rovers
+        down = [f"{one.name}: {one.trouble}; trying again" for one in self._links.connections if one.trouble]
+        if self._links.signing is not None:
+            self._signing = [*self._signing, *self._links.signing.problems()][-8:]
+        else:
+            down += [UNSIGNED.format(system) for system, rover in rovers.items() if rover.signs]
+        if not rovers and time.monotonic() - self._began >= SILENT_S:
+            down.append(NOBODY)
+        return down + self._signing
+
+
+def _listen(options: argparse.Namespace) -> tuple[Listen, str]:
+    """Return where to listen, and the token, "" for none. Raises OptionError."""
+    try:
+        listen = read_listen(f"{options.host}:{options.port}")
+        token = "" if options.token_file is None else options.token_file.read_text().strip()
+        check_token(token)
+    except (ValueError, OSError) as error:
+        raise OptionError(str(error)) from error
+    assert listen is not None
+    if options.token_file is not None and not token:
+        raise OptionError(f"{options.token_file} holds no token: `openssl rand -hex 16` makes one")
+    if options.origin and not options.origin.startswith(("http://", "https://")):
+        raise OptionError("--origin is what browsers show, e.g. http://ground.local:8192")
+    if not listen.loopback and not (token and options.origin):
+        raise OptionError(
+            "other computers reach this address: give --token-file and --origin, too, "
+            "or leave --host away and use ssh -L"
+        )
+    return listen, token
+
+
+def _options(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="anytraverse-console", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
+    parser.add_argument(
+        "--connect",
+        action="append",
+        metavar="LINK",
+        help=f"{EXAMPLES} (default {DEFAULT_LINK}); several, the best one first",
+    )
+    parser.add_argument("--port", type=int, default=0, help="of the page; by default any free one")
+    parser.add_argument("--host", default="127.0.0.1", help="where the page listens (default %(default)s)")
+    parser.add_argument("--origin", default="", metavar="URL", help="how browsers elsewhere open it")
+    parser.add_argument("--token-file", type=Path, metavar="FILE", help="what a browser must know to see it")
+    parser.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
+    parser.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
+    parser.add_argument(
+        "--signing-key", type=Path, metavar="FILE", help="sign with this key, and believe nothing unsigned"
+    )
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

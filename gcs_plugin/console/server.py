@@ -1,0 +1,124 @@
+"""Serves the console's page: events out, answers in."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from anytraverse.release import own_version
+from companion.browser.site import EVENT_STREAM, as_json, event, static_routes
+from gcs_plugin.console.console import Console
+from gcs_plugin.console.requests import RequestError, read_request
+
+MOST_STREAMS = 8
+MOST_POSTED = 16 << 10
+CYCLE = 0.02
+_POSTED_WITHIN = 5.0
+_TELL_EVERY = 0.05
+"""Seconds between two events on one stream, at least."""
+_BEAT = 1.0
+_STATIC = Path(__file__).parent / "static"
+_PICTURE = re.compile(r"(small|large)\.jpg", re.ASCII)
+
+
+class Site:
+    """Answers the page's requests. problems: returns what is wrong with the links."""
+
+    def __init__(self, console: Console, links: list[str], problems: Callable[[], list[str]]) -> None:
+        self._console = console
+        self._links = links
+        self._problems = problems
+        self.streams = 0
+
+    def app(self) -> Starlette:
+        """Make the application."""
+        posts = [
+            Route(f"/{kind}", self._post(kind), methods=["POST"])
+            for kind in ("answer", "policy", "undo", "fetch")
+        ]
+        pictures = Route("/pictures/{system:int}/{call:int}/{name}", self._picture)
+        return Starlette(routes=[Route("/events", self._events), pictures, *posts, *static_routes(_STATIC)])
+
+    def _post(self, kind: str) -> Callable[[Request], Any]:
+        async def carry_out(request: Request) -> Response:
+            try:
+                body = await asyncio.wait_for(request.body(), _POSTED_WITHIN)
+                done = self._console.carry_out(read_request(kind, body), time.monotonic(), time.time())
+            except RequestError as error:
+                return as_json({"problem": str(error)}, 409)
+            except (TimeoutError, asyncio.TimeoutError, ClientDisconnect):
+                return as_json({"problem": "the request did not come whole"}, 408)
+            return as_json({"done": done})
+
+        return carry_out
+
+    async def _picture(self, request: Request) -> Response:
+        named = _PICTURE.fullmatch(request.path_params["name"])
+        system, call = request.path_params["system"], request.path_params["call"]
+        jpeg = self._console.picture(system, call, named[1]) if named is not None else None
+        if jpeg is None:
+            return PlainTextResponse("there is no such picture\n", 404)
+        return Response(jpeg, media_type="image/jpeg")
+
+    async def _events(self, request: Request) -> Response:
+        if request.method == "HEAD":
+            return Response(media_type=EVENT_STREAM)
+        if self.streams >= MOST_STREAMS:
+            return PlainTextResponse(f"{MOST_STREAMS} pages are open: close one\n", 503)
+        return StreamingResponse(self._stream(), media_type=EVENT_STREAM)
+
+    async def _stream(self) -> AsyncIterator[bytes]:
+        if self.streams >= MOST_STREAMS:  # others that asked at the same moment came first
+            return
+        self.streams += 1
+        told = _Told()
+        yield event("fresh", {})  # points and timeline are told from their beginning
+        try:
+            while True:
+                for chunk in told.news(self._console, self._about()):
+                    yield chunk
+                await self._more(told)
+        finally:
+            self.streams -= 1
+
+    def _about(self) -> dict[str, Any]:
+        return {"version": own_version(), "links": self._links, "problems": self._problems()}
+
+    async def _more(self, told: _Told) -> None:
+        """Wait until there is something new, a beat at most."""
+        await asyncio.sleep(_TELL_EVERY)
+        deadline = time.monotonic() + _BEAT - _TELL_EVERY
+        while told.revision == self._console.revision and time.monotonic() < deadline:
+            await asyncio.sleep(CYCLE)
+
+
+class _Told:
+    """What one stream was told: each plotted point and each entry of the timeline only once."""
+
+    def __init__(self) -> None:
+        self.revision = -1
+        self._points: dict[int, int] = {}
+        self._entries: dict[int, int] = {}
+
+    def news(self, console: Console, about: dict[str, Any]) -> list[bytes]:
+        self.revision = console.revision
+        found = []
+        for system, desk in console.desks.items():
+            fresh = desk.summaries - self._points.get(system, 0)
+            if fresh:
+                found.append(event("points", {"system": system, "points": list(desk.points)[-fresh:]}))
+            added = desk.entries - self._entries.get(system, 0)
+            if added:
+                found.append(event("timeline", {"system": system, "entries": list(desk.timeline)[-added:]}))
+            self._points[system], self._entries[system] = desk.summaries, desk.entries
+        found.append(event("news", {**about, "rovers": console.documents(time.monotonic())}))
+        return found

@@ -1,0 +1,189 @@
+// One call: its pictures, why, what can be answered, and what became of the answers.
+
+import { changed, element, showText } from "./elements.js";
+import { labels, weightText } from "./model.js";
+import { Picture } from "./picture.js";
+import { duration, clock } from "./wording.js";
+
+const READ = 2; // seconds for which a call that took another's place takes no answer: it may be meant for that one
+let numbered = 0;
+
+export class CallCard {
+  // send: posts, and returns a promise of "" or of what is wrong. staged: words set by sliders for this answer.
+  constructor(system, send, say, staged, time) {
+    Object.assign(this, { system, post: send, say, staged });
+    this.id = `call${++numbered}`;
+    this.shownAt = time;
+    this.replaces = false;
+    this.own = null;
+    this.data = null;
+    this.title = element("h3", { id: this.id });
+    this.reason = element("p", { className: "reason" });
+    this.stands = element("p", { className: "stands" });
+    this.figures = element("p", { className: "faint" });
+    this.todo = element("p", { className: "todo" });
+    const picked = (box) => this.point(box);
+    this.raw = new Picture("small", "What it saw", picked);
+    this.judged = new Picture("large", "How it judged that", picked);
+    this.more = element("button", { type: "button", className: "plain", onclick: () => this.post("fetch", { rover: system, what: "large", call: this.data.id }) });
+    this.becoming = element("ol", { className: "becoming" });
+    this.first = element("p", { className: "first" });
+    this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
+    this.problem = element("p", { className: "problem", role: "alert" });
+    this.part = element("section", { className: "call", "aria-labelledby": this.id },
+      element("header", {}, this.title, this.stands),
+      element("div", { className: "shots" }, this.raw.part, this.judged.part),
+      legend(), this.more,
+      element("div", { className: "ask" }, this.reason, this.figures, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo));
+  }
+
+  form() {
+    const options = `${this.id}-names`;
+    this.word = element("input", { type: "text", id: `${this.id}-word`, maxLength: 48, autocomplete: "off", spellcheck: false, list: options, oninput: () => this.refresh() });
+    this.options = element("datalist", { id: options });
+    this.weight = element("input", { type: "range", id: `${this.id}-weight`, min: -1, max: 1, step: 0.1, value: -1, oninput: () => this.refresh() });
+    this.weightText = element("output", { htmlFor: `${this.id}-weight` });
+    this.chips = element("div", { className: "chips", role: "group", "aria-label": "Names used before" });
+    this.about = element("select", { id: `${this.id}-about`, onchange: () => this.refresh() },
+      element("option", { value: "tap" }, "what stands in the frame"), element("option", { value: "word" }, "all that looks like it by name"));
+    this.also = element("p", { className: "faint" });
+    this.buttons = {
+      go: element("button", { type: "submit", className: "go" }),
+      stay: element("button", { type: "button", onclick: () => this.send("stay") }),
+      look: element("button", { type: "button", onclick: () => this.send("look") }, "Look again"),
+      none: element("button", { type: "button", onclick: () => this.send("none") }),
+    };
+    this.naming = element("div", { className: "naming" },
+      element("div", { className: "field" }, element("label", { htmlFor: this.word.id }, "Its name"), this.word, this.options),
+      this.chips,
+      element("div", { className: "field" }, element("label", { htmlFor: this.weight.id }, "Weight"), this.weight, this.weightText),
+      element("div", { className: "field" }, element("label", { htmlFor: this.about.id }, "It is"), this.about),
+      this.also);
+    return this.entry = element("form", { onsubmit: (event) => { event.preventDefault(); this.send("go"); } },
+      this.naming, element("div", { className: "motions", role: "group", "aria-label": "Answer" }, ...Object.values(this.buttons)));
+  }
+
+  show(data, rover, time) {
+    const before = this.data;
+    this.data = data;
+    if (!before) {
+      const object = data.reasons.includes("unknown_object") || data.box;
+      this.weight.value = object ? -1 : 1;
+      this.about.value = object ? "tap" : "word";
+    }
+    this.part.dataset.stage = data.open ? data.stage : "closed";
+    const since = data.since === undefined ? "" : `, ${duration(time - data.since)}`;
+    showText(this.title, `${data.name}${data.open ? `${since}` : `: ${data.outcome || "closed"}`}`);
+    for (const name of ["reason", "figures", "todo", "stands", "first"]) showText(this[name], data[name] ?? "");
+    this.stands.dataset.held = String(Boolean(data.holding));
+    const marks = { roi: data.roi, box: data.box, own: this.own, open: data.open && !data.test, size: data.size };
+    const large = data.large;
+    const progress = large.progress ? `${Math.round(large.progress[0] / 1000)}${large.progress[1] ? ` of ${Math.round(large.progress[1] / 1000)}` : ""} kB` : "";
+    this.raw.show({ ...marks, url: data.pictures.small ?? "", note: data.open ? "Its picture is on its way." : "No picture is here.", alt: `What the rover saw at ${data.name}${data.box ? ", with the place meant in yellow" : ""}` });
+    this.judged.show({ ...marks, url: data.pictures.large ?? "", alt: `The same with the judgement: drivable, not drivable and unknown ground`,
+      note: large.waits ? `On its way${progress ? `: ${progress}` : "."}` : large.problem ? `It did not come: ${large.problem}.` : "Not fetched: this link is slow." });
+    this.more.hidden = Boolean(data.pictures.large) || large.waits || !data.pictures.small;
+    showText(this.more, `Fetch the judged picture${large.seconds === null ? "" : `, about ${duration(large.seconds)} on this link`}`);
+    this.entry.hidden = !data.open;
+    this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
+    this.showNames(rover);
+    this.refresh();
+    changed(this.becoming, [data.answers, data.said, data.undone, data.given], (list) => {
+      const given = (data.given ?? []).map((text) => element("li", {}, text));
+      const answers = data.answers.map((one) => ({ at: one.at, part: element("li", { tone: one.tone }, element("b", {}, `You: ${one.said}`), ` ${one.text}`) }));
+      const said = data.said.map((one) => ({ at: one.at, part: element("li", {}, one.text) }));
+      const rows = [...answers, ...said].sort((a, b) => a.at - b.at);
+      rows.forEach((row) => row.part.prepend(element("time", {}, clock(row.at)), " "));
+      const undone = data.undone ? [element("li", {}, element("b", {}, "You: undo"), ` ${data.undone}`)] : [];
+      list.replaceChildren(...given, ...rows.map((row) => row.part), ...undone);
+      const last = data.answers.at(-1);
+      if (before && last && last.settled) this.say(`${data.name}: ${last.text}`);
+    });
+    this.undo.hidden = !data.undo;
+  }
+
+  showNames(rover) {
+    const seen = new Set();
+    const names = [...rover.names, ...rover.words.map(({ word, weight }) => [word, weight])].filter(([word]) => !seen.has(word) && seen.add(word));
+    changed(this.options, names, (list) => list.replaceChildren(...names.map(([word]) => element("option", { value: word }))));
+    changed(this.chips, names.slice(0, 10), (part) => part.replaceChildren(...names.slice(0, 10).map(([word, weight]) =>
+      element("button", { type: "button", className: "chip", onclick: () => this.choose(word, weight) }, word))));
+  }
+
+  choose(word, weight) {
+    this.word.value = word;
+    if (weight !== null) this.weight.value = weight;
+    this.refresh();
+    this.buttons.go.focus();
+  }
+
+  changes() {
+    const word = this.word.value.trim(), weight = Number(this.weight.value);
+    const box = this.own ?? this.data.box;
+    const taps = this.about.value === "tap" && box;
+    const own = word && !this.naming.hidden ? [taps ? { tap: word, weight, box, frame: this.data.frame } : { word, weight }] : [];
+    return [...own, ...this.staged.list().filter((one) => (one.word ?? one.forget) !== word)];
+  }
+
+  refresh() {
+    if (!this.data) return;
+    const changes = this.changes();
+    const shown = changes.filter((one) => one.weight !== undefined).map((one) => ({ word: one.tap ?? one.word, weight: one.weight }));
+    const text = labels(shown);
+    for (const name of ["go", "stay", "none"]) showText(this.buttons[name], text[name]);
+    this.buttons.none.hidden = !changes.length;
+    if (changes.length && !text.none) showText(this.buttons.none, "Only change the words");
+    showText(this.weightText, weightText(Number(this.weight.value)));
+    const box = this.own ?? this.data.box;
+    this.about.firstChild.disabled = !box;
+    if (!box && this.about.value === "tap") this.about.value = "word";
+    showText(this.also, this.staged.text());
+  }
+
+  point(box) {
+    this.own = box;
+    this.about.value = "tap";
+    for (const picture of [this.raw, this.judged]) picture.show({ ...picture.last, own: box });
+    this.refresh();
+  }
+
+  clear() {
+    this.own = null;
+    this.word.value = "";
+    this.staged.clear();
+    showText(this.problem, "");
+  }
+
+  name() {
+    this.word.focus();
+  }
+
+  aim() {
+    this.raw.frame.focus();
+  }
+
+  async send(motion) {
+    if (!this.data.open || this.sending) return;
+    if (this.replaces && performance.now() / 1000 - this.shownAt < READ) {
+      const problem = `${this.data.name} is new, so nothing was sent: read it, then answer.`;
+      showText(this.problem, problem);
+      return this.say(problem);
+    }
+    const changes = this.data.test ? [] : this.changes();
+    this.sending = true;
+    const problem = await this.post("answer", { rover: this.system, call: this.data.id, motion, changes });
+    this.sending = false;
+    showText(this.problem, problem);
+    if (!problem) this.clear();
+  }
+
+  async takeBack() {
+    showText(this.problem, await this.post("undo", { rover: this.system, call: this.data.id }));
+  }
+}
+
+export function legend() {
+  const row = (kind, text) => element("li", {}, element("span", { className: `swatch ${kind}` }), text);
+  return element("ul", { className: "legend" }, row("drivable", "drivable"), row("blocked", "not drivable"), row("unknown", "unknown"),
+    row("roi", "region of interest"), row("tile", "what it asks about"), row("own", "your frame"));
+}

@@ -1,0 +1,125 @@
+// Connects the stream of events with the sections of the rovers, and keys with the first call.
+
+import { element, showText } from "./elements.js";
+import { Stream } from "./stream.js";
+import { Alarm } from "./alarm.js";
+import * as model from "./model.js";
+import { RoverView } from "./rover.js";
+
+const now = () => performance.now() / 1000;
+const rovers = new Map(); // system -> RoverView
+const points = new Map();
+const entries = new Map();
+const alarm = new Alarm(document.getElementById("alarm"));
+let news = null;
+let connection = "";
+let offset = 0; // this clock less the console's
+
+async function send(kind, content) {
+  try {
+    const answer = await fetch(`/${kind}`, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(content),
+      signal: AbortSignal.timeout(5000),
+    });
+    const told = await answer.json();
+    if (!answer.ok) say(told.problem);
+    return answer.ok ? "" : told.problem;
+  } catch {
+    const problem = "Nothing was sent: the console does not answer. Is it still running?";
+    say(problem);
+    return problem;
+  }
+}
+
+// Read aloud by a screen reader.
+function say(text) {
+  const part = document.getElementById("say");
+  part.replaceChildren(part.textContent === text ? `${text}\u00a0` : text);
+}
+
+function view(system) {
+  if (!rovers.has(system)) {
+    const made = new RoverView(system, send, say);
+    rovers.set(system, made);
+  }
+  return rovers.get(system);
+}
+
+function show() {
+  const time = now() - offset;
+  const stale = connection !== "";
+  document.body.classList.toggle("stale", stale);
+  const shown = news?.rovers ?? [];
+  document.getElementById("nobody").hidden = shown.length > 0;
+  if (news) showText("nobody-why", news.problems[0] ?? `Listening on ${news.links.join(", ")}.`);
+  const main = document.getElementById("rovers");
+  const order = shown.map((one) => view(one.system).part);
+  order.forEach((part, at) => {
+    // Moving a part that holds the focus would take the focus away: then the others move around it.
+    if (main.children[at + 1] !== part) main.insertBefore(part, main.children[at + 1] ?? null);
+  });
+  main.classList.toggle("several", shown.length > 1);
+  for (const one of shown) {
+    view(one.system).show(one, { points: points.get(one.system) ?? [], entries: entries.get(one.system) ?? [], time, several: shown.length > 1 });
+  }
+  const top = model.summary(shown, connection);
+  document.getElementById("top").dataset.tone = top.tone;
+  showText("title", top.title);
+  showText("summary", top.text);
+  document.title = top.calls ? `(${top.calls}) ${top.title} · AnyTraverse` : "AnyTraverse console";
+  const problems = stale ? [connection] : news?.problems ?? [];
+  const list = document.getElementById("problems");
+  if (list.textContent !== problems.join("")) list.replaceChildren(...problems.map((text) => element("li", {}, text)));
+  if (news) showText("about", `AnyTraverse companion ${news.version}. Listening on ${news.links.join(", ")}.`);
+}
+
+function tell() {
+  for (const { rover, call } of model.fresh(news.rovers)) {
+    const text = model.aloud(rover, call, news.rovers.length > 1);
+    say(text);
+    alarm.ring(text);
+  }
+}
+
+new Stream(["fresh", "news", "points", "timeline"], (kind, content, late) => {
+  if (kind === "connection") {
+    if (connection === content) return;
+    connection = content;
+  } else {
+    offset = now() - late - content.clock;
+    if (kind === "fresh") [points, entries].forEach((one) => one.clear());
+    if (kind === "points") points.set(content.system, model.joined(points.get(content.system), content.points));
+    if (kind === "timeline") entries.set(content.system, model.added(entries.get(content.system), content.entries));
+    if (kind !== "news") return;
+    news = content;
+    tell();
+  }
+  show();
+}, whyNot, { whileHidden: true });
+
+async function whyNot() {
+  try {
+    const answer = await fetch("/", { signal: AbortSignal.timeout(5000) });
+    if (answer.status === 401) return "The console wants its token: open it again with ?token=...";
+    return "The console answers, but refuses the stream: close other pages like this one.";
+  } catch {
+    return "No connection to the console: nothing here is live. Start anytraverse-console again; this page connects by itself.";
+  }
+}
+
+document.addEventListener("keydown", (event) => {
+  const first = news?.rovers.flatMap((one) => one.calls.filter((call) => call.open).map((call) => [one.system, call]))[0];
+  if (!first || event.ctrlKey || event.altKey || event.metaKey) return;
+  const card = view(first[0]).card(first[1].key);
+  if (!card) return;
+  if (event.key === "Escape") card.clear();
+  if (!document.getElementById("keys").checked || event.target.closest("input:not([type=checkbox]), select, textarea")) return;
+  const act = { g: () => card.send("go"), s: () => card.send("stay"), l: () => card.send("look"), n: () => card.name(), t: () => card.aim() }[event.key];
+  if (!act) return;
+  event.preventDefault();
+  act();
+});
+
+setInterval(show, 500);

@@ -1,0 +1,150 @@
+// Turns what the console tells into what a person reads. Pure: no page, no network, no clock.
+
+import { POLICIES, STATES, capital, duration, percent } from "./wording.js";
+
+const MOST_POINTS = 300;
+const MOST_ENTRIES = 300;
+const OLD = 3; // seconds after which what was heard is old
+
+export const joined = (known = [], fresh) => [...known, ...fresh].slice(-MOST_POINTS);
+
+export const added = (known = [], fresh) => [...known, ...fresh].slice(-MOST_ENTRIES);
+
+// How a rover is, in words and a tone.
+export function state(rover, time) {
+  if (!rover.up) {
+    const silent = rover.heard === null ? "" : ` for ${duration(time - rover.heard)}`;
+    return { title: "NOT HEARD", tone: "stale", text: `Nothing was heard of its companion${silent}. Nothing is sent to it until it is heard.` };
+  }
+  const known = STATES[rover.state] ?? { title: "UNKNOWN", tone: "stale", text: "This console does not know this state: update it." };
+  if (rover.elsewhere) return { ...known, text: `The vehicle is held, not by the companion: ${rover.held_by || "its text says by whom"}.` };
+  return known;
+}
+
+export function facts(rover, time) {
+  const { link, ahead, vehicle } = rover;
+  const age = rover.heard === null ? null : Math.max(0, time - rover.heard);
+  return [
+    ["mode", vehicle ? `${vehicle.mode}, ${vehicle.armed ? "armed" : "disarmed"}` : "no autopilot is heard on this link"],
+    ["last heard", age === null ? "never" : age < OLD ? "just now" : `${duration(age)} ago`],
+    ["loss", link.lost === null ? "not known" : `${percent(link.lost)} of summaries${link.dropped ? `, ${link.dropped} left out for want of budget` : ""}`],
+    ["received", `${bytes(link.bytes)}${link.rate ? `, files at ${bytes(link.rate)} a second` : ""}`],
+    ["picture", ahead ? `${ahead.frame_age} ms old when told` : ""],
+    ["held by", rover.held_by],
+    ["computer", rover.computer],
+    ["shadow", rover.shadow],
+    ["perceiver", rover.model],
+    ["companion", rover.version],
+  ].filter(([, text]) => text);
+}
+
+export const policyText = (policy) => POLICIES[policy] ?? policy;
+
+// What the rover says is wrong, each with what to do.
+export function faults(rover) {
+  const found = rover.checks.map(({ check, verdict, text }) => ({ tone: verdict, title: check, text }));
+  if (rover.hold_refused) found.unshift({ tone: "warn", title: "policy hold is refused", text: rover.hold_refused });
+  if (rover.link.unreadable) found.unshift({ tone: "warn", title: "link", text: `${rover.link.unreadable} messages could not be read: update the older end` });
+  if (rover.state === "fault" && rover.up) {
+    const last = rover.texts.filter((one) => one.severity <= 4).at(-1);
+    found.unshift({ tone: "fail", title: "fault", text: `${last ? `It says "${last.text}". ` : ""}Look at its camera and computer; drive by hand until it is gone.` });
+  }
+  return found;
+}
+
+export function place(rover) {
+  const known = rover.known_place;
+  if (!known) return null;
+  const changed = Object.entries(known.changed).map(([word, [, weight]]) => (weight === null ? `${word} out of use` : `${word} ${weight}`));
+  return {
+    title: known.call ? `Known place: that of call ${known.call}` : "Known place",
+    text: [
+      known.similarity === null ? "" : `${known.similarity.toFixed(2)} alike${known.needed === null ? "" : `, ${known.needed.toFixed(2)} is needed`}`,
+      changed.length ? `its words: ${changed.join(", ")}` : "",
+    ].filter(Boolean).join("; "),
+    picture: known.picture,
+    call: known.call ?? 0,
+  };
+}
+
+export function summary(rovers, connection) {
+  if (connection) return { title: "NO CONNECTION", tone: "stale", text: connection, calls: 0 };
+  const open = rovers.flatMap((rover) => rover.calls.filter((call) => call.open).map((call) => ({ rover, call })));
+  if (open.length) {
+    const [{ rover, call }] = open;
+    const who = rovers.length > 1 ? `Rover ${rover.system}: ` : "";
+    const more = open.length > 1 ? ` ${open.length} calls are open.` : "";
+    const hold = call.kind === "hold";
+    return { title: hold ? "HOLDING" : "CALLING", tone: hold ? "hold" : "call", text: `${who}${call.name}. ${call.reason}${more}`, calls: open.length };
+  }
+  if (!rovers.length) return { title: "AnyTraverse console", tone: "idle", text: "No rover is heard yet.", calls: 0 };
+  const worst = state(rovers[0], 0);
+  const lost = rovers.filter((one) => !one.up).length;
+  const heard = lost ? `${lost} of ${rovers.length} rovers not heard.` : rovers.length > 1 ? `${rovers.length} rovers are heard, none calls.` : "No call is open.";
+  return { title: worst.title, tone: worst.tone, text: heard, calls: 0 };
+}
+
+const told = new Set();
+
+// The open calls that were not told yet.
+export function fresh(rovers) {
+  const found = [];
+  for (const rover of rovers) {
+    for (const call of rover.calls) {
+      const key = `${rover.system}/${call.key}/${call.stage === "clear"}`;
+      if (!call.open || told.has(key)) continue;
+      told.add(key);
+      found.push({ rover, call });
+    }
+  }
+  return found;
+}
+
+export const aloud = (rover, call, several) => `${several ? `Rover ${rover.system} calls. ` : ""}${call.name}. ${call.reason} ${call.stands} ${call.todo}`;
+
+// What stands on the button that sends: motion with what was named.
+export function labels(changes) {
+  const named = changes.map(({ word, weight }) => `${word} ${sign(weight)}`).join(", ");
+  return named
+    ? { go: `${capital(named)}, and go`, stay: `${capital(named)}, and stay`, none: `${capital(named)}, nothing else` }
+    : { go: "Go", stay: "Stay", none: "" };
+}
+
+export const sign = (weight) => `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`;
+
+export function weightText(weight) {
+  if (weight === 0) return "0: says nothing";
+  const strong = Math.abs(weight) === 1 ? "" : Math.abs(weight) >= 0.5 ? " rather" : " a little";
+  return `${sign(weight)}:${strong} ${weight > 0 ? "drive over it" : "never drive over it"}`;
+}
+
+function bytes(count) {
+  return count < 10_000 ? `${count} B` : count < 10_000_000 ? `${Math.round(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`;
+}
+
+// The box around a tap, of a size like the box that the call points at.
+export function tapBox(x, y, like) {
+  const [width, height] = like ? [like[2] - like[0], like[3] - like[1]] : [0.14, 0.18];
+  const left = clamp(x - width / 2, 0, 1 - width), top = clamp(y - height / 2, 0, 1 - height);
+  return [left, top, left + width, top + height].map(fraction);
+}
+
+export function dragBox(from, to) {
+  const [left, right] = [from.x, to.x].sort((a, b) => a - b), [top, bottom] = [from.y, to.y].sort((a, b) => a - b);
+  return [left, top, Math.max(right, left + 0.02), Math.max(bottom, top + 0.02)].map((side) => fraction(clamp(side, 0, 1)));
+}
+
+export function movedBox(box, dx, dy, grow) {
+  let [left, top, right, bottom] = box;
+  if (grow) {
+    right = clamp(right + dx, left + 0.02, 1);
+    bottom = clamp(bottom + dy, top + 0.02, 1);
+  } else {
+    const across = clamp(dx, -left, 1 - right), down = clamp(dy, -top, 1 - bottom);
+    [left, right, top, bottom] = [left + across, right + across, top + down, bottom + down];
+  }
+  return [left, top, right, bottom].map(fraction);
+}
+
+const clamp = (value, low, high) => Math.min(Math.max(value, low), Math.max(low, high));
+const fraction = (value) => Math.round(1e4 * value) / 1e4;

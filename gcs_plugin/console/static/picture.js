@@ -1,0 +1,82 @@
+// A call's picture with what is marked in it, in which an operator points at the thing.
+
+import { changed, drawn, element, showText } from "./elements.js";
+import { dragBox, movedBox, tapBox } from "./model.js";
+
+const BAR = 34, FOOT = 30; // px of 480 wide pictures, above and below the frame
+const STEP = 0.01;
+
+export class Picture {
+  // picked: called with the operator's box, in fractions of the frame.
+  constructor(kind, title, picked) {
+    Object.assign(this, { kind, picked });
+    this.image = element("img", { draggable: false, alt: "" });
+    this.marks = drawn("svg", { viewBox: "0 0 100 100", preserveAspectRatio: "none", "aria-hidden": "true" });
+    this.note = element("p", { className: "note" });
+    this.frame = element("button", { type: "button", className: "aim", "aria-label": `${title}. Click or drag to point at the thing; arrow keys move your frame, with shift they change its size.` }, this.image, this.marks, this.note);
+    this.part = element("figure", { className: `shot ${kind}` }, this.frame, element("figcaption", {}, title));
+    this.image.addEventListener("load", () => this.fit());
+    this.image.addEventListener("error", () => showText(this.note, "The picture did not come whole."));
+    this.listen();
+  }
+
+  listen() {
+    let from = null;
+    const at = (event) => {
+      const box = this.frame.getBoundingClientRect();
+      return { x: (event.clientX - box.left) / box.width, y: (event.clientY - box.top) / box.height };
+    };
+    this.frame.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0 || !this.open) return;
+      from = at(event);
+      this.frame.setPointerCapture(event.pointerId);
+    });
+    this.frame.addEventListener("pointermove", (event) => from && this.far(from, at(event)) && this.picked(dragBox(from, at(event))));
+    this.frame.addEventListener("pointerup", (event) => {
+      if (from && !this.far(from, at(event))) this.picked(tapBox(from.x, from.y, this.like));
+      from = null;
+    });
+    this.frame.addEventListener("pointercancel", () => (from = null));
+    this.frame.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] }[event.key];
+      if (!way || !this.open) return;
+      event.preventDefault();
+      this.picked(movedBox(this.own ?? this.like ?? tapBox(0.5, 0.6), ...way, event.shiftKey));
+    });
+  }
+
+  far(from, to) {
+    return Math.hypot(to.x - from.x, to.y - from.y) > 0.03;
+  }
+
+  // The large picture has bars that are no part of the frame: they are cut off.
+  fit() {
+    const { naturalWidth: width, naturalHeight: height } = this.image;
+    const inside = this.kind === "large" ? height - BAR - FOOT : height;
+    if (inside <= 0) return showText(this.note, "The picture is not one of this companion's.");
+    this.frame.style.aspectRatio = `${width} / ${inside}`;
+    this.image.style.top = this.kind === "large" ? `${(-100 * BAR) / inside}%` : "0";
+    this.image.style.height = `${(100 * height) / inside}%`;
+  }
+
+  // own: the operator's box, null without one.
+  show(what) {
+    const { url, alt, note, roi, box, own, open, size } = what;
+    this.last = what;
+    this.like = box;
+    this.own = own;
+    this.open = open;
+    this.frame.disabled = !open;
+    changed(this.image, url, (image) => {
+      image.hidden = !url;
+      if (url) image.src = url;
+    });
+    if (!url && size) this.frame.style.aspectRatio = `${size[0]} / ${size[1]}`;
+    this.image.alt = alt;
+    showText(this.note, url ? "" : note);
+    changed(this.marks, [roi, box, own], (marks) => {
+      const outline = (sides, kind) => sides ? [drawn("rect", { class: kind, x: 100 * sides[0], y: 100 * sides[1], width: 100 * (sides[2] - sides[0]), height: 100 * (sides[3] - sides[1]) })] : [];
+      marks.replaceChildren(...outline(roi, "roi"), ...outline(own ? null : box, "halo"), ...outline(own ? null : box, "tile"), ...outline(own, "halo"), ...outline(own, "own"));
+    });
+  }
+}

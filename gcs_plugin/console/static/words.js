@@ -1,0 +1,94 @@
+// The words in force as sliders. While a call is open, what is changed waits for its answer; else it is sent at once.
+
+import { changed, element, showText } from "./elements.js";
+import { sign, weightText } from "./model.js";
+
+class Staged {
+  constructor() {
+    this.changes = new Map(); // word -> weight, null: out of use
+  }
+
+  list() {
+    return [...this.changes].map(([word, weight]) => (weight === null ? { forget: word } : { word, weight }));
+  }
+
+  text() {
+    const parts = [...this.changes].map(([word, weight]) => (weight === null ? `${word} out of use` : `${word} ${sign(weight)}`));
+    return parts.length ? `With the answer go: ${parts.join(", ")}.` : "";
+  }
+
+  clear() {
+    this.changes.clear();
+  }
+}
+
+export class Words {
+  constructor(system, send, refresh) {
+    Object.assign(this, { system, post: send, refresh });
+    this.staged = new Staged();
+    this.rows = new Map();
+    this.list = element("ul", { className: "sliders" });
+    this.note = element("p", { className: "faint" });
+    this.word = element("input", { type: "text", id: `new${system}`, maxLength: 48, autocomplete: "off" });
+    this.part = element("div", {}, this.note, this.list,
+      element("form", { className: "field", onsubmit: (event) => { event.preventDefault(); this.add(); } },
+        element("label", { htmlFor: this.word.id }, "New word"), this.word, element("button", { type: "submit", className: "plain" }, "Add")));
+  }
+
+  show(rover) {
+    this.open = rover.calls.some((call) => call.open);
+    if (!this.open && this.staged.changes.size && !this.busy) this.staged.clear();
+    const told = new Map(rover.words.map((one) => [one.word, one]));
+    for (const [word, row] of this.rows) if (!told.has(word)) row.part.remove(), this.rows.delete(word);
+    for (const one of told.values()) {
+      if (!this.rows.has(one.word)) this.rows.set(one.word, this.row(one.word));
+      const row = this.rows.get(one.word);
+      row.show(one, this.staged.changes);
+      if (row.part.parentNode !== this.list) this.list.append(row.part);
+    }
+    showText(this.note, !told.size ? "Its words are not known yet." : !rover.words_known ? "These are not all, or changed just now: they are asked for."
+      : this.open ? "What you change here goes with your answer." : "What you change here is sent at once.");
+  }
+
+  row(word) {
+    const id = `w${this.system}-${word.replace(/[^a-z0-9]/g, "_")}`;
+    const used = element("input", { type: "checkbox", id, onchange: () => this.set(word, used.checked ? Number(slider.value) || 1 : null) });
+    const slider = element("input", { type: "range", min: -1, max: 1, step: 0.1, "aria-label": `Weight of ${word}`, oninput: () => showText(text, sign(Number(slider.value))),
+      onchange: () => this.set(word, Number(slider.value)) });
+    const text = element("output");
+    const part = element("li", {}, used, element("label", { htmlFor: id }, word), slider, text);
+    return {
+      part,
+      show: ({ weight, fixed }, staged) => {
+        const wanted = staged.has(word) ? staged.get(word) : weight;
+        part.classList.toggle("staged", staged.has(word));
+        changed(part, [wanted, fixed, staged.has(word)], () => {
+          used.checked = wanted !== null;
+          used.title = fixed ? "in use" : "in use; switched off it is forgotten";
+          if (wanted !== null) slider.value = wanted;
+          slider.disabled = wanted === null;
+          slider.setAttribute("aria-valuetext", weightText(wanted ?? 0));
+          showText(text, wanted === null ? "off" : sign(wanted));
+        });
+      },
+    };
+  }
+
+  add() {
+    const word = this.word.value.trim().toLowerCase();
+    if (word) this.set(word, 1);
+    this.word.value = "";
+  }
+
+  async set(word, weight) {
+    if (this.open) {
+      this.staged.changes.set(word, weight);
+      return this.refresh();
+    }
+    this.busy = true;
+    this.staged.changes.set(word, weight);
+    await this.post("answer", { rover: this.system, call: null, motion: "none", changes: this.staged.list() });
+    this.staged.clear();
+    this.busy = false;
+  }
+}

@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants house faults service vm deb clean
+.PHONY: help demo console test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -13,6 +13,9 @@ WORKERS := $(shell echo $$(( $$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
 demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
+
+console: ready-rover ## the same trail, and you answer in a browser; SEED=7 another trail, OUT=folder
+	@.venv/bin/companion demo --console $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
 
 test: ready-dev ## run the tests on all cores; ARGS="-k wheel" passes options on to pytest
 	@$(PYTHON_IN_VENV) -m pytest -n $(WORKERS) --dist=loadfile --no-loadscope-reorder $(ARGS)

@@ -59,7 +59,9 @@ def _parser() -> argparse.ArgumentParser:
     run.set_defaults(run=_run)
 
     demo = commands.add_parser("demo", help="drive a simulated trail and ask you about it")
-    demo.add_argument("--auto", action="store_true", help="answer by itself")
+    who = demo.add_mutually_exclusive_group()
+    who.add_argument("--auto", action="store_true", help="answer by itself")
+    who.add_argument("--console", action="store_true", help="answer in a browser")
     demo.add_argument("--seed", type=int, default=0, metavar="N", help="which trail, by default %(default)s")
     demo.add_argument("--out", metavar="FOLDER", help="where pictures and logs go, by default a new one")
     demo.add_argument("--camera", metavar="SOURCE", help="a camera of your own, e.g. video:drive.mp4")
@@ -167,6 +169,8 @@ def _leave(code: int) -> int:
 def _demo(options: argparse.Namespace) -> int:
     from companion.sim.demo.main import main as demo
 
+    if options.console and options.camera:
+        raise UserError("--console is for the simulated trail: leave --camera or --console away")
     return demo(options)
 
 

@@ -1,6 +1,6 @@
-"""Reads the rover's JSON documents. What is missing or of another kind is left out: a later version may differ.
+"""Reads the rover's JSON documents. What is missing or of another kind is left out.
 
-Radio and disk are not trusted: each value is checked, lists are bounded, and no text is longer than `LONGEST`.
+A later version may differ, and a radio is not trusted: each value is checked, lists and texts are bounded.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class KnownPlace:
 
 @dataclass(frozen=True)
 class StateFile:
-    """What counts now, of /state.json. words: weight by word. open_call: the open call or hold, None: none."""
+    """What counts now, of /state.json. words: weight by word. open_call: None for no call or hold."""
 
     starting: bool
     words: Mapping[str, float]
@@ -169,7 +169,7 @@ def _object(content: bytes) -> Mapping[str, Any]:
 def _open_call(
     told: Mapping[str, Any], settings: Mapping[str, float], words: Mapping[str, float]
 ) -> CallData | None:
-    """Read the open call or hold. Its region of interest is that of now, and whether it is a test is not told."""
+    """Read the open call or hold. Its region of interest is that of now; a test is not told as one."""
     shown = _mapping(told.get("open"))
     number, frame = _number(shown.get("id"), 1, 0xFFFF), _number(shown.get("frame_id"), 0, 0xFFFFFFFF)
     kind = {"call": Kind.CALL, "hold": Kind.HOLD}.get(_text(shown.get("kind")))

@@ -1,4 +1,4 @@
-"""What became of each call of one rover: its pictures, the answers from here, and what the rover said of it."""
+"""What became of each call of one rover: its pictures, the answers from here, what the rover said."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ SHOWN = 24
 """Calls of a rover that are shown, the newest ones."""
 MOST_SAID = 12
 _ABOUT = re.compile(r"[CH](\d{1,5}) ", re.ASCII)
+_ASKS = ("go/stay/word", "go?")
 _DRIVES = frozenset({"AUTO", "GUIDED", "AUTO.MISSION", "OFFBOARD"})
 _APPLIED = frozenset({"applied", "applied_not_remembered", "not_covered"})
+_WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
 _CLOSED_BY_ANSWER = (Outcome.ANSWERED, Outcome.ACCEPTED)
 
 
@@ -89,7 +91,8 @@ class Stories:
                 known.closed_at = None
             elif known.closed_at is None:
                 known.closed_at = wall
-            if not known.driven_on and self._has_driven_on(known, call, rover):
+            newest = max(self.by_id.values(), key=lambda one: one.opened) is known
+            if newest and not known.driven_on and self._has_driven_on(known, call, rover):
                 known.driven_on = True
                 known.said.append(
                     (wall, f"The rover drives on ({rover.vehicle.mode})." if rover.vehicle else "")
@@ -100,8 +103,8 @@ class Stories:
         return fresh
 
     def hear(self, text: str, wall: float) -> None:
-        """Take in a text of the companion, which may be about a call."""
-        about = _ABOUT.match(text)
+        """Take in a text of the companion, which may be about a call. Those that only ask are left out."""
+        about = None if text.endswith(_ASKS) else _ABOUT.match(text)
         story = self.by_id.get(int(about[1])) if about else None
         if story is not None and (not story.said or story.said[-1][1] != wording.clean(text)):
             story.said.append((wall, wording.clean(text)))
@@ -230,7 +233,7 @@ def _recorded(story: Story) -> dict[str, Any]:
 
 
 def _frame_size(story: Story) -> list[int] | None:
-    """Width and height that are in proportion to the frame: those of the small picture, which is all of it."""
+    """Return width and height of the small picture, which shows the whole frame."""
     size = jpeg_size(story.pictures.get("small", b""))
     return None if size is None else list(size)
 
@@ -250,7 +253,6 @@ def _answer(one: Answered) -> dict[str, Any]:
         "at": round(one.at, 2),
         "said": own_wording.answer(pending.motion, pending.operations),
         "text": _status(pending),
-        "tone": "wait" if not pending.settled else "good" if settled in CHANGING_RESULTS - {Result.NOT_COVERED}
-        else "bad",
+        "tone": "wait" if not pending.settled else "good" if settled in _WELL else "bad",
         "settled": pending.settled,
-    }  # fmt: skip
+    }

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from companion.wire.answers import OtherPlace
 from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError
+from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.requests import (
     AnswerRequest,
@@ -18,14 +20,17 @@ from gcs_plugin.console.requests import (
 )
 from gcs_plugin.console.rover_desk import RoverDesk
 from gcs_plugin.terminal.commands import CommandError, Tap, Word
+from gcs_plugin.terminal.output import Output
 from gcs_plugin.terminal.resolve import Addressed, address, choose_rover
 
 
 class Console:
     """The desks of all rovers. revision: rises whenever something that the page shows has changed."""
 
-    def __init__(self, client: OperatorClient) -> None:
+    def __init__(self, client: OperatorClient, log: Output | None = None) -> None:
+        """log: is told all events."""
         self.client = client
+        self._log = log
         self.desks: dict[int, RoverDesk] = {}
         self.revision = 0
         self._progress_at = 0.0
@@ -39,6 +44,7 @@ class Console:
                 self.desks[system] = RoverDesk(self.client, system)
                 self.revision += 1
         for event in happened:
+            self._to_log(event, now)
             if event.system in self.desks:
                 self.desks[event.system].take(event, now, wall)
         changed = [desk.step(now, wall) for system, desk in self.desks.items() if system in rovers]
@@ -47,14 +53,25 @@ class Console:
             self._progress_at = now
             self.revision += 1
 
+    def _to_log(self, event: ev.Event, now: float) -> None:
+        if self._log is None:
+            return
+        try:
+            self._log.event(event, now, several=len(self.desks) > 1)
+        except OSError as error:
+            self._log = None
+            logging.getLogger(__name__).error("the log ends here, it cannot be written: %s", error)
+
     def documents(self, now: float) -> list[dict[str, Any]]:
-        """Return what is known of each rover; one that calls comes first, the longest open call before others."""
+        """Return what is known of each rover; one that calls comes first."""
         shown = [desk.document(now, self.client.ids) for desk in self.desks.values()]
         return sorted(shown, key=lambda one: (_urgency(one), one["system"]))
 
     def picture(self, system: int, call: int, size: str) -> bytes | None:
         """Return a picture of a call, JPEG, if it has come."""
         desk = self.desks.get(system)
+        if size == "place":
+            return desk.place_picture or None if desk is not None else None
         story = desk.stories.by_id.get(call) if desk is not None else None
         return None if story is None else story.pictures.get(size)
 

@@ -61,12 +61,11 @@ class Files:
         """Whether a file is still to come."""
         return path in self._wanted
 
-    def drop(self, rank: Rank) -> None:
-        """Forget files of this rank that are not being fetched."""
-        running = self._running[0].path if self._running else ""
-        self._wanted = {
-            path: one for path, one in self._wanted.items() if one.rank is not rank or path == running
-        }
+    def put_back(self, rank: Rank) -> None:
+        """Let files of this rank wait until nothing else is wanted."""
+        for one in self._wanted.values():
+            if one.rank is rank:
+                one.rank = Rank.OLD
 
     def progress(self, path: str) -> tuple[int, int | None] | None:
         """Return the bytes of a file that is being fetched: received, and in all; None: it is not."""

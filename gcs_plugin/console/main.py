@@ -22,7 +22,8 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.links import Links
 from gcs_plugin.terminal.connection import EXAMPLES, LinkError, open_connection
-from gcs_plugin.terminal.main import NOBODY, SILENT_S, UNSIGNED, identity
+from gcs_plugin.terminal.main import NOBODY, SILENT_S, UNSIGNED, identity, open_log
+from gcs_plugin.terminal.output import JsonOutput
 from gcs_plugin.terminal.signing import open_signing
 
 DEFAULT_LINK = "udpin:0.0.0.0:14550"
@@ -57,6 +58,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ImportError:
         print(f"anytraverse-console: {EXTRA}", file=sys.stderr)
         return 2
+    try:
+        log = None if options.log is None else open_log(options.log)
+    except OSError as error:
+        print(f"anytraverse-console: {error}", file=sys.stderr)
+        return 2
     signing = None if key is None else open_signing(key, options.system, options.component)
     client = OperatorClient()
     links = Links(connections, client, options.system, options.component, signing)
@@ -69,10 +75,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"It listens on {', '.join(one.name for one in connections)}. Ctrl-C ends it.", flush=True)
     if not options.no_browser:
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    console = Console(client, None if log is None else JsonOutput(log, time.monotonic()))
     try:
-        asyncio.run(_run(taken, listen, token, options.origin, links, Console(client)))
+        asyncio.run(_run(taken, listen, token, options.origin, links, console))
     finally:
         links.close()
+        if log is not None:
+            log.close()
     return 0
 
 
@@ -170,6 +179,7 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--origin", default="", metavar="URL", help="how browsers elsewhere open it")
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="what a browser must know to see it")
     parser.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="write events to a file, for programs")
     parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
     parser.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
     parser.add_argument(

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from anytraverse.preferences import PreferencesError, check_weight, clean_word
+from anytraverse.errors import PreferencesError
+from anytraverse.preferences import check_weight, clean_word
 from companion.wire.ids import Motion, Policy
 from companion.wire.packing import Fractions
 from gcs_plugin.terminal.commands import Change, Elsewhere, Episode, Forget, ForgetAnswer, Reply, Tap, Word

@@ -11,12 +11,13 @@ from companion.wire.ids import Policy, Stage, State, words_hash
 from companion.wire.parameters import ROI, THR_ROI, THR_SCENE, THR_TILE, THR_TRAV
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.documents import Check, StateFile, read_checks, read_record, read_state
+from gcs_plugin.client.documents import Check, KnownPlace, StateFile, read_checks, read_record, read_state
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console.calls import Stories, Story
 from gcs_plugin.console.files import Files, Rank
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import ALARM, GOOD, TextOutput, plain
+from gcs_plugin.terminal.pictures import jpeg_size
 
 POINTS = 300
 """Summaries that are plotted: five minutes."""
@@ -48,12 +49,14 @@ class RoverDesk:
         self.summaries = 0
         """How many points there ever were."""
         self.words: dict[str, float] = {}
-        """Weight by word, as far as known; those set from here in the order of setting come first in `named`."""
+        """Weight by word, of those in use, as far as known."""
         self.named: dict[str, float] = {}
         """Words that operators gave as answers, the newest last."""
         self.state: StateFile | None = None
         self.checks: tuple[Check, ...] = ()
         self.checked_at: float | None = None
+        self.place_picture = b""
+        """The picture of the known place, JPEG, b"" without one."""
         self._client = client
         self._output = TextOutput(io.StringIO(), colours=False)
         self._state_wanted = False
@@ -193,7 +196,7 @@ class RoverDesk:
     def _want_small(self, story: Story, rover: Rover) -> None:
         call = rover.calls.get(story.id)
         if call is not None and call.data.picture:
-            self.files.drop(Rank.CALL_PICTURE)
+            self.files.put_back(Rank.CALL_PICTURE)
             self.files.want(call.data.picture, Rank.CALL_PICTURE, lambda jpeg: story.keep("small", jpeg))
 
     def _want_large(self, story: Story) -> None:
@@ -223,6 +226,7 @@ class RoverDesk:
         state = read_state(content)
         if state.starting:
             return
+        self._see_place(state.known_place)
         self.state = state
         self.words = dict(state.words)
         rover, call = self.rover, state.open_call
@@ -231,6 +235,20 @@ class RoverDesk:
             rover.handle_call(call, asked_at)
         if not self.checks and self.checked_at is None and self._is_quick():
             self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
+
+    def _see_place(self, known: KnownPlace | None) -> None:
+        """Fetch the picture of a known place, when another one came into force."""
+        before = self.state.known_place if self.state is not None else None
+        if (known and known.picture) == (before and before.picture):
+            return
+        self.place_picture = b""
+
+        def take(jpeg: bytes) -> None:
+            if jpeg_size(jpeg) is not None:
+                self.place_picture = jpeg
+
+        if known is not None and known.picture:
+            self.files.want(known.picture, Rank.RECORD, take)
 
     def _take_checks(self, content: bytes) -> None:
         self.checks = read_checks(content)
@@ -273,14 +291,14 @@ class RoverDesk:
         known = self.state.known_place if self.state is not None else None
         if known is None:
             return None
-        story = self.stories.by_id.get(known.call_id or 0)
-        picture = "" if story is None else next(iter(story.pictures), "")
         return {
             "call": known.call_id,
             "similarity": known.similarity,
             "needed": known.needed,
             "changed": {word: list(pair) for word, pair in known.changed.items()},
-            "picture": f"/pictures/{self.system}/{known.call_id}/{picture}.jpg" if picture else "",
+            "picture": f"/pictures/{self.system}/{known.call_id or 0}/place.jpg"
+            if self.place_picture
+            else "",
         }
 
     def _large(self, number: int) -> dict[str, Any]:

@@ -27,7 +27,7 @@ _TELL_EVERY = 0.05
 """Seconds between two events on one stream, at least."""
 _BEAT = 1.0
 _STATIC = Path(__file__).parent / "static"
-_PICTURE = re.compile(r"(small|large)\.jpg", re.ASCII)
+_PICTURE = re.compile(r"(small|large|place)\.jpg", re.ASCII)
 
 
 class Site:

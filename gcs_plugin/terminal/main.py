@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     stopped = _Stopped()
     try:
         script = None if options.script is None else _read_script(options.script)
-        log = None if options.log is None else _open_log(options.log)
+        log = None if options.log is None else open_log(options.log)
         key = None if options.signing_key is None else read_key(options.signing_key)
         connection = open_connection(options.connect)
     except (LinkError, ScriptError, SigningKeyError, _LogError) as error:
@@ -157,7 +157,8 @@ class _LogError(OSError):
     """Reports a log that cannot be written."""
 
 
-def _open_log(path: Path) -> TextIO:
+def open_log(path: Path) -> TextIO:
+    """Open a log for writing. Raises OSError whose text says which."""
     try:
         return path.open("w", encoding="utf-8")
     except OSError as error:
@@ -179,6 +180,7 @@ def _colours(stream: TextIO) -> bool:
 
 
 def identity(text: str) -> int:
+    """Read a system or component id. Raises ArgumentTypeError."""
     value = int(text)
     if not 1 <= value <= 255:
         raise argparse.ArgumentTypeError(f"{value} is not an id: 1 to 255")

@@ -24,6 +24,7 @@ file = ""
 {stopping}
 [link]
 url = {link}
+{budgets}
 
 [journal]
 folder = {state}
@@ -76,10 +77,27 @@ def written_by_demo(path: Path) -> bool:
     return path.is_file() and path.read_bytes().startswith(_MARK.encode())
 
 
-def write_config(out: Path, *, camera: str, link: str, policy: str, speed: float | None = None) -> Path:
+_NETWORK = """\
+# A network carries more than a radio, so that the operator gets large pictures.
+budget = 0.0
+asked_budget = 0.0
+pace = 0.01
+"""
+
+
+def write_config(
+    out: Path,
+    *,
+    camera: str,
+    link: str,
+    policy: str,
+    speed: float | None = None,
+    network: bool = False,
+) -> Path:
     """Writes companion.toml into `out`, with the state folder beside it, and returns its path.
 
     speed: of the simulated rover in m/s; None for the user's own camera, whose mount is not known.
+    network: the link is no radio.
     """
     path = out / "companion.toml"
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
@@ -88,7 +106,10 @@ def write_config(out: Path, *, camera: str, link: str, policy: str, speed: float
     # The field's frames carry their capture time, so that no latency of the camera has to be added.
     view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\nlatency = 0\n"
     stopping = "" if speed is None else _of_the_field(speed)
-    path.write_text(_TEXT.format(mark=_MARK, view=view, stopping=stopping, **quoted), encoding="utf-8")
+    path.write_text(
+        _TEXT.format(mark=_MARK, view=view, stopping=stopping, budgets=_NETWORK if network else "", **quoted),
+        encoding="utf-8",
+    )
     return path
 
 

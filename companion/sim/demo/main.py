@@ -69,9 +69,10 @@ def _end(number: int, _frame: object) -> None:
 
 
 def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
-    stage = set_stage(out, options.seed, auto=options.auto)
+    stage = set_stage(out, options.seed, auto=options.auto, console=options.console)
+    yours = _YOUR_PART_IN_A_BROWSER if options.console else _YOUR_PART
     try:
-        story.plain(_OPENING if options.auto else _OPENING + _YOUR_PART)
+        story.plain(_OPENING if options.auto else _OPENING + yours)
         director = Director(stage, story, auto=options.auto)
         figures = director.play()
     finally:
@@ -87,8 +88,11 @@ def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
     return code
 
 
-def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED) -> Stage:
-    """Starts field, daemon and operator. speed: m/s that the rover drives. Raises ChildError."""
+def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED, console: bool = False) -> Stage:
+    """Starts field, daemon and operator. speed: m/s that the rover drives. Raises ChildError.
+
+    console: the operator has a browser, and the link is a network's.
+    """
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
     started: list[Child] = []
@@ -109,9 +113,9 @@ def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED) -> Stag
         if ports["script"] != "running":
             print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
         camera, link = f"field:{ports['frames']}", ports["companion"]
-        config = write_config(out, camera=camera, link=link, policy="hold", speed=speed)
+        config = write_config(out, camera=camera, link=link, policy="hold", speed=speed, network=console)
         daemon = track(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
-        operator = track(start_operator(ports["gcs"], logs, auto=auto))
+        operator = track(start_operator(ports["gcs"], logs, auto=auto, console=console))
         host, _, port = ports["control"].rpartition(":")
         return Stage(out, field, daemon, operator, FieldControl(host, int(port)))
     except BaseException:
@@ -134,4 +138,11 @@ You are that operator. At a call look at the picture that it names, and type an 
     go                                    drive on, over the thing, this once
 
 Lines with [brackets] are told by somebody beside the trail. `help` shows the rest, `quit` ends the demo.
+"""
+
+_YOUR_PART_IN_A_BROWSER = """\
+You are that operator. The console opens in your browser, at the address below. At a call look at its picture:
+what is in the yellow frame? Type its name and press Enter, or press Go. Ctrl-C here ends the demo.
+
+Lines with [brackets] are told by somebody beside the trail.
 """

@@ -1,4 +1,4 @@
-"""Starts the operator's terminal for a demo; a person or the demo itself types into it."""
+"""Starts the operator's terminal for a demo, into which a person or the demo itself types, or the console."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from pathlib import Path
 from companion.sim.demo.child import Child
 
 
-def start_operator(link: str, logs: Path, *, auto: bool) -> Child:
-    """Starts the terminal; with `auto` the demo types, else a person. `lines` gives its events either way."""
-    arguments = ["gcs_plugin.terminal.main", "--connect", link]
+def start_operator(link: str, logs: Path, *, auto: bool, console: bool = False) -> Child:
+    """Starts the terminal; with `auto` the demo types, else a person. `lines` gives its events either way.
+
+    console: a person answers in a browser instead.
+    """
+    program = "gcs_plugin.console" if console else "gcs_plugin.terminal.main"
+    arguments = [program, "--connect", link]
     log = logs / "operator.log"
     if auto:
         return Child("operator", [*arguments, "--events"], log)

@@ -31,10 +31,10 @@ export class CallCard {
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
     this.problem = element("p", { className: "problem", role: "alert" });
     this.part = element("section", { className: "call", "aria-labelledby": this.id },
-      element("header", {}, this.title, this.stands),
+      element("header", {}, this.title, this.stands, this.reason),
       element("div", { className: "shots" }, this.raw.part, this.judged.part),
-      legend(), this.more,
-      element("div", { className: "ask" }, this.reason, this.figures, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo));
+      element("div", { className: "under" }, legend(), this.more),
+      element("div", { className: "ask" }, this.figures, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo));
   }
 
   form() {
@@ -72,8 +72,8 @@ export class CallCard {
       this.about.value = object ? "tap" : "word";
     }
     this.part.dataset.stage = data.open ? data.stage : "closed";
-    const since = data.since === undefined ? "" : `, ${duration(time - data.since)}`;
-    showText(this.title, `${data.name}${data.open ? `${since}` : `: ${data.outcome || "closed"}`}`);
+    const since = data.since === undefined ? "" : `, open for ${duration(time - data.since)}`;
+    showText(this.title, `${data.kind === "hold" ? "Hold" : "Call"} ${data.name}${data.open ? since : `: ${data.outcome || "closed"}`}`);
     for (const name of ["reason", "figures", "todo", "stands", "first"]) showText(this[name], data[name] ?? "");
     this.stands.dataset.held = String(Boolean(data.holding));
     const marks = { roi: data.roi, box: data.box, own: this.own, open: data.open && !data.test, size: data.size };
@@ -81,9 +81,10 @@ export class CallCard {
     const progress = large.progress ? `${Math.round(large.progress[0] / 1000)}${large.progress[1] ? ` of ${Math.round(large.progress[1] / 1000)}` : ""} kB` : "";
     this.raw.show({ ...marks, url: data.pictures.small ?? "", note: data.open ? "Its picture is on its way." : "No picture is here.", alt: `What the rover saw at ${data.name}${data.box ? ", with the place meant in yellow" : ""}` });
     this.judged.show({ ...marks, url: data.pictures.large ?? "", alt: `The same with the judgement: drivable, not drivable and unknown ground`,
-      note: large.waits ? `On its way${progress ? `: ${progress}` : "."}` : large.problem ? `It did not come: ${large.problem}.` : "Not fetched: this link is slow." });
+      note: large.waits ? `On its way${progress ? `: ${progress}` : "."}` : large.problem ? `It did not come: ${large.problem}.` : "" });
+    this.judged.part.hidden = !data.pictures.large && !large.waits;
     this.more.hidden = Boolean(data.pictures.large) || large.waits || !data.pictures.small;
-    showText(this.more, `Fetch the judged picture${large.seconds === null ? "" : `, about ${duration(large.seconds)} on this link`}`);
+    showText(this.more, `Show how it judged that${large.seconds === null ? "" : ` (about ${duration(large.seconds)} on this link)`}${large.problem ? `. It did not come: ${large.problem}` : ""}`);
     this.entry.hidden = !data.open;
     this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
     this.showNames(rover);
@@ -142,15 +143,16 @@ export class CallCard {
 
   point(box) {
     this.own = box;
-    this.about.value = "tap";
+    if (box) this.about.value = "tap";
     for (const picture of [this.raw, this.judged]) picture.show({ ...picture.last, own: box });
     this.refresh();
   }
 
   clear() {
-    this.own = null;
+    this.point(null);
     this.word.value = "";
     this.staged.clear();
+    this.refresh();
     showText(this.problem, "");
   }
 

@@ -64,7 +64,7 @@ function show() {
   for (const one of shown) {
     view(one.system).show(one, { points: points.get(one.system) ?? [], entries: entries.get(one.system) ?? [], time, several: shown.length > 1 });
   }
-  const top = model.summary(shown, connection);
+  const top = model.summary(shown, connection, time);
   document.getElementById("top").dataset.tone = top.tone;
   showText("title", top.title);
   showText("summary", top.text);

@@ -38,6 +38,8 @@ export function facts(rover, time) {
   ].filter(([, text]) => text);
 }
 
+export const mode = ({ vehicle }) => (vehicle ? `${vehicle.mode}, ${vehicle.armed ? "armed" : "disarmed"}.` : "");
+
 export const policyText = (policy) => POLICIES[policy] ?? policy;
 
 // What the rover says is wrong, each with what to do.
@@ -67,7 +69,7 @@ export function place(rover) {
   };
 }
 
-export function summary(rovers, connection) {
+export function summary(rovers, connection, time) {
   if (connection) return { title: "NO CONNECTION", tone: "stale", text: connection, calls: 0 };
   const open = rovers.flatMap((rover) => rover.calls.filter((call) => call.open).map((call) => ({ rover, call })));
   if (open.length) {
@@ -75,12 +77,12 @@ export function summary(rovers, connection) {
     const who = rovers.length > 1 ? `Rover ${rover.system}: ` : "";
     const more = open.length > 1 ? ` ${open.length} calls are open.` : "";
     const hold = call.kind === "hold";
-    return { title: hold ? "HOLDING" : "CALLING", tone: hold ? "hold" : "call", text: `${who}${call.name}. ${call.reason}${more}`, calls: open.length };
+    return { title: hold ? "HOLDING" : "CALLING", tone: hold ? "hold" : "call", text: `${who || `${mode(rover)} `}${hold ? "Hold" : "Call"} ${call.name}: ${call.reason}${more}`, calls: open.length };
   }
   if (!rovers.length) return { title: "AnyTraverse console", tone: "idle", text: "No rover is heard yet.", calls: 0 };
-  const worst = state(rovers[0], 0);
+  const worst = state(rovers[0], time);
   const lost = rovers.filter((one) => !one.up).length;
-  const heard = lost ? `${lost} of ${rovers.length} rovers not heard.` : rovers.length > 1 ? `${rovers.length} rovers are heard, none calls.` : "No call is open.";
+  const heard = lost && rovers.length > 1 ? `${lost} of ${rovers.length} rovers not heard.` : rovers.length > 1 ? `${rovers.length} rovers are heard, none calls.` : `${worst.text} ${mode(rovers[0])}`;
   return { title: worst.title, tone: worst.tone, text: heard, calls: 0 };
 }
 

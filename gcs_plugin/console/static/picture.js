@@ -74,9 +74,9 @@ export class Picture {
     if (!url && size) this.frame.style.aspectRatio = `${size[0]} / ${size[1]}`;
     this.image.alt = alt;
     showText(this.note, url ? "" : note);
-    changed(this.marks, [roi, box, own], (marks) => {
+    changed(this.marks, [Boolean(url), roi, box, own], (marks) => {
       const outline = (sides, kind) => sides ? [drawn("rect", { class: kind, x: 100 * sides[0], y: 100 * sides[1], width: 100 * (sides[2] - sides[0]), height: 100 * (sides[3] - sides[1]) })] : [];
-      marks.replaceChildren(...outline(roi, "roi"), ...outline(own ? null : box, "halo"), ...outline(own ? null : box, "tile"), ...outline(own, "halo"), ...outline(own, "own"));
+      marks.replaceChildren(...outline(url ? null : roi, "roi"), ...outline(own ? null : box, "halo"), ...outline(own ? null : box, "tile"), ...outline(own, "halo"), ...outline(own, "own"));
     });
   }
 }

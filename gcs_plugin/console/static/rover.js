@@ -28,7 +28,6 @@ export class RoverView {
     this.facts = element("dl", { className: "facts" });
     this.faults = element("ul", { className: "faults" });
     this.check = element("button", { type: "button", className: "plain", onclick: () => send("fetch", { rover: system, what: "check" }) }, "Ask it what is wrong");
-    this.texts = element("ul", { className: "texts" });
     this.past = element("div", { className: "past" });
     this.timeline = element("ol", { className: "timeline", tabIndex: 0, "aria-label": "Timeline" });
     const box = (title, ...parts) => element("section", {}, element("h3", {}, title), ...parts);
@@ -39,7 +38,6 @@ export class RoverView {
         box("Policy", this.policy, this.policyText),
         box("What is wrong", this.faults, this.check),
         box("Rover and link", this.facts),
-        box("What it said", this.texts),
         box("Timeline", this.timeline)),
       this.past);
     this.policy.append(...POLICIES.map((policy) => element("button", { type: "button", value: policy, onclick: () => send("policy", { rover: system, policy }) }, policy)));
@@ -49,9 +47,10 @@ export class RoverView {
     const state = model.state(rover, time);
     this.part.dataset.tone = state.tone;
     this.part.classList.toggle("silent", !rover.up);
+    this.strip.classList.toggle("unseen", !several);
     showText(this.name, `Rover ${rover.system}`);
     showText(this.title, state.title);
-    showText(this.text, `${state.text}${rover.vehicle ? ` ${rover.vehicle.mode}, ${rover.vehicle.armed ? "armed" : "disarmed"}.` : ""}`);
+    showText(this.text, `${state.text} ${model.mode(rover)}`);
     this.showCalls(rover, time, several);
     this.fan.show(rover.ahead);
     this.traversability.show(points, rover.thresholds.trav, time);
@@ -62,7 +61,6 @@ export class RoverView {
     showText(this.policyText, rover.policy ? model.policyText(rover.policy) : "Its policy is not known yet.");
     showFacts(this.facts, model.facts(rover, time));
     this.showFaults(rover);
-    changed(this.texts, rover.texts, (list) => list.replaceChildren(...rover.texts.map(({ severity, text }) => element("li", { tone: severity <= 4 ? "bad" : "" }, text)).reverse()));
     changed(this.timeline, entries.at(-1)?.n ?? 0, (list) => list.replaceChildren(...entries.slice(-100).reverse().map(({ at, tone, text }) =>
       element("li", { tone }, element("time", {}, clock(at)), ` ${text}`))));
   }

@@ -1,0 +1,1 @@
+"""Tries the operator's console in a browser against the simulated rover."""

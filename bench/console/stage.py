@@ -1,0 +1,99 @@
+"""Starts what the console is tried with: simulated rovers with their daemons, and the console itself."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from companion.sim.demo.child import Child
+from companion.sim.demo.config import write_config
+from companion.sim.demo.director import NEAR, STANDS
+from companion.sim.field.control import FieldControl
+
+CHROMIUM = "/usr/bin/chromium"
+_SPEED = 1.5
+
+
+class Rover:
+    """A simulated rover with its daemon. link: what a ground station connects to."""
+
+    def __init__(self, folder: Path, seed: int, *, network: bool = True) -> None:
+        folder.mkdir(parents=True)
+        self.folder = folder
+        self._field = Child(
+            "field",
+            ["companion.sim.field", "--seed", str(seed), "--speed", str(_SPEED)],
+            folder / "field.log",
+        )
+        ports = json.loads(self._field.first_line(30.0))
+        self.link = str(ports["gcs"])
+        host, _, port = ports["control"].rpartition(":")
+        self._control = FieldControl(host, int(port))
+        config = write_config(
+            folder,
+            camera=f"field:{ports['frames']}",
+            link=ports["companion"],
+            policy="hold",
+            speed=_SPEED,
+            network=network,
+        )
+        self.daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+        self._blocked_since: float | None = None
+
+    def drive(self, within: float = 40.0) -> None:
+        """Let it drive once its daemon says ok."""
+        deadline = time.monotonic() + within
+        while self.status().get("state") != "ok":
+            if time.monotonic() > deadline:
+                raise self.daemon.error("saw nothing that it knows")
+            time.sleep(0.2)
+        self._control.start()
+
+    def status(self) -> dict[str, Any]:
+        """Read the daemon's status file; empty while there is none."""
+        try:
+            found = json.loads((self.folder / "state" / "status.json").read_text())
+        except (OSError, ValueError):
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def zone(self) -> str:
+        """Say where it is: "meadow", "forest" or "gravel"."""
+        return str(self._control.status()["zone"])
+
+    def thing_ahead(self) -> str | None:
+        """Name the nearest thing on the trail ahead."""
+        thing = self._nearest()
+        return None if thing is None else str(thing["kind"])
+
+    def tidy(self) -> None:
+        """Take a thing away that was named, and has kept the rover standing for two seconds."""
+        thing = self._nearest()
+        standing = self._control.status()["speed"] < STANDS
+        if not (standing and thing is not None and self.status().get("state") == "blocked"):
+            self._blocked_since = None
+        elif self._blocked_since is None:
+            self._blocked_since = time.monotonic()
+        elif time.monotonic() - self._blocked_since > 2.0:
+            self._control.remove(thing["id"])
+            self._blocked_since = None
+
+    def close(self) -> None:
+        """End its processes."""
+        self.daemon.stop()
+        self._control.close()
+        self._field.stop()
+
+    def _nearest(self) -> dict[str, Any] | None:
+        things: list[dict[str, Any]] = self._control.status()["things_ahead"]
+        ahead = [thing for thing in things if thing["surprise"] and thing["distance"] < NEAR]
+        return min(ahead, key=lambda thing: float(thing["distance"]), default=None)
+
+
+def start_console(links: list[str], out: Path, *more: str) -> tuple[Child, str]:
+    """Start a console on these links. Returns it, and the address of its page."""
+    connect = [part for link in links for part in ("--connect", link)]
+    console = Child("console", ["gcs_plugin.console", "--no-browser", *connect, *more], out / "console.log")
+    return console, console.first_line(30.0).split()[-1]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +24,7 @@ LONGEST = 300
 """Characters of a text."""
 MOST_ROWS = 64
 """Answers of a call, and checks."""
+_PICTURE = re.compile(r"/(calls|scenes)/[0-9a-f]{1,16}(-large)?\.jpg", re.ASCII)
 _REASONS = {"unknown_scene": 1, "unknown_object": 2, "blocked": 4, "fault": 8}
 
 
@@ -151,8 +153,8 @@ def read_record(content: bytes) -> CallRecord:
         outcome=_text(told.get("outcome")),
         closed=_number(told.get("closed"), 0, 1e11),
         answers=tuple(map(_answer, _list(told.get("answers"))[-MOST_ROWS:])),
-        picture=_text(told.get("picture")),
-        large=_text(told.get("large")),
+        picture=_picture(told.get("picture")),
+        large=_picture(told.get("large")),
     )
 
 
@@ -199,7 +201,7 @@ def _open_call(
         heading=None,
         word_count=len(words),
         words=words_hash(words),
-        picture=_text(shown.get("picture"))[:60],
+        picture=_picture(shown.get("picture")),
     )
 
 
@@ -217,7 +219,7 @@ def _known_place(raw: Any) -> KnownPlace | None:
         _number(raw.get("similarity"), -1, 1),
         _number(raw.get("needed"), -1, 1),
         changed,
-        _text(raw.get("picture")),
+        _picture(raw.get("picture")),
     )
 
 
@@ -272,6 +274,11 @@ def _number(raw: Any, low: float, high: float) -> float | None:
 
 def _text(raw: Any) -> str:
     return raw[:LONGEST] if isinstance(raw, str) else ""
+
+
+def _picture(raw: Any) -> str:
+    """Return the path of a picture, "" for what is none."""
+    return raw if isinstance(raw, str) and _PICTURE.fullmatch(raw) else ""
 
 
 def _mapping(raw: Any) -> Mapping[str, Any]:

@@ -195,7 +195,7 @@ class Stories:
             "since": round(now - call.age(now), 2),
             "frame": data.frame_id,
             "roi": data.roi,
-            "box": data.worst_tile_box,
+            "box": data.worst_tile_box if own_wording.points(data) else None,
             "place": None if data.latitude is None else [data.latitude, data.longitude, data.heading],
             "outcome": "" if call.open else wording.outcome(data.outcome, test=data.test),
             "first": "" if not others else own_wording.first_answer(first, ids) if first is not None

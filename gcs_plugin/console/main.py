@@ -69,12 +69,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     for name in ("uvicorn", "uvicorn.error"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    taken.listen(64)  # before the address is told: who comes early waits
     listen = Listen(listen.host, taken.getsockname()[1])
-    address = f"{options.origin or listen.url().rstrip('/')}/" + (f"?token={token}" if token else "")
-    print(f"The console is at {address if not token else address.partition('?')[0]}", flush=True)
+    elsewhere = f" {options.origin}/ and, on this computer," if options.origin else ""
+    print(f"The console is at{elsewhere} {listen.url()}", flush=True)
     print(f"It listens on {', '.join(one.name for one in connections)}. Ctrl-C ends it.", flush=True)
     if not options.no_browser:
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        threading.Thread(
+            target=webbrowser.open, args=(listen.url() + (f"?token={token}" if token else ""),), daemon=True
+        ).start()
     console = Console(client, None if log is None else JsonOutput(log, time.monotonic()))
     try:
         asyncio.run(_run(taken, listen, token, options.origin, links, console))
@@ -117,7 +120,6 @@ async def _run(
         asyncio.get_running_loop().add_signal_handler(number, stop)
     following = asyncio.create_task(follow())
     following.add_done_callback(lambda _: stop())
-    taken.listen(64)
     await server.serve(sockets=[taken])
     with contextlib.suppress(asyncio.CancelledError):
         await following  # raises what ended it

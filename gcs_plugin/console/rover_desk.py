@@ -302,15 +302,17 @@ class RoverDesk:
         }
 
     def _large(self, number: int) -> dict[str, Any]:
-        """How the large picture of a call comes: progress, or how long it would take."""
+        """How the pictures of a call come: why not, progress, or how long the large one would take."""
         path = _large_path(number)
+        small = self.files.problems.get(f"/calls/{number}.jpg", "")
         return {
+            "small_problem": small and f"Its picture did not come: {small}.",
             "large": {
                 "waits": self.files.waits(path),
                 "progress": self.files.progress(path),
                 "seconds": None if not self.files.rate else round(LARGE_BYTES / self.files.rate),
                 "problem": self.files.problems.get(path, ""),
-            }
+            },
         }
 
 

@@ -32,12 +32,19 @@ def reason(call: CallData) -> str:
     return "What it called for is gone."
 
 
+def points(call: CallData) -> bool:
+    """Whether the call is about the thing in its yellow frame. One for a new place is about all of it."""
+    if call.reasons & Reasons.UNKNOWN_SCENE and not call.reasons & Reasons.UNKNOWN_OBJECT:
+        return False
+    return call.worst_tile_box is not None
+
+
 def figures(call: CallData) -> str:
     """Give the figures behind the reason."""
     shown = []
     if call.roi_uncertainty is not None:
         shown.append(f"{percent(call.roi_uncertainty)} of the region of interest unexplained")
-    if call.worst_tile is not None and call.worst_tile_box is not None:
+    if call.worst_tile is not None and points(call):
         shown.append(f"{percent(call.worst_tile)} in the yellow frame")
     if call.drivable_share is not None:
         shown.append(f"{percent(call.drivable_share)} of the known ground drivable")

@@ -45,7 +45,7 @@ export class CallCard {
     this.weightText = element("output", { htmlFor: `${this.id}-weight` });
     this.chips = element("div", { className: "chips", role: "group", "aria-label": "Names used before" });
     this.about = element("select", { id: `${this.id}-about`, onchange: () => this.refresh() },
-      element("option", { value: "tap" }, "what stands in the frame"), element("option", { value: "word" }, "all that looks like it by name"));
+      element("option", { value: "tap" }, "the thing in the frame"), element("option", { value: "word" }, "all ground that fits the name"));
     this.also = element("p", { className: "faint" });
     this.buttons = {
       go: element("button", { type: "submit", className: "go" }),
@@ -57,7 +57,7 @@ export class CallCard {
       element("div", { className: "field" }, element("label", { htmlFor: this.word.id }, "Its name"), this.word, this.options),
       this.chips,
       element("div", { className: "field" }, element("label", { htmlFor: this.weight.id }, "Weight"), this.weight, this.weightText),
-      element("div", { className: "field" }, element("label", { htmlFor: this.about.id }, "It is"), this.about),
+      element("div", { className: "field" }, element("label", { htmlFor: this.about.id }, "It names"), this.about),
       this.also);
     return this.entry = element("form", { onsubmit: (event) => { event.preventDefault(); this.send("go"); } },
       this.naming, element("div", { className: "motions", role: "group", "aria-label": "Answer" }, ...Object.values(this.buttons)));
@@ -79,7 +79,7 @@ export class CallCard {
     const marks = { roi: data.roi, box: data.box, own: this.own, open: data.open && !data.test, size: data.size };
     const large = data.large;
     const progress = large.progress ? `${Math.round(large.progress[0] / 1000)}${large.progress[1] ? ` of ${Math.round(large.progress[1] / 1000)}` : ""} kB` : "";
-    this.raw.show({ ...marks, url: data.pictures.small ?? "", note: data.open ? "Its picture is on its way." : "No picture is here.", alt: `What the rover saw at ${data.name}${data.box ? ", with the place meant in yellow" : ""}` });
+    this.raw.show({ ...marks, url: data.pictures.small ?? "", note: data.small_problem || (data.open ? "Its picture is on its way." : "No picture is here."), alt: `What the rover saw at ${data.name}${data.box ? ", with the place meant in yellow" : ""}` });
     this.judged.show({ ...marks, url: data.pictures.large ?? "", alt: `The same with the judgement: drivable, not drivable and unknown ground`,
       note: large.waits ? `On its way${progress ? `: ${progress}` : "."}` : large.problem ? `It did not come: ${large.problem}.` : "" });
     this.judged.part.hidden = !data.pictures.large && !large.waits;

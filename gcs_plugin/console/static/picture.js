@@ -13,8 +13,8 @@ export class Picture {
     this.image = element("img", { draggable: false, alt: "" });
     this.marks = drawn("svg", { viewBox: "0 0 100 100", preserveAspectRatio: "none", "aria-hidden": "true" });
     this.note = element("p", { className: "note" });
-    this.frame = element("button", { type: "button", className: "aim", "aria-label": `${title}. Click or drag to point at the thing; arrow keys move your frame, with shift they change its size.` }, this.image, this.marks, this.note);
-    this.part = element("figure", { className: `shot ${kind}` }, this.frame, element("figcaption", {}, title));
+    this.frame = element("button", { type: "button", className: "aim", "aria-label": `${title}. Click or drag to point at the thing; arrow keys move your frame, with shift they change its size.` }, this.image, this.marks);
+    this.part = element("figure", { className: `shot ${kind}` }, element("div", { className: "pane" }, this.frame, this.note), element("figcaption", {}, title));
     this.image.addEventListener("load", () => this.fit());
     this.image.addEventListener("error", () => showText(this.note, "The picture did not come whole."));
     this.listen();

@@ -27,7 +27,7 @@ export class TimePlot {
     this.value.className = over ? "over" : "";
     showText(this.limit, limit === undefined || limit < 0 ? "no limit" : `${this.above ? "calls above" : "blocked below"} ${percent(limit)}${over ? ": it is" : ""}`);
     const y = (share) => (HEIGHT - 2 - share * (HEIGHT - 4)).toFixed(1);
-    changed(this.dashed, limit, (line) => {
+    changed(this.dashed, limit ?? null, (line) => {
       const there = limit !== undefined && limit >= 0;
       for (const part of [line, this.bad]) part.setAttribute("visibility", there ? "visible" : "hidden");
       if (!there) return;
@@ -64,7 +64,7 @@ export class Fan {
           ? [wedge(from, to, 104, "unknown")]
           : [wedge(from, to, 104, "ground"), wedge(from, to, 14 + 90 * share, share >= 0.5 ? "drivable" : "blocked")];
       });
-      frame.replaceChildren(...parts, drawn("path", { class: "rover", d: "M-9,9 L0,-9 L9,9 L0,4 Z" }));
+      frame.replaceChildren(...parts, drawn("path", { class: "own", d: "M-9,9 L0,-9 L9,9 L0,4 Z" }));
       const known = sectors.filter((share) => share !== null);
       const free = known.filter((share) => share >= 0.5).length;
       showText(this.text, known.length ? `${free} of ${known.length} known sectors mostly drivable` : "not known");

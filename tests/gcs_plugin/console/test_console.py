@@ -1,0 +1,312 @@
+"""The console and the companion's link, both real, in virtual time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.answers.answer import Answer
+from companion.sim.loopback_link import LoopbackLink
+from companion.storage.served_tree import Document, Documents, MissingError, Tree
+from companion.wire import ids
+from companion.wire.answers import Acknowledgement, ForgetCall, ForgetWord, SetWord, TapBox
+from companion.wire.payloads import CallData, Summary
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.console.console import Console
+from gcs_plugin.console.requests import RequestError, read_request
+
+JPEG = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffc0001108006000800301220002110103110100")
+WORDS = {"grass": 1.0}
+TEXT = "C7 unknown thing ahead 38%: go/stay/word"
+WALL = 1_790_000_000.0
+BOX = [0.41, 0.55, 0.6, 0.81]
+
+
+class Desk:
+    """A console, and the link of a companion that has state, records and pictures."""
+
+    def __init__(self, call: CallData, summary: Summary) -> None:
+        self.files: dict[str, bytes] = {"7.jpg": JPEG + bytes(1400), "7-large.jpg": JPEG + bytes(6000)}
+        self.state: dict[str, Any] = {"state": "ok", "words": WORDS, "vocabulary": ["grass", "gravel"]}
+
+        def read(name: str) -> bytes:
+            if name not in self.files:
+                raise MissingError(name)
+            return self.files[name]
+
+        calls = Documents(lambda: {name: len(told) for name, told in self.files.items()}, read)
+        state = Document(lambda: json.dumps(self.state).encode())
+        self.link = LoopbackLink(tree=Tree({"state.json": state, "calls": calls}))
+        self.call = replace(call, picture="/calls/7.jpg")
+        self.summary = replace(summary, words=ids.words_hash(WORDS))
+        self.console = Console(OperatorClient())
+        self.console.client.ids = 255, 190
+        self._heard = 0
+        self.hears = True
+
+    def announce(self) -> None:
+        self.link.link.set_state(ids.State.CALLING, self.call.id, ids.Policy.HOLD)
+        self.link.link.announce(self.call, TEXT, self.link.now)
+
+    def run(self, seconds: float) -> None:
+        client = self.console.client
+        for _ in range(round(seconds / 0.05)):
+            for message in client.outgoing(self.link.now):
+                self.link.send(message)
+            if round(self.link.now / 0.05) % 20 == 0:
+                client.receive(self._autopilot(), self.link.now)
+                self.link.link.summary(self.summary, self.link.now)
+            self.link.run(0.05)
+            for frame in self.link.frames[self._heard :]:
+                if self.hears:
+                    client.receive(frame.message, frame.at)
+            self._heard = len(self.link.frames)
+            self.console.step(self.link.now, WALL + self.link.now)
+
+    @staticmethod
+    def _autopilot() -> Any:
+        """The heartbeat of an armed ArduPilot rover in AUTO, as the autopilot sends it to the ground."""
+        sender, receiver = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None)
+        sent = mavlink.MAVLink_heartbeat_message(10, 3, 0x81, 10, 4, 3).pack(sender)
+        return receiver.parse_buffer(sent)[0]
+
+    def until(self, fits: Callable[[], bool], seconds: float = 40.0) -> None:
+        deadline = self.link.now + seconds
+        while not fits():
+            assert self.link.now < deadline, self.rover()
+            self.run(0.2)
+
+    def rover(self) -> dict[str, Any]:
+        (rover,) = self.console.documents(self.link.now)
+        return rover
+
+    def shown(self) -> dict[str, Any]:
+        return next(call for call in self.rover()["calls"] if call["id"] == 7)
+
+    def post(self, kind: str, **told: Any) -> str:
+        request = read_request(kind, json.dumps({"rover": 1, **told}).encode())
+        return self.console.carry_out(request, self.link.now, WALL + self.link.now)
+
+    def requests(self) -> list[Answer]:
+        return self.link.reported(Answer)
+
+    def acknowledge(self, result: ids.Result, stage: ids.Stage, text: str = "") -> None:
+        outcome = ids.Outcome.ANSWERED if stage is ids.Stage.CLOSED else ids.Outcome.NONE
+        request = self.requests()[-1]
+        figures = (0.12, 0.2, ids.Reasons.NONE, 1, text)
+        ack = Acknowledgement(request.transaction, request.target, result, stage, outcome, *figures)
+        self.link.link.acknowledge(request, ack, self.link.now)
+
+
+@pytest.fixture
+def desk(thing_call: CallData, quiet_summary: Summary) -> Iterator[Desk]:
+    made = Desk(thing_call, quiet_summary)
+    made.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
+    made.run(5.0)
+    yield made
+    json.dumps(made.console.documents(made.link.now))
+
+
+def test_before_a_call_state_words_and_policy_are_known(desk: Desk) -> None:
+    desk.until(lambda: bool(desk.rover()["words_known"]))
+    rover = desk.rover()
+    assert (rover["state"], rover["policy"], rover["up"]) == ("ok", "hold", True)
+    assert rover["vehicle"] == {"mode": "AUTO", "armed": True}
+    assert rover["words"] == [
+        {"word": "grass", "weight": 1.0, "fixed": True},
+        {"word": "gravel", "weight": None, "fixed": True},
+    ]
+    assert rover["calls"] == []
+
+
+def test_a_call_comes_with_its_picture_its_reason_and_what_to_do(desk: Desk) -> None:
+    desk.announce()
+    desk.run(0.5)
+    desk.until(lambda: "small" in desk.shown()["pictures"])
+    call = desk.shown()
+    assert call["open"]
+    assert call["reason"] == "Something in the middle that none of its words explains."
+    assert call["box"] == pytest.approx(BOX, abs=1e-3)
+    assert call["size"] == [128, 96]
+    assert "Name it" in call["todo"]
+    assert call["stands"] == "The vehicle is held."
+    assert desk.console.picture(1, 7, "small") == desk.files["7.jpg"]
+    assert desk.console.picture(1, 7, "large") is None, "a slow link gets it only when asked"
+    desk.post("fetch", what="large", call=7)
+    desk.until(lambda: desk.console.picture(1, 7, "large") == desk.files["7-large.jpg"])
+
+
+def test_a_tap_with_a_name_leaves_as_one_answer_and_what_becomes_of_it_is_told(desk: Desk) -> None:
+    desk.announce()
+    desk.run(3.0)
+    changes = [{"tap": "drum", "weight": -1, "box": BOX, "frame": 4711}, {"word": "gravel", "weight": 1}]
+    assert desk.post("answer", call=7, motion="go", changes=changes) == "sent"
+    desk.until(lambda: bool(desk.requests()))
+    (request,) = desk.requests()
+    assert (request.target, request.motion) == (7, ids.Motion.GO)
+    tap, word = request.operations
+    assert isinstance(tap, TapBox)
+    assert (tap.frame_id, tap.word, tap.weight) == (4711, "drum", -1.0)
+    assert word == SetWord("gravel", 1.0)
+    assert desk.shown()["answers"][0]["tone"] == "wait"
+    desk.acknowledge(ids.Result.APPLIED, ids.Stage.ANSWERED, "C7 blocked by drum: waiting")
+    desk.until(lambda: bool(desk.shown()["answers"][0]["settled"]))
+    answer = desk.shown()["answers"][0]
+    assert answer["said"] == "drum: -1, gravel: 1, go"
+    assert answer["tone"] == "good"
+    assert "blocked by drum" in answer["text"]
+    assert desk.shown()["stage"] == "answered"
+    assert desk.rover()["names"][:2] == [["gravel", 1.0], ["drum", -1.0]]
+    desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
+    closed = replace(desk.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.ANSWERED, holding=False)
+    desk.link.link.announce(closed, "C7 closed: answered, thank you", desk.link.now)
+    desk.until(lambda: not desk.shown()["open"])
+    desk.until(lambda: "The rover drives on (AUTO)." in [one["text"] for one in desk.shown()["said"]])
+    assert desk.shown()["first"] == ""
+
+
+def test_words_that_do_not_cover_the_thing_leave_the_call_open(desk: Desk) -> None:
+    desk.announce()
+    desk.run(3.0)
+    desk.post("answer", call=7, motion="go", changes=[{"word": "gravel", "weight": 1}])
+    desk.until(lambda: bool(desk.requests()))
+    desk.acknowledge(ids.Result.NOT_COVERED, ids.Stage.OPEN)
+    desk.until(lambda: bool(desk.shown()["answers"][0]["settled"]))
+    assert desk.shown()["answers"][0]["tone"] == "bad"
+    assert "does not cover" in desk.shown()["answers"][0]["text"]
+    assert desk.shown()["open"]
+
+
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [
+        (
+            {
+                "call": 7,
+                "motion": "go",
+                "changes": [{"tap": "drum", "weight": -1, "box": BOX, "frame": 4710}],
+            },
+            "older picture",
+        ),
+        ({"call": 8, "motion": "go"}, "closed already"),
+        ({"rover": 2, "call": 7, "motion": "go"}, "not heard"),
+        ({"motion": "none", "changes": [{"word": "gravel", "weight": 1}]}, "a call is open"),
+    ],
+)
+def test_an_answer_that_may_be_meant_for_something_else_is_not_sent(
+    desk: Desk, told: dict[str, Any], why: str
+) -> None:
+    desk.announce()
+    desk.run(3.0)
+    with pytest.raises(RequestError, match=why):
+        desk.post("answer", **told)
+    desk.run(1.0)
+    assert desk.requests() == []
+
+
+def test_without_a_call_words_are_set_at_once(desk: Desk) -> None:
+    desk.post("answer", call=None, motion="none", changes=[{"word": "gravel", "weight": 0.5}])
+    desk.until(lambda: bool(desk.requests()))
+    (request,) = desk.requests()
+    assert (request.target, request.motion, request.operations) == (
+        0,
+        ids.Motion.NONE,
+        (SetWord("gravel", 0.5),),
+    )
+
+
+def test_undoing_forgets_the_scene_and_puts_the_words_back(desk: Desk) -> None:
+    desk.until(lambda: bool(desk.rover()["words_known"]))
+    desk.announce()
+    desk.run(3.0)
+    changes = [
+        {"tap": "drum", "weight": -1, "box": BOX, "frame": 4711},
+        {"word": "grass", "weight": 0.5},
+    ]
+    desk.post("answer", call=7, motion="go", changes=changes)
+    desk.until(lambda: bool(desk.requests()))
+    desk.acknowledge(ids.Result.APPLIED, ids.Stage.CLOSED)
+    desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
+    desk.until(lambda: bool(desk.shown()["undo"]) and not desk.rover()["current"])
+    desk.post("undo", call=7)
+    desk.until(lambda: len(desk.requests()) == 2)
+    undo = desk.requests()[-1]
+    assert (undo.target, undo.motion) == (0, ids.Motion.NONE)
+    assert undo.operations == (ForgetCall(7), ForgetWord("drum"), SetWord("grass", 1.0))
+    assert not desk.shown()["undo"]
+
+
+def test_the_second_of_two_operators_is_told_who_was_first(desk: Desk) -> None:
+    given = {
+        "at": 1.0,
+        "sender": [254, 190],
+        "motion": "go",
+        "operations": ["gravel: 1"],
+        "result": "applied",
+        "text": "",
+    }
+    desk.files["7.json"] = json.dumps({"id": 7, "answers": [given]}).encode()
+    desk.announce()
+    desk.run(3.0)
+    closed = replace(desk.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.ANSWERED)
+    desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
+    desk.link.link.announce(closed, "C7 closed: answered, thank you", desk.link.now)
+    desk.until(lambda: "254/190" in desk.shown()["first"])
+    assert desk.shown()["first"] == "ground station 254/190 answered first: gravel: 1, go"
+
+
+def test_a_console_that_starts_late_rebuilds_the_open_call_from_the_state(desk: Desk) -> None:
+    desk.announce()
+    desk.hears = False
+    desk.run(20.0)
+    desk.state["open"] = {
+        "id": 7,
+        "kind": "call",
+        "stage": "open",
+        "holding": True,
+        "age": 20,
+        "frame_id": 4711,
+        "picture": "/calls/7.jpg",
+        "worst_tile_box": BOX,
+        "roi_uncertainty": 0.38,
+    }
+    desk.state["reasons"] = ["unknown_object"]
+    heard_from = desk.link.now
+    late = Console(OperatorClient())
+    late.client.ids = 255, 190
+    desk.console, desk.hears = late, True
+    desk.until(lambda: bool(late.desks) and any(call["open"] for call in desk.rover()["calls"]), 8.0)
+    assert desk.link.now - heard_from < 8.0
+    assert desk.shown()["frame"] == 4711
+    desk.until(lambda: "small" in desk.shown()["pictures"])
+
+
+def test_a_rover_that_is_not_heard_is_sent_nothing_and_the_answer_waits(desk: Desk) -> None:
+    desk.announce()
+    desk.run(3.0)
+    desk.hears = False
+    desk.run(4.0)
+    assert not desk.rover()["up"]
+    assert "not heard" in desk.post("answer", call=7, motion="go")
+    desk.run(5.0)
+    assert desk.requests() == []
+    assert "waits" in desk.shown()["answers"][0]["text"]
+    desk.hears = True
+    desk.until(lambda: bool(desk.requests()))
+
+
+def test_texts_and_documents_of_a_hostile_rover_are_cleaned_and_bounded(desk: Desk) -> None:
+    evil = "<img src=x onerror=alert(1)>\x1b[31m"
+    desk.state |= {"words": {evil: 1.0, "a" * 400: 1.0}, "hold_refused": evil * 1000, "model": evil}
+    desk.link.link.send_text(evil, ids.WARNING, desk.link.now)
+    desk.link.link.set_state(ids.State.BLOCKED, 0, ids.Policy.HOLD)
+    desk.until(lambda: bool(desk.rover()["model"]))
+    assert evil.replace("\x1b", " ") in desk.rover()["texts"][-1]["text"]
+    shown = json.dumps(desk.rover())
+    assert "\\u001b" not in shown
+    assert len(shown) < 20_000

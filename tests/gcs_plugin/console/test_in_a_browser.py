@@ -1,0 +1,221 @@
+"""The console in a real browser, where Playwright and Debian's Chromium are installed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.wire import ids
+from companion.wire.answers import TapBox
+from companion.wire.payloads import CallData
+from tests.gcs_plugin.console.served import MISSING, Served
+
+playwright = pytest.importorskip("playwright.sync_api")
+CHROMIUM = Path("/usr/bin/chromium")
+AXE = Path(os.environ.get("AXE", "/nowhere"))
+"""axe.min.js of axe-core, if it is there."""
+CALL = ".open .call:not([data-stage=closed])"
+pytestmark = pytest.mark.skipif(
+    bool(MISSING) or not CHROMIUM.exists(), reason="the extra ground or Chromium is not installed"
+)
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    made = Served()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def open_page(served: Served) -> Iterator[Callable[..., Any]]:
+    """Opens the page: open_page(width). Errors in its console fail the test."""
+    errors: list[str] = []
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+
+        def opened(width: int = 1280, scheme: str = "light") -> Any:
+            tab = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+            tab.on("pageerror", lambda error: errors.append(str(error)))
+            tab.goto(served.url)
+            return tab
+
+        yield opened
+        browser.close()
+    assert errors == []
+
+
+@pytest.fixture
+def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallData) -> Any:
+    made = tiny_rover(1, thing_call)
+    served.rovers.append(made)
+    return made
+
+
+def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    tab = open_page()
+    card = tab.locator(CALL)
+    served.until(card.is_visible)
+    assert "none of its words explains" in card.inner_text()
+    assert tab.locator("#title").inner_text() == "CALLING"
+    assert "Something in the middle" in tab.locator("#say").text_content()
+    frame = card.locator(".shot.small .aim").bounding_box()
+    tab.mouse.click(frame["x"] + 0.3 * frame["width"], frame["y"] + 0.6 * frame["height"])
+    assert card.locator(".shot.small rect.own").count() == 1
+    card.get_by_label("Its name").fill("Drum")
+    assert card.locator("button.go").inner_text() == "Drum −1, and go"
+    card.get_by_label("Its name").press("Enter")
+    served.until(lambda: rover.applied != [])
+    ((target, motion, (tap,)),) = rover.applied
+    assert (target, motion) == (7, ids.Motion.GO)
+    assert isinstance(tap, TapBox)
+    assert (tap.frame_id, tap.word, tap.weight) == (4711, "drum", -1.0)
+    left, top, right, bottom = tap.box
+    assert ((left + right) / 2, (top + bottom) / 2) == pytest.approx((0.3, 0.6), abs=0.01)
+    said = tab.locator(".becoming").first
+    served.until(lambda: "You: drum: -1, go" in said.inner_text() and "done" in said.inner_text())
+    served.until(lambda: "The rover drives on" in said.inner_text())
+    served.until(lambda: tab.locator("#title").inner_text() == "OK")
+
+
+def test_by_keyboard_alone_a_frame_is_moved_named_and_sent(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    tab = open_page()
+    card = tab.locator(CALL)
+    served.until(card.is_visible)
+    tab.keyboard.press("t")
+    for key in ("ArrowLeft", "ArrowLeft", "Shift+ArrowDown", "n"):
+        tab.keyboard.press(key)
+    tab.keyboard.type("grass log")
+    tab.keyboard.press("Enter")
+    served.until(lambda: rover.applied != [])
+    ((_, motion, (tap,)),) = rover.applied
+    assert motion is ids.Motion.GO
+    assert tap.word == "grass log"
+    assert tap.box == pytest.approx((0.39, 0.55, 0.58, 0.82), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "motion"), [("g", ids.Motion.GO), ("s", ids.Motion.STAY), ("l", ids.Motion.LOOK_AGAIN)]
+)
+def test_one_key_answers_with_a_motion(
+    served: Served, open_page: Callable[..., Any], rover: Any, key: str, motion: ids.Motion
+) -> None:
+    tab = open_page()
+    served.until(tab.locator(CALL).is_visible)
+    tab.keyboard.press(key)
+    served.until(lambda: rover.applied == [(7, motion, ())])
+
+
+def test_after_a_reload_and_with_a_second_page_the_call_and_its_answer_are_there(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    rover.stage_after, rover.result = ids.Stage.ANSWERED, ids.Result.APPLIED
+    tab = open_page()
+    served.until(tab.locator(CALL).is_visible)
+    tab.locator(CALL).get_by_role("button", name="Go").click()
+    served.until(lambda: rover.applied != [])
+    served.until(lambda: "done" in tab.locator(".becoming").inner_text())
+    tab.reload()
+    served.until(tab.locator(CALL).is_visible)
+    assert "You: go done" in tab.locator(".becoming").inner_text()
+    assert tab.locator(".timeline li").count() > 2
+    other = open_page()
+    served.until(other.locator(CALL).is_visible)
+    assert "You: go done" in other.locator(".becoming").inner_text()
+
+
+def test_of_two_rovers_the_one_that_calls_comes_first(
+    served: Served,
+    open_page: Callable[..., Any],
+    rover: Any,
+    tiny_rover: Callable[..., Any],
+    thing_call: CallData,
+) -> None:
+    other = tiny_rover(2, None)
+    served.rovers.append(other)
+    rover.call = None
+    tab = open_page()
+    served.until(lambda: tab.locator(".rover").count() == 2)
+    assert tab.locator(".rover h2").all_inner_texts() == ["Rover 1", "Rover 2"]
+    other.call = thing_call
+    served.until(lambda: tab.locator(".rover h2").all_inner_texts() == ["Rover 2", "Rover 1"])
+    assert "Rover 2" in tab.locator("#summary").inner_text()
+    tab.locator(CALL).get_by_role("button", name="Go").click()
+    served.until(lambda: other.applied != [])
+    assert rover.applied == []
+
+
+def test_a_link_that_is_cut_is_said_and_an_answer_waits_until_it_is_back(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    tab = open_page()
+    served.until(tab.locator(CALL).is_visible)
+    served.rovers.clear()
+    served.until(lambda: "NOT HEARD" in tab.locator(".strip strong").text_content())
+    tab.locator(CALL).get_by_role("button", name="Stay").click()
+    served.until(lambda: "waits: the companion is not heard" in tab.locator(".becoming").inner_text())
+    assert rover.applied == []
+    served.rovers.append(rover)
+    served.until(lambda: rover.applied == [(7, ids.Motion.STAY, ())])
+
+
+@pytest.mark.usefixtures("rover")
+def test_a_console_that_ended_is_said_and_nothing_looks_live(
+    served: Served, open_page: Callable[..., Any]
+) -> None:
+    tab = open_page()
+    served.until(tab.locator(CALL).is_visible)
+    served.process.terminate()
+    served.until(lambda: tab.locator("#title").inner_text() == "NO CONNECTION")
+    assert "grayscale" in tab.locator("main").evaluate("part => getComputedStyle(part).filter")
+
+
+def test_hostile_text_is_text(served: Served, open_page: Callable[..., Any], rover: Any) -> None:
+    tab = open_page()
+    served.until(tab.locator(CALL).is_visible)
+    served.say(rover.text("<img src=x onerror=document.title=1>"))
+    served.until(lambda: "<img src=x" in tab.locator(".timeline").inner_text())
+    assert tab.locator(".timeline img").count() == 0
+
+
+def test_a_call_that_takes_anothers_place_is_not_answered_before_it_can_be_read(
+    served: Served, open_page: Callable[..., Any], rover: Any, thing_call: CallData
+) -> None:
+    tab = open_page()
+    served.until(tab.locator(CALL).is_visible)
+    rover.call = replace(thing_call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
+    served.until(lambda: tab.locator(CALL).count() == 0)
+    rover.call = replace(thing_call, id=8, frame_id=4800)
+    served.until(tab.locator(CALL).is_visible)
+    tab.keyboard.press("g")
+    assert "C8 is new, so nothing was sent" in tab.locator(CALL).inner_text()
+    assert rover.applied == []
+
+
+@pytest.mark.usefixtures("rover")
+@pytest.mark.parametrize("width", [320, 1280, 2560])
+def test_it_fits_and_can_be_reached_at_any_width(
+    served: Served, open_page: Callable[..., Any], width: int
+) -> None:
+    for scheme in ("light", "dark"):
+        tab = open_page(width, scheme)
+        served.until(tab.locator(CALL).is_visible)
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        for button in tab.locator(f"{CALL} .motions button:visible").all():
+            box = button.bounding_box()
+            assert box["height"] >= 40
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= width
+        if AXE.exists():
+            tab.evaluate(AXE.read_text())
+            found = tab.evaluate("axe.run().then(told => told.violations)")
+            assert [(one["id"], [node["html"] for node in one["nodes"]]) for one in found] == []

@@ -1,0 +1,103 @@
+"""What the page posts is checked: each body is a request or is refused with a sentence."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.wire.ids import Motion, Policy
+from gcs_plugin.client.delivery import split
+from gcs_plugin.console.requests import (
+    AnswerRequest,
+    FileRequest,
+    PolicyRequest,
+    RequestError,
+    UndoRequest,
+    read_request,
+)
+from gcs_plugin.terminal.commands import Forget, Tap, Word
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=60),
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=12), inner, max_size=5),
+    max_leaves=12,
+)
+KEYS = ["tap", "word", "weight", "box", "frame", "forget", "forget_call", "new_episode", "other_place"]
+CHANGE = st.dictionaries(st.sampled_from(KEYS), JSON, max_size=5)
+ALIKE = st.fixed_dictionaries(
+    {"rover": st.integers(0, 256) | JSON},
+    optional={
+        "call": st.integers(0, 70000) | JSON,
+        "motion": st.sampled_from(["go", "stay", "look", "none"]) | JSON,
+        "changes": st.lists(CHANGE, max_size=3) | JSON,
+        "policy": st.sampled_from(["hold", "off"]) | JSON,
+        "what": st.sampled_from(["large", "check"]) | JSON,
+    },
+)
+KINDS = st.sampled_from(["answer", "policy", "undo", "fetch", "other"])
+
+
+def read(kind: str, **told: Any) -> Any:
+    return read_request(kind, json.dumps({"rover": 1, **told}).encode())
+
+
+def test_a_tap_with_a_name_and_a_motion_is_one_answer() -> None:
+    box = [0.41, 0.55, 0.6, 0.81]
+    changes = [{"tap": "Drum", "weight": -1, "box": box, "frame": 4711}, {"word": "grass", "weight": 0.5}]
+    request = read("answer", call=7, motion="go", changes=changes)
+    assert isinstance(request, AnswerRequest)
+    assert request.frame == 4711
+    assert request.reply.motion is Motion.GO
+    assert request.reply.changes == (Tap("drum", -1.0, (0.41, 0.55, 0.6, 0.81)), Word("grass", 0.5))
+
+
+def test_policies_undoing_and_files_are_requests() -> None:
+    assert read("policy", policy="hold") == PolicyRequest(1, Policy.HOLD)
+    assert read("undo", call=7) == UndoRequest(1, 7)
+    assert read("fetch", what="large", call=7) == FileRequest(1, "large", 7)
+    assert read("answer", motion="none", changes=[{"forget": "bush"}]).reply.changes == (Forget("bush"),)
+
+
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [
+        ({"motion": "go"}, "needs the call"),
+        ({"motion": "none"}, "needs a motion"),
+        ({"motion": "drive", "call": 7}, "motion is one of"),
+        ({"motion": "go", "call": 0}, "call is a whole number"),
+        ({"motion": "go", "call": True}, "call is a whole number"),
+        ({"motion": "go", "call": 7, "changes": [{"word": "a", "weight": 2}]}, "weight"),
+        ({"motion": "go", "call": 7, "changes": [{"word": "a", "weight": float("nan")}]}, "weight"),
+        ({"motion": "go", "call": 7, "changes": [{"word": "a: 1; b", "weight": 1}]}, "leave them out"),
+        ({"motion": "go", "call": 7, "changes": [{"tap": "a", "weight": 1, "box": [0, 0, 1, 1]}]}, "frame"),
+        (
+            {"motion": "go", "call": 7, "changes": [{"tap": "a", "weight": 1, "box": [0.5, 0, 0.5, 1]}]},
+            "left before",
+        ),
+        ({"motion": "go", "call": 7, "changes": [{"word": "a", "weight": 1}] * 2}, "stands twice"),
+        ({"motion": "go", "call": 7, "changes": [{"word": "a", "weight": 1}] * 40}, "32 at most"),
+        ({"rover": 256, "motion": "go", "call": 7}, "rover is a whole number"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_what_is_wrong(told: dict[str, Any], why: str) -> None:
+    with pytest.raises(RequestError, match=why):
+        read("answer", **told)
+
+
+@given(KINDS, st.binary(max_size=200) | (JSON | ALIKE).map(lambda told: json.dumps(told).encode()))
+def test_any_body_is_a_request_that_fits_the_wire_or_is_refused(kind: str, body: bytes) -> None:
+    try:
+        request = read_request(kind, body)
+    except RequestError:
+        return
+    assert 1 <= request.rover <= 255
+    if isinstance(request, AnswerRequest):
+        for change in request.reply.changes:
+            if isinstance(change, Word | Tap):
+                assert -1 <= change.weight <= 1
+                assert change.word == change.word.lower()
+        assert split(1, request.reply.call_id or 0, request.reply.motion, ())

@@ -1,0 +1,150 @@
+"""The console's program, asked by HTTP: what it shows, what it carries out, what it refuses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from companion.wire import ids
+from companion.wire.payloads import CallData
+from gcs_plugin.console.main import main
+from tests.gcs_plugin.console.served import MISSING, Served
+
+pytestmark = pytest.mark.skipif(bool(MISSING), reason="the extra ground is not installed")
+GO = {"rover": 1, "call": 7, "motion": "go", "changes": []}
+PAGE_BYTES = 200_000
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Served]:
+    made = Served()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallData) -> Iterator[Any]:
+    made = tiny_rover(1, thing_call)
+    served.rovers = [made]
+    served.until(lambda: made.heard_ground and served.news()["rovers"] != [])
+    yield made
+    served.rovers = []
+
+
+def test_the_page_comes_from_here_under_a_strict_policy_and_is_small(served: Served) -> None:
+    size = 0
+    for path in ("/", "/look.css", "/style.css", "/favicon.svg", *(f"/{name}.js" for name in MODULES)):
+        status, headers, content = served.ask(path)
+        assert status == 200, path
+        assert "default-src 'none'" in headers["content-security-policy"]
+        assert "unsafe" not in headers["content-security-policy"]
+        assert b"innerHTML" not in content
+        assert b"style=" not in content
+        size += len(content)
+    assert size < PAGE_BYTES
+    assert b"<script>" not in served.ask("/")[2]
+
+
+MODULES = (
+    "main", "model", "rover", "call", "picture", "plots", "words", "alarm",
+    "elements", "stream", "delay", "wording",
+)  # fmt: skip
+
+
+def test_an_answer_that_is_posted_reaches_the_rover_and_comes_back_acknowledged(
+    served: Served, rover: Any
+) -> None:
+    served.until(lambda: any(call["open"] for call in served.news()["rovers"][0]["calls"]))
+    assert served.post("answer", GO)[0] == 200
+    served.until(lambda: rover.applied != [])
+    assert rover.applied == [(7, ids.Motion.GO, ())]
+    served.until(lambda: served.news()["rovers"][0]["calls"][0]["answers"][0]["tone"] == "good")
+    status, told = served.post("answer", GO)
+    assert status == 409
+    assert "closed already" in json.loads(told)["problem"]
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://localhost"},
+        {"Sec_Fetch_Site": "cross-site"},
+        {"Sec_Fetch_Site": "same-site"},
+        {"Sec_Fetch_Site": "none"},
+        {"Content_Type": "text/plain"},
+        {"Content_Type": "application/x-www-form-urlencoded"},
+        {"Host": "evil.example"},
+        {"Host": "127.0.0.1.evil.example"},
+    ],
+)
+def test_another_site_can_post_nothing(served: Served, rover: Any, headers: dict[str, str]) -> None:
+    assert served.post("answer", GO, **headers)[0] in (403, 415, 421)
+    assert rover.applied == []
+
+
+def test_without_an_origin_nothing_is_carried_out(served: Served, rover: Any) -> None:
+    assert served.ask("/answer", "POST", GO, Content_Type="application/json")[0] == 403
+    assert served.ask("/answer", "PUT", GO, Content_Type="application/json")[0] == 405
+    assert served.ask("/answer")[0] == 405
+    assert served.post("answer", b"x" * 20_000)[0] == 413
+    assert rover.applied == []
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sampled_from(["answer", "policy", "undo", "fetch"]), st.binary(max_size=300))
+def test_any_bytes_are_answered_with_what_is_wrong(served: Served, kind: str, body: bytes) -> None:
+    status, told = served.post(kind, body)
+    assert status == 409
+    assert json.loads(told)["problem"]
+
+
+@pytest.mark.parametrize("name", ["1/7/other.jpg", "1/7/..%2fsmall.jpg", "9/7/small.jpg", "1/7/small.jpg"])
+def test_only_pictures_that_came_are_served(served: Served, name: str) -> None:
+    assert served.ask(f"/pictures/{name}")[0] == 404
+
+
+def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path: Path) -> None:
+    token = "0123456789abcdef-TOKEN"
+    (tmp_path / "token").write_text(f"{token}\n")
+    made = Served("--token-file", str(tmp_path / "token"), "--origin", "https://ground.example:8192")
+    try:
+        made.url = "https://ground.example:8192"
+        named = {"Host": "ground.example:8192"}
+        assert made.ask("/", **named)[0] == 401
+        assert made.post("answer", GO, **named)[0] == 401
+        status, headers, _ = made.ask(f"/?token={token}", **named)
+        assert status == 303
+        assert "httponly" in headers["set-cookie"].lower()
+        cookie = {"Cookie": headers["set-cookie"].split(";")[0]}
+        assert made.ask("/", **named, **cookie)[0] == 200
+        assert made.post("answer", GO, **named, **cookie)[0] == 409, "no rover is heard"
+        assert made.post("answer", GO, Host="evil.example", **cookie)[0] == 421
+        assert made.post("answer", GO, Origin="https://evil.example", **named, **cookie)[0] == 403
+    finally:
+        made.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--host", "0.0.0.0"], "--token-file and --origin"),
+        (["--host", "example.org"], "127.0.0.1"),
+        (["--port", "70000"], "65535"),
+        (["--connect", "udp:14550"], "is not a link"),
+        (["--token-file", "/nowhere"], "nowhere"),
+        (["--origin", "ground.local"], "--origin"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_with_what_to_do(
+    options: list[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--no-browser", *options]) == 2
+    assert why in capsys.readouterr().err

@@ -32,6 +32,18 @@ def test_make_demo_hands_its_options_to_the_demo(checkout: Checkout, words: list
     assert checkout.calls[-1] == expected
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"), [([], ""), (["SEED=7", "OUT=a folder"], " --seed 7 --out a folder")]
+)
+def test_make_console_hands_its_options_to_the_demo(
+    checkout: Checkout, words: list[str], expected: str
+) -> None:
+    checkout.python()
+    done = checkout.run("make", "console", *words)
+    assert done.returncode == 0, done.stderr
+    assert checkout.calls[-1] == f"demo --console{expected}"
+
+
 def test_make_demo_installs_only_what_a_rover_needs(checkout: Checkout) -> None:
     checkout.python()
     checkout.run("make", "demo")

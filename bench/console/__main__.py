@@ -114,7 +114,7 @@ def main() -> int:
             viewport={"width": 1280, "height": 900}
         )
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda said: said.type == "error" and errors.append(said.text))
+        page.on("console", lambda said: errors.extend([said.text] if said.type == "error" else []))
         page.goto(url)
         rover.drive()
         person = Person(page, rover, out)

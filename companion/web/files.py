@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.system.regular_file import open_regular
+from companion.wire.ids import newest_first
 
 LISTED = 12
 """Calls that are listed, the newest ones."""
@@ -73,19 +74,6 @@ class StateFolder:
         except FileNotFoundError:
             pass
         return numbers
-
-
-def newest_first(numbers: list[int]) -> list[int]:
-    """Order ids of 16 bits, which begin again after 65535, by age: the widest gap is before the oldest.
-
-    Files' times may be wrong, since a rover often boots without a clock.
-    """
-    known = sorted(set(numbers))
-    if not known:
-        return []
-    gaps = [(number - before) & 0xFFFF for before, number in zip([known[-1], *known], known, strict=False)]
-    oldest = gaps.index(max(gaps))
-    return [*known[oldest:], *known[:oldest]][::-1]
 
 
 def _read(folder: Path, name: str, most: int, *, end: bool = False) -> bytes:

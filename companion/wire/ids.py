@@ -166,3 +166,16 @@ def words_hash(weights: Mapping[str, float]) -> int:
     """CRC-32 of words and weights (to 1e-4), in any order, by which both ends compare their words."""
     text = ";".join(f"{word}:{round(weight * 10_000)}" for word, weight in sorted(weights.items()))
     return zlib.crc32(text.encode())
+
+
+def newest_first(numbers: list[int]) -> list[int]:
+    """Order ids of 16 bits, which begin again after 65535, by age: the widest gap is before the oldest.
+
+    Files' times may be wrong, since a rover often boots without a clock.
+    """
+    known = sorted(set(numbers))
+    if not known:
+        return []
+    gaps = [(number - before) & 0xFFFF for before, number in zip([known[-1], *known], known, strict=False)]
+    oldest = gaps.index(max(gaps))
+    return [*known[oldest:], *known[:oldest]][::-1]

@@ -31,6 +31,7 @@ from companion.wire.signing import is_signed
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.delivery import Pending, PendingPolicy, Status
 from gcs_plugin.client.fetch import Fetch
+from gcs_plugin.client.listing import Listing
 from gcs_plugin.client.outbox import Outbox
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.client.vehicle import read_vehicle
@@ -134,6 +135,10 @@ class OperatorClient:
     def fetch(self, system: int, path: str, now: float) -> Fetch:
         """Fetch a file of the rover's companion; the returned object shows the progress. Replaces another."""
         return self._outbox.fetch(system, path, now)
+
+    def list_folder(self, system: int, path: str, now: float) -> Listing:
+        """List a folder of the rover's companion; as `fetch`, which it replaces."""
+        return self._outbox.list_folder(system, path, now)
 
     def request_parameters(self, system: int) -> None:
         """Request the parameter list of the rover's companion, as soon as it is heard."""

@@ -15,6 +15,7 @@ from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.delivery import Pending, PendingPolicy
 from gcs_plugin.client.fetch import Fetch
+from gcs_plugin.client.listing import Listing
 
 PACE_S = 0.05
 """Seconds between two messages to one rover, since radios and PX4 lose messages of a burst."""
@@ -32,7 +33,7 @@ class Outbox:
         self._report = report_event
         self._pending: deque[Pending] = deque(maxlen=MAX_PENDING)
         self._policy_requests: dict[int, PendingPolicy] = {}
-        self._fetches: dict[int, Fetch] = {}
+        self._fetches: dict[int, Fetch | Listing] = {}
         self._lists_wanted: set[int] = set()
         self._may_send_at: dict[int, float] = {}
 
@@ -82,6 +83,11 @@ class Outbox:
         """Fetch a file, in place of an earlier fetch from this rover."""
         self._fetches[system] = fetch = Fetch(system, path, now)
         return fetch
+
+    def list_folder(self, system: int, path: str, now: float) -> Listing:
+        """List a folder, in place of an earlier fetch from this rover."""
+        self._fetches[system] = listing = Listing(system, path, now)
+        return listing
 
     def request_parameters(self, system: int) -> None:
         """Request the parameter list."""

@@ -102,6 +102,15 @@ class Stories:
             self.by_id.pop(next(closed, next(iter(self.by_id))))
         return fresh
 
+    def remember(self, record: CallRecord) -> Story | None:
+        """Take in the record of a call before this console began; None for one that is known otherwise."""
+        if record.id in self.by_id or len(self.by_id) >= SHOWN:
+            return None
+        began = (one.at for one in record.answers if one.at is not None)
+        opened = next(began, record.closed) or 0.0
+        self.by_id[record.id] = story = Story(record.id, 0, opened, record=record, closed_at=record.closed)
+        return story
+
     def hear(self, text: str, wall: float) -> None:
         """Take in a text of the companion, which may be about a call. Those that only ask are left out."""
         about = None if text.endswith(_ASKS) else _ABOUT.match(text)

@@ -9,6 +9,7 @@ from enum import IntEnum
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.documents import DocumentError
 from gcs_plugin.client.fetch import Fetch, FetchStatus
+from gcs_plugin.client.listing import Listing
 
 MOST_WANTED = 32
 TRIES = 3
@@ -45,13 +46,16 @@ class Files:
         self._client = client
         self._system = system
         self._wanted: dict[str, _Wanted] = {}
-        self._running: tuple[_Wanted, Fetch, float] | None = None
+        self._running: tuple[_Wanted, Fetch | Listing, float] | None = None
         self.rate: float | None = None
         self.problems: dict[str, str] = {}
         """Why a file did not come, by path."""
 
     def want(self, path: str, rank: Rank, use: Callable[[bytes], None]) -> None:
-        """Fetch a file, once, and give its content to `use`, which may raise DocumentError."""
+        """Fetch a file, once, and give its content to `use`, which may raise DocumentError.
+
+        A path that ends in "/" is a folder: `use` gets the names of its files, one a line.
+        """
         if path in self._wanted or len(self._wanted) >= MOST_WANTED:
             return
         self.problems.pop(path, None)
@@ -72,7 +76,7 @@ class Files:
         if self._running is None or self._running[0].path != path:
             return None
         fetch = self._running[1]
-        return fetch.received, fetch.size
+        return (fetch.received, fetch.size) if isinstance(fetch, Fetch) else None
 
     def step(self, now: float) -> bool:
         """Take what has come, and begin what is most urgent. Returns whether something changed."""
@@ -85,7 +89,9 @@ class Files:
             self._running[0].rank <= urgent.rank or urgent.rank is not Rank.CALL_PICTURE
         ):
             return changed
-        self._running = urgent, self._client.fetch(self._system, urgent.path, now), now
+        folder = urgent.path.endswith("/")
+        begin = self._client.list_folder if folder else self._client.fetch
+        self._running = urgent, begin(self._system, urgent.path.rstrip("/"), now), now
         return True
 
     def _finish(self, now: float) -> bool:
@@ -99,10 +105,11 @@ class Files:
         self._running = None
         problem = fetch.problem
         if fetch.status is FetchStatus.DONE:
-            if len(fetch.content) >= MEASURED_BYTES:
-                self.rate = len(fetch.content) / max(0.02, now - began)
+            content = fetch.content if isinstance(fetch, Fetch) else "\n".join(fetch.names).encode()
+            if isinstance(fetch, Fetch) and len(content) >= MEASURED_BYTES:
+                self.rate = len(content) / max(0.02, now - began)
             try:
-                wanted.use(fetch.content)
+                wanted.use(content)
             except DocumentError as error:
                 problem = str(error)
         if not problem:

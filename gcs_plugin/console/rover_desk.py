@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import re
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from companion.wire.ids import Policy, Stage, State, words_hash
+from companion.wire.ids import Policy, Stage, State, newest_first, words_hash
 from companion.wire.parameters import ROI, THR_ROI, THR_SCENE, THR_TILE, THR_TRAV
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
@@ -28,7 +29,11 @@ QUICK = 3000.0
 """Bytes a second from which a large picture is fetched without being asked for."""
 LARGE_BYTES = 65_000
 """About what a large picture has."""
-STATE_PATH, CHECK_PATH = "/state.json", "/check.json"
+STATE_PATH, CHECK_PATH, CALLS_PATH = "/state.json", "/check.json", "/calls/"
+EARLIER = 8
+"""Calls before this console began that are fetched."""
+_RECORD = re.compile(r"([0-9]{1,5})\.json", re.ASCII)
+_NAMED = re.compile(r"(?:tap )?([^:]{1,48}): (-?[0-9.]{1,6})(?: |$)", re.ASCII)
 _TONES = {ALARM: "bad", GOOD: "good"}
 _PROMPTS_STATE = (ev.StateChanged, ev.PolicyStatusChanged, ev.Acknowledged, ev.CallClosed)
 
@@ -55,6 +60,8 @@ class RoverDesk:
         self.state: StateFile | None = None
         self.checks: tuple[Check, ...] = ()
         self.checked_at: float | None = None
+        self.earlier = "unknown"
+        """Whether the calls before this console began are "unknown", "coming" or "known"."""
         self.place_picture = b""
         """The picture of the known place, JPEG, b"" without one."""
         self._client = client
@@ -97,6 +104,9 @@ class RoverDesk:
         if what == "check":
             self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
             return ""
+        if what == "calls":
+            self._want_earlier()
+            return ""
         story = self.stories.by_id.get(call)
         if story is None:
             return f"call {call} is not known here"
@@ -109,6 +119,7 @@ class RoverDesk:
         counters, summary, computer = rover.counters, rover.summary, rover.computer
         heard = counters.summaries + counters.summaries_lost
         calls = self.stories.documents(rover, now, ids)
+        lost = self.earlier == "coming" and not self.files.waits(CALLS_PATH)
         return {
             "system": self.system,
             "up": rover.alive(now),
@@ -151,6 +162,7 @@ class RoverDesk:
                 if one.verdict in ("fail", "warn")
             ],
             "checked": self.checked_at,
+            "earlier": "unknown" if lost else self.earlier,
             "calls": [call | self._large(call["id"]) for call in calls],
             "texts": [
                 {"severity": severity, "text": wording.clean(text)}
@@ -233,8 +245,11 @@ class RoverDesk:
         known = None if call is None else rover.calls.get(call.id)
         if call is not None and call.id == rover.current_id and not _is_open(known):
             rover.handle_call(call, asked_at)
-        if not self.checks and self.checked_at is None and self._is_quick():
-            self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
+        if self._is_quick():
+            if self.checked_at is None:
+                self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
+            if self.earlier == "unknown":
+                self._want_earlier()
 
     def _see_place(self, known: KnownPlace | None) -> None:
         """Fetch the picture of a known place, when another one came into force."""
@@ -249,6 +264,29 @@ class RoverDesk:
 
         if known is not None and known.picture:
             self.files.want(known.picture, Rank.RECORD, take)
+
+    def _want_earlier(self) -> None:
+        """List the rover's calls, then fetch the records and small pictures of the newest."""
+        self.earlier = "coming"
+        self.files.want(CALLS_PATH, Rank.OLD, self._take_list)
+
+    def _take_list(self, names: bytes) -> None:
+        self.earlier = "known"
+        listed = (_RECORD.fullmatch(name) for name in names.decode().splitlines())
+        numbers = newest_first([int(found[1]) for found in listed if found])
+        for number in numbers[:EARLIER]:
+            if number not in self.stories.by_id:
+                self.files.want(f"/calls/{number}.json", Rank.OLD, self._take_record)
+
+    def _take_record(self, content: bytes) -> None:
+        record = read_record(content)
+        story = self.stories.remember(record)
+        if story is not None and record.picture:
+            self.files.want(record.picture, Rank.OLD, lambda jpeg: story.keep("small", jpeg))
+        for one in record.answers:
+            for operation in one.operations:
+                if found := _NAMED.match(operation):
+                    self.named.setdefault(found[1], float(found[2]))
 
     def _take_checks(self, content: bytes) -> None:
         self.checks = read_checks(content)

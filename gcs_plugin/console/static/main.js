@@ -4,7 +4,7 @@ import { element, showText } from "./elements.js";
 import { Stream } from "./stream.js";
 import { Alarm } from "./alarm.js";
 import * as model from "./model.js";
-import { RoverView } from "./rover.js";
+import { RoverView, arrange } from "./rover.js";
 
 const now = () => performance.now() / 1000;
 const rovers = new Map(); // system -> RoverView
@@ -55,11 +55,7 @@ function show() {
   document.getElementById("nobody").hidden = shown.length > 0;
   if (news) showText("nobody-why", news.problems[0] ?? `Listening on ${news.links.join(", ")}.`);
   const main = document.getElementById("rovers");
-  const order = shown.map((one) => view(one.system).part);
-  order.forEach((part, at) => {
-    // Moving a part that holds the focus would take the focus away: then the others move around it.
-    if (main.children[at + 1] !== part) main.insertBefore(part, main.children[at + 1] ?? null);
-  });
+  arrange(main, shown.map((one) => view(one.system).part), 1);
   main.classList.toggle("several", shown.length > 1);
   for (const one of shown) {
     view(one.system).show(one, { points: points.get(one.system) ?? [], entries: entries.get(one.system) ?? [], time, several: shown.length > 1 });

@@ -9,6 +9,11 @@ import { clock } from "./wording.js";
 
 const POLICIES = ["report", "shadow", "hold", "off"];
 
+// Puts the parts into their home in this order. One that is in its place is not moved, since it may hold the focus.
+export function arrange(home, parts, first = 0) {
+  parts.forEach((part, at) => home.children[first + at] !== part && home.insertBefore(part, home.children[first + at] ?? null));
+}
+
 export class RoverView {
   constructor(system, send, say) {
     Object.assign(this, { system, send, say });
@@ -29,6 +34,8 @@ export class RoverView {
     this.faults = element("ul", { className: "faults" });
     this.check = element("button", { type: "button", className: "plain", onclick: () => send("fetch", { rover: system, what: "check" }) }, "Ask it what is wrong");
     this.past = element("div", { className: "past" });
+    this.pastTitle = element("h3", {}, "Earlier calls");
+    this.more = element("button", { type: "button", className: "plain", onclick: () => send("fetch", { rover: system, what: "calls" }) });
     this.timeline = element("ol", { className: "timeline", tabIndex: 0, "aria-label": "Timeline" });
     const box = (title, ...parts) => element("section", {}, element("h3", {}, title), ...parts);
     this.part = element("article", { className: "rover", "aria-labelledby": `rover${system}` }, this.strip, this.open,
@@ -51,7 +58,7 @@ export class RoverView {
     showText(this.name, `Rover ${rover.system}`);
     showText(this.title, state.title);
     showText(this.text, `${state.text} ${model.mode(rover)}`);
-    this.showCalls(rover, time, several);
+    this.showCalls(rover, time);
     this.fan.show(rover.ahead);
     this.traversability.show(points, rover.thresholds.trav, time);
     this.uncertainty.show(points, rover.thresholds.unc, time);
@@ -65,13 +72,14 @@ export class RoverView {
       element("li", { tone }, element("time", {}, clock(at)), ` ${text}`))));
   }
 
-  showCalls(rover, time, several) {
+  showCalls(rover, time) {
     const wanted = new Map(rover.calls.map((call) => [call.key, call]));
     for (const [key, card] of this.cards) {
       if (wanted.has(key)) continue;
       card.part.remove();
       this.cards.delete(key);
     }
+    const inFront = [], behind = [];
     const latest = rover.calls.find((call) => !call.open);
     for (const call of rover.calls) {
       if (!this.cards.has(call.key)) {
@@ -84,11 +92,13 @@ export class RoverView {
       card.show(call, rover, time);
       // A call stays in front until another is there, so that what became of it is seen.
       const front = call.open || (call === latest && !rover.calls.some((one) => one.open) && (card.closedAt ?? -Infinity) > performance.now() / 1000 - 60);
-      const home = front ? this.open : this.past;
-      if (card.part.parentNode !== home) front ? home.prepend(card.part) : home.append(card.part);
+      (front ? inFront : behind).push(card.part);
     }
-    if (!this.pastTitle) this.past.prepend(this.pastTitle = element("h3", {}, "Earlier calls"));
-    this.past.hidden = this.past.children.length < 2;
+    arrange(this.open, inFront);
+    arrange(this.past, [this.pastTitle, ...behind, this.more]);
+    this.more.hidden = rover.earlier === "known";
+    this.more.disabled = rover.earlier === "coming";
+    showText(this.more, rover.earlier === "coming" ? "Earlier calls are on their way" : "Fetch the calls before this console began");
   }
 
   showPlace(rover) {

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.storage.call_files import CallFiles
-from companion.web.files import LINES, LISTED, StateFolder, newest_first
+from companion.web.files import LINES, LISTED, StateFolder
+from companion.wire.ids import newest_first
 
 
 @given(st.integers(0, 0xFFFF), st.lists(st.integers(1, 900), max_size=40))

@@ -14,7 +14,7 @@ import companion.browser
 import companion.web
 
 NODE = shutil.which("node")
-FOLDERS = [Path(package.__file__).parent / "static" for package in (companion.browser, companion.web)]
+FOLDERS = [Path(package.__path__[0], "static") for package in (companion.browser, companion.web)]
 pytestmark = pytest.mark.skipif(NODE is None, reason="Node.js is not installed")
 
 

@@ -310,3 +310,22 @@ def test_texts_and_documents_of_a_hostile_rover_are_cleaned_and_bounded(desk: De
     shown = json.dumps(desk.rover())
     assert "\\u001b" not in shown
     assert len(shown) < 20_000
+
+
+def test_calls_before_the_console_began_are_fetched_when_asked_for(desk: Desk) -> None:
+    for number in (65535, 2, 3):
+        answers = [{"at": 10.0 * (number % 65535), "operations": [f"tap rock{number}: -1 0.1 0.2 0.3 0.4"]}]
+        told = {"id": number, "reasons": ["unknown_object"], "outcome": "answered", "answers": answers}
+        desk.files[f"{number}.json"] = json.dumps(told | {"picture": f"/calls/{number}.jpg"}).encode()
+        desk.files[f"{number}.jpg"] = JPEG + bytes(700)
+    desk.files["x.txt"] = b""
+    assert desk.rover()["earlier"] == "unknown"
+    desk.post("fetch", what="calls")
+    desk.until(
+        lambda: [call["id"] for call in desk.rover()["calls"] if call["pictures"]] == [3, 2, 65535], 90.0
+    )
+    newest = desk.rover()["calls"][0]
+    assert (newest["outcome"], newest["open"]) == ("answered", False)
+    assert newest["given"] == ["tap rock3: -1 0.1 0.2 0.3 0.4"]
+    assert ["rock3", -1.0] in desk.rover()["names"]
+    assert desk.rover()["earlier"] == "known"

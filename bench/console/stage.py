@@ -10,6 +10,7 @@ from typing import Any
 from companion.sim.demo.child import Child
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import NEAR, STANDS
+from companion.sim.demo.rehearsal import free_port
 from companion.sim.field.control import FieldControl
 
 CHROMIUM = "/usr/bin/chromium"
@@ -17,7 +18,10 @@ _SPEED = 1.5
 
 
 class Rover:
-    """A simulated rover with its daemon. link: what a ground station connects to."""
+    """A simulated rover with its daemon.
+
+    link: what a ground station connects to. second_link: what another one does, past the autopilot.
+    """
 
     def __init__(self, folder: Path, seed: int, *, network: bool = True) -> None:
         folder.mkdir(parents=True)
@@ -39,6 +43,10 @@ class Rover:
             speed=_SPEED,
             network=network,
         )
+        port = str(free_port())
+        self.second_link = f"udpout:127.0.0.1:{port}"
+        with config.open("a", encoding="utf-8") as more:
+            more.write(f'\n[link.more.second]\nurl = "udpin:127.0.0.1:{port}"\nbudget = 0.0\n')
         self.daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
         self._blocked_since: float | None = None
 

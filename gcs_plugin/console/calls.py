@@ -208,7 +208,7 @@ class Stories:
             "place": None if data.latitude is None else [data.latitude, data.longitude, data.heading],
             "outcome": "" if call.open else wording.outcome(data.outcome, test=data.test),
             "first": "" if not others else own_wording.first_answer(first, ids) if first is not None
-            else "another operator answered first",
+            else "Another operator answered first.",
         }  # fmt: skip
 
 

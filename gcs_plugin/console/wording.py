@@ -100,11 +100,11 @@ def _operation(operation: Operation) -> str:
 
 def first_answer(given: GivenAnswer, own: tuple[int, int] | None) -> str:
     """Say who answered before this console. own: this console's ids."""
-    who = "another ground station"
+    who = "Another ground station"
     if given.sender is not None:
-        who = f"ground station {given.sender[0]}/{given.sender[1]}"
+        who = f"Ground station {given.sender[0]}/{given.sender[1]}"
         if given.sender == own:
-            who = f"another program with this console's ids {own[0]}/{own[1]}"
+            who = f"Another program with this console's ids {own[0]}/{own[1]}"
     motion = "" if given.motion in ("none", "") else given.motion.replace("_", " ")
     said = ", ".join(part for part in (*given.operations, motion) if part)
     return clean(f"{who} answered first: {said or 'nothing'}")

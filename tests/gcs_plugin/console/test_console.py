@@ -257,7 +257,7 @@ def test_the_second_of_two_operators_is_told_who_was_first(desk: Desk) -> None:
     desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
     desk.link.link.announce(closed, "C7 closed: answered, thank you", desk.link.now)
     desk.until(lambda: "254/190" in desk.shown()["first"])
-    assert desk.shown()["first"] == "ground station 254/190 answered first: gravel: 1, go"
+    assert desk.shown()["first"] == "Ground station 254/190 answered first: gravel: 1, go"
 
 
 def test_a_console_that_starts_late_rebuilds_the_open_call_from_the_state(desk: Desk) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -148,3 +149,11 @@ def test_options_that_cannot_be_are_refused_with_what_to_do(
 ) -> None:
     assert main(["--no-browser", *options]) == 2
     assert why in capsys.readouterr().err
+
+
+def test_every_option_is_on_the_page_of_the_manual(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    options = set(re.findall(r"--[a-z-]+", capsys.readouterr().out)) - {"--help"}
+    manual = (Path(__file__).parents[3] / "docs" / "console.md").read_text()
+    assert {option for option in options if option not in manual} == set()

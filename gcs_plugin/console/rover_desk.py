@@ -23,8 +23,8 @@ from gcs_plugin.terminal.pictures import jpeg_size
 POINTS = 300
 """Summaries that are plotted: five minutes."""
 ENTRIES = 300
-STATE_AGAIN_S = 5.0
-"""Seconds between two readings of /state.json."""
+STATE_AGAIN_S, STATE_LONGEST_S = 5.0, 80.0
+"""Seconds between two readings of /state.json: twice as long each time that it left something untold."""
 QUICK = 3000.0
 """Bytes a second from which a large picture is fetched without being asked for."""
 LARGE_BYTES = 65_000
@@ -68,6 +68,7 @@ class RoverDesk:
         self._output = TextOutput(io.StringIO(), colours=False)
         self._state_wanted = False
         self._state_at = float("-inf")
+        self._state_pause = STATE_AGAIN_S
 
     @property
     def rover(self) -> Rover:
@@ -229,8 +230,12 @@ class RoverDesk:
 
     def _want_state(self, rover: Rover, now: float) -> None:
         missing = rover.current_id and not _is_open(rover.calls.get(rover.current_id))
-        wanted = self._state_wanted or missing or not self._words_are_known(rover)
-        if wanted and now - self._state_at >= STATE_AGAIN_S and not self.files.waits(STATE_PATH):
+        missing = missing or not self._words_are_known(rover)
+        if self._state_wanted or not missing:
+            self._state_pause = STATE_AGAIN_S
+        wanted = self._state_wanted or missing
+        if wanted and now - self._state_at >= self._state_pause and not self.files.waits(STATE_PATH):
+            self._state_pause = min(2 * self._state_pause, STATE_LONGEST_S)
             self._state_wanted, self._state_at = False, now
             self.files.want(STATE_PATH, Rank.STATE, lambda content: self._take_state(content, now))
 

@@ -96,6 +96,7 @@ export class RoverView {
     }
     arrange(this.open, inFront);
     arrange(this.past, [this.pastTitle, ...behind, this.more]);
+    this.past.hidden = !behind.length && rover.earlier === "known";
     this.more.hidden = rover.earlier === "known";
     this.more.disabled = rover.earlier === "coming";
     showText(this.more, rover.earlier === "coming" ? "Earlier calls are on their way" : "Fetch the calls before this console began");

@@ -329,3 +329,18 @@ def test_calls_before_the_console_began_are_fetched_when_asked_for(desk: Desk) -
     assert newest["given"] == ["tap rock3: -1 0.1 0.2 0.3 0.4"]
     assert ["rock3", -1.0] in desk.rover()["names"]
     assert desk.rover()["earlier"] == "known"
+
+
+def test_what_the_state_does_not_tell_is_asked_for_ever_more_rarely(desk: Desk) -> None:
+    asked = 0
+    desk.summary = replace(desk.summary, words=1)  # words that /state.json does not have
+    fetch = desk.console.client.fetch
+
+    def counted(system: int, path: str, now: float) -> Any:
+        nonlocal asked
+        asked += path == "/state.json"
+        return fetch(system, path, now)
+
+    desk.console.client.fetch = counted  # type: ignore[method-assign]
+    desk.run(300.0)
+    assert 4 <= asked <= 9

@@ -1,5 +1,6 @@
 // Connects feed, model and views, and lets ages grow by the browser's own clock.
 
+import { showFacts } from "./elements.js";
 import { Feed } from "./feed.js";
 import * as model from "./model.js";
 import * as views from "./views.js";
@@ -52,8 +53,8 @@ new Feed((kind, content, late) => {
       break;
     case "news":
       news = { ...content, receivedAt: now() - late };
-      views.showFacts("now", model.facts(news));
-      views.showFacts("computer", model.computer(news));
+      showFacts("now", model.facts(news));
+      showFacts("computer", model.computer(news));
       views.showPlace(model.place(news));
       views.showWords(model.words(news));
       views.showChecks(model.checks(news));

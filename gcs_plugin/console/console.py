@@ -71,7 +71,7 @@ class Console:
         """Return a picture of a call, JPEG, if it has come."""
         desk = self.desks.get(system)
         if size == "place":
-            return desk.place_picture or None if desk is not None else None
+            return desk.fetched.place_picture or None if desk is not None else None
         story = desk.stories.by_id.get(call) if desk is not None else None
         return None if story is None else story.pictures.get(size)
 
@@ -90,7 +90,7 @@ class Console:
                 case UndoRequest():
                     return self._undo(request, desk, now)
                 case FileRequest():
-                    problem = desk.fetch(request.what, request.call)
+                    problem = desk.fetched.fetch(request.what, request.call)
                     if problem:
                         raise RequestError(problem)
                     return "asked for"
@@ -108,8 +108,9 @@ class Console:
         if reply.call_id is None and rover.current_id and answer.operations and not _only_places(answer):
             raise RequestError("a call is open: words now would answer it, so send them as its answer")
         pending = self.client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
-        desk.stories.answered(pending, desk.words, wall)
-        desk.note_named({one.word: one.weight for one in reply.changes if isinstance(one, Word | Tap)})
+        desk.stories.answered(pending, desk.fetched.words, wall)
+        named = {one.word: one.weight for one in reply.changes if isinstance(one, Word | Tap)}
+        desk.fetched.note_named(named)
         return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"
 
     def _undo(self, request: UndoRequest, desk: RoverDesk, now: float) -> str:

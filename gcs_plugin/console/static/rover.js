@@ -114,7 +114,7 @@ export class RoverView {
     const faults = model.faults(rover);
     changed(this.faults, [faults, rover.checked], (list) => list.replaceChildren(...(faults.length
       ? faults.map(({ tone, title, text }) => element("li", {}, element("span", { className: "verdict", tone }, tone), element("b", {}, ` ${title}: `), text))
-      : [element("li", {}, rover.checked === null ? "Nothing is known to be wrong; its checks were not read." : "All its checks pass.")])));
+      : [element("li", {}, !rover.checked ? "Nothing is known to be wrong; its checks were not read." : "All its checks pass.")])));
   }
 
   card(key) {

@@ -344,3 +344,21 @@ def test_what_the_state_does_not_tell_is_asked_for_ever_more_rarely(desk: Desk) 
     desk.console.client.fetch = counted  # type: ignore[method-assign]
     desk.run(300.0)
     assert 4 <= asked <= 9
+
+
+def test_a_record_with_any_operations_gives_only_names_that_are_words(desk: Desk) -> None:
+    hostile = [
+        "rock: -.....",
+        "a: 1.2.3",
+        "log: -1",
+        "<b>: 1",
+        "x" * 300 + ": 1",
+        "y: 9",
+        ":",
+        "tap d: -1 0 0 1 1",
+    ]
+    answers = [{"at": 1.0, "operations": hostile}]
+    desk.files["3.json"] = json.dumps({"id": 3, "outcome": "answered", "answers": answers}).encode()
+    desk.post("fetch", what="calls")
+    desk.until(lambda: [call["id"] for call in desk.rover()["calls"]] == [3])
+    assert dict(desk.rover()["names"]) == {"log": -1.0, "<b>": 1.0, "d": -1.0}

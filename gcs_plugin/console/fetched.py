@@ -1,0 +1,216 @@
+"""What was fetched from one rover by MAVLink FTP, and what is fetched next."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from companion.wire.ids import Stage, newest_first, words_hash
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.documents import Check, KnownPlace, StateFile, read_checks, read_record, read_state
+from gcs_plugin.client.rovers import Call, Rover
+from gcs_plugin.console.calls import Stories, Story
+from gcs_plugin.console.files import Files, Rank
+from gcs_plugin.terminal import wording
+from gcs_plugin.terminal.pictures import jpeg_size
+
+STATE_AGAIN_S, STATE_LONGEST_S = 5.0, 80.0
+"""Seconds between two readings of /state.json: twice as long each time that it left something untold."""
+QUICK = 3000.0
+"""Bytes a second from which a large picture is fetched without being asked for."""
+LARGE_BYTES = 65_000
+"""About what a large picture has."""
+STATE_PATH, CHECK_PATH, CALLS_PATH = "/state.json", "/check.json", "/calls/"
+EARLIER = 8
+"""Calls before this console began that are fetched."""
+MOST_NAMED = 24
+_RECORD = re.compile(r"([0-9]{1,5})\.json", re.ASCII)
+_NAMED = re.compile(r"(?:tap )?([^:;]{1,48}): (-?[01](?:\.[0-9]{1,4})?)(?: .*)?")
+
+
+class Fetched:
+    """Fetches what the page needs: pictures of calls first, then the state, then the rest."""
+
+    def __init__(self, client: OperatorClient, system: int, stories: Stories) -> None:
+        self.files = Files(client, system)
+        self.words: dict[str, float] = {}
+        """Weight by word, of those in use, as far as known."""
+        self.named: dict[str, float] = {}
+        """Words that operators gave as answers, the newest last."""
+        self.state: StateFile | None = None
+        self.state_wanted = False
+        """Whether something happened that /state.json tells more of."""
+        self.checks: tuple[Check, ...] = ()
+        self.checked = False
+        """Whether `checks` were read."""
+        self.earlier = "unknown"
+        """Whether the calls before this console began are "unknown", "coming" or "known"."""
+        self.place_picture = b""
+        """The picture of the known place, JPEG, b"" without one."""
+        self._stories = stories
+        self._state_at = float("-inf")
+        self._state_pause = STATE_AGAIN_S
+
+    def fetch(self, what: str, call: int) -> str:
+        """Fetch a file on request; returns why that cannot be, or ""."""
+        if what == "check":
+            self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
+            return ""
+        if what == "calls":
+            self._want_earlier()
+            return ""
+        story = self._stories.by_id.get(call)
+        if story is None:
+            return f"call {call} is not known here"
+        self._want_large(story)
+        return ""
+
+    def step(self, rover: Rover, fresh: Iterable[Story], now: float) -> bool:
+        """Ask for files that are needed, and take those that came. Returns whether something changed.
+
+        fresh: calls that are new.
+        """
+        for story in fresh:
+            self._want_small(story, rover)
+        for call in rover.calls.values():
+            self._follow_call(call)
+        if rover.alive(now):
+            self._want_state(rover, now)
+        return self.files.step(now)
+
+    def _follow_call(self, call: Call) -> None:
+        story = self._stories.by_id.get(call.data.id)
+        if story is None:
+            return
+        if call.open and call.data.picture and "small" in story.pictures and self._is_quick():
+            self._want_large(story)
+        if story.record is None and self._stories.others_were_first(call):
+            self._want_record(story)
+
+    def _want_small(self, story: Story, rover: Rover) -> None:
+        call = rover.calls.get(story.id)
+        if call is not None and call.data.picture:
+            self.files.put_back(Rank.CALL_PICTURE)
+            self.files.want(call.data.picture, Rank.CALL_PICTURE, lambda jpeg: story.keep("small", jpeg))
+
+    def _want_large(self, story: Story) -> None:
+        path = _large_path(story.id)
+        if "large" not in story.pictures and path not in self.files.problems:
+            self.files.want(path, Rank.LARGE_PICTURE, lambda jpeg: story.keep("large", jpeg))
+
+    def _want_record(self, story: Story) -> None:
+        def take(content: bytes) -> None:
+            story.record = read_record(content)
+
+        path = f"/calls/{story.id}.json"
+        if path not in self.files.problems:
+            self.files.want(path, Rank.RECORD, take)
+
+    def _is_quick(self) -> bool:
+        return (self.files.rate or 0.0) >= QUICK
+
+    def _want_state(self, rover: Rover, now: float) -> None:
+        missing = rover.current_id and not _is_open(rover.calls.get(rover.current_id))
+        missing = missing or not self.words_are_known(rover)
+        if self.state_wanted or not missing:
+            self._state_pause = STATE_AGAIN_S
+        wanted = self.state_wanted or missing
+        if wanted and now - self._state_at >= self._state_pause and not self.files.waits(STATE_PATH):
+            self._state_pause = min(2 * self._state_pause, STATE_LONGEST_S)
+            self.state_wanted, self._state_at = False, now
+            self.files.want(STATE_PATH, Rank.STATE, lambda content: self._take_state(content, rover, now))
+
+    def _take_state(self, content: bytes, rover: Rover, asked_at: float) -> None:
+        state = read_state(content)
+        if state.starting:
+            return
+        self._see_place(state.known_place)
+        self.state = state
+        self.words = dict(state.words)
+        call = state.open_call
+        known = None if call is None else rover.calls.get(call.id)
+        if call is not None and call.id == rover.current_id and not _is_open(known):
+            rover.handle_call(call, asked_at)
+        if self._is_quick():
+            if not self.checked:
+                self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
+            if self.earlier == "unknown":
+                self._want_earlier()
+
+    def _see_place(self, known: KnownPlace | None) -> None:
+        """Fetch the picture of a known place, when another one came into force."""
+        before = self.state.known_place if self.state is not None else None
+        if (known and known.picture) == (before and before.picture):
+            return
+        self.place_picture = b""
+
+        def take(jpeg: bytes) -> None:
+            if jpeg_size(jpeg) is not None:
+                self.place_picture = jpeg
+
+        if known is not None and known.picture:
+            self.files.want(known.picture, Rank.RECORD, take)
+
+    def _want_earlier(self) -> None:
+        """List the rover's calls, then fetch the records and small pictures of the newest."""
+        self.earlier = "coming"
+        self.files.want(CALLS_PATH, Rank.OLD, self._take_list)
+
+    def _take_list(self, names: bytes) -> None:
+        self.earlier = "known"
+        listed = (_RECORD.fullmatch(name) for name in names.decode().splitlines())
+        numbers = newest_first([int(found[1]) for found in listed if found])
+        for number in numbers[:EARLIER]:
+            if number not in self._stories.by_id:
+                self.files.want(f"/calls/{number}.json", Rank.OLD, self._take_record)
+
+    def _take_record(self, content: bytes) -> None:
+        record = read_record(content)
+        story = self._stories.remember(record)
+        if story is not None and record.picture:
+            self.files.want(record.picture, Rank.OLD, lambda jpeg: story.keep("small", jpeg))
+        for one in record.answers:
+            for operation in one.operations:
+                if found := _NAMED.fullmatch(wording.clean(operation)):
+                    self.named.setdefault(found[1], float(found[2]))
+
+    def _take_checks(self, content: bytes) -> None:
+        self.checks = read_checks(content)
+        self.checked = True
+
+    def note_named(self, words: Mapping[str, float]) -> None:
+        """Take note of words that an operator gave as an answer."""
+        for word, weight in words.items():
+            self.named.pop(word, None)
+            self.named[word] = weight
+            if len(self.named) > MOST_NAMED:
+                self.named.pop(next(iter(self.named)))
+
+    def words_are_known(self, rover: Rover) -> bool:
+        """Whether `words` are all words in use."""
+        if self.state is None:
+            return False
+        return rover.summary is None or rover.summary.words == words_hash(self.words)
+
+    def pictures_of(self, number: int) -> dict[str, Any]:
+        """Return how the pictures of a call come: why not, progress, or how long the large one would take."""
+        path = _large_path(number)
+        small = self.files.problems.get(f"/calls/{number}.jpg", "")
+        return {
+            "small_problem": small and f"Its picture did not come: {small}.",
+            "large": {
+                "waits": self.files.waits(path),
+                "progress": self.files.progress(path),
+                "seconds": None if not self.files.rate else round(LARGE_BYTES / self.files.rate),
+                "problem": self.files.problems.get(path, ""),
+            },
+        }
+
+
+def _large_path(number: int) -> str:
+    return f"/calls/{number}-large.jpg"
+
+
+def _is_open(call: Call | None) -> bool:
+    return call is not None and call.data.stage is not Stage.CLOSED

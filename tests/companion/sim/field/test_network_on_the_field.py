@@ -79,7 +79,7 @@ def test_a_thing_without_a_word_is_uncertain_and_the_trail_is_not(
         image, labels = before(kind, seed, 4.0, light=light)
         thing, ground = parts(1 - asked(network, image).max(axis=0), labels, kind)
         assert thing > 0.4
-        assert ground < 0.15
+        assert ground < 0.2  # with the rim of what lies across the way
 
 
 @pytest.mark.parametrize("kind", ["drum", "rock", "log"])
@@ -121,7 +121,7 @@ def test_a_tapped_danger_covers_all_that_is_strange_about_it(network: GroundNetw
         )
         assert whole < 0.45 < nothing
         assert whole <= some
-        assert parts(network.attend(seen, [danger])[0], labels, kind)[1] < 0.1
+        assert parts(network.attend(seen, [danger])[0], labels, kind)[1] < 0.15
 
 
 def test_a_weak_word_that_was_tapped_means_what_was_tapped(network: GroundNetwork) -> None:

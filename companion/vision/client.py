@@ -10,6 +10,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment
@@ -93,6 +94,14 @@ class Applied:
 Result = Judged | Applied | Drawn
 
 
+class _Asked(NamedTuple):
+    """A request that waits. token: its caller's. frame_id: of the frame that it gives back, 0: none."""
+
+    token: object
+    frame_id: int
+    at: float
+
+
 class VisionClient:
     """Converses with the vision process. The main loop calls `poll` in every turn.
 
@@ -119,8 +128,8 @@ class VisionClient:
         self._expected = Expected(first_frame - 1)
         self._settings: Settings | None = None
         self._numbers = 0
-        self._unanswered: dict[int, tuple[object, int]] = {}
-        """Number of the request -> its caller's token, and id of the frame that it gives back, 0: none."""
+        self._unanswered: dict[int, _Asked] = {}
+        """Number of the request -> what was asked, the oldest first."""
         self._drawing: dict[int, int] = {}
         """Number of the request -> id of the frame that it stores, 0: none."""
         self._suspects = set[int]()
@@ -164,7 +173,7 @@ class VisionClient:
 
     @property
     def answers_within(self) -> float:
-        """Return the seconds within which each waiting answer has its outcome, or the process is lost."""
+        """Return the seconds within which each waiting answer has its outcome, or the process is killed."""
         return (MAX_JOBS + 1) * self.watchdog.silence_limit
 
     def fileno(self) -> int | None:
@@ -276,6 +285,9 @@ class VisionClient:
             return Failure("does not take what it is sent", "hangs")
         if self.failed and self.ready is not None:
             return Failure(f"cannot be loaded ({self.failed})", "cannot be loaded")
+        oldest = next(iter(self._unanswered.values()), None)
+        if oldest is not None and now - oldest.at > self.answers_within:
+            return Failure(f"did not answer within {self.answers_within:.0f} s", "hangs")
         return self.watchdog.failure(ended, now)
 
     def _take_report(self, report: object, now: float) -> list[Result]:
@@ -307,11 +319,11 @@ class VisionClient:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
                 if report.update is not None:
                     self._apply_update(report.update)
-                token, frame_id = self._unanswered.pop(report.number)
+                asked = self._unanswered.pop(report.number)
                 if report.error:
-                    self._frames.pop(frame_id, None)
+                    self._frames.pop(asked.frame_id, None)
                 error = AnyTraverseError(report.error) if report.error else None
-                return [Applied(token, report.outcome, error, self.memory)]
+                return [Applied(asked.token, report.outcome, error, self.memory)]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")
@@ -342,7 +354,7 @@ class VisionClient:
         self._send(Tune(self._settings))
         for frame_id, png in self._frames.items():
             self._numbers += 1
-            self._unanswered[self._numbers] = None, frame_id
+            self._unanswered[self._numbers] = _Asked(None, frame_id, now)
             self._send(Restore(self._numbers, frame_id, png))
 
     def _restart(self, failure: Failure, now: float) -> list[Result]:
@@ -360,13 +372,13 @@ class VisionClient:
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=failure.cause)
         self.delivered_at = None
         self._drawing.clear()
-        restoring = {frame_id for _, frame_id in self._unanswered.values() if frame_id}
+        restoring = {asked.frame_id for asked in self._unanswered.values() if asked.frame_id}
         dropped, self._suspects = restoring & self._suspects, restoring
         self._frames = OrderedDict(
             (number, png) for number, png in self._frames.items() if png and number not in dropped
         )
         error = VisionLostError("vision restarted: send it again")
-        tokens = [token for token, _ in self._unanswered.values() if token is not None]
+        tokens = [asked.token for asked in self._unanswered.values() if asked.token is not None]
         self._unanswered.clear()
         if self._copy.memory is None:
             return []
@@ -378,7 +390,7 @@ class VisionClient:
         self._numbers += 1
         if not self._send(request(self._numbers)):
             return False
-        self._unanswered[self._numbers] = token, frame_id
+        self._unanswered[self._numbers] = _Asked(token, frame_id, time.monotonic())
         return True
 
     def _send(self, request: Request) -> bool:

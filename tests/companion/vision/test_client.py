@@ -348,6 +348,20 @@ def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock:
     assert 60.0 < clock.now - began <= vision.answers_within
 
 
+def test_an_answer_is_decided_in_the_time_that_is_told_whatever_signs_of_life_come(stage: Stage) -> None:
+    within = stage.vision.answers_within
+    assert stage.ask("words", drum=1.0)
+    found, waited = list[Result](), 0.0
+    while not found and waited < 2 * within:
+        stage.clock.now += 1.0
+        waited += 1.0
+        stage.child.live(CameraStatus(CameraState.DELIVERING), None)
+        found = stage.vision.poll(stage.clock.now)
+    stage.lost(found, "words")
+    assert within < waited <= within + 1.0
+    assert stage.vision.trouble == "vision hangs"
+
+
 def test_what_was_told_before_it_died_counts(stage: Stage) -> None:
     stage.ask("told", drum=1.0)
     stage.child.work()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,18 @@ def test_an_encoder_of_its_own_makes_the_scene_and_the_tail_what_is_tapped(
     runs.clear()
     assert eyes.example(features, BOX).vector.shape == (24,)
     assert runs == ["image", "tail"]
+
+
+def test_a_tail_that_is_lost_after_the_start_refuses_taps_and_nothing_else(
+    tiny_b32: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(tiny_b32, tmp_path / "bundle")
+    eyes = ClipSeg(str(folder), Runtime(threads=1))
+    features = eyes.encode(picture(64, 48, 1))
+    (folder / "tail.onnx").unlink()
+    with pytest.raises(PerceiverError, match=r"cannot load tail\.onnx"):
+        eyes.example(features, BOX)
+    assert eyes.embed(features).shape == (20,)
 
 
 def test_of_a_word_and_its_examples_the_larger_attention_counts(eyes: ClipSeg) -> None:

@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
@@ -22,20 +23,36 @@ from companion.sim.demo.answers import GROUND, WORDS_FOR_PLACE
 
 READS = 2.5
 """Seconds for which a person reads a call."""
+KINDS = ("go", "stay", "look again", "tap and name")
 CALL = ".open .call:not([data-stage=closed])"
+_COUNT = """
+window.actions = 0;
+let typing = false;
+const count = (typed) => { if (!(typed && typing)) window.actions++; typing = typed; };
+addEventListener("pointerdown", () => count(false), true);
+const types = (event) => event.key.length === 1 && event.target.matches("input[type=text]");
+addEventListener("keydown", (event) => count(types(event)), true);
+"""
+"""Counts in the page: a click, a key and a name that is typed are one action each."""
 
 
 class Person:
-    """Looks at the page and answers. Each click, key press of a command or typed name is one action."""
+    """Looks at the page and answers by mouse and keyboard. actions: counted in the page, by kind."""
 
-    def __init__(self, page: Any, rover: Rover, out: Path) -> None:
+    def __init__(self, page: Any, rover: Rover, out: Path, each: int, kinds: Sequence[str]) -> None:
+        """each: how many calls it answers with look again and stay before it answers them otherwise.
+
+        kinds: of `KINDS`, those that it gives; without "tap and name" it says go to everything.
+        """
         self._page = page
         self._rover = rover
         self._out = out
+        self._each = each
+        self._kinds = kinds
         self.actions: defaultdict[str, list[int]] = defaultdict(list)
-        self.told: list[str] = []
         self._since: dict[str, float] = {}
         self._tries: defaultdict[str, int] = defaultdict(int)
+        self._said: set[tuple[str, str]] = set()
 
     def look(self) -> None:
         """Answer the call that is open, if one is; take a named thing away that keeps the rover standing."""
@@ -46,55 +63,71 @@ class Person:
         name = card.locator("h3").inner_text().split()[1].strip(":,")
         stage = card.get_attribute("data-stage")
         key = f"{name}/{stage}"
-        if self._tries[key] >= 4 or card.locator("li[data-tone=wait]").count():
+        if self._tries[key] >= 6 or card.locator("li[data-tone=wait]").count():
             return
-        reason = card.locator(".reason").inner_text()
         thing = self._rover.thing_ahead()
-        if stage == "answered" or (name.startswith("H") and thing):
+        named = {(name, "tap and name"), (name, "name a place")} & self._said
+        if (stage == "answered" and named) or (name.startswith("H") and thing):
             return
         if self._since.setdefault(key, time.monotonic()) > time.monotonic() - READS:
             return
         self._tries[key] += 1
-        if stage == "clear" or name.startswith("H") or self._tries[key] > 2:
-            self._go(card)
-        elif "new place" in reason or "unlike" in reason:
-            self._name_place(card)
-        else:
-            self._name_thing(card, thing or GROUND[self._rover.zone()], -1 if thing else 1)
+        before = self._page.evaluate("window.actions")
+        kind = self._answer(card, name, stage, thing)
+        self.actions[kind].append(self._page.evaluate("window.actions") - before)
+        self._said.add((name, kind))
         self._page.screenshot(
             path=str(self._out / f"{key.replace('/', '-')}-{self._tries[key]}.png"), full_page=True
         )
         time.sleep(1.0)
 
-    def _go(self, card: Any) -> None:
-        card.locator("button.go").click()
-        self.actions["go"].append(1)
-
-    def _name_place(self, card: Any) -> None:
-        word, _, weight = WORDS_FOR_PLACE[self._rover.zone()].split(";")[0].partition(":")
-        card.get_by_label("Its name").fill(word)
-        card.get_by_label("Weight", exact=True).fill(weight.strip())
-        card.locator("button.go").click()
-        self.actions["name a place"].append(3)
-
-    def _name_thing(self, card: Any, word: str, weight: int) -> None:
-        card.get_by_label("Its name").fill("")
-        frame = card.locator(".shot.small .aim").bounding_box()
+    def _answer(self, card: Any, name: str, stage: str, thing: str | None) -> str:
+        """Give the answer that is next. Returns its kind."""
+        reason = card.locator(".reason").inner_text()
+        if name.startswith("C"):
+            for kind, button in (("look again", "Look again"), ("stay", "Stay")):
+                wanted = kind in self._kinds and len(self.actions[kind]) < self._each
+                if wanted and (name, kind) not in self._said:
+                    card.get_by_role("button", name=button).click()
+                    return kind
+        only_go = "tap and name" not in self._kinds or name.startswith("H")
+        if only_go or stage == "clear" or self._tries[f"{name}/{stage}"] > 4:
+            card.locator("button.go").click()
+            return "go"
+        if "new place" in reason or "unlike" in reason:
+            word, _, weight = WORDS_FOR_PLACE[self._rover.zone()].split(";")[0].partition(":")
+            self._name(card, word, float(weight))
+            return "name a place"
         tile = card.locator(".shot.small svg rect.tile, .shot.small svg rect.own").first
-        x, y, width, height = (
-            float(tile.get_attribute(side)) / 100 for side in ("x", "y", "width", "height")
-        )
+        sides = [float(tile.get_attribute(side)) / 100 for side in ("x", "y", "width", "height")]
+        frame = card.locator(".shot.small .aim").bounding_box()
         self._page.mouse.click(
-            frame["x"] + frame["width"] * (x + width / 2), frame["y"] + frame["height"] * (y + height / 2)
+            frame["x"] + frame["width"] * (sides[0] + sides[2] / 2),
+            frame["y"] + frame["height"] * (sides[1] + sides[3] / 2),
         )
         card.locator("svg rect.own").first.wait_for(state="attached")
-        card.get_by_label("Its name").fill(word)
-        actions = 3
-        if weight != -1:
-            card.get_by_label("Weight", exact=True).fill(str(weight))
-            actions += 1
-        card.get_by_label("Its name").press("Enter")
-        self.actions["tap and name"].append(actions)
+        self._name(card, thing or GROUND[self._rover.zone()], -1.0 if thing else 1.0)
+        return "tap and name"
+
+    def _name(self, card: Any, word: str, weight: float) -> None:
+        """Choose the name if it was used before, else type it; then send it with go."""
+        used = card.locator(".chips button").get_by_text(word, exact=True)
+        if used.count():
+            used.first.click()
+        else:
+            card.get_by_label("Its name").click()
+            self._page.keyboard.type(word)
+        slider = card.get_by_label("Weight", exact=True)
+        if float(slider.input_value()) != weight:
+            where = slider.bounding_box()
+            share = 0.5 + weight / 2
+            self._page.mouse.click(
+                where["x"] + max(1.0, min(share * where["width"], where["width"] - 1.0)),
+                where["y"] + where["height"] / 2,
+            )
+            card.locator("button.go").click()
+        else:
+            self._page.keyboard.press("Enter")
 
 
 def main() -> int:
@@ -115,14 +148,18 @@ def main() -> int:
         )
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda said: errors.extend([said.text] if said.type == "error" else []))
+        page.add_init_script(_COUNT)
         page.goto(url)
         rover.drive()
-        person = Person(page, rover, out)
+        person = Person(page, rover, out, options.each, options.kinds)
         began = time.monotonic()
         driven_on = 0
-        while time.monotonic() - began < options.seconds and driven_on < options.calls:
+        while time.monotonic() - began < options.seconds and (
+            driven_on < options.calls
+            or any(len(person.actions[kind]) < options.each for kind in options.kinds)
+        ):
             person.look()
-            driven_on = page.locator(".becoming li", has_text="The rover drives on").count()
+            driven_on = max(driven_on, page.locator(".becoming li", has_text="The rover drives on").count())
             time.sleep(0.3)
         page.screenshot(path=str(out / "end.png"), full_page=True)
         said = page.locator(".becoming").all_inner_texts()
@@ -137,12 +174,15 @@ def main() -> int:
     }
     print("\n".join(said))
     print(json.dumps(figures))
-    return 0 if driven_on >= options.calls and not errors else 1
+    enough = all(len(person.actions[kind]) >= options.each for kind in options.kinds)
+    return 0 if driven_on >= options.calls and enough and not errors else 1
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench.console", description=__doc__)
     parser.add_argument("--calls", type=int, default=3, help="calls to drive on from (default %(default)s)")
+    parser.add_argument("--each", type=int, default=0, help="answers of each kind (default %(default)s)")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="answers that it gives")
     parser.add_argument("--seconds", type=float, default=150.0, help="at most (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="which trail")
     parser.add_argument("--out", help="folder for screenshots")

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from companion.config.link_settings import ConnectionSettings
 from companion.sim.demo.child import Child
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import NEAR, STANDS
@@ -23,7 +24,8 @@ class Rover:
     link: what a ground station connects to. second_link: what another one does, past the autopilot.
     """
 
-    def __init__(self, folder: Path, seed: int, *, network: bool = True) -> None:
+    def __init__(self, folder: Path, seed: int, *, network: bool = True, baud: int | None = None) -> None:
+        """network: the link carries more than a radio. baud: of a radio, whose default budgets it has."""
         folder.mkdir(parents=True)
         self.folder = folder
         self._field = Child(
@@ -43,6 +45,8 @@ class Rover:
             speed=_SPEED,
             network=network,
         )
+        if baud is not None:
+            _set_budgets(config, baud)
         port = str(free_port())
         self.second_link = f"udpout:127.0.0.1:{port}"
         with config.open("a", encoding="utf-8") as more:
@@ -98,6 +102,16 @@ class Rover:
         things: list[dict[str, Any]] = self._control.status()["things_ahead"]
         ahead = [thing for thing in things if thing["surprise"] and thing["distance"] < NEAR]
         return min(ahead, key=lambda thing: float(thing["distance"]), default=None)
+
+
+def _set_budgets(config: Path, baud: int) -> None:
+    """Write the default budgets, or those that the companion advises for so slow a line."""
+    room = ConnectionSettings(f"serial:/dev/ttyAMA0:{baud}", asked_budget=50.0, budget=50.0).room
+    default = ConnectionSettings("udpin:127.0.0.1:0")
+    own = min(default.budget, room // 2)
+    text = config.read_text(encoding="utf-8")
+    budgets = f"budget = {own:g}\nasked_budget = {min(default.asked_budget, room - own):g}\n"
+    config.write_text(text.replace("\n[journal]", f"{budgets}\n[journal]", 1), encoding="utf-8")
 
 
 def start_console(links: list[str], out: Path, *more: str) -> tuple[Child, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import Any
 
 from companion.wire.answers import OtherPlace
@@ -10,6 +11,7 @@ from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.console.export import Exhibit, pack
 from gcs_plugin.console.requests import (
     AnswerRequest,
     FileRequest,
@@ -74,6 +76,18 @@ class Console:
             return desk.fetched.place_picture or None if desk is not None else None
         story = desk.stories.by_id.get(call) if desk is not None else None
         return None if story is None else story.pictures.get(size)
+
+    def export(self, system: int, numbers: Sequence[int], now: float, wall: float) -> bytes | None:
+        """Pack these calls of a rover, all for none given; None if one of them is not known."""
+        desk = self.desks.get(system)
+        if desk is None:
+            return None
+        calls = {one["id"]: one for one in desk.stories.documents(desk.rover, now, self.client.ids)}
+        chosen = list(dict.fromkeys(numbers)) or list(calls)
+        if not chosen or not set(chosen) <= set(calls):
+            return None
+        pictures = desk.stories.by_id
+        return pack(system, [Exhibit(calls[one], pictures[one].pictures) for one in chosen], wall)
 
     def carry_out(self, request: Request, now: float, wall: float) -> str:
         """Carry out a request of the page; returns what was done. Raises RequestError."""

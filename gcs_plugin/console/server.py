@@ -17,6 +17,7 @@ from starlette.routing import Route
 from anytraverse.release import own_version
 from companion.browser.site import EVENT_STREAM, as_json, event, static_routes
 from gcs_plugin.console.console import Console
+from gcs_plugin.console.export import MOST_CALLS
 from gcs_plugin.console.requests import RequestError, read_request
 
 MOST_STREAMS = 8
@@ -27,6 +28,7 @@ _TELL_EVERY = 0.05
 """Seconds between two events on one stream, at least."""
 _BEAT = 1.0
 _STATIC = Path(__file__).parent / "static"
+_EXPORT = re.compile(rf"(?:all|([0-9]{{1,5}}(?:,[0-9]{{1,5}}){{0,{MOST_CALLS - 1}}}))\.zip", re.ASCII)
 _PICTURE = re.compile(r"(small|large|place)\.jpg", re.ASCII)
 
 
@@ -46,7 +48,9 @@ class Site:
             for kind in ("answer", "policy", "undo", "fetch")
         ]
         pictures = Route("/pictures/{system:int}/{call:int}/{name}", self._picture)
-        return Starlette(routes=[Route("/events", self._events), pictures, *posts, *static_routes(_STATIC)])
+        export = Route("/export/{system:int}/{name}", self._export)
+        gets = [Route("/events", self._events), pictures, export]
+        return Starlette(routes=[*gets, *posts, *static_routes(_STATIC)])
 
     def _post(self, kind: str) -> Callable[[Request], Any]:
         async def carry_out(request: Request) -> Response:
@@ -68,6 +72,19 @@ class Site:
         if jpeg is None:
             return PlainTextResponse("there is no such picture\n", 404)
         return Response(jpeg, media_type="image/jpeg")
+
+    async def _export(self, request: Request) -> Response:
+        """Answer with a zip: of all calls, or of those whose numbers stand in the path."""
+        system, named = request.path_params["system"], _EXPORT.fullmatch(request.path_params["name"])
+        packed = None
+        if named is not None:
+            numbers = [int(one) for one in (named[1] or "").split(",") if one]
+            packed = self._console.export(system, numbers, time.monotonic(), time.time())
+        if packed is None:
+            return PlainTextResponse("there are no such calls\n", 404)
+        which = "calls" if named is None or named[1] is None or "," in named[1] else f"call-{int(named[1])}"
+        saved_as = f'attachment; filename="rover-{system}-{which}.zip"'
+        return Response(packed, media_type="application/zip", headers={"content-disposition": saved_as})
 
     async def _events(self, request: Request) -> Response:
         if request.method == "HEAD":

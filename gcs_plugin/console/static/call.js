@@ -29,12 +29,13 @@ export class CallCard {
     this.becoming = element("ol", { className: "becoming" });
     this.first = element("p", { className: "first" });
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
+    this.save = element("a", { className: "save", download: "" });
     this.problem = element("p", { className: "problem", role: "alert" });
     this.part = element("section", { className: "call", "aria-labelledby": this.id },
       element("header", {}, this.title, this.stands, this.reason),
       element("div", { className: "shots" }, this.raw.part, this.judged.part),
       element("div", { className: "under" }, legend(), this.more),
-      element("div", { className: "ask" }, this.figures, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo));
+      element("div", { className: "ask" }, this.figures, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo, this.save));
   }
 
   form() {
@@ -101,6 +102,8 @@ export class CallCard {
       if (before && last && last.settled) this.say(`${data.name}: ${last.text}`);
     });
     this.undo.hidden = !data.undo;
+    this.save.href = `/export/${this.system}/${data.id}.zip`;
+    showText(this.save, `Save ${data.kind} ${data.name}`);
   }
 
   showNames(rover) {

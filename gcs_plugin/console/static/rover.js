@@ -36,6 +36,7 @@ export class RoverView {
     this.past = element("div", { className: "past" });
     this.pastTitle = element("h3", {}, "Earlier calls");
     this.more = element("button", { type: "button", className: "plain", onclick: () => send("fetch", { rover: system, what: "calls" }) });
+    this.saveAll = element("a", { className: "save", href: `/export/${system}/all.zip`, download: "" }, "Save all calls as one report");
     this.timeline = element("ol", { className: "timeline", tabIndex: 0, "aria-label": "Timeline" });
     const box = (title, ...parts) => element("section", {}, element("h3", {}, title), ...parts);
     this.part = element("article", { className: "rover", "aria-labelledby": `rover${system}` }, this.strip, this.open,
@@ -95,8 +96,9 @@ export class RoverView {
       (front ? inFront : behind).push(card.part);
     }
     arrange(this.open, inFront);
-    arrange(this.past, [this.pastTitle, ...behind, this.more]);
+    arrange(this.past, [this.pastTitle, ...behind, this.saveAll, this.more]);
     this.past.hidden = !behind.length && rover.earlier === "known";
+    this.saveAll.hidden = !behind.length;
     this.more.hidden = rover.earlier === "known";
     this.more.disabled = rover.earlier === "coming";
     showText(this.more, rover.earlier === "coming" ? "Earlier calls are on their way" : "Fetch the calls before this console began");

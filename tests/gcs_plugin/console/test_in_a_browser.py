@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -83,6 +84,27 @@ def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
     served.until(lambda: "You: drum: -1, go" in said.inner_text() and "done" in said.inner_text())
     served.until(lambda: "The rover drives on" in said.inner_text())
     served.until(lambda: tab.locator("#title").inner_text() == "OK")
+
+
+@pytest.mark.usefixtures("rover")
+def test_a_call_is_saved_by_a_click_and_the_page_inside_opens_from_a_file(
+    served: Served, open_page: Callable[..., Any], tmp_path: Path
+) -> None:
+    tab = open_page()
+    card = tab.locator(CALL)
+    served.until(card.is_visible)
+    with tab.expect_download() as saving:
+        card.get_by_role("link", name="Save call C7").click()
+    assert saving.value.suggested_filename == "rover-1-call-7.zip"
+    with zipfile.ZipFile(saving.value.path()) as archive:
+        archive.extractall(tmp_path)
+    saved = tab.context.browser.new_page()
+    errors: list[str] = []
+    saved.on("console", lambda said: errors.append(said.text))
+    saved.goto((tmp_path / "report.html").as_uri())
+    assert "none of its words explains" in saved.inner_text("section")
+    assert errors == []
+    assert tab.get_by_role("link", name="Save all calls").count() == 0, "there is no earlier call"
 
 
 def test_by_keyboard_alone_a_frame_is_moved_named_and_sent(

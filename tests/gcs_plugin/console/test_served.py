@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -112,6 +114,41 @@ def test_only_pictures_that_came_are_served(served: Served, name: str) -> None:
     assert served.ask(f"/pictures/{name}")[0] == 404
 
 
+@pytest.mark.usefixtures("rover")
+def test_calls_are_saved_as_a_zip(served: Served) -> None:
+    served.until(lambda: served.news()["rovers"][0]["calls"] != [])
+    for name, saved_as in (("7", "call-7"), ("007", "call-7"), ("all", "calls"), ("7,7", "calls")):
+        status, headers, content = served.ask(f"/export/1/{name}.zip")
+        assert (status, headers["content-type"]) == (200, "application/zip")
+        assert headers["content-disposition"] == f'attachment; filename="rover-1-{saved_as}.zip"'
+        assert headers["cache-control"] == "no-store"
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            assert archive.namelist() == ["report.html", "call-7/data.json"]
+            told = json.loads(archive.read("call-7/data.json"))
+            assert b"Something in the middle" in archive.read("report.html")
+        assert (told["rover"], told["name"]) == (1, "C7")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "1/8.zip",
+        "1/7,8.zip",
+        "9/7.zip",
+        "9/all.zip",
+        "1/7",
+        "1/..%2f7.zip",
+        "1/-7.zip",
+        "1/7,.zip",
+        "1/999999.zip",
+    ],
+)
+@pytest.mark.usefixtures("rover")
+def test_calls_that_are_not_known_are_not_saved(served: Served, name: str) -> None:
+    assert served.ask(f"/export/{name}")[0] == 404
+    assert served.ask("/export/1/7.zip", Host="evil.example")[0] == 421
+
+
 def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path: Path) -> None:
     token = "0123456789abcdef-TOKEN"
     (tmp_path / "token").write_text(f"{token}\n")
@@ -121,6 +158,7 @@ def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path:
         named = {"Host": "ground.example:8192"}
         assert made.ask("/", **named)[0] == 401
         assert made.post("answer", GO, **named)[0] == 401
+        assert made.ask("/export/1/all.zip", **named)[0] == 401
         status, headers, _ = made.ask(f"/?token={token}", **named)
         assert status == 303
         assert "httponly" in headers["set-cookie"].lower()

@@ -31,10 +31,10 @@ def int8(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
 
 
 def stored_int8(graph: Graph, x: str, weight: Array, bias: Array | None) -> str:
-    """Write the product in fp32 with weights that are stored in 8 bits, one scale for each output.
+    """Write the product with weights that are stored in 8 bits, one scale for each output.
 
     They are unpacked at each run: a quarter of the memory. For few tokens it is no slower, since reading the
-    weights takes most of the time.
+    weights takes most of the time. ONNX Runtime may fuse both nodes, and then rounds x, too (1.31 does).
     """
     rounded, scale = _rounded(weight)
     return fp32(graph, x, graph.op("DequantizeLinear", rounded, scale, axis=1), bias)

@@ -111,7 +111,8 @@ def open_session(model: Path, runtime: Runtime, *, once: bool = False) -> onnxru
     except Exception as error:  # ONNX Runtime raises a dozen classes of its own
         why = " ".join(str(error).split())
         raise PerceiverError(f"ONNX Runtime cannot load {model.name}: {why}") from error
-    give_back_memory()
+    if not once:
+        give_back_memory()
     return session
 
 

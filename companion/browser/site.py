@@ -5,19 +5,20 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from companion.browser.access import BoundedConnection
 
-EVENT_STREAM = "text/event-stream"
+MOST_STREAMS = 8
+_EVENT_STREAM = "text/event-stream"
 _SHARED = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _LARGEST_HEADER = 16 << 10
@@ -52,6 +53,31 @@ def event(name: str, content: Mapping[str, Any]) -> bytes:
     """Encode an event. clock: when it was made, in monotonic seconds, since it may wait on a slow network."""
     stamped = {**content, "clock": round(time.monotonic(), 3)}
     return f"event: {name}\ndata: {json.dumps(stamped, separators=(',', ':'))}\n\n".encode()
+
+
+class EventStreams:
+    """Answers with streams of events, at most `MOST_STREAMS` at once. open: how many there are."""
+
+    def __init__(self) -> None:
+        self.open = 0
+
+    def answer(self, request: Request, chunks: Callable[[], AsyncIterator[bytes]]) -> Response:
+        """Answer with the events that `chunks` makes; with 503 when too many are open."""
+        if request.method == "HEAD":
+            return Response(media_type=_EVENT_STREAM)
+        if self.open >= MOST_STREAMS:
+            return PlainTextResponse(f"{MOST_STREAMS} pages are open: close one\n", 503)
+        return StreamingResponse(self._counted(chunks), media_type=_EVENT_STREAM)
+
+    async def _counted(self, chunks: Callable[[], AsyncIterator[bytes]]) -> AsyncIterator[bytes]:
+        if self.open >= MOST_STREAMS:  # others that asked at the same moment came first
+            return
+        self.open += 1
+        try:
+            async for chunk in chunks():
+                yield chunk
+        finally:
+            self.open -= 1
 
 
 class Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy

@@ -22,11 +22,11 @@ from typing import Any, NoReturn, TypeVar
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from companion.browser.access import Gate
-from companion.browser.site import EVENT_STREAM, Server, as_json, event, static_routes
+from companion.browser.site import EventStreams, Server, as_json, event, static_routes
 from companion.web.files import StateFolder
 from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode
 from companion.web.metrics import Metrics
@@ -36,7 +36,6 @@ log = logging.getLogger(__name__)
 
 _MOST_MEMORY = 256 << 20
 """Bytes of data. It needs a sixth of it."""
-MOST_STREAMS = 8
 _BEAT = 1.0
 _DISK_PATIENCE = 5.0
 MOST_READING = 16
@@ -57,8 +56,7 @@ class Site:
         self._metrics = Metrics(news)
         self._disk = ThreadPoolExecutor(2, "disk")
         self._reading = BoundedSemaphore(MOST_READING)
-        self.streams = 0
-        """Open event streams: as many pages as are watched."""
+        self.streams = EventStreams()
 
     def app(self) -> Starlette:
         """Make the application."""
@@ -77,32 +75,22 @@ class Site:
         return Starlette(routes=routes)
 
     async def _events(self, request: Request) -> Response:
-        if request.method == "HEAD":
-            return Response(media_type=EVENT_STREAM)
-        if self.streams >= MOST_STREAMS:
-            return PlainTextResponse(f"{MOST_STREAMS} pages are open: close one\n", 503)
-        return StreamingResponse(self._stream(), media_type=EVENT_STREAM)
+        return self.streams.answer(request, self._told)
 
-    async def _stream(self) -> AsyncIterator[bytes]:
-        if self.streams >= MOST_STREAMS:  # others that asked at the same moment came first
-            return
-        self.streams += 1
-        try:
-            told_at, frame = None, None
-            while True:
-                news = self._news
-                if news.told_at != told_at:
-                    told_at = news.told_at
-                    yield event("news", news.event())
-                picture = news.shown_picture()
-                if picture is not None and picture.frame != frame:
-                    frame = picture.frame
-                    yield event("picture", {"frame": frame, "age": round(news.picture_age(), 3)})
-                await news.more(_BEAT)
-                if news.told_at == told_at:
-                    yield b": still here\n\n"
-        finally:
-            self.streams -= 1
+    async def _told(self) -> AsyncIterator[bytes]:
+        told_at, frame = None, None
+        while True:
+            news = self._news
+            if news.told_at != told_at:
+                told_at = news.told_at
+                yield event("news", news.event())
+            picture = news.shown_picture()
+            if picture is not None and picture.frame != frame:
+                frame = picture.frame
+                yield event("picture", {"frame": frame, "age": round(news.picture_age(), 3)})
+            await news.more(_BEAT)
+            if news.told_at == told_at:
+                yield b": still here\n\n"
 
     async def _live(self, _: Request) -> Response:
         picture = self._news.shown_picture()
@@ -218,5 +206,5 @@ async def _beat(channel: socket.socket, server: Server, site: Site) -> None:
     while True:
         if server.started:
             with contextlib.suppress(BlockingIOError):
-                channel.send(WANTED if site.streams else ALIVE)
+                channel.send(WANTED if site.streams.open else ALIVE)
         await asyncio.sleep(_BEAT if server.started else 0.05)

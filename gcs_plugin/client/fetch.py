@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -33,12 +33,11 @@ class FetchStatus(Enum):
 
 
 @dataclass(eq=False)
-class Fetch:
-    """Fetches one file of one rover. The owner sends what `due` returns, and passes replies to `hear`.
+class Transfer:
+    """Paces requests to one rover, each sent again until it is answered, up to a time limit.
 
-    size: bytes, None until the companion has reported it. problem: why it failed, for a person.
-    session: 1 to 255, random; 0 is left to other clients on the same radio, which commonly use it.
-    _received_bytes: one byte for each byte of the file, 1 where it was received.
+    problem: why it failed, for a person. session: 1 to 255, random; 0 is left to other clients on the same
+    radio, which commonly use it.
     """
 
     system: int
@@ -46,24 +45,59 @@ class Fetch:
     created: float
     session: int = field(default_factory=lambda: 1 + secrets.randbelow(255))
     status: FetchStatus = FetchStatus.WAITING
-    size: int | None = None
     problem: str = ""
-    _content: bytearray = field(default_factory=bytearray, repr=False)
-    _received_bytes: bytearray = field(default_factory=bytearray, repr=False)
-    _opened: bool = False
-    _session_ended: bool = False
     _sequence: int = 0
     _unanswered: int = 0
     _next_at: float = 0.0
     _progress_at: float = 0.0
+    _AWAITED: ClassVar[str] = "reply"
 
     def __post_init__(self) -> None:
         self._next_at = self._progress_at = self.created
 
     @property
     def settled(self) -> bool:
-        """Whether the file is complete, or the fetch has failed."""
+        """Whether all was received, or it has failed."""
         return self.status in (FetchStatus.DONE, FetchStatus.FAILED)
+
+    def settle(self, now: float) -> bool:
+        """Apply the time limit; return True when it settled the transfer in this call."""
+        if self.settled or now - self._progress_at < LIFETIME_S:
+            return False
+        self._fail(f"no {self._AWAITED} for {LIFETIME_S:.0f} s: is the companion heard?")
+        return True
+
+    def _back_off(self, now: float) -> None:
+        """Set when the request that is sent now is sent again."""
+        self.status = FetchStatus.RUNNING
+        self._next_at = now + min(FIRST_BACK_OFF_S * 1.5**self._unanswered, LONGEST_BACK_OFF_S)
+        self._unanswered = min(self._unanswered + 1, 8)
+
+    def _fail(self, problem: str) -> None:
+        self.status, self.problem = FetchStatus.FAILED, problem
+
+    def _request(self, opcode: Opcode, *, data: bytes = b"", offset: int = 0, size: int = 0) -> Any:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        request = FtpPayload(
+            self._sequence, self.session, opcode, size or len(data), offset=offset, data=data
+        )
+        return mavlink.MAVLink_file_transfer_protocol_message(0, self.system, COMPONENT_ID, request.pack())
+
+
+@dataclass(eq=False)
+class Fetch(Transfer):
+    """Fetches one file of one rover. The owner sends what `due` returns, and passes replies to `receive`.
+
+    size: bytes, None until the companion has reported it.
+    _received_bytes: one byte for each byte of the file, 1 where it was received.
+    """
+
+    size: int | None = None
+    _content: bytearray = field(default_factory=bytearray, repr=False)
+    _received_bytes: bytearray = field(default_factory=bytearray, repr=False)
+    _opened: bool = False
+    _session_ended: bool = False
+    _AWAITED: ClassVar[str] = "byte"
 
     @property
     def received(self) -> int:
@@ -82,9 +116,7 @@ class Fetch:
         if self.settled:
             self._session_ended = True
             return self._request(Opcode.TERMINATE_SESSION)
-        self.status = FetchStatus.RUNNING
-        self._next_at = now + min(FIRST_BACK_OFF_S * 1.5**self._unanswered, LONGEST_BACK_OFF_S)
-        self._unanswered = min(self._unanswered + 1, 8)
+        self._back_off(now)
         if not self._opened:
             return self._request(Opcode.OPEN_FILE_RO, data=self.path.encode())
         # What is missing up to the end comes as one burst; a gap between received parts is read by itself.
@@ -106,12 +138,10 @@ class Fetch:
             self._take(reply, now)
 
     def settle(self, now: float) -> bool:
-        """Apply the time limit; return True when it settled the fetch in this call."""
-        if self.settled or now - self._progress_at < LIFETIME_S:
-            return False
-        self._fail(f"no byte for {LIFETIME_S:.0f} s: is the companion heard?")
-        self._session_ended = True
-        return True
+        """Apply the time limit, after which no session is left to end."""
+        timed_out = super().settle(now)
+        self._session_ended = self._session_ended or timed_out
+        return timed_out
 
     def _open(self, size: int, now: float) -> None:
         if self._opened:
@@ -151,13 +181,3 @@ class Fetch:
         elif reply.request == Opcode.OPEN_FILE_RO or (reply.request in _READS and self._opened):
             missing = error == FtpError.FILE_NOT_FOUND
             self._fail("the companion has no such file" if missing else f"refused with error {error}")
-
-    def _fail(self, problem: str) -> None:
-        self.status, self.problem = FetchStatus.FAILED, problem
-
-    def _request(self, opcode: Opcode, *, data: bytes = b"", offset: int = 0, size: int = 0) -> Any:
-        self._sequence = (self._sequence + 1) & 0xFFFF
-        request = FtpPayload(
-            self._sequence, self.session, opcode, size or len(data), offset=offset, data=data
-        )
-        return mavlink.MAVLink_file_transfer_protocol_message(0, self.system, COMPONENT_ID, request.pack())

@@ -11,16 +11,15 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from anytraverse.release import own_version
-from companion.browser.site import EVENT_STREAM, as_json, event, static_routes
+from companion.browser.site import EventStreams, as_json, event, static_routes
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.export import MOST_CALLS
 from gcs_plugin.console.requests import RequestError, read_request
 
-MOST_STREAMS = 8
 MOST_POSTED = 16 << 10
 CYCLE = 0.02
 _POSTED_WITHIN = 5.0
@@ -39,7 +38,7 @@ class Site:
         self._console = console
         self._links = links
         self._problems = problems
-        self.streams = 0
+        self._streams = EventStreams()
 
     def app(self) -> Starlette:
         """Make the application."""
@@ -87,25 +86,15 @@ class Site:
         return Response(packed, media_type="application/zip", headers={"content-disposition": saved_as})
 
     async def _events(self, request: Request) -> Response:
-        if request.method == "HEAD":
-            return Response(media_type=EVENT_STREAM)
-        if self.streams >= MOST_STREAMS:
-            return PlainTextResponse(f"{MOST_STREAMS} pages are open: close one\n", 503)
-        return StreamingResponse(self._stream(), media_type=EVENT_STREAM)
+        return self._streams.answer(request, self._news)
 
-    async def _stream(self) -> AsyncIterator[bytes]:
-        if self.streams >= MOST_STREAMS:  # others that asked at the same moment came first
-            return
-        self.streams += 1
+    async def _news(self) -> AsyncIterator[bytes]:
         told = _Told()
         yield event("fresh", {})  # points and timeline are told from their beginning
-        try:
-            while True:
-                for chunk in told.news(self._console, self._about()):
-                    yield chunk
-                await self._more(told)
-        finally:
-            self.streams -= 1
+        while True:
+            for chunk in told.news(self._console, self._about()):
+                yield chunk
+            await self._more(told)
 
     def _about(self) -> dict[str, Any]:
         return {"version": own_version(), "links": self._links, "problems": self._problems()}

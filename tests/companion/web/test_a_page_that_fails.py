@@ -187,7 +187,7 @@ def test_news_that_cannot_be_made_are_logged_and_survived(
 
 def test_too_many_connections_and_streams_are_refused_and_forgotten(tmp_path: Path) -> None:
     from companion.browser.access import MOST_CONNECTIONS
-    from companion.web.server import MOST_STREAMS
+    from companion.browser.site import MOST_STREAMS
 
     stage = Stage(tmp_path, restarts=LIMITS._replace(silent_for=20.0))
     try:

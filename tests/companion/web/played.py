@@ -73,7 +73,7 @@ class Stage:
 
     def pid(self) -> int:
         """The process id, 0 without a process."""
-        child = self.page._watchdog.child
+        child = self.page._process.child
         return child.pid if child is not None else 0
 
     @property

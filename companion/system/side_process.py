@@ -1,0 +1,141 @@
+"""Runs a process that the daemon can do without: nothing waits for it, and none of its failures spreads."""
+
+from __future__ import annotations
+
+import logging
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from typing import Generic, TypeVar
+
+from companion.system.child_process import ChildProcess
+from companion.system.watchdog import Restarts, Watchdog
+
+log = logging.getLogger(__name__)
+
+_MOST_SAID = 8
+"""Datagrams of the process that are taken in a turn. It sends a few a second; more wait, and it blocks."""
+_REAPED_WITHIN = 0.02
+
+
+class SideChild(ChildProcess):
+    """Exchanges datagrams with a process. One is sent whole, or dropped when too many wait."""
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        *,
+        buffer: int,
+        inherits: Sequence[int] = (),
+        environment: Mapping[str, str] | None = None,
+        longest: int,
+    ) -> None:
+        """Start the process. buffer, inherits, environment: of `ChildProcess`. longest: of `receive`.
+
+        Raises OSError.
+        """
+        super().__init__(
+            command,
+            kind=socket.SOCK_SEQPACKET,
+            buffer=buffer,
+            inherits=inherits,
+            environment=environment,
+            reaped_within=_REAPED_WITHIN,
+        )
+        self._longest = longest
+
+    def send(self, message: bytes) -> bool:
+        """Send a message; False when it is dropped."""
+        try:
+            return self.channel.send(message) == len(message)
+        except OSError:  # full, or the process has died, and `ended` says how
+            return False
+
+    def receive(self) -> list[bytes]:
+        """Return what it said: messages cut to `longest` bytes, eight of them at most."""
+        said: list[bytes] = []
+        while len(said) < _MOST_SAID:
+            try:
+                one = self.channel.recv(self._longest)
+            except OSError:
+                break
+            if not one:
+                break
+            said.append(one)
+        return said
+
+
+_Child = TypeVar("_Child", bound=SideChild)
+
+
+class SideProcess(Generic[_Child]):
+    """Starts the process, watches it, and starts it again. It runs from its first message on.
+
+    trouble: why it does not run, in a sentence; "" while all is well.
+    """
+
+    def __init__(self, name: str, launch: Callable[[], _Child], restarts: Restarts) -> None:
+        """name: for the log. launch: starts the process and gives it its setup, or raises OSError."""
+        self._watchdog: Watchdog[_Child] = Watchdog(launch, restarts, name)
+        self.trouble = "starting"
+
+    @property
+    def child(self) -> _Child | None:
+        """The process, None while there is none."""
+        return self._watchdog.child
+
+    @property
+    def restarted(self) -> int:
+        """How often it was killed or had died."""
+        return self._watchdog.restarted
+
+    @property
+    def running(self) -> bool:
+        """Whether it was heard since its start."""
+        return self._watchdog.running
+
+    def poll(self, now: float, take: Callable[[bytes], bool]) -> None:
+        """Start the process when it is due, and hear what it says.
+
+        now: monotonic seconds. take: takes a message; False for one that is not understood: then the process
+        is started again.
+        """
+        watchdog = self._watchdog
+        watchdog.polled(now)
+        if watchdog.child is None:
+            if watchdog.may_start(now):
+                self._start(now)
+            return
+        ended = watchdog.child.ended()
+        for one in watchdog.child.receive():
+            if not take(one):
+                self._restart("sent nonsense", now)
+                return
+            if not watchdog.running:
+                watchdog.ready(0.0, now)
+                self.trouble = ""
+            watchdog.reported(now)
+        failure = watchdog.failure(ended, now)
+        if failure is not None:
+            self._restart(failure.cause, now)
+
+    def send(self, message: bytes) -> bool:
+        """Send a message; False when it is dropped, or there is no process."""
+        return self._watchdog.child is not None and self._watchdog.child.send(message)
+
+    def close(self) -> None:
+        """Kill the process."""
+        self._watchdog.kill()
+
+    def _start(self, now: float) -> None:
+        try:
+            self._watchdog.start(now)
+        except OSError as error:
+            why = (error.strerror or str(error)).lower()
+            where = f" on {error.filename}" if error.filename else ""
+            self._restart(f"cannot be started{where} ({why})", now)
+
+    def _restart(self, cause: str, now: float) -> None:
+        """Have the process started again. What was said already is logged for developers only."""
+        again = cause == self.trouble
+        self.trouble = cause
+        self._watchdog.restart_later(cause, now, logging.DEBUG if again else logging.WARNING)

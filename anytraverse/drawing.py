@@ -87,6 +87,11 @@ def _hershey_scale(size: int) -> float:
     return size / 30
 
 
+def readable_on(colour: Colour) -> Colour:
+    """Return the text's colour that is readable on `colour`."""
+    return INK if np.dot(colour, (0.299, 0.587, 0.114)) > 150 or colour == AMBER else PAPER
+
+
 def ramp(stops: tuple[Colour, ...]) -> Image:
     """Interpolate 256 colours between evenly spaced stops, (256, 3)."""
     places = np.linspace(0, 255, len(stops))

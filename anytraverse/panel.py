@@ -13,7 +13,6 @@ import numpy as np
 
 from anytraverse.assessment import Assessment, Maps, Reason
 from anytraverse.drawing import (
-    AMBER,
     ATTENTION_STOPS,
     FAINT,
     GREEN,
@@ -32,6 +31,7 @@ from anytraverse.drawing import (
     hatching,
     outline,
     ramp,
+    readable_on,
     shortened,
     text_width,
     tint,
@@ -100,21 +100,25 @@ def draw_state(
     is `Assessment.tile`, drawn where something is unknown or nearly so.
     """
     picture = fitted(image, width)
-    height = picture.shape[0]
     if assessment.maps is not None:
-        signed = enlarged(assessment.maps.signed, width, height)
-        unsure = enlarged(assessment.maps.uncertainty, width, height)
-        tint(picture, GREEN, 0.4 * signed.clip(0, 1))
-        tint(picture, VERMILION, 0.45 * (-signed).clip(0, 1))
-        strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
-        tint(picture, VIOLET, strength * (0.25 + 0.55 * hatching(height, width)))
+        tint_judgement(picture, assessment.maps)
     _draw_boxes(picture, assessment, region.bounds)
     bar = np.full((34, width, 3), colour, dtype=np.uint8)
-    write(bar, shortened(title, width - 24, 16, bold=True), (12, 23), 16, _readable_on(colour), bold=True)
+    write(bar, shortened(title, width - 24, 16, bold=True), (12, 23), 16, readable_on(colour), bold=True)
     foot = np.full((30, width, 3), INK, dtype=np.uint8)
     text = note or _figures(assessment)
     write(foot, shortened(text, width - 24, 13), (12, 20), 13, (233, 236, 239))
     return np.vstack([bar, picture, foot])
+
+
+def tint_judgement(picture: Image, maps: Maps) -> None:
+    """Tint a picture of any size: green is drivable, vermilion is not, violet stripes are unknown."""
+    height, width = picture.shape[:2]
+    signed, unsure = enlarged(maps.signed, width, height), enlarged(maps.uncertainty, width, height)
+    tint(picture, GREEN, 0.4 * signed.clip(0, 1))
+    tint(picture, VERMILION, 0.45 * (-signed).clip(0, 1))
+    strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
+    tint(picture, VIOLET, strength * (0.25 + 0.55 * hatching(height, width)))
 
 
 def contact_sheet(tiles: Sequence[Image], columns: int, title: str = "") -> Image:
@@ -231,10 +235,6 @@ def _figures(assessment: Assessment) -> str:
         older = f" ({assessment.scene_age:.1f} s before)" if assessment.scene_age else ""
         parts.append(f"similarity {assessment.similarity:.2f}{older}")
     return "   ".join([f"drivable {roi.traversability:.2f}", *parts])
-
-
-def _readable_on(colour: Colour) -> Colour:
-    return INK if np.dot(colour, (0.299, 0.587, 0.114)) > 150 or colour == AMBER else PAPER
 
 
 def _blank(height: int, width: int) -> Image:

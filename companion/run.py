@@ -37,6 +37,7 @@ from companion.storage.writer import Writer
 from companion.system.background import BackgroundJob
 from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
+from companion.video.video import Video
 from companion.vision.child import COMMAND, VisionChild
 from companion.vision.client import VisionClient
 from companion.web.page import Page
@@ -88,9 +89,16 @@ def _main(
     first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    page = Page(config)
+    page, video = Page(config), Video(config)
     closing.callback(page.close)
-    ready = load(vision, link, stop, service, lambda now: page.poll(now, _starting))
+    closing.callback(video.close)
+
+    def poll(now: float) -> None:
+        page.poll(now, _starting)
+        video.poll(now)
+        link.camera.url = video.url
+
+    ready = load(vision, link, stop, service, poll)
     if ready is None:
         service.stopping()
         return 0
@@ -103,11 +111,12 @@ def _main(
         link.send_text(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
+    daemon.pointing.shown_for = video.shown_for
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
     try:
-        _run(daemon, stop, service, writer, report, closing.enter_context(BackgroundJob()), page)
+        _run(daemon, link, stop, service, writer, report, closing.enter_context(BackgroundJob()), page, video)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         report_death(link, daemon.calls)
@@ -136,6 +145,7 @@ def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved
         tree=served.tree,
         signing=_signing(config),
         answer_store=AnswerStore(saved.get("replies")),
+        camera=config.video.camera(config.camera.view),
     )
     link.text_parameters.set_words(first_words(config, memory))
     link.set_state(State.STARTING, open_id(saved), policy)
@@ -151,12 +161,14 @@ def _signing(config: Config) -> Signing | None:
 
 def _run(
     daemon: Daemon,
+    link: Link,
     stop: Callable[[], bool],
     service: ServiceManager,
     writer: Writer,
     report: CheckReport,
     background: BackgroundJob,
     page: Page,
+    video: Video,
 ) -> None:
     status_at = checked_at = float("-inf")
     figures: dict[str, Any] = {}
@@ -171,7 +183,7 @@ def _run(
         if daemon.sees_or_reports_fault(now):
             service.alive(now)
         if now - status_at >= _STATUS_PERIOD:
-            status_at, figures = now, daemon.write_status(web=page.figures())
+            status_at, figures = now, daemon.write_status(web=page.figures(), video=video.figures())
             service.status(f"{figures['state']}, policy {figures['policy']}")
             if status_at - checked_at < EVERY:
                 background.run(daemon.computer.measure)
@@ -182,3 +194,7 @@ def _run(
             daemon.live_picture.want()
         if (picture := daemon.live_picture.take()) is not None:
             page.show(picture.frame, picture.captured_at, picture.jpeg)
+        video.poll(now)
+        link.camera.url, daemon.video_pictures.watched = video.url, video.watched
+        if (picture := daemon.video_pictures.take(now)) is not None:
+            video.show(picture.frame, picture.jpeg)

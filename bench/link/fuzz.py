@@ -12,9 +12,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.regions import Box
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
 from companion.answers.answer import Answer, Via
 from companion.config.link_settings import MAIN, LinkSettings
+from companion.config.video import CameraSettings
+from companion.link.camera import Tap
 from companion.link.inbound import (
     InboundEvent,
     ModeAck,
@@ -40,6 +43,7 @@ from companion.wire.answers import (
 )
 from companion.wire.ids import (
     AUTOPILOT_COMPONENT_ID,
+    CAMERA_COMPONENT_ID,
     Motion,
     Outcome,
     Policy,
@@ -98,8 +102,16 @@ class Fuzz:
         settings = LinkSettings("udpout:127.0.0.1:14550", asked_budget=0.0, pace=0.0, allowed_senders=ALLOWED)
         openers = {MAIN: lambda: self._near}
         self._link = Link(
-            settings, self._listed, self.now, openers=openers, tree=_tree(), clock=lambda: self.now
+            settings,
+            self._listed,
+            self.now,
+            openers=openers,
+            tree=_tree(),
+            camera=CameraSettings(CAMERA_COMPONENT_ID, 5.0, 75),
+            clock=lambda: self.now,
         )
+        self._link.camera.size, self._link.camera.url = (480, 640), "rtsp://rover.local:8554/anytraverse"
+        self._link.camera.resolve = _tapped
         self._parser = Parser()
         self._autopilot = mavlink.MAVLink(None, OURS, AUTOPILOT_COMPONENT_ID)
         self._heartbeat_at = 0.0
@@ -249,6 +261,14 @@ def _granted(request: Answer) -> Acknowledgement:
         1,
         "C1",
     )
+
+
+def _tapped(tap: Tap, _now: float) -> Answer | str:
+    if tap.x < 0.1:
+        return "no call is open"
+    box = tap.box or Box(0.9 * tap.x, 0.9 * tap.y, 0.9 * tap.x + 0.1, 0.9 * tap.y + 0.1)
+    sides = box.left, box.top, box.right, box.bottom
+    return Answer((0, 0), Via.TRACK_POINT, 7, Motion.NONE, (TapBox(3, sides, "obstacle", -1.0),))
 
 
 def _tree() -> Tree:

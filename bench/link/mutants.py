@@ -11,7 +11,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from companion.wire.answers import AnswerMessage, ForgetWord, NewEpisode, SetWord, TapBox
 from companion.wire.ftp import FtpPayload, Opcode
-from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, TUNNEL_ANSWER, Motion
+from companion.wire.ids import ANSWER_COMMAND, CAMERA_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER, Motion
 
 Crowd = Literal["strangers", "all"]
 OURS = 1
@@ -114,7 +114,7 @@ _IDS = tuple(mavlink.mavlink_map)
 
 def _templates() -> list[Any]:
     """Makes a message of every kind to which the link reacts, right in every field."""
-    system, to = OURS, COMPONENT_ID
+    system, to, camera = OURS, COMPONENT_ID, CAMERA_COMPONENT_ID
     files = (
         FtpPayload(3, 1, Opcode.OPEN_FILE_RO, 11, data=b"/state.json"),
         FtpPayload(4, 1, Opcode.BURST_READ_FILE, 80),
@@ -152,6 +152,10 @@ def _templates() -> list[Any]:
         mavlink.MAVLink_command_long_message(system, to, 511, 0, 385, 500_000, 0, 0, 0, 0, 0),
         mavlink.MAVLink_command_long_message(system, to, ANSWER_COMMAND, 0, 0, 5, 1, 0, 0, 0, 0),
         mavlink.MAVLink_command_int_message(system, to, 0, ANSWER_COMMAND, 0, 0, 1, 2, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(system, camera, 2004, 1, 0.5, 0.5, 0.1, 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(system, camera, 2005, 0, 0.4, 0.5, 0.6, 0.7, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(system, camera, 511, 0, 275, 500_000, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(system, camera, 512, 0, 259, 0, 0, 0, 0, 0, 0),
         *(_tunnel(answer.pack()) for answer in answers),
         *(mavlink.MAVLink_file_transfer_protocol_message(0, system, to, one.pack()) for one in files),
         mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3),

@@ -26,8 +26,14 @@ class Via(Enum):
 
     TUNNEL = "TUNNEL 45003"
     COMMAND = "COMMAND_LONG 31010"
+    TRACK_POINT = "MAV_CMD_CAMERA_TRACK_POINT"
+    TRACK_RECTANGLE = "MAV_CMD_CAMERA_TRACK_RECTANGLE"
     AT_ANSWER = "PARAM_SET AT_ANSWER"
     TEXT = "PARAM_EXT_SET"
+
+
+COMMANDS = frozenset({Via.COMMAND, Via.TRACK_POINT, Via.TRACK_RECTANGLE})
+"""These carry a count of how often they were sent, and are acknowledged by COMMAND_ACK."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +41,8 @@ class Answer:
     """An operator's answer, complete and well-formed. Reply with `Link.acknowledge`.
 
     target: id of the call or hold, 0 for the current one. transaction: of a TUNNEL, else 0. confirmation: of
-    a COMMAND, above 0 where its sender repeats it. name, raw: of a TEXT, which sets words without a call: the
-    extended parameter and its value as received.
+    `COMMANDS`, above 0 where its sender repeats it. name, raw: of a TEXT, which sets words without a call:
+    the extended parameter and its value as received.
     """
 
     sender: SenderId

@@ -9,7 +9,7 @@ from collections.abc import Hashable, ItemsView
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from companion.answers.answer import Answer, Via
+from companion.answers.answer import COMMANDS, Answer, Via
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 
@@ -120,7 +120,7 @@ class AnswerStore:
         age = now - known.at
         if known.reply is None:
             return known if age < self._undecided_for else None
-        if answer.via is Via.COMMAND and not answer.confirmation:
+        if answer.via in COMMANDS and not answer.confirmation:
             return None
         if age > (math.inf if answer.via is Via.TUNNEL else REPEAT_WITHIN):
             return None

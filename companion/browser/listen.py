@@ -32,22 +32,20 @@ class Listen(NamedTuple):
             raise
         return taken
 
-    def url(self) -> str:
+    def url(self, scheme: str = "http") -> str:
         """Return the address as a browser wants it."""
-        return f"http://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}/"
+        return f"{scheme}://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}/"
 
 
 def read_listen(text: str) -> Listen | None:
-    """Parse "host:port", None for "": no page. Names are not looked up, but localhost. Raises ValueError."""
+    """Parse "host:port", None for "". Names are not looked up, but localhost. Raises ValueError."""
     if not text:
         return None
     host, _, port = text.rpartition(":")
     try:
         address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host.strip("[]"))
     except ValueError:
-        raise ValueError(
-            'give "127.0.0.1:8191", another numeric address and port, or "" for no page'
-        ) from None
+        raise ValueError('give "127.0.0.1:8191", another numeric address and port, or "" for none') from None
     if not (port.isdecimal() and port.isascii() and int(port) <= 65535):
         raise ValueError(f'port "{port}" is not in 0..65535')
     return Listen(str(address), int(port))

@@ -12,6 +12,7 @@ from companion.config.checks import NestedError, Section
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Vehicle
 from companion.config.toml_file import ConfigError, Layer, Problem, nearest
 from companion.config.words import read_words
+from companion.wire.parameters import MAX_WORDS, OBSTACLE
 
 SERVICE = Path("/var/lib/anytraverse")
 """The service's state folder. systemd sets $STATE_DIRECTORY for the service, but not in a person's shell."""
@@ -34,6 +35,9 @@ def load_config(path: str | Path) -> Config:
     words = read_words(layers, problems)
     if problems:
         raise ConfigError(problems)
+    if sections["video"].listen and len(words.vocabulary) < MAX_WORDS:
+        # A tap in the video names an obstacle: with a parameter of its own it can be taken back.
+        words = words._replace(vocabulary=tuple(dict.fromkeys((*words.vocabulary, OBSTACLE[0]))))
     config = Config(**sections, **words._asdict())
     folder = main.path.parent.absolute()
     return replace(

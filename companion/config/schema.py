@@ -29,6 +29,7 @@ from companion.config.checks import (
     whole,
 )
 from companion.config.radio import Link
+from companion.config.video import Video
 from companion.config.web import Web
 from companion.vehicle import PX4_HOLDS
 
@@ -290,6 +291,7 @@ SECTIONS: Mapping[str, type[Section]] = {
     "journal": Journal,
     "pictures": Pictures,
     "web": Web,
+    "video": Video,
 }
 WORD_KEYS = ("vocabulary", "words", "aliases")
 OF_A_VEHICLE = (*WORD_KEYS, "mount", "stopping", "roi", "corridor", "thresholds", "call")
@@ -320,6 +322,7 @@ class Config:
     journal: Journal = field(default_factory=Journal)
     pictures: Pictures = field(default_factory=Pictures)
     web: Web = field(default_factory=Web)
+    video: Video = field(default_factory=Video)
 
     @property
     def preferences(self) -> Preferences:

@@ -107,9 +107,18 @@ def compose(
     )
     settings.start(now)
     records.restore_call_frame()
-    view = round(config.camera.view)
     daemon = Daemon(
-        link, vision, calls, persistence, records, answer_handler, settings, position, model, view=view
+        link,
+        vision,
+        calls,
+        persistence,
+        records,
+        answer_handler,
+        settings,
+        position,
+        model,
+        view=round(config.camera.view),
+        video_rate=config.video.rate,
     )
     served.started(daemon.state_file, lambda: calls.reason_filter.newest)
     return daemon

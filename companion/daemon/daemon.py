@@ -13,10 +13,12 @@ from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
+from companion.config.video import video_size
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
-from companion.daemon.live_picture import LivePicture
+from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
+from companion.daemon.pointing import Pointing
 from companion.daemon.records import Records
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
@@ -77,8 +79,12 @@ class Daemon:
         model: Model,
         *,
         view: int,
+        video_rate: float = 5.0,
     ) -> None:
-        """model: names the perceiver. view: the camera's horizontal field of view, degrees, 0: unknown."""
+        """model: names the perceiver. view: the camera's horizontal field of view, degrees, 0: unknown.
+
+        video_rate: pictures per second of the video.
+        """
         now = time.monotonic()
         self._link = link
         self._vision = vision
@@ -89,6 +95,8 @@ class Daemon:
         self.settings = settings
         self.position = position
         self.live_picture = LivePicture(vision)
+        self.pointing = Pointing(calls, link)
+        self.video_pictures = VideoPictures(vision, self.pointing, self.told, video_rate)
         self._weak_words = WeakWords()
         self._view = view
         self._active_alert = ActiveAlert(calls)
@@ -144,6 +152,7 @@ class Daemon:
         self._shadow.tick(now)
         self._executor.carry_out(self.calls.tick(now), now, at_once=True)
         self._test_call.tick(now)
+        self.pointing.tick()
         self._link.stand_still(on=self.calls.holding.streams)
         self._report(now)
         self._stall_detector.check(time.monotonic())
@@ -235,7 +244,7 @@ class Daemon:
                 self._judged(result, now)
             case Applied():
                 self._applied(result, now)
-            case Drawn() if self.live_picture.drawn(result):
+            case Drawn() if self.live_picture.drawn(result) or self.video_pictures.drawn(result):
                 pass
             case Drawn():
                 self.records.drawn(result)
@@ -269,6 +278,8 @@ class Daemon:
             self._link.send_text(notices.weak_word(word), NOTICE, now)
         state = self.calls.state(now)
         self.live_picture.judged(seen, state)
+        self.video_pictures.judged(seen, state, now)
+        self._link.camera.size = video_size(*seen.frame.image.shape[:2])
         self._link.summary(
             summary(seen, judged.sectors, state, self.calls.policy, self.calls.current_id, self._view, now),
             now,
@@ -319,6 +330,7 @@ class Daemon:
             else:
                 ack = reply.acknowledgement
                 self._link.acknowledge(reply.answer, ack, now)
+                self.pointing.answered(reply.answer, ack, now)
                 log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
 
     def _after_answer_write(self, reply: Reply, stored: bool, now: float) -> None:

@@ -1,33 +1,73 @@
-"""Has the newest judged frame drawn for somebody who watches: one at a time, and none for nobody."""
+"""Has judged frames drawn for whoever watches the page or the video: one at a time, and none for nobody."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from anytraverse.assessment import Assessment
+from companion.daemon.pointing import Pointing
 from companion.vision.client import VisionClient
-from companion.vision.messages import Drawn
+from companion.vision.messages import Drawn, VideoMarks
 from companion.wire.ids import State
+
+_SHOWN_AGAIN = 1.0
+"""Seconds after which a still picture is given to the video again, which else says that it is old."""
+LEGEND = "green: drivable, red: not, violet: unknown"
 
 
 class Shown(NamedTuple):
-    """A drawn frame. captured_at: monotonic seconds. jpeg: the panel."""
+    """A drawn frame. captured_at: monotonic seconds. jpeg: the panel, or the video's picture."""
 
     frame: int
     captured_at: float
     jpeg: bytes
 
 
-class LivePicture:
-    """Requests a picture of the next judged frame when one is wanted, and keeps it until it is taken."""
+class _Drawing:
+    """Has one picture drawn at a time."""
 
     def __init__(self, vision: VisionClient) -> None:
         self._vision = vision
-        self._wanted = False
         self._asked: tuple[int, int, float] | None = None
         """Number of the request, id and capture time of its frame."""
         self._restarts = 0
         """Restarts of vision when it was asked: a request before the last of them is lost."""
+
+    @property
+    def busy(self) -> bool:
+        return self._asked is not None and self._vision.watchdog.restarted == self._restarts
+
+    def ask(self, seen: Assessment, title: str, state: State, video: VideoMarks | None = None) -> bool:
+        """Request a picture, unless one is being drawn. Whether it did."""
+        frame = seen.frame
+        if self.busy or not self._vision.draw(frame.id, title, state, video=video):
+            return False
+        self._asked = self._vision.newest_request, frame.id, frame.captured_at
+        self._restarts = self._vision.watchdog.restarted
+        return True
+
+    def drawn(self, drawn: Drawn) -> Shown | None:
+        """Return the picture if it was requested here: with an empty jpeg where it could not be made."""
+        if self._asked is None or drawn.number != self._asked[0]:
+            return None
+        _, frame, captured_at = self._asked
+        self._asked = None
+        return Shown(frame, captured_at, drawn.panel)
+
+
+def _title(seen: Assessment, state: State) -> str:
+    reasons = ", ".join(sorted(reason.value.replace("_", " ") for reason in seen.reasons))
+    return f"{state.name}{': ' if reasons else ''}{reasons}"
+
+
+class LivePicture:
+    """Requests a picture of the next judged frame when one is wanted, and keeps it until it is taken."""
+
+    def __init__(self, vision: VisionClient) -> None:
+        self._drawing = _Drawing(vision)
+        self._wanted = False
         self._drawn: Shown | None = None
 
     def want(self) -> None:
@@ -41,22 +81,82 @@ class LivePicture:
 
     def judged(self, seen: Assessment, state: State) -> None:
         """Request a picture of this frame, if one is wanted and none is being drawn."""
-        restarts = self._vision.watchdog.restarted
-        if not self._wanted or (self._asked is not None and restarts == self._restarts):
-            return
-        reasons = ", ".join(sorted(reason.value.replace("_", " ") for reason in seen.reasons))
-        title = f"{state.name}{': ' if reasons else ''}{reasons}"
-        asked = self._vision.draw(seen.frame.id, title, state)
-        request = self._vision.newest_request, seen.frame.id, seen.frame.captured_at
-        self._asked = request if asked else None
-        self._wanted, self._restarts = False, restarts
+        if self._wanted and not self._drawing.busy:
+            self._drawing.ask(seen, _title(seen, state), state)
+            self._wanted = False
 
     def drawn(self, drawn: Drawn) -> bool:
         """Take a picture, if it was requested here. Whether it was."""
-        if self._asked is None or drawn.number != self._asked[0]:
+        picture = self._drawing.drawn(drawn)
+        if picture is not None and picture.jpeg:
+            self._drawn = picture
+        return picture is not None
+
+
+class _Still(NamedTuple):
+    """What a still picture shows. It is drawn anew when this changes."""
+
+    seen: Assessment
+    title: str
+    state: State
+    marks: VideoMarks
+
+
+class VideoPictures:
+    """Has the pictures of the video drawn: the newest judged frame, at most `rate` times a second.
+
+    While a call or a blocked hold is open, it is that one's frame, still, so that what is tapped is what is
+    meant.
+
+    watched: whether somebody watches. Nothing is drawn for nobody.
+    """
+
+    def __init__(
+        self, vision: VisionClient, pointing: Pointing, told: Callable[[], str], rate: float
+    ) -> None:
+        """told: the text of what is open, or of what is wrong, "" for neither."""
+        self._drawing = _Drawing(vision)
+        self._pointing = pointing
+        self._told = told
+        self._period = 0.9 / rate
+        self._asked_at = self._taken_at = -math.inf
+        self._still: _Still | None = None
+        self._drawn: Shown | None = None
+        self._new = False
+        self.watched = False
+
+    def judged(self, seen: Assessment, state: State, now: float) -> None:
+        """Request a picture of this frame, or of the one that is shown still, where it is time for it."""
+        if not self.watched:
+            self._still = self._drawn = None
+            return
+        subject = self._pointing.subject(now)
+        if subject is None:
+            self._still = None
+            if now - self._asked_at >= self._period:
+                title = self._told() or _title(seen, state)
+                if self._drawing.ask(seen, title, state, VideoMarks(note=LEGEND)):
+                    self._asked_at = now
+            return
+        still = _Still(subject, self._told(), state, self._pointing.marks())
+        if still != self._still and self._drawing.ask(*still):
+            self._still = still
+
+    def drawn(self, drawn: Drawn) -> bool:
+        """Take a picture, if it was requested here. Whether it was."""
+        picture = self._drawing.drawn(drawn)
+        if picture is None:
             return False
-        _, frame, captured_at = self._asked
-        self._asked = None
-        if drawn.panel:
-            self._drawn = Shown(frame, captured_at, drawn.panel)
+        if picture.jpeg:
+            self._drawn, self._new = picture, True
+        else:
+            self._still = None
         return True
+
+    def take(self, now: float) -> Shown | None:
+        """Return a new picture once, and a still one once a second."""
+        again = self._still is not None and now - self._taken_at >= _SHOWN_AGAIN
+        if self._drawn is None or not (self._new or again):
+            return None
+        self._new, self._taken_at = False, now
+        return self._drawn

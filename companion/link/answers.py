@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer, Via
+from companion.answers.answer import COMMANDS, Answer, Via
 from companion.answers.store import AnswerStore, SenderCache
 from companion.link import encode
 from companion.link.access_control import AccessControl
@@ -102,6 +102,12 @@ _COMMAND_RESULTS = {
     Result.REFUSED: mavlink.MAV_RESULT_FAILED,
     Result.DENIED: mavlink.MAV_RESULT_DENIED,
     Result.BUSY: mavlink.MAV_RESULT_TEMPORARILY_REJECTED,
+}
+
+
+TRACKING = {
+    Via.TRACK_POINT: int(mavlink.MAV_CMD_CAMERA_TRACK_POINT),
+    Via.TRACK_RECTANGLE: int(mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE),
 }
 
 
@@ -200,7 +206,7 @@ class AnswerService:
 
     def acknowledge(self, answer: Answer, reply: Acknowledgement, now: float) -> None:
         """Send the result of an answer to its sender, and store it for repetitions."""
-        if answer.via in (Via.COMMAND, Via.AT_ANSWER):
+        if answer.via in COMMANDS or answer.via is Via.AT_ANSWER:
             self._text_sender.send_result(reply.text, now, accepted=reply.result in CHANGING_RESULTS)
         self._reply(answer, reply, now)
         self._store.finish(answer, reply, now)
@@ -223,6 +229,10 @@ class AnswerService:
                 self._push_ack(answer.sender, reply, now)
             case Via.COMMAND:
                 self._command_ack(answer.sender, _COMMAND_RESULTS[reply.result], now)
+            case Via.TRACK_POINT | Via.TRACK_RECTANGLE:
+                command = TRACKING[answer.via]
+                message = encode.command_ack(command, _COMMAND_RESULTS[reply.result], answer.sender)
+                self._outbox.push("camera ack", message, now, to=answer.sender)
             case Via.AT_ANSWER:
                 value = _parameter_value(answer) if accepted else 0
                 self._parameters.echo(ANSWER, float(value), answer.sender, now)

@@ -13,7 +13,7 @@ from companion.link.periodic import PeriodicTelemetry
 from companion.link.sender import LIFETIME, Sender
 from companion.link.signing import Signing
 from companion.link.transport import Transport, opener
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, CAMERA_COMPONENT_ID, COMPONENT_ID
 
 READS_PER_POLL = 512
 """More datagrams than a UDP socket buffers by default: after a stall, one poll reaches the newest mode."""
@@ -63,13 +63,20 @@ class Channel:
         system_id: int,
         signing: Signing | None = None,
         link_id: int = 0,
+        camera_id: int = CAMERA_COMPONENT_ID,
     ) -> None:
         self.name = name
         self.asked_budget = settings.asked_budget
         self._connection = Connection(opener, now)
         self._parser = Parser()
         self.sender = Sender(
-            self._connection, settings, now, system_id=system_id, signing=signing, link_id=link_id
+            self._connection,
+            settings,
+            now,
+            system_id=system_id,
+            signing=signing,
+            link_id=link_id,
+            camera_id=camera_id,
         )
         self.periodic = PeriodicTelemetry(self.sender, now)
         self._waits_for_vehicle = settings.waits_for_vehicle
@@ -208,6 +215,7 @@ def channels_of(
     *,
     openers: Mapping[str, Callable[[], Transport]],
     signing: Signing | None,
+    camera_id: int = CAMERA_COMPONENT_ID,
 ) -> list[Channel]:
     """Make a channel for each connection, in order; openers and signing as for `Link`. Raises LinkError."""
     return [
@@ -219,6 +227,7 @@ def channels_of(
             system_id=settings.system_id,
             signing=signing,
             link_id=number,
+            camera_id=camera_id,
         )
         for number, (name, one) in enumerate(settings.connections().items())
     ]

@@ -211,15 +211,19 @@ def text_ack(name: bytes, value: bytes, result: int) -> Any:
 
 def autopilot_version(version: str) -> Any:
     """AUTOPILOT_VERSION with `CAPABILITIES`. version: "0.1.0"; a suffix marks a development version."""
-    release = re.match(r"(\d+)\.(\d+)\.(\d+)$", version)
-    numbers = [min(255, int(one)) for one in re.findall(r"\d+", version)[:3]] + [0, 0, 0]
-    kind = mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL if release else mavlink.FIRMWARE_VERSION_TYPE_DEV
-    packed = numbers[0] << 24 | numbers[1] << 16 | numbers[2] << 8 | kind
     custom = version.encode(errors="replace")[:8].ljust(8, b"\0")
     none = bytes(8)
     return mavlink.MAVLink_autopilot_version_message(
-        CAPABILITIES, packed, 0, 0, 0, list(custom), list(none), list(none), 0, 0, 0
+        CAPABILITIES, packed_version(version), 0, 0, 0, list(custom), list(none), list(none), 0, 0, 0
     )
+
+
+def packed_version(version: str) -> int:
+    """Pack "0.1.0" as flight_sw_version and firmware_version want it: a byte each, and the release's kind."""
+    release = re.match(r"(\d+)\.(\d+)\.(\d+)$", version)
+    numbers = [min(255, int(one)) for one in re.findall(r"\d+", version)[:3]] + [0, 0, 0]
+    kind = mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL if release else mavlink.FIRMWARE_VERSION_TYPE_DEV
+    return numbers[0] << 24 | numbers[1] << 16 | numbers[2] << 8 | int(kind)
 
 
 def message_interval(message_id: int, microseconds: int) -> Any:

@@ -10,10 +10,12 @@ from typing import Any
 from companion.answers.answer import Answer
 from companion.answers.store import AnswerStore
 from companion.config.link_settings import LinkSettings
+from companion.config.video import CameraSettings
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import AlertRepeater, TextSender
 from companion.link.answers import AnswerService
+from companion.link.camera import CameraService
 from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
@@ -33,7 +35,7 @@ from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import ERROR, TUNNEL_CALL, Policy, State
+from companion.wire.ids import CAMERA_COMPONENT_ID, ERROR, TUNNEL_CALL, Policy, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
@@ -45,7 +47,7 @@ class Link:
     """Acts as MAVLink component 191.
 
     Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. parameters, text_parameters,
-    commands, modes: the services that the daemon uses.
+    commands, modes, camera: the services that the daemon uses.
     """
 
     def __init__(
@@ -58,18 +60,25 @@ class Link:
         tree: Tree | None = None,
         signing: Signing | None = None,
         answer_store: AnswerStore | None = None,
+        camera: CameraSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """openers: by connection name, what makes its transport in place of the url. tree: files to serve.
 
         signing: signs each frame sent, and accepts only signed frames; each connection has its own link id.
-        answer_store: with the replies from before a restart. clock: monotonic s, by which `poll` limits
-        its duration. Raises LinkError, ParameterError.
+        answer_store: with the replies from before a restart. camera: None where it is none.
+        clock: monotonic s, by which `poll` limits its duration. Raises LinkError, ParameterError.
         """
         self.most_budget = settings.most_budget
         self._signing = signing
         self._clock = clock
-        self._channels = channels_of(settings, now, openers=openers or {}, signing=signing)
+        self._channels = channels_of(
+            settings,
+            now,
+            openers=openers or {},
+            signing=signing,
+            camera_id=camera.component if camera is not None else CAMERA_COMPONENT_ID,
+        )
         self._access = AccessControl(settings.allowed_senders, signing)
         self._outbox = Outbox(self._channels, self._access.share)
         self._text_sender = TextSender(self._outbox)
@@ -86,6 +95,7 @@ class Link:
             self.answer_store,
         )
         self.commands = CommandService(self._outbox, self._text_sender, self._access, self.parameters)
+        self.camera = CameraService(self._outbox, self._text_sender, self._access, self._answers, camera)
         self._tracker = VehicleTracker(settings.system_id)
         served = (tree or Tree()).with_folder(PARAMETERS, ParameterFile(self.parameters.packed))
         self._files = FtpServer(self._outbox, self._access, served)
@@ -96,6 +106,7 @@ class Link:
             self._answers,
             self.commands,
             self._files,
+            self.camera,
         )
         self._router = MessageRouter(self._outbox, self._text_sender, self._access, self._tracker, requests)
         self._alerts = AlertRepeater()
@@ -182,6 +193,7 @@ class Link:
             self._announce_due(now)
             self.parameters.tick(now)
             self.text_parameters.tick(now)
+            self.camera.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
         # The autopilot may have rebooted, or be on another connection: a heartbeat announces us at once.
         if returns != self._returns_seen:

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
 from companion.link.answers import AnswerService
+from companion.link.camera import CameraService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
 from companion.link.ftp.server import FtpServer
@@ -70,6 +71,7 @@ def _key(message: Any) -> tuple[int, int, int, bytes]:
 
 
 FILES = "FILE_TRANSFER_PROTOCOL"
+COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 REQUESTS = frozenset(
     {
         "PARAM_REQUEST_LIST",
@@ -79,8 +81,7 @@ REQUESTS = frozenset(
         "PARAM_EXT_REQUEST_READ",
         "PARAM_EXT_SET",
         "TUNNEL",
-        "COMMAND_LONG",
-        "COMMAND_INT",
+        *COMMANDS,
         FILES,
     }
 )
@@ -97,6 +98,7 @@ class RequestDispatcher:
         answers: AnswerService,
         commands: CommandService,
         files: FtpServer,
+        camera: CameraService,
     ) -> None:
         self._access = access
         self._parameters = parameters
@@ -104,10 +106,13 @@ class RequestDispatcher:
         self._answers = answers
         self._commands = commands
         self._files = files
+        self.camera = camera
 
     def dispatch(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         """Answer a request here, or return the event that the daemon must handle."""
         kind = message.get_type()
+        if message.target_component not in (0, COMPONENT_ID):
+            return self._to_camera(kind, sender, message, now)
         if kind == "PARAM_REQUEST_LIST":
             self._parameters.list_all(sender)
         elif kind == "PARAM_REQUEST_READ":
@@ -132,6 +137,12 @@ class RequestDispatcher:
         else:
             return self._commands.receive(sender, message, now)
         return None
+
+    def _to_camera(self, kind: str, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
+        if kind not in COMMANDS or message.target_system == 0:
+            self._access.rejected["target"] += 1
+            return None
+        return self.camera.receive(sender, message, now)
 
     def _set(self, sender: SenderId, message: Any, now: float) -> InboundEvent | None:
         request = self._parameters.set(sender, message, now)
@@ -170,6 +181,11 @@ class MessageRouter:
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if sender == (self._outbox.system_id, COMPONENT_ID):
             self._take_own_ids(message, channel, now)
+            return None
+        camera = self._requests.camera
+        if sender == (self._outbox.system_id, camera.component):
+            if not self._outbox.is_own(message):
+                camera.note_id_conflict(now)
             return None
         channel.note_accepted(sender, now)
         channel.sender.version.received(message, now)
@@ -238,7 +254,8 @@ class MessageRouter:
     ) -> bool:
         if kind not in REQUESTS or message.target_system not in (0, self._outbox.system_id):
             return False
-        if message.target_component not in (0, COMPONENT_ID):
+        # Without a camera, component 0 is in this list twice.
+        if message.target_component not in (0, COMPONENT_ID, self._requests.camera.component):
             return False
         if kind == "TUNNEL" and message.payload_type != TUNNEL_ANSWER:
             return False  # what the companions of other rovers broadcast

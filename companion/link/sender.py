@@ -15,7 +15,7 @@ from companion.link.connection import Connection
 from companion.link.encode import MavlinkVersion, fits_1, pack_1
 from companion.link.limits import TokenBucket
 from companion.link.signing import Signing
-from companion.wire.ids import COMPONENT_ID
+from companion.wire.ids import CAMERA_COMPONENT_ID, COMPONENT_ID
 from companion.wire.messages import MESSAGES, Bucket, Message
 from companion.wire.signing import BLOCK
 
@@ -64,11 +64,14 @@ class Sender:
         system_id: int = 1,
         signing: Signing | None = None,
         link_id: int = 0,
+        camera_id: int = CAMERA_COMPONENT_ID,
     ) -> None:
-        """signing: signs each frame, with `link_id`."""
+        """signing: signs each frame, with `link_id`. camera_id: component id of the rows of the camera."""
         self._connection = connection
         self._pace = settings.pace
-        self._mav = mavlink.MAVLink(None, system_id, COMPONENT_ID)
+        # Receivers count a component's lost frames by its sequence numbers, so each has its own.
+        self._companion = mavlink.MAVLink(None, system_id, COMPONENT_ID)
+        self._camera = mavlink.MAVLink(None, system_id, camera_id)
         self.version = MavlinkVersion()
         self._buckets: dict[Bucket, TokenBucket] = {
             "unsolicited": TokenBucket(settings.budget, settings.burst, now),
@@ -90,11 +93,11 @@ class Sender:
     @property
     def system_id(self) -> int:
         """The system id in every frame sent."""
-        return int(self._mav.srcSystem)
+        return int(self._companion.srcSystem)
 
     @system_id.setter
     def system_id(self, value: int) -> None:
-        self._mav.srcSystem = value
+        self._companion.srcSystem = self._camera.srcSystem = value
 
     def push(
         self,
@@ -215,8 +218,9 @@ class Sender:
         if self._last_was_reply:
             self._turns[frame.priority] = frame.turn
             self._last_was_shared = frame.to in COMMON_SHARES
-        self._recent.append((int(self._mav.seq), int(frame.message.get_crc())))
-        self._mav.seq = (self._mav.seq + 1) % 256
+        mav = self._mav(frame.name)
+        self._recent.append((int(mav.seq), int(frame.message.get_crc())))
+        mav.seq = (mav.seq + 1) % 256
         self._next_at = now + self._pace
 
     def _write(self, packed: bytes, frame: _Frame, now: float) -> bool:
@@ -234,9 +238,13 @@ class Sender:
 
     def _pack(self, name: str, message: Any, now: float) -> bytes | None:
         """Pack `message` in the MAVLink version in use; None when that cannot carry it."""
+        mav = self._mav(name)
         if not self.version.packs_1(name, now):
-            return bytes(message.pack(self._mav))
-        return pack_1(message, self._mav) if fits_1(message) else None
+            return bytes(message.pack(mav))
+        return pack_1(message, mav) if fits_1(message) else None
+
+    def _mav(self, name: str) -> Any:
+        return self._camera if MESSAGES[name].of_camera else self._companion
 
     def _first(self, now: float) -> _Frame | None:
         """The next frame to send: the most urgent that its budget affords and the rules of turns allow."""

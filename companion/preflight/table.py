@@ -23,6 +23,7 @@ from companion.preflight.rights import check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed
 from companion.preflight.stopping import check_stopping, check_tile
+from companion.preflight.video import check_video
 
 
 class Check(NamedTuple):
@@ -63,6 +64,7 @@ CHECKS = (
     Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
     Check("tile",       check_tile,       "how large a tile is: the smallest area that can cause a call"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
+    Check("video",      check_video,      "whether the MAVLink camera's video is served, and where"),
 )
 # fmt: on
 WIDTH = 24

@@ -31,6 +31,7 @@ from companion.wire.parameters import (
     POLICY,
     SHADOW_HOLDS,
     SUMMARY_RATE,
+    TAP_WORD,
     Parameter,
     ParameterError,
 )
@@ -39,7 +40,7 @@ log = logging.getLogger(__name__)
 _RATES = {SUMMARY_RATE: "summary", NUMBER_RATE: "number"}
 _BUSY = "vision is busy, set it again"
 _LINK_PARAMETERS = (*_RATES, BUDGET)
-_NOT_IN_OVERRIDES = frozenset({POLICY, ANSWER, SHADOW_HOLDS})
+_NOT_IN_OVERRIDES = frozenset({POLICY, ANSWER, SHADOW_HOLDS, TAP_WORD})
 """Settings that may be set and are stored elsewhere, or not at all."""
 _ACCEPTED, _TRY_LATER = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED, _FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
@@ -129,6 +130,8 @@ class SettingsService:
             return Handled(decisions=decisions)
         elif request.name == SHADOW_HOLDS:
             self._reset_shadow_counts(request, now)
+        elif request.name == TAP_WORD:
+            self._set_tap_word(request.value, now)
         else:
             self._set_value(request, now)
         return Handled()
@@ -237,6 +240,14 @@ class SettingsService:
         else:
             self._link.send_text(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
         self._echo_after_write(SHADOW_HOLDS, float(self._calls.shadow.count))
+
+    def _set_tap_word(self, index: float, now: float) -> None:
+        entry = self._link.parameters.at(int(index))
+        if index < 0 or (entry is not None and entry.word is not None):
+            self._echo(TAP_WORD, index, now)
+            return
+        self._link.send_text(notices.value_refused(TAP_WORD, "-1 or a word's index"), WARNING, now)
+        self._link.parameters.echo_in_force(TAP_WORD, now)
 
     def _exceeds_link(self, budget: float) -> bool:
         # 0 means unlimited.

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.answers.store import AnswerStore
 from companion.config.link_settings import MAIN, LinkSettings
+from companion.config.video import CameraSettings
 from companion.link import encode
 from companion.link.inbound import InboundEvent
 from companion.link.link import Link
@@ -152,6 +153,7 @@ class LoopbackLink(Wire):
         tree: Tree | None = None,
         signing: Signing | None = None,
         answer_store: AnswerStore | None = None,
+        camera: CameraSettings | None = None,
     ) -> None:
         super().__init__()
         self.now = 0.0
@@ -168,6 +170,7 @@ class LoopbackLink(Wire):
             tree=tree,
             signing=signing,
             answer_store=answer_store,
+            camera=camera,
             clock=lambda: 0.0,
         )
         self.vehicle = vehicle

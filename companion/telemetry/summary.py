@@ -119,13 +119,9 @@ def call_data(
     age: float,
     picture: str,
 ) -> CallData:
-    """Make the payload of a call or hold. Its figures are those of the frame `seen`.
-
-    A hold names the worst tile's box only where a tile is bad. Otherwise an operator who taps in that box
-    would teach a word for ordinary ground.
-    """
+    """Make the payload of a call or hold. Its figures are those of the frame `seen`."""
     roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
-    points = kind is Kind.CALL or (seen is not None and _has_bad_tile(seen))
+    place_asked = place_of(kind, seen) if seen is not None else None
     return CallData(
         id=number,
         kind=kind,
@@ -137,7 +133,7 @@ def call_data(
         frame_id=frame_id,
         age_s=max(0, round(age)),
         roi=fractions(region.bounds),
-        worst_tile_box=fractions(tile.shown) if tile and points else None,
+        worst_tile_box=fractions(place_asked) if place_asked is not None else None,
         roi_uncertainty=roi.uncertainty if roi else None,
         worst_tile=tile.uncertainty if tile else None,
         drivable_share=roi.drivable_share if roi else None,
@@ -149,6 +145,16 @@ def call_data(
         words=words_hash(words),
         picture=picture,
     )
+
+
+def place_of(kind: Kind, seen: Assessment) -> Box | None:
+    """Return the box that a call or hold asks about, None without one.
+
+    A hold names the worst tile's box only where a tile is bad. Otherwise an operator who taps in that box
+    would teach a word for ordinary ground.
+    """
+    points = seen.tile is not None and (kind is Kind.CALL or _has_bad_tile(seen))
+    return seen.tile.shown if seen.tile is not None and points else None
 
 
 def _has_bad_tile(seen: Assessment) -> bool:

@@ -44,6 +44,7 @@ from companion.vision.messages import (
     Situation,
     Start,
     Tune,
+    VideoMarks,
 )
 from companion.wire.ids import State
 
@@ -238,17 +239,26 @@ class VisionClient:
         self._settings = settings
         return True
 
-    def draw(self, frame_id: int, title: str, state: State, *, store: bool = False) -> bool:
+    def draw(
+        self,
+        frame_id: int,
+        title: str,
+        state: State,
+        *,
+        store: bool = False,
+        video: VideoMarks | None = None,
+    ) -> bool:
         """Request pictures of a recently judged frame; a `Drawn` follows. False when too many wait.
 
         store: whether to store the frame, because it is a call's or hold's: answers and taps may refer to it.
+        video: how to draw it for the video.
         """
         most = MAX_DRAWINGS + (STORED_FRAMES if store else 0)
         if not self.watchdog.running or len(self._drawing) >= most:
             log.warning("no picture of %s: the vision process does not draw now", title)
             return False
         self._numbers += 1
-        if not self._send(Draw(self._numbers, frame_id, title, state, store)):
+        if not self._send(Draw(self._numbers, frame_id, title, state, store, video)):
             return False
         self._drawing[self._numbers] = frame_id if store else 0
         return True

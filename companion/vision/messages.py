@@ -11,6 +11,7 @@ from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.perception import Perceiver, handles_infrared
+from anytraverse.regions import Box
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
 from companion.wire.ids import State
@@ -122,11 +123,23 @@ class Restore:
 
 
 @dataclass(frozen=True)
+class VideoMarks:
+    """What a picture of the video shows beside the judgement.
+
+    place: what a call is about. taps: what was tapped. note: what to do, at the foot.
+    """
+
+    place: Box | None = None
+    taps: tuple[Box, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True)
 class Draw:
     """Draw a recently judged frame; a `Drawn` of the same number follows.
 
     store: whether to store the frame, because it is a call's or hold's: answers and taps may refer to it from
-    now on, and it is sent as PNG, too.
+    now on, and it is sent as PNG, too. video: how to draw it for the video; then nothing else is drawn.
     """
 
     number: int
@@ -134,6 +147,7 @@ class Draw:
     title: str
     state: State
     store: bool
+    video: VideoMarks | None = None
 
 
 Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw
@@ -225,8 +239,8 @@ class Done:
 class Drawn:
     """Carries pictures of a frame, b"" for each that could not be made or was not requested.
 
-    panel: JPEG with maps and title. thumbnail: JPEG for a radio. png: the frame itself.
-    stored: whether the frame is stored, so that answers and taps may refer to it.
+    panel: JPEG with maps and title, or the video's picture. thumbnail: JPEG for a radio. png: the frame
+    itself. stored: whether the frame is stored, so that answers and taps may refer to it.
     """
 
     number: int

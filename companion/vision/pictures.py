@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from anytraverse.decoding import decode
 from anytraverse.frame import Image, is_image
 from anytraverse.regions import Box, Region
 from companion.vision.messages import LARGEST_PNG, Draw, Drawn
+from companion.vision.video_picture import video_picture
 from companion.wire.ids import State
 
 if TYPE_CHECKING:
@@ -114,6 +116,9 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
             log.warning("no %s of %s: %r", what, request.title, error)
             return b""
 
+    if request.video is not None:
+        draw = partial(video_picture, seen, region, request.title, _COLOURS[request.state], request.video)
+        return Drawn(request.number, request.frame_id, request.title, panel=made("video", draw))
     return Drawn(
         request.number,
         request.frame_id,

@@ -81,6 +81,13 @@ LINES: dict[str, Line] = {
         "0",
         _NO,
     ),
+    "AT_TAP_WORD": Line(
+        "index of the word's parameter that the next tap in the video names; -1: an obstacle. "
+        "A tap resets it",
+        "",
+        "-1",
+        _NO,
+    ),
 }
 _WORD = "any"
 

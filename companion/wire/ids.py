@@ -15,6 +15,9 @@ COMPONENT_ID = 191
 
 AUTOPILOT_COMPONENT_ID = 1
 
+CAMERA_COMPONENT_ID = 100
+"""MAV_COMP_ID_CAMERA, of the companion as a camera, unless it is configured."""
+
 ANSWER_COMMAND = 31010
 """MAV_CMD_USER_1: param1 id of the call or hold (0 = the current one), param2 `Motion` or 4."""
 

@@ -20,6 +20,7 @@ class Message(NamedTuple):
 
     period: s, None for no fixed rate. bytes: of the longest frame, unsigned MAVLink 2. priority: 0 is sent
     first; None: the companion does not send it. bucket: the byte budget that it counts against, if any.
+    of_camera: whether the camera sends it, a component of its own.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Message(NamedTuple):
     priority: int | None
     bucket: Bucket | None
     when_lost: str
+    of_camera: bool = False
 
 
 _Row = tuple[str, str, str, Direction, float | None, int, int | None, Bucket | None, str]
@@ -83,8 +85,20 @@ _ROWS: tuple[_Row, ...] = (
     ("script text", "STATUSTEXT",          "the script's hold", IN,   10.0, 63,  None, None,  "next one"),
     ("mode ack",    "COMMAND_ACK",         "mode taken or not", IN,   None, 22,  None, None,  "next one"),
 )
+_OF_CAMERA: tuple[_Row, ...] = (
+    ("camera heartbeat", "HEARTBEAT",       "a camera is there",   UP, 1.0,  21,  6, FREE,  "next one"),
+    ("camera ack",    "COMMAND_ACK",        "its outcome",         UP, None, 22,  2, ASKED, "asked again"),
+    ("camera information", "CAMERA_INFORMATION", "what it can do", UP, None, 249, 3, ASKED, "asked again"),
+    ("stream information", "VIDEO_STREAM_INFORMATION", "its video", UP, None, 227, 3, ASKED, "asked again"),
+    ("stream status", "VIDEO_STREAM_STATUS", "the same, short",    UP, None, 32,  3, ASKED, "asked again"),
+    ("camera settings", "CAMERA_SETTINGS",  "that it has none",    UP, None, 26,  3, ASKED, "asked again"),
+    ("camera storage", "STORAGE_INFORMATION", "that it has none",  UP, None, 73,  3, ASKED, "asked again"),
+    ("capture status", "CAMERA_CAPTURE_STATUS", "that it takes none", UP, None, 35, 3, ASKED, "asked again"),
+    ("tracking status", "CAMERA_TRACKING_IMAGE_STATUS", "what was tapped", UP, 0.5, 44, 5, ASKED, "next one"),
+    ("camera command", "COMMAND_LONG",      "a tap, or a request", DOWN, None, 45, None, None, "sent again"),
+)
 # fmt: on
-TABLE = tuple(Message(*row) for row in _ROWS)
+TABLE = (*(Message(*row) for row in _ROWS), *(Message(*row, of_camera=True) for row in _OF_CAMERA))
 MESSAGES = {message.name: message for message in TABLE}
 TELEMETRY = frozenset(message.mavlink for message in TABLE if message.direction == IN)
 """Messages that the companion reads from the autopilot, by MAVLink name."""

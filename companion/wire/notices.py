@@ -50,6 +50,11 @@ def shadow_so_far(count: int, hours: float, most: str) -> str:
     return fit(f"Shadow: {count} in {hours:.1f} h{rate}{named}")
 
 
+def camera_id_taken(component: int) -> str:
+    """Reports another camera under our camera's component id, which is silent because of it."""
+    return fit(f"Another camera is {component}: set [video] component")
+
+
 def unknown_autopilot() -> str:
     """Reports an autopilot that is neither ArduPilot Rover nor a PX4 rover."""
     return "Autopilot of unknown kind: it is never held"

@@ -39,6 +39,10 @@ BUDGET = "AT_BUDGET"
 ANSWER = "AT_ANSWER"
 """An answer without words: id of the call or hold x 10 + `Motion`; id 0 is the current one. Or the call whose
 place matched x 10 + 4: it is another place. It reads as 0."""
+TAP_WORD = "AT_TAP_WORD"
+"""Index of the word's parameter that the next tap in the video names, -1: an obstacle. A tap resets it."""
+OBSTACLE = ("obstacle", -1.0)
+"""Word and weight of a tap for which no other word was chosen."""
 WORDS_TEXT = "AT_WORDS"
 """All words with their weights as one text; only in the extended parameter protocol."""
 SHADOW_HOLDS = "AT_SHD_HOLDS"
@@ -113,6 +117,7 @@ _MORE = (
     Parameter(NUMBER_RATE, _NUMBER_HZ, 0.0, 2.0),
     Parameter(BUDGET, 300.0, 50.0, 1e6, special=0.0),
     Parameter(ANSWER, 0.0, 0.0, 10.0 * 0xFFFF + OTHER_PLACE, whole=True),
+    Parameter(TAP_WORD, -1.0, -1.0, float(MAX_PARAMETERS - 1), whole=True),
 )
 """Settings that were added later. They come last, so that the words keep their indices."""
 

@@ -173,6 +173,16 @@ def just_announced(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} is new: read it, then answer")
 
 
+def not_shown(kind: Kind, number: int) -> str:
+    """Refuses a tap in a video that did not show the frame of what is open, or not for long enough."""
+    return fit(f"{name(kind, number)} not in the video yet: look, then tap")
+
+
+def needs_no_tap(kind: Kind, number: int) -> str:
+    """Refuses a tap where words are known already, or the reasons are gone."""
+    return fit(f"{name(kind, number)} needs no tap: go or stay")
+
+
 def dropped(kind: Kind, number: int) -> str:
     """Reports that the companion may not command any more, and leaves the vehicle as it is."""
     return fit(f"{name(kind, number)} let go: drive on by hand")

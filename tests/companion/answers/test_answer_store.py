@@ -11,13 +11,18 @@ from hypothesis import strategies as st
 
 from companion.answers.answer import Answer, Via
 from companion.answers.store import IN_ALL, MAX_TEXTS, OF_A_SENDER, UNDECIDED_FOR, AnswerStore, KnownAnswer
-from companion.wire.answers import Acknowledgement, SetWord
+from companion.wire.answers import Acknowledgement, SetWord, TapBox
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 
 GROUND, OTHER = (255, 190), (254, 1)
+BOX = (0.4, 0.5, 0.6, 0.7)
 ANSWERS = {
     Via.TUNNEL: Answer(GROUND, Via.TUNNEL, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9),
     Via.COMMAND: Answer(GROUND, Via.COMMAND, 7, Motion.GO, confirmation=1),
+    **{
+        via: Answer(GROUND, via, 7, Motion.NONE, (TapBox(3, BOX, "obstacle", -1.0),), confirmation=1)
+        for via in (Via.TRACK_POINT, Via.TRACK_RECTANGLE)
+    },
     Via.AT_ANSWER: Answer(GROUND, Via.AT_ANSWER, 7, Motion.GO),
     Via.TEXT: Answer(
         GROUND, Via.TEXT, 0, Motion.NONE, (SetWord("mud", -1.0),), name="AT_WORDS", raw=b"mud: -1"

@@ -20,6 +20,7 @@ from companion.answers.store import AnswerStore
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.schema import Stopping
+from companion.config.video import CameraSettings
 from companion.daemon.composition import Resources, compose
 from companion.sim.loopback_link import LoopbackLink
 from companion.sim.loopback_vision import LoopbackVision
@@ -31,7 +32,14 @@ from companion.vision.client import VisionClient
 from companion.vision.warm_up import judging_settings
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
-from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, read_heartbeat_mode
+from companion.wire.ids import (
+    COMPONENT_ID,
+    TUNNEL_ACKNOWLEDGEMENT,
+    TUNNEL_ANSWER,
+    Motion,
+    Policy,
+    read_heartbeat_mode,
+)
 from companion.wire.parameters import ROI, build
 from tests.anytraverse.conftest import AHEAD, CODES, GNOME, HEIGHT, WIDTH, Painted
 
@@ -83,6 +91,7 @@ class Rig:
 
     config = Config(stopping=Stopping(unchecked=True))
     """Of it only what says whether the vehicle stops in time counts here."""
+    mavlink_camera: CameraSettings | None = None
 
     def __init__(
         self,
@@ -121,7 +130,9 @@ class Rig:
         self.journal = Journal(self.folder)
         saved = self.journal.load_supervision() or {}
         answers = AnswerStore(saved.get("replies"))
-        self.stage = LoopbackLink(parameters=listed, tree=self.served.tree, answer_store=answers)
+        self.stage = LoopbackLink(
+            parameters=listed, tree=self.served.tree, answer_store=answers, camera=self.mavlink_camera
+        )
         self.stage.mode = mode
         self.stage.now = now
         self.perceiver = Painted()
@@ -235,7 +246,8 @@ class Rig:
     @property
     def state(self) -> tuple[str, int]:
         """State and open id of the newest heartbeat."""
-        state, number, _ = read_heartbeat_mode(self.stage.sent("HEARTBEAT")[-1].custom_mode)
+        own = [one for one in self.stage.sent("HEARTBEAT") if one.get_srcComponent() == COMPONENT_ID]
+        state, number, _ = read_heartbeat_mode(own[-1].custom_mode)
         return state.name, number
 
     @property

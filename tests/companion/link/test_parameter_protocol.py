@@ -53,8 +53,8 @@ def test_the_list_is_told_whole_and_in_order(target: tuple[int, int]) -> None:
     stage.send(mavlink.MAVLink_param_request_list_message(*target), (42, 1))
     stage.run(5)
     told = stage.sent("PARAM_VALUE")
-    assert [m.param_index for m in told] == list(range(43))
-    assert {m.param_count for m in told} == {43}
+    assert [m.param_index for m in told] == list(range(44))
+    assert {m.param_count for m in told} == {44}
     assert {m.param_type for m in told} == {9}
     assert [m.param_id for m in told] == [entry.name for entry in FULL]
 
@@ -66,7 +66,7 @@ def test_the_list_is_paced_and_keeps_to_its_own_budget() -> None:
     stage.run(10)
     times = [frame.at for frame in stage.frames]
     assert min(b - a for a, b in itertools.pairwise(times)) >= 0.0299
-    assert len(stage.sent("PARAM_VALUE")) == 43
+    assert len(stage.sent("PARAM_VALUE")) == 44
     assert stage.times("PARAM_VALUE")[-1] > 2.0
 
 
@@ -79,8 +79,8 @@ def test_two_askers_at_a_time_cost_one_list_and_a_bit() -> None:
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191), (254, 1))
     stage.run(5)
     after = [m.param_index for m in stage.sent("PARAM_VALUE")][before:]
-    assert sorted(set(after)) == list(range(43))
-    assert len(after) <= 45
+    assert sorted(set(after)) == list(range(44))
+    assert len(after) <= 46
 
 
 def test_one_value_is_read_by_name_and_by_index_by_anybody(stage: LoopbackLink) -> None:

@@ -39,6 +39,7 @@ def test_the_list_holds_the_settings_and_a_weight_for_every_configured_word() ->
         "AT_NUM_HZ",
         "AT_BUDGET",
         "AT_ANSWER",
+        "AT_TAP_WORD",
     ]
     assert [entry.value for entry in listed if entry.word] == [-2.0, -1.0]
     assert listed[0].value == 0.25

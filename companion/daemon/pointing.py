@@ -1,0 +1,114 @@
+"""Turns a tap in the video into an answer to the call or hold whose frame the video shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from anytraverse.assessment import Assessment
+from anytraverse.regions import Box
+from companion.answers.answer import COMMANDS, Answer, Via
+from companion.answers.outcome import stale_text
+from companion.calls.machine import OperatorCalls
+from companion.link.camera import Tap
+from companion.link.link import Link
+from companion.telemetry.summary import place_of
+from companion.vision.messages import VideoMarks
+from companion.wire import texts
+from companion.wire.answers import Acknowledgement, TapBox
+from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Stage
+from companion.wire.parameters import NOT_IN_USE, OBSTACLE, TAP_WORD
+
+HALF = 0.06
+"""Half the width and height, as shares of the picture, of the box around a point outside the call's place."""
+STILL_AFTER_TAP = 5.0
+"""Seconds for which the video still shows a call's frame after a tap has covered it."""
+
+
+class Pointing:
+    """Knows which frame may be tapped, and what was tapped in it.
+
+    shown_for: for how many seconds the video's viewers have seen a frame, 0 where they do not.
+    """
+
+    def __init__(self, calls: OperatorCalls, link: Link) -> None:
+        self._calls = calls
+        self._link = link
+        self._taps: tuple[Box, ...] = ()
+        self._tapped = 0
+        """Id of the call or hold that `_taps` belong to."""
+        self._tapped_at = -math.inf
+        self.shown_for: Callable[[int, float], float] = lambda _frame, _now: 0.0
+        link.camera.resolve = self.resolve
+
+    @property
+    def word(self) -> tuple[str, float]:
+        """Word and weight that the next tap means, by AT_TAP_WORD."""
+        entry = self._link.parameters.at(int(self._link.parameters.value(TAP_WORD)))
+        if entry is None or entry.word is None:
+            return OBSTACLE
+        return entry.word, OBSTACLE[1] if entry.value == NOT_IN_USE else entry.value
+
+    def subject(self, now: float) -> Assessment | None:
+        """Return the frame that the video shows still: that of what waits for an answer, None without one."""
+        waits = self._calls.stage() is Stage.OPEN or now - self._tapped_at < STILL_AFTER_TAP
+        return self._seen() if waits else None
+
+    def marks(self) -> VideoMarks:
+        """Return what is marked in that frame."""
+        seen, (word, weight) = self._seen(), self.word
+        place = place_of(self._calls.kind, seen) if seen is not None else None
+        if self._calls.stage() is not Stage.OPEN:
+            note = "Tapped. Now go, or stay"
+        elif self._taps:
+            note = f"Not covered. Tap it again ({word} {weight:g}), or go, or stay"
+        else:
+            note = f"Tap it: {word} {weight:g}. Then go, or stay"
+        return VideoMarks(place, self._taps, f"STILL PICTURE. {note}")
+
+    def resolve(self, tap: Tap, now: float) -> Answer | str:
+        """Return the answer that a tap means, without its sender, or why it means none."""
+        number = self._calls.resolve(0, now)
+        if number is None:
+            return stale_text(self._calls, 0)
+        seen, kind = self._seen(), self._calls.kind
+        if seen is None:
+            return texts.fit(f"{texts.name(kind, number)} has no picture to tap in: go or stay")
+        if self.subject(now) is None:
+            return texts.needs_no_tap(kind, number)
+        if self.shown_for(seen.frame.id, now) < self._calls.numbers.announce_guard:
+            return texts.not_shown(kind, number)
+        box = tap.box or _around(tap, seen, place_of(kind, seen))
+        operation = TapBox(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
+        return Answer((0, 0), Via.TRACK_POINT, number, Motion.NONE, (operation,))
+
+    def answered(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
+        """Mark what an acknowledged tap has taught. The next one is an obstacle again."""
+        match answer.operations:
+            case (TapBox(box=sides),) if answer.via in COMMANDS and ack.result in CHANGING_RESULTS:
+                box = Box(*sides)
+                self._taps = (*(self._taps if ack.target == self._tapped else ()), box)[-4:]
+                self._tapped, self._tapped_at = ack.target, now
+                self._link.camera.mark(box)
+                self._link.parameters.set_value(TAP_WORD, -1.0, now)
+
+    def tick(self) -> None:
+        """Forget what was tapped once its call or hold is over."""
+        if self._taps and self._calls.current_id != self._tapped:
+            self._taps = ()
+            self._link.camera.mark(None)
+
+    def _seen(self) -> Assessment | None:
+        call, hold = self._calls.call, self._calls.hold
+        if self._calls.kind is Kind.CALL:
+            return call.seen if call is not None else None
+        return hold.seen if hold is not None else None
+
+
+def _around(tap: Tap, seen: Assessment, place: Box | None) -> Box:
+    """Return the place that is asked about where the point lies in it, else a square around the point."""
+    if place is not None and place.left <= tap.x <= place.right and place.top <= tap.y <= place.bottom:
+        return place
+    height, width = seen.frame.image.shape[:2] if seen.frame.image.size else (3, 4)
+    high = HALF * width / height
+    return Box(max(0.0, tap.x - HALF), max(0.0, tap.y - high), min(1.0, tap.x + HALF), min(1.0, tap.y + high))

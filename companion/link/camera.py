@@ -1,0 +1,328 @@
+"""Acts as a MAVLink camera beside the companion: tells where its video is, and takes taps in it.
+
+MAVLink calls a tap "tracking" (Camera Protocol v2, MAV_CMD_CAMERA_TRACK_POINT and _RECTANGLE).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from anytraverse.regions import Box
+from anytraverse.release import own_version
+from companion.answers.answer import Answer, Via
+from companion.config.video import CameraSettings
+from companion.link import encode
+from companion.link.access_control import AccessControl
+from companion.link.alerts import TextSender
+from companion.link.answers import TRACKING, AnswerService
+from companion.link.outbox import Outbox
+from companion.wire import notices
+from companion.wire.ids import WARNING, SenderId
+from companion.wire.messages import MESSAGES
+
+NAME, VENDOR = "AnyTraverse", "AnyTraverse"
+STREAM = 1
+"""The id of the only video stream."""
+SMALLEST = 0.02
+"""The least width and height of a tapped box, as shares of the picture: a smaller one is no thing."""
+_PERIOD = MESSAGES["camera heartbeat"].period or 1.0
+_SILENT_FOR = 5.0
+"""s for which the camera is silent after another component used its ids."""
+_REPEATED_WITHIN = 10.0
+_FASTEST, _SLOWEST = 0.5, 10.0
+"""s between two CAMERA_TRACKING_IMAGE_STATUS. One is for all who asked."""
+_IDLE_REPEATS = 3
+_NEVER = float("-inf")
+_FLAGS = (
+    mavlink.CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM
+    | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_POINT
+    | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_RECTANGLE
+)
+_VIAS = {command: via for via, command in TRACKING.items()}
+_OF_PICTURES = ("camera information", "stream information", "stream status")
+_ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+_DENIED: int = mavlink.MAV_RESULT_DENIED
+_LATER: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+_UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+
+
+class Tap(NamedTuple):
+    """A tap in the video. x, y: its middle, shares of the picture. box: None for a point."""
+
+    x: float
+    y: float
+    box: Box | None
+
+
+Resolver = Callable[[Tap, float], "Answer | str"]
+"""Makes an answer of a tap, whose sender and message are filled in later, or says why it changes nothing."""
+
+
+class CameraService:
+    """Answers the commands of the camera protocol. Any sender may read; only allowed senders may tap.
+
+    url: where the video is, "" while it is nowhere. size: its height and width, None until a frame came.
+    resolve: makes an answer of a tap.
+    """
+
+    def __init__(
+        self,
+        outbox: Outbox,
+        text_sender: TextSender,
+        access: AccessControl,
+        answers: AnswerService,
+        settings: CameraSettings | None,
+    ) -> None:
+        """settings: None where the companion is no camera."""
+        self._outbox = outbox
+        self._text_sender = text_sender
+        self._access = access
+        self._answers = answers
+        self._settings = settings
+        self.url = ""
+        self.size: tuple[int, int] | None = None
+        self.resolve: Resolver = lambda _tap, _now: "the companion is starting: tap again"
+        self._heartbeat_at = self._conflict_at = self._status_at = _NEVER
+        self._conflict = False
+        self._last: tuple[tuple[Any, ...], Answer, float] | None = None
+        """The newest tap that became an answer: its command, and when it came."""
+        self._target: Box | None = None
+        self._status_period = math.inf
+        self._idle_left = 0
+
+    @property
+    def component(self) -> int:
+        """The component id, 0 where the companion is no camera."""
+        return self._settings.component if self._settings is not None else 0
+
+    def mark(self, target: Box | None) -> None:
+        """Set what CAMERA_TRACKING_IMAGE_STATUS says is tapped, which ground stations draw; None: nothing."""
+        if target != self._target:
+            self._target, self._status_at = target, _NEVER
+            self._idle_left = _IDLE_REPEATS
+
+    def note_id_conflict(self, now: float) -> None:
+        """Note that another component sent under the camera's ids: it is silent for some seconds."""
+        if not self._conflict:
+            self._text_sender.send(notices.camera_id_taken(self.component), WARNING, now)
+        self._conflict, self._conflict_at = True, now
+
+    def receive(self, sender: SenderId, message: Any, now: float) -> Answer | None:
+        """Take a COMMAND_LONG or COMMAND_INT for the camera; return the answer that a tap means."""
+        if self._settings is None or self._conflict:
+            return None
+        first, command = message.param1, message.command
+        match command:
+            case mavlink.MAV_CMD_CAMERA_TRACK_POINT | mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE:
+                return self._tapped(sender, message, now)
+            case mavlink.MAV_CMD_REQUEST_MESSAGE:
+                result = self._send(first, sender, now)
+            case mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION:
+                result = self._send(mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION, sender, now)
+            case mavlink.MAV_CMD_REQUEST_CAMERA_SETTINGS:
+                result = self._send(mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS, sender, now)
+            case mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION:
+                result = self._send(mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION, sender, now)
+            case mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS:
+                result = self._send(mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS, sender, now)
+            case mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION:
+                result = self._send(mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION, sender, now)
+            case mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_STATUS:
+                result = self._send(mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS, sender, now)
+            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL if self._allowed(sender, now):
+                result = self._set_interval(first, message.param2)
+            case mavlink.MAV_CMD_CAMERA_STOP_TRACKING if self._allowed(sender, now):
+                # What a tap taught stays: only an operator's "forget" takes it back.
+                self.mark(None)
+                result = _ACCEPTED
+            case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL | mavlink.MAV_CMD_CAMERA_STOP_TRACKING:
+                result = _DENIED
+            case mavlink.MAV_CMD_VIDEO_START_STREAMING | mavlink.MAV_CMD_VIDEO_STOP_STREAMING:
+                # The video is there for whoever asks its address, and costs nothing while nobody does.
+                result = _ACCEPTED if first in (0, STREAM) else _DENIED
+            case _:
+                result = _UNSUPPORTED
+        self._acknowledge(command, result, sender, now)
+        return None
+
+    def tick(self, now: float) -> None:
+        """Queue the heartbeat and the tracking status when they are due."""
+        if self._settings is None:
+            return
+        if self._conflict and now - self._conflict_at > _SILENT_FOR:
+            self._conflict = False
+        if self._conflict:
+            return
+        if now - self._heartbeat_at >= _PERIOD:
+            self._heartbeat_at = now
+            heartbeat = mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+            )
+            self._outbox.push("camera heartbeat", heartbeat, now, key=0, lifetime=1.0)
+        due = math.isfinite(self._status_period) and now - self._status_at >= self._status_period
+        if due and (self._target is not None or self._idle_left):
+            self._status_at = now
+            self._idle_left = _IDLE_REPEATS if self._target is not None else self._idle_left - 1
+            self._outbox.push("tracking status", self._tracking_status(), now, key=0, lifetime=1.0)
+
+    def _tapped(self, sender: SenderId, message: Any, now: float) -> Answer | None:
+        via = _VIAS[message.command]
+        if not self._allowed(sender, now):
+            self._acknowledge(message.command, _DENIED, sender, now)
+            return None
+        key = (sender, via, message.param1, message.param2, message.param3, message.param4)
+        # The call that a repeated tap meant may be closed by the answer that the first one was.
+        if self._last is not None and getattr(message, "confirmation", None):
+            known, answer, at = self._last
+            if known == key and now - at <= _REPEATED_WITHIN:
+                return self._answers.admit(replace(answer, confirmation=message.confirmation), now)
+        tap = read_tap(via, message)
+        if tap is None:
+            self._access.rejected["command"] += 1
+            self._acknowledge(message.command, _DENIED, sender, now)
+            return None
+        resolved = self.resolve(tap, now)
+        if isinstance(resolved, str):
+            self._text_sender.refuse(resolved, now)
+            self._acknowledge(message.command, _LATER, sender, now)
+            return None
+        answer = replace(resolved, sender=sender, via=via)
+        self._last = key, answer, now
+        return self._answers.admit(answer, now)
+
+    def _allowed(self, sender: SenderId, now: float) -> bool:
+        if self._access.may_change(sender):
+            return True
+        self._access.rejected["sender"] += 1
+        self._text_sender.refuse_sender(sender, now)
+        return False
+
+    def _send(self, message_id: float, to: SenderId, now: float) -> int:
+        """Send the message of this id once; return the MAV_RESULT."""
+        rows: dict[int, tuple[str, Callable[[], Any]]] = {
+            mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: ("camera information", self._information),
+            mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: ("camera settings", _settings),
+            mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: ("camera storage", _no_storage),
+            mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: ("capture status", _no_capture),
+            mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION: ("stream information", self._stream),
+            mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS: ("stream status", self._stream_status),
+            mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS: ("tracking status", self._tracking_status),
+        }
+        if message_id not in rows:
+            return _UNSUPPORTED
+        row, make = rows[int(message_id)]
+        if (row.startswith("stream") and not self.url) or (row in _OF_PICTURES and self.size is None):
+            return _LATER
+        self._outbox.push(row, make(), now, key=to, to=to)
+        return _ACCEPTED
+
+    def _set_interval(self, message_id: float, interval: float) -> int:
+        if message_id != mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS:
+            return _UNSUPPORTED
+        if interval == -1:
+            self._status_period = math.inf
+        elif math.isfinite(interval) and interval >= 0:
+            seconds = interval / 1e6 or 1.0
+            self._status_period, self._idle_left = min(max(seconds, _FASTEST), _SLOWEST), _IDLE_REPEATS
+        else:
+            return _DENIED
+        return _ACCEPTED
+
+    def _acknowledge(self, command: int, result: int, sender: SenderId, now: float) -> None:
+        self._outbox.push("camera ack", encode.command_ack(command, result, sender), now, to=sender)
+
+    def _information(self) -> Any:
+        height, width = self.size or (0, 0)
+        return mavlink.MAVLink_camera_information_message(
+            time_boot_ms=0,
+            vendor_name=list(VENDOR.encode().ljust(32, b"\0")),
+            model_name=list(NAME.encode().ljust(32, b"\0")),
+            firmware_version=encode.packed_version(own_version()),
+            focal_length=math.nan,
+            sensor_size_h=math.nan,
+            sensor_size_v=math.nan,
+            resolution_h=width,
+            resolution_v=height,
+            lens_id=0,
+            flags=_FLAGS,
+            cam_definition_version=0,
+            cam_definition_uri=b"",
+        )
+
+    def _stream(self) -> Any:
+        return mavlink.MAVLink_video_stream_information_message(
+            stream_id=STREAM,
+            count=1,
+            type=mavlink.VIDEO_STREAM_TYPE_RTSP,
+            **self._stream_figures(),
+            name=NAME.encode(),
+            uri=self.url.encode(),
+            encoding=mavlink.VIDEO_STREAM_ENCODING_H264,
+        )
+
+    def _stream_status(self) -> Any:
+        return mavlink.MAVLink_video_stream_status_message(stream_id=STREAM, **self._stream_figures())
+
+    def _stream_figures(self) -> dict[str, Any]:
+        settings, (height, width) = self._settings, self.size or (0, 0)
+        return {
+            "flags": mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
+            "framerate": settings.rate if settings is not None else 0.0,
+            "resolution_h": width,
+            "resolution_v": height,
+            "bitrate": 0,
+            "rotation": 0,
+            "hfov": settings.view if settings is not None else 0,
+        }
+
+    def _tracking_status(self) -> Any:
+        box, nan = self._target, math.nan
+        status = (
+            (mavlink.CAMERA_TRACKING_STATUS_FLAGS_IDLE, mavlink.CAMERA_TRACKING_MODE_NONE)
+            if box is None
+            else (mavlink.CAMERA_TRACKING_STATUS_FLAGS_ACTIVE, mavlink.CAMERA_TRACKING_MODE_RECTANGLE)
+        )
+        shown = mavlink.CAMERA_TRACKING_TARGET_DATA_RENDERED | mavlink.CAMERA_TRACKING_TARGET_DATA_IN_STATUS
+        sides = (nan,) * 4 if box is None else (box.left, box.top, box.right, box.bottom)
+        return mavlink.MAVLink_camera_tracking_image_status_message(
+            *status, 0 if box is None else shown, nan, nan, nan, *sides
+        )
+
+
+def read_tap(via: Via, message: Any) -> Tap | None:
+    """Read the parameters of a tracking command; None where they are no place in the picture."""
+    sides: tuple[float, ...] = (message.param1, message.param2, message.param3, message.param4)
+    if via is Via.TRACK_POINT:
+        x, y = sides[:2]
+        return Tap(x, y, None) if _share(x) and _share(y) else None
+    if not all(map(_share, sides)):
+        return None
+    left, right = sorted((sides[0], sides[2]))
+    top, bottom = sorted((sides[1], sides[3]))
+    x, y = (left + right) / 2, (top + bottom) / 2
+    if right - left < SMALLEST or bottom - top < SMALLEST:
+        return Tap(x, y, None)
+    return Tap(x, y, Box(left, top, right, bottom))
+
+
+def _share(value: float) -> bool:
+    return 0.0 <= value <= 1.0
+
+
+def _settings() -> Any:
+    return mavlink.MAVLink_camera_settings_message(0, mavlink.CAMERA_MODE_VIDEO, math.nan, math.nan)
+
+
+def _no_storage() -> Any:
+    return mavlink.MAVLink_storage_information_message(
+        0, 0, 0, mavlink.STORAGE_STATUS_NOT_SUPPORTED, 0, 0, 0, 0, 0
+    )
+
+
+def _no_capture() -> Any:
+    return mavlink.MAVLink_camera_capture_status_message(0, 0, 0, 0, 0, 0)

@@ -1,0 +1,59 @@
+"""Checks the video of the MAVLink camera."""
+
+from __future__ import annotations
+
+import subprocess
+
+from companion.preflight.rover import Rover
+from companion.preflight.rules import Finding, passed, skipped, warned
+from companion.video.rtsp_server import PIPELINE
+from companion.video.video import PACKAGES
+
+VIDEO = "video"
+_WITHIN = 30.0
+_PROBE = """
+import sys, gi
+for name in ("Gst", "GstApp", "GstRtsp", "GstRtspServer"):
+    gi.require_version(name, "1.0")
+from gi.repository import Gst, GstRtspServer
+Gst.init(None)
+print(" ".join(name for name in sys.argv[1:] if Gst.ElementFactory.find(name) is None))
+"""
+
+
+def check_video(rover: Rover) -> list[Finding]:
+    """Check that the video can be served, and say where."""
+    settings = rover.config.video
+    listen = settings.address
+    if listen is None:
+        return [passed(VIDEO, 'off: [video] listen is "", and the companion is no MAVLink camera')]
+    if rover.running is not None:
+        told = rover.told("video")
+        if told.get("trouble"):
+            return [warned(VIDEO, f"it {told['trouble']}, and is tried again: see [video], and the log")]
+        if not told.get("url"):
+            return [skipped(VIDEO, "not known: the companion that runs does not say where it is")]
+        return [passed(VIDEO, f"{told['url']} shows it to whoever reaches that port")]
+    if missing := missing_of(settings.python, settings.encoder):
+        return [warned(VIDEO, f"{missing}: sudo apt install {PACKAGES}")]
+    try:
+        listen.bind().close()
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        return [warned(VIDEO, f"{settings.listen} cannot be had ({why}): set another [video] listen")]
+    return [passed(VIDEO, f"{settings.listen} is free, and will show it to whoever reaches that port")]
+
+
+def missing_of(python: str, encoder: str) -> str:
+    """Say what this Python's GStreamer lacks for the video, "" for nothing. encoder: of `[video]`."""
+    elements = [part.split()[0] for part in PIPELINE.format(rate=1, encoder=encoder).strip("() ").split("!")]
+    named = [element for element in elements if "/" not in element]
+    try:
+        probed = subprocess.run(
+            [python, "-I", "-c", _PROBE, *named], capture_output=True, text=True, timeout=_WITHIN, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"{python} cannot be run ({error})"
+    if probed.returncode:
+        return "GStreamer's RTSP server for Python is not installed"
+    return f"no {', '.join(probed.stdout.split())} in GStreamer" if probed.stdout.strip() else ""

@@ -1,0 +1,134 @@
+"""Starts the video process, gives it pictures, and starts it again: the supervisor's end."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from companion.config import Config
+from companion.config.video import PATH
+from companion.system.error_guard import ErrorGuard
+from companion.system.side_process import SideChild, SideProcess
+from companion.system.watchdog import Restarts
+from companion.tasks import VIDEO
+from companion.video.rtsp_server import LARGEST, REPORT
+
+log = logging.getLogger(__name__)
+
+SERVER = Path(__file__).with_name("rtsp_server.py")
+PACKAGES = (
+    "python3-gi gir1.2-gst-rtsp-server-1.0 "
+    "gstreamer1.0-plugins-base gstreamer1.0-plugins-good gstreamer1.0-plugins-ugly"
+)
+"""What the video needs of Debian, Raspberry Pi OS and Ubuntu."""
+
+
+class VideoChild(SideChild):
+    """Runs the RTSP server, by the system's Python."""
+
+    def __init__(self, command: Sequence[str], folder: str) -> None:
+        """Start the process. folder: where GStreamer keeps its list of elements. Raises OSError."""
+        # ORC compiles code while it runs, which the service forbids; without, it takes code made in advance.
+        environment = {"ORC_CODE": "backup", "GST_REGISTRY": os.path.join(folder, "gstreamer-registry.bin")}
+        super().__init__(command, buffer=2 * LARGEST, environment=environment, longest=REPORT.size + 1)
+
+
+class Video:
+    """Owns the video process. The main loop calls `poll` in every turn.
+
+    watched: whether somebody sees the video.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        launch: Callable[[Sequence[str], str], VideoChild] = VideoChild,
+        restarts: Restarts = VIDEO,
+    ) -> None:
+        """launch: starts this command with this folder, or raises OSError. restarts: time limits."""
+        self._settings = settings = config.video
+        self._listen = settings.address
+        self._command = (settings.python, "-I", str(SERVER))
+        self._folder = os.path.abspath(config.journal.path)
+        self._launch = launch
+        self._process: SideProcess[VideoChild] = SideProcess("video", self._start, restarts)
+        self._guard = ErrorGuard(lambda _now: None)
+        self._shown = 0
+        self._shown_since = float("-inf")
+        self.watched = False
+        if self._listen is None:
+            self._process.trouble = "switched off by [video] listen"
+
+    @property
+    def trouble(self) -> str:
+        """Why there is no video, in a sentence; "" while all is well."""
+        return self._process.trouble
+
+    @property
+    def url(self) -> str:
+        """The video's address as ground stations are told it; "" while there is none."""
+        if self._listen is None or self._process.trouble:
+            return ""
+        return self._settings.url or self._listen.url("rtsp").rstrip("/") + PATH
+
+    def poll(self, now: float) -> None:
+        """Keep the process running, and take what it says. now: monotonic seconds."""
+        if self._listen is not None:
+            with self._guard.survived("the video", now):
+                self._process.poll(now, lambda said: self._take(said, now))
+                if not self._process.running:
+                    self._shown, self.watched = 0, False
+
+    def show(self, frame: int, picture: bytes) -> None:
+        """Show a picture until the next one. frame: its id. picture: JPEG."""
+        if len(picture) <= LARGEST - 5:
+            self._process.send(b"p" + frame.to_bytes(4, "little") + picture)
+
+    def shown_for(self, frame: int, now: float) -> float:
+        """Return for how many seconds viewers have seen this frame and no other; 0 where they do not."""
+        return now - self._shown_since if frame and frame == self._shown else 0.0
+
+    def figures(self) -> dict[str, Any]:
+        """Return where the video is, whether it is watched, what is wrong, and how often it was restarted."""
+        return {
+            "url": self.url,
+            "watched": self.watched,
+            "trouble": self.trouble,
+            "restarts": self._process.restarted,
+        }
+
+    def close(self) -> None:
+        """Kill the process."""
+        self._process.close()
+
+    def _take(self, said: bytes, now: float) -> bool:
+        if len(said) != REPORT.size:
+            return False
+        port, shown, watched = REPORT.unpack(said)
+        if watched > 1 or not port or self._listen is None:
+            return False
+        if not self._process.running:
+            # A port that was free is the same one after a restart.
+            self._listen = self._listen._replace(port=port)
+            log.info("the video is on port %d", port)
+        if shown != self._shown:
+            self._shown, self._shown_since = shown, now
+        self.watched = bool(watched)
+        return True
+
+    def _start(self) -> VideoChild:
+        assert self._listen is not None
+        child = self._launch(self._command, self._folder)
+        setup = {
+            "host": self._listen.host,
+            "port": self._listen.port,
+            "path": PATH,
+            "rate": round(self._settings.rate),
+            "encoder": self._settings.encoder,
+        }
+        child.send(b"c" + json.dumps(setup).encode())
+        return child

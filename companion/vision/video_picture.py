@@ -1,0 +1,52 @@
+"""Draws the picture of the video: the frame under a light tint, with what a call is about and what to do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from anytraverse.assessment import Assessment
+from anytraverse.regions import Region
+from companion.config.video import video_size
+from companion.vision.messages import VideoMarks
+
+if TYPE_CHECKING:
+    from anytraverse.drawing import Colour
+
+_BLUE = (90, 200, 255)
+_BAR = 30
+"""Pixels of the bars above and below. They lie on the picture: a tap's place is a share of the frame."""
+_OPACITY = 0.8
+_SIZE = 17
+_QUALITY = 80
+
+
+def video_picture(seen: Assessment, region: Region, title: str, colour: Colour, marks: VideoMarks) -> bytes:
+    """Draw a JPEG of `video_size`. White: the ROI. Yellow: what a call is about. Blue: what was tapped.
+
+    Raises ValueError when it cannot be encoded, ImportError without OpenCV.
+    """
+    import cv2
+
+    from anytraverse.drawing import INK, PAPER, YELLOW, fitted, outline, readable_on, shortened, write
+    from anytraverse.panel import tint_judgement
+
+    height, width = video_size(*seen.frame.image.shape[:2])
+    picture = fitted(seen.frame.image, width)[:height]
+    if seen.maps is not None:
+        tint_judgement(picture, seen.maps)
+    outline(picture, region.bounds, PAPER, 1)
+    if marks.place is not None:
+        outline(picture, marks.place, YELLOW, 3)
+    for tap in marks.taps:
+        outline(picture, tap, _BLUE, 3)
+    for text, bar, fill in ((title, picture[:_BAR], colour), (marks.note, picture[-_BAR:], INK)):
+        if text:
+            bar[:] = (bar * (1 - _OPACITY) + np.asarray(fill) * _OPACITY).round()
+            line = shortened(text, width - 20, _SIZE, bold=True)
+            write(bar, line, (10, 21), _SIZE, readable_on(fill), bold=True)
+    done, encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    if not done:
+        raise ValueError("the picture could not be encoded")
+    return encoded.tobytes()

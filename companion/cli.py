@@ -24,6 +24,7 @@ _SHIPPED = (
     "vehicles/rover.toml",
     "ardupilot/anytraverse.lua",
     "qgroundcontrol/anytraverse.json",
+    *(f"cockpit/{name}.json" for name in ("go", "stay", "look-again", "other-place", "word", "view")),
 )
 
 

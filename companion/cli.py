@@ -25,6 +25,7 @@ _SHIPPED = (
     "ardupilot/anytraverse.lua",
     "qgroundcontrol/anytraverse.json",
     *(f"cockpit/{name}.json" for name in ("go", "stay", "look-again", "other-place", "word", "view")),
+    *(f"cockpit/{name}.json" for name in ("off", "report", "hold")),
 )
 
 

@@ -15,13 +15,13 @@ from companion.cli import main
 from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.system.resources import resource
-from companion.wire.answers import OtherPlace
 from companion.wire.ids import Motion
 from companion.wire.parameters import build
 
 FOLDER = resource("config/cockpit")
 FILES = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.json")}
 VIEW = FILES.pop("view")
+COMMANDS = sorted(set(FILES) - {"word"})
 COCKPIT = (255, 240)
 
 
@@ -55,28 +55,31 @@ def press(name: str) -> LoopbackLink:
     return stage
 
 
-@pytest.mark.parametrize("name", sorted(set(FILES) - {"word"}))
+@pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_has_all_fields_of_cockpits_form_as_its_types(name: str) -> None:
     action = FILES[name]
     assert (action["messageType"], set(action)) == ("COMMAND_LONG", {"name", "messageType", "messageConfig"})
     types = {field: given["type"] for field, given in action["messageConfig"].items()}
+    assert set(types) == set(mavlink.MAVLink_command_long_message.fieldnames)
     assert types.pop("command") == "type_struct_enum"
     assert set(types.values()) == {"number"}
-    assert [*types] == [name for name in mavlink.MAVLink_command_long_message.fieldnames if name in types]
-    assert len(types) == len(mavlink.MAVLink_command_long_message.fieldnames) - 1
 
 
-@pytest.mark.parametrize(
-    ("name", "motion"), [("go", Motion.GO), ("stay", Motion.STAY), ("look-again", Motion.LOOK_AGAIN)]
-)
-def test_a_motion_answers_the_current_call(name: str, motion: Motion) -> None:
-    (request,) = press(name).reported(Answer)
-    assert (request.sender, request.target, request.motion) == (COCKPIT, 0, motion)
+def test_the_commands_are_those_of_qgroundcontrols_buttons() -> None:
+    text = resource("config/qgroundcontrol/anytraverse.json").read_text(encoding="utf-8")
+    theirs = {action["label"]: action for action in json.loads(text)["actions"]}
+    assert {FILES[name]["name"] for name in COMMANDS} == set(theirs)
+    for name in COMMANDS:
+        ours, action = fields(FILES[name]), theirs[FILES[name]["name"]]
+        assert (ours["target_component"], ours["command"]) == (action["compId"], "MAV_CMD_USER_1")
+        assert action["mavCmd"] == mavlink.MAV_CMD_USER_1
+        numbers = [f"param{number}" for number in range(1, 8)]
+        assert [ours[number] for number in numbers] == [action.get(number, 0) for number in numbers]
 
 
-def test_other_place_refuses_the_newest_match() -> None:
-    (request,) = press("other-place").reported(Answer)
-    assert (request.sender, request.operations) == (COCKPIT, (OtherPlace(0),))
+def test_go_from_cockpits_ids_answers_the_current_call() -> None:
+    (request,) = press("go").reported(Answer)
+    assert (request.sender, request.target, request.motion) == (COCKPIT, 0, Motion.GO)
 
 
 def test_the_word_is_a_parameter_whose_name_has_sixteen_letters_as_mavlink2rest_reads_it() -> None:
@@ -89,8 +92,8 @@ def test_the_word_is_a_parameter_whose_name_has_sixteen_letters_as_mavlink2rest_
 def test_each_button_of_the_view_runs_a_shipped_action() -> None:
     (panel,) = VIEW["widgets"]
     buttons = [button for row in panel["options"]["elementContainers"] for button in row["elements"]]
-    shipped = {action["name"] for action in FILES.values()} - {FILES["word"]["name"]}
-    assert {button["options"]["cockpitAction"]["name"] for button in buttons} == shipped
+    shipped = [FILES[name]["name"] for name in ("go", "stay", "look-again", "other-place")]
+    assert [button["options"]["cockpitAction"]["name"] for button in buttons] == shipped
     for button in buttons:
         action = button["options"]["cockpitAction"]
         assert action["id"] == f"mavlink-message-action ({action['name']})"

@@ -82,7 +82,7 @@ def test_go_from_cockpits_ids_answers_the_current_call() -> None:
     assert (request.sender, request.target, request.motion) == (COCKPIT, 0, Motion.GO)
 
 
-def test_the_word_is_a_parameter_whose_name_has_sixteen_letters_as_mavlink2rest_reads_it() -> None:
+def test_the_word_is_a_parameter_whose_name_has_sixteen_letters() -> None:
     letters = fields(FILES["word"])["param_id"]
     assert [len(letter) for letter in letters] == [1] * 16
     (change,) = press("word").reported(ParameterRequest)

@@ -24,6 +24,8 @@ _SHIPPED = (
     "vehicles/rover.toml",
     "ardupilot/anytraverse.lua",
     "qgroundcontrol/anytraverse.json",
+    *(f"cockpit/{name}.json" for name in ("go", "stay", "look-again", "other-place", "word", "view")),
+    *(f"cockpit/{name}.json" for name in ("off", "report", "hold")),
 )
 
 

@@ -138,8 +138,10 @@ def hatching(height: int, width: int, step: int = 7) -> NDArray[np.bool_]:
 
 def tint(canvas: Image, colour: Colour, strength: NDArray[np.floating]) -> None:
     """Blend a colour into the canvas; strength: (h, w), in [0, 1]."""
-    share = strength.clip(0, 1)[..., None]
-    canvas[:] = (canvas * (1 - share) + np.asarray(colour) * share).round().astype(np.uint8)
+    share = strength.clip(0, 1).astype(np.float32, copy=False)
+    plain = np.empty(canvas.shape, np.uint8)
+    plain[:] = colour
+    canvas[:] = cv2.blendLinear(np.ascontiguousarray(canvas), plain, 1 - share, share)
 
 
 def write_png(path: str, picture: Image) -> None:

@@ -66,6 +66,8 @@ Resolver = Callable[[Tap, float], "Answer | str"]
 class CameraService:
     """Answers the commands of the camera protocol. Any sender may read; only allowed senders may tap.
 
+    It is heard once it has a picture and a video.
+
     url: where the video is, "" while it is nowhere. size: its height and width, None until a frame came.
     resolve: makes an answer of a tap.
     """
@@ -158,7 +160,8 @@ class CameraService:
             self._conflict = False
         if self._conflict:
             return
-        if now - self._heartbeat_at >= _PERIOD:
+        # Some ground stations ask once, when they first hear the camera.
+        if self.url and self.size is not None and now - self._heartbeat_at >= _PERIOD:
             self._heartbeat_at = now
             heartbeat = mavlink.MAVLink_heartbeat_message(
                 mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from companion.browser.listen import Listen
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, skipped, warned
 from companion.web.page import EXTRA, missing
@@ -17,18 +21,28 @@ def check_page(rover: Rover) -> list[Finding]:
     if packages := missing():
         return [warned(PAGE, f'{", ".join(packages)} not installed: {EXTRA}, or set [web] listen = ""')]
     whose = "whoever knows the token" if rover.config.web.token else "programs on this computer"
+    return [served(rover, PAGE, listen, rover.told("web"), f"to {whose}", "[web] listen")]
+
+
+def served(
+    rover: Rover, name: str, listen: Listen, told: Mapping[str, Any], whose: str, setting: str
+) -> Finding:
+    """Check what is served at `listen`: by the companion that runs, or that the port is free for it.
+
+    told: what the companion that runs says of it. whose: to whom it is shown. setting: where to mend it.
+    """
     if rover.running is not None:
-        told = rover.told("web")
         if told.get("trouble") == "starting":
-            return [skipped(PAGE, "not known yet: it is starting")]
+            return skipped(name, "not known yet: it is starting")
         if told.get("trouble"):
-            return [warned(PAGE, f"it {told['trouble']}, and is tried again: see [web] listen, and the log")]
+            return warned(name, f"it {told['trouble']}, and is tried again: see {setting}, and the log")
         if not told.get("url"):
-            return [skipped(PAGE, "not known: the companion that runs does not say where it is")]
-        return [passed(PAGE, f"{told['url']} shows it to {whose}")]
+            return skipped(name, "not known: the companion that runs does not say where it is")
+        return passed(name, f"{told['url']} shows it {whose}")
+    where = f"{listen.host}:{listen.port}"
     try:
         listen.bind().close()
     except OSError as error:
         why = (error.strerror or str(error)).lower()
-        return [warned(PAGE, f"{rover.config.web.listen} cannot be had ({why}): set another [web] listen")]
-    return [passed(PAGE, f"{rover.config.web.listen} is free, and will show it to {whose}")]
+        return warned(name, f"{where} cannot be had ({why}): set another {setting}")
+    return passed(name, f"{where} is free, and will show it {whose}")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 
+from companion.preflight.page import served
 from companion.preflight.rover import Rover
-from companion.preflight.rules import Finding, passed, skipped, warned
+from companion.preflight.rules import Finding, passed, warned
 from companion.video.rtsp_server import PIPELINE
 from companion.video.video import PACKAGES
 
@@ -27,21 +28,10 @@ def check_video(rover: Rover) -> list[Finding]:
     listen = settings.address
     if listen is None:
         return [passed(VIDEO, 'off: [video] listen is "", and the companion is no MAVLink camera')]
-    if rover.running is not None:
-        told = rover.told("video")
-        if told.get("trouble"):
-            return [warned(VIDEO, f"it {told['trouble']}, and is tried again: see [video], and the log")]
-        if not told.get("url"):
-            return [skipped(VIDEO, "not known: the companion that runs does not say where it is")]
-        return [passed(VIDEO, f"{told['url']} shows it to whoever reaches that port")]
-    if missing := missing_of(settings.python, settings.encoder):
+    if rover.running is None and (missing := missing_of(settings.python, settings.encoder)):
         return [warned(VIDEO, f"{missing}: sudo apt install {PACKAGES}")]
-    try:
-        listen.bind().close()
-    except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        return [warned(VIDEO, f"{settings.listen} cannot be had ({why}): set another [video] listen")]
-    return [passed(VIDEO, f"{settings.listen} is free, and will show it to whoever reaches that port")]
+    whose = "to whoever reaches that port"
+    return [served(rover, VIDEO, listen, rover.told("video"), whose, "[video] listen")]
 
 
 def missing_of(python: str, encoder: str) -> str:

@@ -35,7 +35,7 @@ MAX_LINES = 5000
 class Stage:
     """The field and the daemon as processes. The field's ground port serves whoever spoke last."""
 
-    def __init__(self, out: Path) -> None:
+    def __init__(self, out: Path, more_config: str = "") -> None:
         self.out = out
         self._children: list[Child] = []
         field = self._start("field", ["companion.sim.field", "--seed", "1", "--speed", str(SPEED)])
@@ -45,6 +45,8 @@ class Stage:
         self.ground: str = ports["gcs"]
         camera = f"field:{ports['frames']}"
         config = write_config(out, camera=camera, link=ports["companion"], policy="hold", speed=SPEED)
+        with config.open("a", encoding="utf-8") as file:
+            file.write(more_config)
         self.daemon = self._start("daemon", ["companion", "run", "--config", str(config)])
 
     def _start(self, name: str, arguments: list[str]) -> Child:
@@ -184,9 +186,15 @@ class Radio:
 
 
 @pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+def more_config() -> str:
+    """What a module wants in the daemon's configuration besides."""
+    return ""
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory, more_config: str) -> Iterator[Stage]:
     """A rover that stands at the start of its trail."""
-    made = Stage(tmp_path_factory.mktemp("stage"))
+    made = Stage(tmp_path_factory.mktemp("stage"), more_config)
     yield made
     made.close()
 

@@ -105,6 +105,9 @@ def test_without_a_picture_yet_it_is_asked_again_later(stage: LoopbackLink) -> N
     assert ask(stage, REQUEST, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == LATER
     stage.link.camera.size, stage.link.camera.url = (480, 640), ""
     assert ask(stage, REQUEST, mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION) == LATER
+    beats = len(of_camera(stage, "HEARTBEAT"))
+    stage.run(3.0)
+    assert len(of_camera(stage, "HEARTBEAT")) == beats, "and it is not heard meanwhile"
 
 
 def test_each_component_counts_its_own_frames(stage: LoopbackLink) -> None:

@@ -40,6 +40,8 @@ from anytraverse.drawing import (
 from anytraverse.frame import Image
 from anytraverse.regions import Box, Region
 
+STATE_WIDTH = 480
+"""Pixels that a picture with the state is wide by default."""
 _MARGIN = 20
 _GAP = 16
 _LARGE = 440  # px, width of image and pooled maps
@@ -92,7 +94,7 @@ def draw_state(
     *,
     region: Region,
     note: str = "",
-    width: int = 480,
+    width: int = STATE_WIDTH,
 ) -> Image:
     """Draw the judgement over the image, with a bar in the state's colour above and the figures below.
 

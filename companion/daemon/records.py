@@ -150,8 +150,7 @@ class Records:
             if number == self._shown[0]:
                 self._shown = number, ""
         elif number and number == self._shown[0] and drawn.thumbnail:
-            pictures = drawn.thumbnail, drawn.panel, drawn.title
-            write = partial(self._write_pictures, number, *pictures, self._remembered())
+            write = partial(self._write_pictures, number, drawn, self._remembered())
             self._writer.queue_job("picture", write)
         else:
             self._writer.queue_job("picture", partial(self._archive.add, drawn.panel, drawn.title))
@@ -260,12 +259,11 @@ class Records:
     def _remembered(self) -> frozenset[int]:
         return frozenset(entry.call_id for entry in self._vision.memory.history)
 
-    def _write_pictures(
-        self, number: int, small: bytes, large: bytes, title: str, remembered: frozenset[int]
-    ) -> None:
+    def _write_pictures(self, number: int, drawn: Drawn, remembered: frozenset[int]) -> None:
         """Write the pictures of a call or hold. Runs in the writer's thread."""
         try:
-            self._files.write_pictures(number, small, self._archive.add(large, title), remembered)
+            large = self._archive.add(drawn.panel, drawn.title)
+            self._files.write_pictures(number, drawn.thumbnail, large, drawn.raw, remembered)
         except Exception:
             if self._shown[0] == number:
                 self._shown = number, ""

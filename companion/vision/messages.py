@@ -240,7 +240,8 @@ class Drawn:
     """Carries pictures of a frame, b"" for each that could not be made or was not requested.
 
     panel: JPEG with maps and title, or the video's picture. thumbnail: JPEG for a radio. png: the frame
-    itself. stored: whether the frame is stored, so that answers and taps may refer to it.
+    itself. raw: the frame as JPEG without a mark, at most as wide as the panel. stored: whether the frame is
+    stored, so that answers and taps may refer to it.
     """
 
     number: int
@@ -249,6 +250,7 @@ class Drawn:
     panel: bytes = b""
     thumbnail: bytes = b""
     png: bytes = b""
+    raw: bytes = b""
     stored: bool = False
 
 

@@ -104,6 +104,7 @@ _COLOURS = {
     State.OFF: (110, 118, 129),
 }
 _QUALITY = 90
+_RAW_QUALITY = 85
 
 
 def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
@@ -126,6 +127,7 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
         panel=made("picture", lambda: panel(seen, request.state, request.title, region)),
         thumbnail=made("thumbnail", lambda: thumbnail(seen, region)) if request.store else b"",
         png=made("copy", lambda: to_png(seen.frame.image)) if request.store else b"",
+        raw=made("unmarked picture", lambda: unmarked(seen.frame.image)) if request.store else b"",
         stored=request.store,
     )
 
@@ -141,6 +143,14 @@ def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
     if not done:
         raise ValueError("the picture could not be encoded")
     return encoded.tobytes()
+
+
+def unmarked(image: Image) -> bytes:
+    """Encode a frame as JPEG without a mark, at most as wide as a panel. Raises ValueError, ImportError."""
+    from anytraverse.drawing import fitted
+    from anytraverse.panel import STATE_WIDTH
+
+    return _encoded(fitted(image, min(STATE_WIDTH, image.shape[1])), _RAW_QUALITY)
 
 
 def to_png(image: Image) -> bytes:

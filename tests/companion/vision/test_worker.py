@@ -270,7 +270,7 @@ def test_a_frame_that_is_kept_comes_without_loss_and_one_for_the_album_does_not(
     looked = stage.look("drum")
     drawn = stage.draw(1, store=False)
     assert drawn.panel
-    assert (drawn.thumbnail, drawn.png) == (b"", b"")
+    assert (drawn.thumbnail, drawn.png, drawn.raw) == (b"", b"", b"")
     kept = stage.draw(1, store=True)
     assert kept.thumbnail
     assert (pictures.from_png(kept.png) == looked.assessment.frame.image).all()

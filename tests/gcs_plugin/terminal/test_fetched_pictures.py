@@ -143,7 +143,8 @@ def test_a_file_too_long_to_hold_is_refused() -> None:
 
 def test_picture_is_a_command_with_an_id_and_a_size() -> None:
     assert parse("picture") == Picture()
-    assert parse("rover 2 picture C7 large") == Picture(7, large=True, rover=2)
+    assert parse("rover 2 picture C7 large") == Picture(7, "large", rover=2)
+    assert parse("picture 7 RAW") == Picture(7, "raw")
     assert parse("Picture 12") == Picture(12)
     with pytest.raises(CommandError):
         parse("picture 70000")
@@ -154,7 +155,8 @@ def test_picture_is_a_command_with_an_id_and_a_size() -> None:
 def test_the_name_here_never_comes_from_the_air(thing_call: CallData) -> None:
     rover = Rover(3)
     assert picture_of(Picture(7), rover) == ("/calls/7.jpg", "rover3-call7.jpg")
-    assert picture_of(Picture(7, large=True), rover)[0] == "/calls/7-large.jpg"
+    assert picture_of(Picture(7, "large"), rover)[0] == "/calls/7-large.jpg"
+    assert picture_of(Picture(7, "raw"), rover) == ("/calls/7-raw.jpg", "rover3-call7-raw.jpg")
     with pytest.raises(CommandError, match="no call is open"):
         picture_of(Picture(), rover)
     rover.handle_call(replace(thing_call, picture="/calls/7.jpg"), 0.0)

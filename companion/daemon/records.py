@@ -26,6 +26,7 @@ from companion.system.atomic_write import write_atomically
 from companion.vision.client import Applied, Judged, VisionClient
 from companion.vision.messages import Drawn
 from companion.wire.ids import State
+from companion.wire.texts import REASONS
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +97,7 @@ class Records:
         self._answers = call.id, []
         if call.seen is None:
             return
-        reasons = " ".join(sorted(reason.value.replace("_", " ") for reason in call.reasons))
+        reasons = ", ".join(sorted(REASONS[reason.value] for reason in call.reasons))
         self._publish(call, call.seen, state, f"C{call.id} {reasons}")
 
     def call_judged_again(self, call: Call, state: State, title: str) -> None:

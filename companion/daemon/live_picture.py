@@ -43,7 +43,7 @@ class _Drawing:
     def ask(self, seen: Assessment, title: str, state: State, video: VideoMarks | None = None) -> bool:
         """Request a picture, unless one is being drawn. Whether it did."""
         frame = seen.frame
-        if self.busy or not self._vision.draw(frame.id, title, state, video=video):
+        if self.busy or not self._vision.draw(frame.id, title, state, video=video, roi=seen.roi):
             return False
         self._asked = self._vision.newest_request, frame.id, frame.captured_at
         self._restarts = self._vision.watchdog.restarted

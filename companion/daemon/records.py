@@ -127,7 +127,7 @@ class Records:
     def draw(self, seen: Assessment, state: State, title: str) -> None:
         """Have a picture of a frame drawn for the archive."""
         if self._archive.wanted:
-            self._vision.draw(seen.frame.id, title, state)
+            self._vision.draw(seen.frame.id, title, state, roi=seen.roi)
 
     def first_scene(self, seen: Assessment, entry: Entry, state: State) -> None:
         """Have a picture of the first reference drawn, so that it can be shown when it matches."""
@@ -252,7 +252,7 @@ class Records:
         self._writer.queue_job("record", job)
 
     def _store_and_draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
-        accepted = self._vision.draw(seen.frame.id, title, state, store=True)
+        accepted = self._vision.draw(seen.frame.id, title, state, store=True, roi=seen.roi)
         self._drawing[seen.frame.id] = number
         self._shown = number, address(f"{number}.jpg") if accepted and self._archive.wanted else ""
         self._shown_frame = seen

@@ -12,6 +12,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.perception import Perceiver, handles_infrared
 from anytraverse.regions import Box
+from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
 from companion.wire.ids import State
@@ -140,6 +141,8 @@ class Draw:
 
     store: whether to store the frame, because it is a call's or hold's: answers and taps may refer to it from
     now on, and it is sent as PNG, too. video: how to draw it for the video; then nothing else is drawn.
+    roi: the figures of the judgement that is meant: the frame may have been judged again since. None: the
+    newest.
     """
 
     number: int
@@ -148,6 +151,7 @@ class Draw:
     state: State
     store: bool
     video: VideoMarks | None = None
+    roi: RoiFigures | None = None
 
 
 Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw

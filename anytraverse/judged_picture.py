@@ -70,15 +70,16 @@ def draw_state(
     if assessment.maps is not None:
         signed = enlarged(assessment.maps.signed, width, height)
         unsure = enlarged(assessment.maps.uncertainty, width, height)
-        untinted = np.s_[:0, :0] if marked is None else marked.slices(height, width)
-        around = _thing_around(unsure, untinted) if Reason.UNKNOWN_OBJECT in assessment.reasons else []
-        signed[untinted] = unsure[untinted] = 0
+        untouched = np.s_[:0, :0] if marked is None else marked.slices(height, width)
+        seen = picture[untouched].copy()
+        around = _thing_around(unsure, untouched) if Reason.UNKNOWN_OBJECT in assessment.reasons else []
         tint(picture, GREEN, _TINT * signed.clip(0, 1))
         tint(picture, VERMILION, _TINT * (-signed).clip(0, 1))
         strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
         tint(picture, VIOLET, strength * 0.8 * hatching(height, width))
-        cv2.drawContours(picture, around, -1, (20, 20, 20), 3, cv2.LINE_AA)
-        cv2.drawContours(picture, around, -1, YELLOW, 1, cv2.LINE_AA)
+        cv2.drawContours(picture, around, -1, (20, 20, 20), 4, cv2.LINE_AA)
+        cv2.drawContours(picture, around, -1, YELLOW, 2, cv2.LINE_AA)
+        picture[untouched] = seen
     draw_boxes(picture, assessment, region.bounds)
     foot = _foot(width, note or figures(assessment))
     _draw_legend(foot, 8, 26)

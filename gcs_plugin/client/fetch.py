@@ -24,6 +24,7 @@ FULL_S = 3.0
 """Pause before the next try when all of the companion's file sessions are in use."""
 MAX_BYTES = 8 << 20
 MOST_UNANSWERED = 24
+"""Silences in a row from which back-offs grow no further."""
 _READS = (Opcode.READ_FILE, Opcode.BURST_READ_FILE)
 
 

@@ -144,15 +144,18 @@ def _draw_legend(canvas: Image, x: int, baseline: int) -> None:
 def marked_box(assessment: Assessment) -> Box | None:
     """Return the box to outline: that of the tile where it is bad, or something is unknown or nearly so.
 
-    The gap of a corridor that is closed over known ground is not outlined: no thing is there to be named.
+    The gap of a corridor that is closed over known ground is not outlined: no thing is there to be named. In
+    a new place where no tile is bad nothing is: the call is about the place.
     """
     roi, tile = assessment.roi, assessment.tile
     if roi is None or tile is None:
         return None
     if Reason.UNKNOWN_OBJECT in assessment.reasons:
         return tile.shown
-    bad = any(finding.figure in (WORST_TILE, NAMED_TILE) for finding in assessment.bad)
-    return tile.shown if bad or (tile.uncertainty > _UNSURE and tile is not roi.corridor.gap) else None
+    if any(finding.figure in (WORST_TILE, NAMED_TILE) for finding in assessment.bad):
+        return tile.shown
+    no_thing = tile is roi.corridor.gap or Reason.UNKNOWN_SCENE in assessment.reasons
+    return tile.shown if tile.uncertainty > _UNSURE and not no_thing else None
 
 
 def figures(assessment: Assessment) -> str:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from anytraverse.assessment import CORRIDOR, Assessment, Finding, Reason
+from anytraverse.assessment import CORRIDOR, WORST_TILE, Assessment, Finding, Reason
 from anytraverse.drawing import (
     ATTENTION_STOPS,
     GREEN,
@@ -131,6 +131,18 @@ def test_a_corridor_closed_over_known_ground_has_no_thing_to_be_marked() -> None
     )
     assert closed.tile is gap
     assert marked_box(closed) is None
+
+
+def test_in_a_new_place_nothing_is_marked_as_long_as_no_tile_is_bad() -> None:
+    assessment, _ = assess(picture())
+    roi = assessment.roi
+    assert roi is not None
+    nearly = replace(assessment, roi=replace(roi, worst_tile=replace(roi.worst_tile, uncertainty=0.4)))
+    new_place = Finding(Reason.UNKNOWN_SCENE, "scene_similarity", bad=True, clear=False)
+    bad_tile = Finding(Reason.BLOCKED, WORST_TILE, bad=True, clear=False)
+    assert marked_box(replace(nearly, findings=())) == roi.worst_tile.shown
+    assert marked_box(replace(nearly, findings=(new_place,))) is None
+    assert marked_box(replace(nearly, findings=(new_place, bad_tile))) == roi.worst_tile.shown
 
 
 def test_tiles_stand_in_a_grid_on_paper() -> None:

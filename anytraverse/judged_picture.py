@@ -1,6 +1,7 @@
 """Draws a judged frame for people: the judgement over the frame, its figures, and what the colours mean.
 
-All public functions take RGB uint8. `draw_boxes` draws in place; the others do not change their arguments.
+All public functions take RGB uint8. `draw_boxes` and `tint_judgement` draw in place; the others do not change
+their arguments.
 """
 
 from __future__ import annotations
@@ -10,9 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from anytraverse.assessment import NAMED_TILE, WORST_TILE, Assessment, Reason
+from anytraverse.assessment import NAMED_TILE, WORST_TILE, Assessment, Maps, Reason
 from anytraverse.drawing import (
-    AMBER,
     FAINT,
     GREEN,
     INK,
@@ -26,6 +26,7 @@ from anytraverse.drawing import (
     fitted,
     hatching,
     outline,
+    readable_on,
     shortened,
     text_width,
     tint,
@@ -68,15 +69,11 @@ def draw_state(
     height = picture.shape[0]
     marked = marked_box(assessment)
     if assessment.maps is not None:
-        signed = enlarged(assessment.maps.signed, width, height)
         unsure = enlarged(assessment.maps.uncertainty, width, height)
         untouched = np.s_[:0, :0] if marked is None else marked.slices(height, width)
         seen = picture[untouched].copy()
         around = _thing_around(unsure, untouched) if Reason.UNKNOWN_OBJECT in assessment.reasons else []
-        tint(picture, GREEN, _TINT * signed.clip(0, 1))
-        tint(picture, VERMILION, _TINT * (-signed).clip(0, 1))
-        strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
-        tint(picture, VIOLET, strength * 0.8 * hatching(height, width))
+        tint_judgement(picture, assessment.maps)
         cv2.drawContours(picture, around, -1, (20, 20, 20), 4, cv2.LINE_AA)
         cv2.drawContours(picture, around, -1, YELLOW, 2, cv2.LINE_AA)
         picture[untouched] = seen
@@ -86,6 +83,16 @@ def draw_state(
     return np.vstack([_bar(width, title, colour), picture, foot])
 
 
+def tint_judgement(picture: Image, maps: Maps) -> None:
+    """Tint a picture of any size: green is drivable, vermilion is not, violet stripes are unknown."""
+    height, width = picture.shape[:2]
+    signed, unsure = enlarged(maps.signed, width, height), enlarged(maps.uncertainty, width, height)
+    tint(picture, GREEN, _TINT * signed.clip(0, 1))
+    tint(picture, VERMILION, _TINT * (-signed).clip(0, 1))
+    strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
+    tint(picture, VIOLET, strength * 0.8 * hatching(height, width))
+
+
 def draw_frame(image: Image, title: str, note: str = "", *, width: int = STATE_WIDTH) -> Image:
     """Draw the image as it is, with a bar above and a line below, to stand beside `draw_state` of it."""
     return np.vstack([_bar(width, title, FAINT), fitted(image, width), _foot(width, note)])
@@ -93,7 +100,7 @@ def draw_frame(image: Image, title: str, note: str = "", *, width: int = STATE_W
 
 def _bar(width: int, title: str, colour: Colour) -> Image:
     bar = np.full((34, width, 3), colour, dtype=np.uint8)
-    write(bar, shortened(title, width - 24, 16, bold=True), (12, 23), 16, _readable_on(colour), bold=True)
+    write(bar, shortened(title, width - 24, 16, bold=True), (12, 23), 16, readable_on(colour), bold=True)
     return bar
 
 
@@ -173,7 +180,3 @@ def figures(assessment: Assessment) -> str:
         older = f" ({assessment.scene_age:.1f} s before)" if assessment.scene_age else ""
         parts.append(f"similarity {assessment.similarity:.2f}{older}")
     return "   ".join(parts)
-
-
-def _readable_on(colour: Colour) -> Colour:
-    return INK if np.dot(colour, (0.299, 0.587, 0.114)) > 150 or colour == AMBER else PAPER

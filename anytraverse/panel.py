@@ -1,4 +1,4 @@
-"""Draws judged frames: a panel with every map, a small picture with the state, sheets of pictures.
+"""Draws judged frames: a panel with every map, and sheets of pictures.
 
 All public functions take and return RGB uint8 and do not change their arguments.
 """
@@ -11,34 +11,29 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from anytraverse.assessment import Assessment, Maps, Reason
+from anytraverse.assessment import Assessment, Maps
 from anytraverse.drawing import (
     ATTENTION_STOPS,
     FAINT,
     GREEN,
-    INK,
     PAPER,
     SIGNED_STOPS,
     UNCERTAINTY_STOPS,
     VERMILION,
-    VIOLET,
-    YELLOW,
     Colour,
     Map,
     coloured,
     enlarged,
     fitted,
-    hatching,
     outline,
     ramp,
-    readable_on,
     shortened,
     text_width,
-    tint,
     write,
 )
 from anytraverse.frame import Image
-from anytraverse.regions import Box, Region
+from anytraverse.judged_picture import draw_boxes, marked_box
+from anytraverse.regions import Region
 
 _MARGIN = 20
 _GAP = 16
@@ -46,7 +41,6 @@ _LARGE = 440  # px, width of image and pooled maps
 _CAPTION = 30
 _BAR = 34
 _RELIEF = 0.3  # share of the picture's own lightness in a drawn map
-_UNSURE = 0.35  # uncertainty from which ground is hatched and a tile is outlined
 
 
 class _Scale(NamedTuple):
@@ -82,43 +76,6 @@ def draw_panel(image: Image, assessment: Assessment, region: Region, title: str 
     width = 3 * _LARGE + 2 * _GAP + 2 * _MARGIN
     sheet = [_padded(row, width) for row in rows]
     return np.vstack([*sheet, _blank(_MARGIN // 2, width)])
-
-
-def draw_state(
-    image: Image,
-    assessment: Assessment,
-    title: str,
-    colour: Colour = GREEN,
-    *,
-    region: Region,
-    note: str = "",
-    width: int = 480,
-) -> Image:
-    """Draw the judgement over the image, with a bar in the state's colour above and the figures below.
-
-    Green is drivable, vermilion is not, violet stripes are unknown. The white box is the ROI. The yellow box
-    is `Assessment.tile`, drawn where something is unknown or nearly so.
-    """
-    picture = fitted(image, width)
-    if assessment.maps is not None:
-        tint_judgement(picture, assessment.maps)
-    _draw_boxes(picture, assessment, region.bounds)
-    bar = np.full((34, width, 3), colour, dtype=np.uint8)
-    write(bar, shortened(title, width - 24, 16, bold=True), (12, 23), 16, readable_on(colour), bold=True)
-    foot = np.full((30, width, 3), INK, dtype=np.uint8)
-    text = note or _figures(assessment)
-    write(foot, shortened(text, width - 24, 13), (12, 20), 13, (233, 236, 239))
-    return np.vstack([bar, picture, foot])
-
-
-def tint_judgement(picture: Image, maps: Maps) -> None:
-    """Tint a picture of any size: green is drivable, vermilion is not, violet stripes are unknown."""
-    height, width = picture.shape[:2]
-    signed, unsure = enlarged(maps.signed, width, height), enlarged(maps.uncertainty, width, height)
-    tint(picture, GREEN, 0.4 * signed.clip(0, 1))
-    tint(picture, VERMILION, 0.45 * (-signed).clip(0, 1))
-    strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
-    tint(picture, VIOLET, strength * (0.25 + 0.55 * hatching(height, width)))
 
 
 def contact_sheet(tiles: Sequence[Image], columns: int, title: str = "") -> Image:
@@ -206,35 +163,11 @@ def _framed(picture: Image, name: str, note: str, scale: _Scale | None) -> Image
 def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> None:
     """Draw the boxes into the picture inside a framed tile."""
     height = fitted(image, tile.shape[1]).shape[0]
-    _draw_boxes(tile[_CAPTION : _CAPTION + height], assessment, region.bounds)
-
-
-def _draw_boxes(picture: Image, assessment: Assessment, roi: Box) -> None:
-    outline(picture, roi, PAPER, 2)
-    if assessment.tile is not None and looks_unsure(assessment):
-        outline(picture, assessment.tile.shown, YELLOW, 2)
+    draw_boxes(tile[_CAPTION : _CAPTION + height], assessment, region.bounds)
 
 
 def _roi_note(assessment: Assessment) -> str:
-    return "white: ROI, yellow: look here" if looks_unsure(assessment) else "white: ROI"
-
-
-def looks_unsure(assessment: Assessment) -> bool:
-    """Return whether to outline the tile: something is unknown, or the tile's uncertainty is nearly so."""
-    if assessment.tile is None:
-        return False
-    return Reason.UNKNOWN_OBJECT in assessment.reasons or assessment.tile.uncertainty > _UNSURE
-
-
-def _figures(assessment: Assessment) -> str:
-    if assessment.roi is None:
-        return "; ".join(finding.figure for finding in assessment.bad) or "not judged"
-    roi = assessment.roi
-    parts = [f"uncertainty {roi.uncertainty:.2f}", f"worst tile {roi.worst_tile.uncertainty:.2f}"]
-    if assessment.similarity is not None:
-        older = f" ({assessment.scene_age:.1f} s before)" if assessment.scene_age else ""
-        parts.append(f"similarity {assessment.similarity:.2f}{older}")
-    return "   ".join([f"drivable {roi.traversability:.2f}", *parts])
+    return "white: ROI" if marked_box(assessment) is None else "white: ROI, yellow: look here"
 
 
 def _blank(height: int, width: int) -> Image:

@@ -35,7 +35,7 @@ HELP = """\
   at tap drum -1               what the call points at is a "drum"; a box: at tap drum -1 0.40 0.55 0.60 0.80
   at forget bush               take a word out of use; `at forget call 7`: what it taught; `at new episode`
   at other place               the place that "matches" is another one; `at other place 7`: that of call 7
-  at picture                   fetch what the call saw, to tap in it; `at picture 7`, and `at picture 7 large`
+  at picture                   fetch what the call saw, to tap in it; `at picture 7`, `7 large`, `7 raw`
   at policy hold               what the companion may do: report, shadow, hold, or off: nobody watches
   at rover 2 go                for one of several rovers; `at rover 2` alone stays with it
   at status | calls | words    what is known; `anytraverse` is the long form of `at`""".splitlines()
@@ -46,7 +46,7 @@ _COMPLETIONS = [
     "policy <report|shadow|hold|off>",
     "other place (AT_CALL)",
     "answer (AT_CALL) <go|stay|look>",
-    "picture (AT_CALL) <large>",
+    "picture (AT_CALL) <large|raw>",
     "<set|forget|tap> (AT_WORD) <1|-1>",
 ]
 

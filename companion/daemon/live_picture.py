@@ -11,6 +11,7 @@ from companion.daemon.pointing import Pointing
 from companion.vision.client import VisionClient
 from companion.vision.messages import Drawn, VideoMarks
 from companion.wire.ids import State
+from companion.wire.texts import REASONS
 
 _SHOWN_AGAIN = 1.0
 """Seconds after which a still picture is given to the video again, which else says that it is old."""
@@ -42,7 +43,7 @@ class _Drawing:
     def ask(self, seen: Assessment, title: str, state: State, video: VideoMarks | None = None) -> bool:
         """Request a picture, unless one is being drawn. Whether it did."""
         frame = seen.frame
-        if self.busy or not self._vision.draw(frame.id, title, state, video=video):
+        if self.busy or not self._vision.draw(frame.id, title, state, video=video, roi=seen.roi):
             return False
         self._asked = self._vision.newest_request, frame.id, frame.captured_at
         self._restarts = self._vision.watchdog.restarted
@@ -58,7 +59,7 @@ class _Drawing:
 
 
 def _title(seen: Assessment, state: State) -> str:
-    reasons = ", ".join(sorted(reason.value.replace("_", " ") for reason in seen.reasons))
+    reasons = ", ".join(sorted(REASONS[reason.value] for reason in seen.reasons))
     return f"{state.name}{': ' if reasons else ''}{reasons}"
 
 

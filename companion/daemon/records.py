@@ -26,6 +26,7 @@ from companion.system.atomic_write import write_atomically
 from companion.vision.client import Applied, Judged, VisionClient
 from companion.vision.messages import Drawn
 from companion.wire.ids import State
+from companion.wire.texts import REASONS
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +97,7 @@ class Records:
         self._answers = call.id, []
         if call.seen is None:
             return
-        reasons = " ".join(sorted(reason.value.replace("_", " ") for reason in call.reasons))
+        reasons = ", ".join(sorted(REASONS[reason.value] for reason in call.reasons))
         self._publish(call, call.seen, state, f"C{call.id} {reasons}")
 
     def call_judged_again(self, call: Call, state: State, title: str) -> None:
@@ -126,7 +127,7 @@ class Records:
     def draw(self, seen: Assessment, state: State, title: str) -> None:
         """Have a picture of a frame drawn for the archive."""
         if self._archive.wanted:
-            self._vision.draw(seen.frame.id, title, state)
+            self._vision.draw(seen.frame.id, title, state, roi=seen.roi)
 
     def first_scene(self, seen: Assessment, entry: Entry, state: State) -> None:
         """Have a picture of the first reference drawn, so that it can be shown when it matches."""
@@ -150,8 +151,7 @@ class Records:
             if number == self._shown[0]:
                 self._shown = number, ""
         elif number and number == self._shown[0] and drawn.thumbnail:
-            pictures = drawn.thumbnail, drawn.panel, drawn.title
-            write = partial(self._write_pictures, number, *pictures, self._remembered())
+            write = partial(self._write_pictures, number, drawn, self._remembered())
             self._writer.queue_job("picture", write)
         else:
             self._writer.queue_job("picture", partial(self._archive.add, drawn.panel, drawn.title))
@@ -252,7 +252,7 @@ class Records:
         self._writer.queue_job("record", job)
 
     def _store_and_draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
-        accepted = self._vision.draw(seen.frame.id, title, state, store=True)
+        accepted = self._vision.draw(seen.frame.id, title, state, store=True, roi=seen.roi)
         self._drawing[seen.frame.id] = number
         self._shown = number, address(f"{number}.jpg") if accepted and self._archive.wanted else ""
         self._shown_frame = seen
@@ -260,12 +260,11 @@ class Records:
     def _remembered(self) -> frozenset[int]:
         return frozenset(entry.call_id for entry in self._vision.memory.history)
 
-    def _write_pictures(
-        self, number: int, small: bytes, large: bytes, title: str, remembered: frozenset[int]
-    ) -> None:
+    def _write_pictures(self, number: int, drawn: Drawn, remembered: frozenset[int]) -> None:
         """Write the pictures of a call or hold. Runs in the writer's thread."""
         try:
-            self._files.write_pictures(number, small, self._archive.add(large, title), remembered)
+            large = self._archive.add(drawn.panel, drawn.title)
+            self._files.write_pictures(number, drawn.thumbnail, large, drawn.raw, remembered)
         except Exception:
             if self._shown[0] == number:
                 self._shown = number, ""

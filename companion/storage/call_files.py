@@ -25,7 +25,7 @@ SCENES = "scenes"
 SCENE_PATTERN = "[0-9a-f]*.jpg"
 ANSWERS = 32
 """Answers in the record of a call, the newest ones."""
-_NAME = re.compile(r"\.?([0-9]{1,5})(-large)?\.(json|jpg)(\.part)?\Z", re.ASCII)
+_NAME = re.compile(r"\.?([0-9]{1,5})(-large|-raw)?\.(json|jpg)(\.part)?\Z", re.ASCII)
 """Also matches a temporary file that was left because the companion was killed."""
 
 
@@ -37,13 +37,21 @@ class CallFiles:
         self._record: dict[str, Any] = {}
         self._pictured_id = 0
         """Id of the call or hold whose pictures were written last."""
+        self._addresses: dict[str, str] = {}
+        """The paths of those pictures, by their keys in a record."""
 
     def write_pictures(
-        self, number: int, small: bytes, large: Path, remembered: Collection[int] = ()
+        self,
+        number: int,
+        small: bytes,
+        large: Path,
+        raw: bytes = b"",
+        remembered: Collection[int] = (),
     ) -> None:
         """Write the pictures of a call or hold. small: JPEG sized for a radio. large: file of the archive.
 
-        remembered: calls that taught scenes which are remembered.
+        raw: JPEG of the frame without a mark, b"": there is none. remembered: calls that taught scenes which
+        are remembered.
         """
         self._write(f"{number}.jpg", small)
         target = self._folder / f"{number}-large.jpg"
@@ -52,9 +60,17 @@ class CallFiles:
             os.link(large, target)
         except OSError:  # a file system without links
             self._write(target.name, large.read_bytes())
+        unmarked = self._folder / f"{number}-raw.jpg"
+        if raw:
+            self._write(unmarked.name, raw)
+        else:
+            unmarked.unlink(missing_ok=True)
         self._pictured_id = number
+        self._addresses = {"picture": address(f"{number}.jpg"), "large": address(target.name)}
+        self._addresses |= {"raw": address(unmarked.name)} if raw else {}
         if number == self._record.get("id"):
-            self._record |= _addresses(number)
+            self._record.pop("raw", None)
+            self._record |= self._addresses
             self._write_record()
         self._prune(number, remembered)
 
@@ -72,7 +88,7 @@ class CallFiles:
         self._record = {
             "id": number,
             **figures,
-            **(_addresses(number) if number == self._pictured_id else {}),
+            **(self._addresses if number == self._pictured_id else {}),
             "outcome": None,
             "closed": None,
             "answers": [dict(answer) for answer in answers][-ANSWERS:],
@@ -141,10 +157,6 @@ def scene_picture(entry: Entry) -> str:
 def scene_name(entry: Entry) -> str:
     """Return the name of a picture in `SCENES`: by the embedding, since ids of calls are a rover's own."""
     return f"{hashlib.sha256(entry.embedding.tobytes()).hexdigest()[:16]}.jpg"
-
-
-def _addresses(number: int) -> dict[str, str]:
-    return {"picture": address(f"{number}.jpg"), "large": address(f"{number}-large.jpg")}
 
 
 class PictureArchive:

@@ -98,7 +98,7 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             _need(delivered_at is None or _past(delivered_at, now), "when a frame came")
         case Drawn():
             texts_fit = _text(message.title) and _whole(message.number) and _whole(message.frame_id)
-            pictures = (message.panel, message.thumbnail, message.png)
+            pictures = (message.panel, message.thumbnail, message.png, message.raw)
             right = all(isinstance(one, bytes) for one in pictures) and isinstance(message.stored, bool)
             _need(texts_fit and right, "pictures")
         case Logged(level, name, text):

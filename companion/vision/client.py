@@ -19,6 +19,7 @@ from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
+from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.system.watchdog import Failure, Restarts, Watchdog
@@ -247,18 +248,19 @@ class VisionClient:
         *,
         store: bool = False,
         video: VideoMarks | None = None,
+        roi: RoiFigures | None = None,
     ) -> bool:
         """Request pictures of a recently judged frame; a `Drawn` follows. False when too many wait.
 
         store: whether to store the frame, because it is a call's or hold's: answers and taps may refer to it.
-        video: how to draw it for the video.
+        video: how to draw it for the video. roi: as for `Draw`.
         """
         most = MAX_DRAWINGS + (STORED_FRAMES if store else 0)
         if not self.watchdog.running or len(self._drawing) >= most:
             log.warning("no picture of %s: the vision process does not draw now", title)
             return False
         self._numbers += 1
-        if not self._send(Draw(self._numbers, frame_id, title, state, store, video)):
+        if not self._send(Draw(self._numbers, frame_id, title, state, store, video, roi)):
             return False
         self._drawing[self._numbers] = frame_id if store else 0
         return True

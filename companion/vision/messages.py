@@ -12,6 +12,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.perception import Perceiver, handles_infrared
 from anytraverse.regions import Box
+from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
 from companion.wire.ids import State
@@ -140,6 +141,8 @@ class Draw:
 
     store: whether to store the frame, because it is a call's or hold's: answers and taps may refer to it from
     now on, and it is sent as PNG, too. video: how to draw it for the video; then nothing else is drawn.
+    roi: the figures of the judgement that is meant: the frame may have been judged again since. None: the
+    newest.
     """
 
     number: int
@@ -148,6 +151,7 @@ class Draw:
     state: State
     store: bool
     video: VideoMarks | None = None
+    roi: RoiFigures | None = None
 
 
 Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw
@@ -240,7 +244,8 @@ class Drawn:
     """Carries pictures of a frame, b"" for each that could not be made or was not requested.
 
     panel: JPEG with maps and title, or the video's picture. thumbnail: JPEG for a radio. png: the frame
-    itself. stored: whether the frame is stored, so that answers and taps may refer to it.
+    itself. raw: the frame as JPEG without a mark, at most as wide as the panel. stored: whether the frame is
+    stored, so that answers and taps may refer to it.
     """
 
     number: int
@@ -249,6 +254,7 @@ class Drawn:
     panel: bytes = b""
     thumbnail: bytes = b""
     png: bytes = b""
+    raw: bytes = b""
     stored: bool = False
 
 

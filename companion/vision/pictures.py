@@ -48,13 +48,13 @@ def thumbnail(seen: Assessment, region: Region, limit: int = LIMIT) -> bytes:
 
 def _marked(seen: Assessment, region: Region, width: int) -> Image:
     from anytraverse.drawing import INK, PAPER, YELLOW, fitted
-    from anytraverse.panel import looks_unsure
+    from anytraverse.judged_picture import marked_box
 
     picture = fitted(seen.frame.image, width)
     _frame(picture, region.bounds, PAPER)
-    if seen.tile is not None and looks_unsure(seen):
-        _frame(picture, seen.tile.shown, INK, around=2)
-        _frame(picture, seen.tile.shown, YELLOW, around=1)
+    if (marked := marked_box(seen)) is not None:
+        _frame(picture, marked, INK, around=2)
+        _frame(picture, marked, YELLOW, around=1)
     return picture
 
 
@@ -104,6 +104,7 @@ _COLOURS = {
     State.OFF: (110, 118, 129),
 }
 _QUALITY = 90
+_RAW_QUALITY = 85
 
 
 def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
@@ -126,6 +127,7 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
         panel=made("picture", lambda: panel(seen, request.state, request.title, region)),
         thumbnail=made("thumbnail", lambda: thumbnail(seen, region)) if request.store else b"",
         png=made("copy", lambda: to_png(seen.frame.image)) if request.store else b"",
+        raw=made("unmarked picture", lambda: unmarked(seen.frame.image)) if request.store else b"",
         stored=request.store,
     )
 
@@ -134,13 +136,21 @@ def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
     """Draw the frame with its maps, title and figures, as JPEG. Raises ValueError, ImportError."""
     import cv2
 
-    from anytraverse.panel import draw_state
+    from anytraverse.judged_picture import draw_state
 
     tile = draw_state(seen.frame.image, seen, title, _COLOURS[state], region=region)
     done, encoded = cv2.imencode(".jpg", tile[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not done:
         raise ValueError("the picture could not be encoded")
     return encoded.tobytes()
+
+
+def unmarked(image: Image) -> bytes:
+    """Encode a frame as JPEG without a mark, at most as wide as a panel. Raises ValueError, ImportError."""
+    from anytraverse.drawing import fitted
+    from anytraverse.judged_picture import STATE_WIDTH
+
+    return _encoded(fitted(image, min(STATE_WIDTH, image.shape[1])), _RAW_QUALITY)
 
 
 def to_png(image: Image) -> bytes:

@@ -30,7 +30,7 @@ def video_picture(seen: Assessment, region: Region, title: str, colour: Colour, 
     import cv2
 
     from anytraverse.drawing import INK, PAPER, YELLOW, fitted, outline, readable_on, shortened, write
-    from anytraverse.panel import tint_judgement
+    from anytraverse.judged_picture import tint_judgement
 
     height, width = video_size(*seen.frame.image.shape[:2])
     picture = fitted(seen.frame.image, width)[:height]

@@ -61,6 +61,8 @@ class Worker:
         self._infrared_detector = InfraredDetector()
         self._recent: OrderedDict[int, Assessment] = OrderedDict()
         self._stored: OrderedDict[int, Assessment] = OrderedDict()
+        self._earlier: dict[int, Assessment] = {}
+        """What frames were judged as before they were judged again."""
         self._logged_at = float("-inf")
 
     def handle(self, request: Request) -> list[Report]:
@@ -150,10 +152,13 @@ class Worker:
         return self._done(request.number, outcome)
 
     def _done(self, number: int, outcome: AnswerOutcome) -> Done:
-        """Report an outcome. Pictures drawn from now on show the frames as they were judged again."""
+        """Report an outcome. Its frames are drawn as judged again, unless a request means the earlier one."""
+        before = {**self._recent, **self._stored}
+        self._earlier = {number: seen for number, seen in self._earlier.items() if number in before}
         for again in (outcome.call, outcome.newest):
             for frames in (self._stored, self._recent):
                 if again is not None and again.frame.id in frames:
+                    self._earlier[again.frame.id] = before[again.frame.id]
                     frames[again.frame.id] = again
         return Done(number, outcome, "", self._update())
 
@@ -162,6 +167,10 @@ class Worker:
         if seen is None:
             log.warning("no picture of %s: frame %d is gone", request.title, request.frame_id)
             return Drawn(request.number, request.frame_id, request.title)
+        earlier = self._earlier.get(request.frame_id)
+        if earlier is not None and request.roi is not None and earlier.roi == request.roi != seen.roi:
+            # Words came before the supervisor knew what they change: its call has the earlier figures.
+            seen = earlier
         if request.store:
             self._store(request.frame_id, seen)
         region = self._engine.settings.region

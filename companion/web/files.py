@@ -32,9 +32,12 @@ class StateFolder:
         self._scenes = Path(folder, "scenes")
         self._logs = Path(folder, "logs")
 
-    def picture(self, number: int, *, large: bool) -> bytes:
-        """Return the picture of a call or hold, as JPEG. large: with maps, else as radios carry it."""
-        return _read(self._calls, f"{number}-large.jpg" if large else f"{number}.jpg", _LARGEST_PICTURE)
+    def picture(self, number: int, size: str = "") -> bytes:
+        """Return the picture of a call or hold, as JPEG.
+
+        size: "" as radios carry it, "-large" with maps, "-raw" as large and without a mark.
+        """
+        return _read(self._calls, f"{number}{size}.jpg", _LARGEST_PICTURE)
 
     def scene(self, name: str) -> bytes:
         """Return the picture of a remembered scene that no call taught, JPEG. name: 16 digits of a hash."""

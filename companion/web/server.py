@@ -42,7 +42,7 @@ MOST_READING = 16
 """Requests that may wait for the disk."""
 _SETUP_WITHIN = 10.0
 _STATIC = Path(__file__).parent / "static"
-_PICTURE = re.compile(r"([0-9]{1,5})(-large)?\.jpg", re.ASCII)
+_PICTURE = re.compile(r"([0-9]{1,5})(-large|-raw)?\.jpg", re.ASCII)
 _SCENE = re.compile(r"([0-9a-f]{16})\.jpg", re.ASCII)
 _T = TypeVar("_T")
 
@@ -125,7 +125,7 @@ class Site:
         if named is None:
             return PlainTextResponse("there is no such file\n", 404)
         return await self._read(
-            lambda: self._folder.picture(int(named[1]), large=named[2] is not None),
+            lambda: self._folder.picture(int(named[1]), named[2] or ""),
             lambda content: Response(content, media_type="image/jpeg"),
         )
 

@@ -34,6 +34,8 @@ class Outbox:
         self._pending: deque[Pending] = deque(maxlen=MAX_PENDING)
         self._policy_requests: dict[int, PendingPolicy] = {}
         self._fetches: dict[int, Fetch | Listing] = {}
+        self._ends: dict[int, Any] = {}
+        """What ends a fetch that was replaced."""
         self._lists_wanted: set[int] = set()
         self._may_send_at: dict[int, float] = {}
 
@@ -81,12 +83,14 @@ class Outbox:
 
     def fetch(self, system: int, path: str, now: float) -> Fetch:
         """Fetch a file, in place of an earlier fetch from this rover."""
-        self._fetches[system] = fetch = Fetch(system, path, now)
+        fetch = Fetch(system, path, now)
+        self._replace(system, fetch)
         return fetch
 
     def list_folder(self, system: int, path: str, now: float) -> Listing:
         """List a folder, in place of an earlier fetch from this rover."""
-        self._fetches[system] = listing = Listing(system, path, now)
+        listing = Listing(system, path, now)
+        self._replace(system, listing)
         return listing
 
     def request_parameters(self, system: int) -> None:
@@ -135,11 +139,20 @@ class Outbox:
         if message is None and system in self._lists_wanted:
             self._lists_wanted.discard(system)
             message = mavlink.MAVLink_param_request_list_message(system, COMPONENT_ID)
+        if message is None:
+            message = self._ends.pop(system, None)
         if message is None and system in self._fetches:
             message = self._fetches[system].due(now)
         if message is not None:
             self._may_send_at[system] = now + PACE_S
         return message
+
+    def _replace(self, system: int, fetch: Fetch | Listing) -> None:
+        """Begin `fetch`. What is left of an earlier one is ended, so that its burst takes no more budget."""
+        earlier = self._fetches.get(system)
+        if isinstance(earlier, Fetch) and (end := earlier.end()) is not None:
+            self._ends[system] = end
+        self._fetches[system] = fetch
 
     def _next_policy_request(self, system: int, now: float) -> Any | None:
         policy_request = self._policy_requests.get(system)

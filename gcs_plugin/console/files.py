@@ -15,6 +15,8 @@ MOST_WANTED = 32
 TRIES = 3
 AGAIN_S = 5.0
 """Seconds before a file that failed is asked for again; with each failure longer."""
+SOON_S = 1.0
+"""The same of a call's picture the first time: a rover announces it shortly before it has written it."""
 MEASURED_BYTES = 600
 """A file of fewer bytes says little about the link's rate."""
 
@@ -116,7 +118,8 @@ class Files:
             self._wanted.pop(wanted.path, None)
             return True
         wanted.failures += 1
-        wanted.not_before = now + AGAIN_S * 2**wanted.failures
+        soon = wanted.rank is Rank.CALL_PICTURE and wanted.failures == 1
+        wanted.not_before = now + (SOON_S if soon else AGAIN_S * 2**wanted.failures)
         self.problems[wanted.path] = problem
         if wanted.failures >= TRIES:
             self._wanted.pop(wanted.path, None)

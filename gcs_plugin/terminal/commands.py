@@ -2,7 +2,7 @@
 
     [rover N] [call id] [changes] [go | stay | look]
     [rover N] policy report | shadow | hold | off
-    [rover N] picture [call id] [large]
+    [rover N] picture [call id] [large | raw]
 
 Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
 `forget call 7`, `new episode`, `other place`, `other place 7`.
@@ -35,7 +35,7 @@ _TAP = re.compile(r"tap\s+(.*)", re.IGNORECASE)
 _FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
 _FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
-_PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(\s+large)?\Z", re.ASCII | re.IGNORECASE)
+_PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(?:\s+(large|raw))?\Z", re.ASCII | re.IGNORECASE)
 _ORDER = re.compile(r"(go|ok|stay|look|forget|set|answer|policy|rover)\s+\S", re.IGNORECASE)
 _OTHER_PLACE = re.compile(
     r"(?:other|not\s+(?:the|that)(?:\s+same)?)\s+place(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE
@@ -120,10 +120,13 @@ class SetPolicy:
 
 @dataclass(frozen=True)
 class Picture:
-    """Fetches a picture: `picture`, `picture 7`, `picture 7 large`. call_id None: of the open call."""
+    """Fetches a picture: `picture`, `picture 7`, `picture 7 large`, `picture 7 raw`.
+
+    call_id None: of the open call. size: "", "large" or "raw".
+    """
 
     call_id: int | None = None
-    large: bool = False
+    size: str = ""
     rover: int | None = None
 
 
@@ -159,7 +162,7 @@ def parse(line: str) -> Command | None:
         return SetPolicy(_policy(found[1]), rover)
     if found := _PICTURE.match(rest):
         number = None if found[1] is None else _in_range("call", int(found[1]), 1, 0xFFFF)
-        return Picture(number, found[2] is not None, rover)
+        return Picture(number, (found[2] or "").lower(), rover)
     call_id, rest = _leading(_CALL, rest)
     if call_id is not None:
         _in_range("call", call_id, 1, 0xFFFF)

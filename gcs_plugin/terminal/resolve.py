@@ -76,8 +76,8 @@ def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
     call = rover.calls.get(number)
     if call is not None and call.open and not call.data.picture:
         raise CommandError(f"{number} has no picture: it is a fault, or `[pictures] keep` is 0 on the rover")
-    large = "-large" * picture.large
-    return f"/calls/{number}{large}.jpg", f"rover{rover.system}-call{number}{large}.jpg"
+    size = f"-{picture.size}" if picture.size else ""
+    return f"/calls/{number}{size}.jpg", f"rover{rover.system}-call{number}{size}.jpg"
 
 
 def address(reply: Reply, rover: Rover, now: float) -> Addressed:

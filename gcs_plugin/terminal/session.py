@@ -80,7 +80,7 @@ HELP = """\
   other place              the place that "matches" is another one: its words go, and it matches so no more
   bush: -1, go             any change, and drive on; also `tap drum -1 go`
   policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
-  picture                  fetch what the call saw, to tap in it; `picture 7`, and `picture 7 large`
+  picture                  fetch what the call saw, to tap in it; `picture 7`, `7 large`, `7 raw`
   7 go                     for call 7 instead of the current one; `rover 2 go`, or `rover 2` to stay there
   status, calls, words, help, quit""".splitlines()
 

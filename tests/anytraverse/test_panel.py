@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from anytraverse.assessment import Assessment
+from anytraverse.assessment import CORRIDOR, WORST_TILE, Assessment, Finding, Reason
 from anytraverse.drawing import (
     ATTENTION_STOPS,
     GREEN,
@@ -16,6 +17,7 @@ from anytraverse.drawing import (
     SIGNED_STOPS,
     UNCERTAINTY_STOPS,
     VERMILION,
+    YELLOW,
     coloured,
     ramp,
     shortened,
@@ -25,9 +27,10 @@ from anytraverse.drawing import (
 )
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame, Image
+from anytraverse.judged_picture import draw_state, marked_box
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
-from anytraverse.panel import contact_sheet, draw_panel, draw_state
+from anytraverse.panel import contact_sheet, draw_panel
 from anytraverse.perception.builtin.lexicon import Lexicon
 from anytraverse.preferences import Preferences
 
@@ -97,6 +100,49 @@ def test_a_state_tile_tints_drivable_ground_green_and_hatches_the_unknown() -> N
     assert shown[thing][..., 1].mean() > image[thing][..., 1].mean()
     assert shown[thing].std() > 10
     assert tuple(tile[2, 2]) == GREEN
+
+
+def test_the_thing_that_is_asked_about_is_shown_as_it_was_seen_with_a_line_around_it() -> None:
+    image = picture(360, 480)
+    assessment, settings = assess(image, "grass: 1; dirt: 1; sky: -0.5")
+    marked = marked_box(assessment)
+    assert marked is not None
+    assert assessment.tile is not None
+    assert marked == assessment.tile.shown
+    shown = draw_state(image, assessment, "C1 unknown thing", region=settings.region)[34:-30]
+    rows, columns = marked.slices(360, 480)
+    inside = np.s_[rows.start + 4 : rows.stop - 4, columns.start + 4 : columns.stop - 4]
+    np.testing.assert_array_equal(shown[inside], image[inside])
+    beyond = (np.abs(shown.astype(int) - YELLOW).max(axis=2) < 80).copy()
+    beyond[rows.start - 4 : rows.stop + 4, columns.start - 4 : columns.stop + 4] = False
+    for side in (192, 288):  # of the thing, whose lower end is at 324
+        assert beyond[250:310, side - 12 : side + 12].any(axis=1).mean() > 0.5
+
+
+def test_a_corridor_closed_over_known_ground_has_no_thing_to_be_marked() -> None:
+    assessment, _ = assess(picture())
+    roi = assessment.roi
+    assert roi is not None
+    gap = replace(roi.worst_tile, uncertainty=0.9)
+    closed = replace(
+        assessment,
+        roi=replace(roi, corridor=replace(roi.corridor, gap=gap)),
+        findings=(Finding(Reason.BLOCKED, CORRIDOR, bad=True, clear=False),),
+    )
+    assert closed.tile is gap
+    assert marked_box(closed) is None
+
+
+def test_in_a_new_place_nothing_is_marked_as_long_as_no_tile_is_bad() -> None:
+    assessment, _ = assess(picture())
+    roi = assessment.roi
+    assert roi is not None
+    nearly = replace(assessment, roi=replace(roi, worst_tile=replace(roi.worst_tile, uncertainty=0.4)))
+    new_place = Finding(Reason.UNKNOWN_SCENE, "scene_similarity", bad=True, clear=False)
+    bad_tile = Finding(Reason.BLOCKED, WORST_TILE, bad=True, clear=False)
+    assert marked_box(replace(nearly, findings=())) == roi.worst_tile.shown
+    assert marked_box(replace(nearly, findings=(new_place,))) is None
+    assert marked_box(replace(nearly, findings=(new_place, bad_tile))) == roi.worst_tile.shown
 
 
 def test_tiles_stand_in_a_grid_on_paper() -> None:

@@ -9,13 +9,14 @@ import pytest
 
 from anytraverse.assessment import Reason
 from anytraverse.history import Place
-from anytraverse.panel import draw_state
+from anytraverse.judged_picture import draw_state, figures
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import Tile
 from companion.storage.batch import record_of
 from companion.telemetry.summary import current_data
 from companion.vision.pictures import thumbnail
+from companion.wire import texts
 from companion.wire.ids import Policy
 from tests.companion.calls.scenes import AHEAD, AUTO, BESIDE, DRUM, GNOME, HOLD, Scene, Thing, View
 
@@ -109,3 +110,15 @@ def test_journal_and_pictures_show_the_box_that_is_told(small: Scene) -> None:
     panels = [draw_state(one.frame.image, one, "", (0, 0, 0), region=region) for one in (seen, large, alone)]
     assert np.array_equal(panels[0], panels[1])
     assert not np.array_equal(panels[0], panels[2])
+
+
+def test_the_picture_has_the_figures_that_are_told(small: Scene) -> None:
+    small.run(1.0, DRUM)
+    seen = small.call.seen
+    assert seen is not None
+    told = current_data(small.calls, Preferences.of(small.words), Place(), "7.jpg", small.now)
+    assert told is not None
+    written = figures(seen)
+    assert f"{texts.percent(told.roi_uncertainty)} unexplained" in written
+    assert f"worst place {texts.percent(told.worst_tile)}" in written
+    assert f"{texts.percent(told.drivable_share)} of the known drivable" in written

@@ -27,6 +27,8 @@ from companion.vision.pictures import LIMIT, panel
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
+from gcs_plugin.terminal.pictures import jpeg_size
+from tests.anytraverse.conftest import HEIGHT, WIDTH
 from tests.companion.daemon.rig import MakeRig, Rig
 
 
@@ -110,7 +112,8 @@ def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(mak
     large = cv2.imdecode(np.frombuffer(fetched(rig, call["large"]), np.uint8), cv2.IMREAD_COLOR)
     assert large is not None
     assert large.shape[1] == 480
-    assert names(rig, "/calls").keys() == {"1.json", "1.jpg", "1-large.jpg"}
+    assert jpeg_size(fetched(rig, call["raw"])) == (WIDTH, HEIGHT)
+    assert names(rig, "/calls").keys() == {"1.json", "1.jpg", "1-large.jpg", "1-raw.jpg"}
 
 
 def test_a_blocked_hold_has_a_picture_of_what_it_was_blocked_by_until_it_is_over(make_rig: MakeRig) -> None:
@@ -119,7 +122,7 @@ def test_a_blocked_hold_has_a_picture_of_what_it_was_blocked_by_until_it_is_over
     data = CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
     assert (data.kind, data.id, data.picture) == (Kind.HOLD, 1, "/calls/1.jpg")
     assert len(fetched(rig, data.picture)) <= LIMIT
-    assert names(rig, "/calls").keys() == {"1.jpg", "1-large.jpg"}
+    assert names(rig, "/calls").keys() == {"1.jpg", "1-large.jpg", "1-raw.jpg"}
     assert told(rig, "/state.json")["open"]["picture"] == data.picture
     rig.answer(1, Motion.GO)
     rig.see(3.0)

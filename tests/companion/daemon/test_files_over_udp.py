@@ -67,7 +67,10 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
 
     assert listed("/").keys() == {"@PARAM", "state.json", "check.json", "calls", "maps", "scenes", "logs"}
     number = call.id
-    wanted, deadline = {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg"}, time.monotonic() + 10.0
+    wanted, deadline = (
+        {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg", f"{number}-raw.jpg"},
+        time.monotonic() + 10.0,
+    )
     while not listed("/calls").keys() >= wanted and time.monotonic() < deadline:
         time.sleep(0.1)  # a picture is named when it is drawn, and there a moment later
     assert listed("/calls").keys() >= wanted

@@ -236,10 +236,10 @@ def test_pictures_of_remembered_calls_stay_when_those_of_other_calls_go(tmp_path
     large.write_bytes(b"large")
     for number in range(1, MAX_CALLS + 11):
         files.begin_record(number, {}, (), {3, 5})
-        files.write_pictures(number, b"small", large, {3, 5})
+        files.write_pictures(number, b"small", large, b"raw", {3, 5})
     left = {path.name for path in tmp_path.iterdir()} - {"large"}
     assert {name for name in left if int(name.split(".")[0].split("-")[0]) <= 10} == {
-        f"{number}{size}.jpg" for number in (3, 5) for size in ("", "-large")
+        f"{number}{size}.jpg" for number in (3, 5) for size in ("", "-large", "-raw")
     }
     files.begin_record(MAX_CALLS + 11, {}, (), {5})
     assert not (tmp_path / "3.jpg").exists()

@@ -14,7 +14,7 @@ from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World
-from companion.vision.pictures import LIMIT, thumbnail
+from companion.vision.pictures import LIMIT, thumbnail, unmarked
 
 REGION = Box(1 / 3, 0.6, 2 / 3, 0.95)
 REAL = Path(__file__).parents[3].parent / "shared" / "data" / "frames"
@@ -41,6 +41,21 @@ def test_frames_of_the_field_fit_a_radio_as_wide_as_can_be() -> None:
         assert picture.shape[:2] in ((120, 160), (96, 128), (72, 96))
         small = cv2.resize(image, picture.shape[1::-1], interpolation=cv2.INTER_AREA)
         assert np.abs(small.astype(float) - picture).mean() < 20
+
+
+@pytest.mark.parametrize(("seen", "shown"), [((640, 480), (480, 360)), ((320, 240), (320, 240))])
+def test_the_unmarked_picture_is_the_frame_and_no_wider(
+    seen: tuple[int, int], shown: tuple[int, int]
+) -> None:
+    world = World(1)
+    image, _ = Camera(world, *seen).render(world.trail.pose(5.0), 5.0)
+    content = unmarked(np.asarray(image))
+    picture = drawn(content)
+    assert picture.shape[1::-1] == shown
+    assert len(content) < 60_000
+    expected = cv2.resize(image, shown, interpolation=cv2.INTER_AREA)
+    assert np.abs(expected.astype(float) - picture).max(axis=(0, 1)).mean() < 80
+    assert np.abs(expected.astype(float) - picture).mean() < 4
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the frames beside the checkout: ../shared/data")

@@ -195,7 +195,7 @@ MESSAGES = [
     Failed("mend it"),
     Alive(CameraStatus(CameraState.FAILED, "why", 1, 2, 3, 4), 1.0),
     Alive(CameraStatus(), None),
-    Drawn(1, 2, "title", b"panel", b"small", b"png"),
+    Drawn(1, 2, "title", b"panel", b"small", b"png", b"raw"),
     Logged(30, "a.name", "a text"),
     Start(Config(), None, 0, 1),
     Start(Config(), engine(None).memory, 3, 9),

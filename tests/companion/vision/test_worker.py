@@ -18,6 +18,7 @@ from anytraverse.frame import Frame, Image
 from anytraverse.history import Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
+from anytraverse.roi import RoiFigures
 from companion.vision import pictures
 from companion.vision.checks import Expected, check_report
 from companion.vision.memory_copy import updated
@@ -63,9 +64,9 @@ class Stage:
         assert done.number == self.numbers
         return done
 
-    def draw(self, frame_id: int, *, store: bool) -> Drawn:
+    def draw(self, frame_id: int, *, store: bool, roi: RoiFigures | None = None) -> Drawn:
         """The pictures of a frame."""
-        (drawn,) = self.worker.handle(Draw(9, frame_id, "a title", State.CALLING, store))
+        (drawn,) = self.worker.handle(Draw(9, frame_id, "a title", State.CALLING, store, roi=roi))
         assert isinstance(drawn, Drawn)
         return drawn
 
@@ -248,6 +249,19 @@ def test_an_answer_about_a_frame_that_is_gone_is_refused_and_teaches_nothing(
     assert stage.engine.memory is memory
 
 
+def test_a_picture_is_of_the_judgement_that_the_call_has_though_words_came_since(stage: Stage) -> None:
+    called = stage.look("drum").assessment
+    before = stage.draw(called.frame.id, store=False)
+    assert stage.ask(Changes({"drum": 1.0})).outcome is not None
+    assert stage.draw(called.frame.id, store=False).panel != before.panel
+    drawn = stage.draw(called.frame.id, store=True, roi=called.roi)
+    assert drawn.panel == before.panel
+    done = stage.ask(Changes({"drum": 0.5}), called.frame.id, call_id=3)
+    assert done.outcome is not None
+    assert done.outcome.call is not None
+    assert stage.draw(called.frame.id, store=False, roi=done.outcome.call.roi).panel != before.panel
+
+
 def test_only_the_newest_frames_can_be_drawn_and_kept(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
     for _ in range(RECENT + 1):
         stage.look()
@@ -270,7 +284,7 @@ def test_a_frame_that_is_kept_comes_without_loss_and_one_for_the_album_does_not(
     looked = stage.look("drum")
     drawn = stage.draw(1, store=False)
     assert drawn.panel
-    assert (drawn.thumbnail, drawn.png) == (b"", b"")
+    assert (drawn.thumbnail, drawn.png, drawn.raw) == (b"", b"", b"")
     kept = stage.draw(1, store=True)
     assert kept.thumbnail
     assert (pictures.from_png(kept.png) == looked.assessment.frame.image).all()

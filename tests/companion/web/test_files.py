@@ -46,7 +46,7 @@ def test_a_link_out_of_the_folder_is_not_followed(tmp_path: Path) -> None:
     folder = StateFolder(str(tmp_path))
     for number in (1, 2):
         with pytest.raises(OSError, match=r"."):
-            folder.picture(number, large=False)
+            folder.picture(number)
     assert folder.calls() == []
 
 
@@ -55,7 +55,7 @@ def test_a_file_that_is_too_large_is_refused(tmp_path: Path) -> None:
     with (tmp_path / "calls" / "1.jpg").open("wb") as file:
         file.truncate(2 << 20)
     with pytest.raises(OSError, match="at most"):
-        StateFolder(str(tmp_path)).picture(1, large=False)
+        StateFolder(str(tmp_path)).picture(1)
 
 
 def test_the_end_of_the_log_is_shown_over_its_rotation(tmp_path: Path) -> None:

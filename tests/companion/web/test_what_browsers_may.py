@@ -114,10 +114,12 @@ def test_calls_and_log_are_read_from_the_state_folder(stage: Stage) -> None:
     (folder / "calls" / "7.json").write_text('{"id":7,"reasons":["unknown_scene"],"outcome":null}')
     (folder / "calls" / "7.jpg").write_bytes(b"small")
     (folder / "calls" / "7-large.jpg").write_bytes(b"large")
+    (folder / "calls" / "7-raw.jpg").write_bytes(b"raw")
     (folder / "logs" / "companion.log").write_text("a line\n")
     assert [one["id"] for one in json.loads(stage.get("/calls.json").body)] == [7]
     assert stage.get("/calls/7.jpg").body == b"small"
     assert stage.get("/calls/7-large.jpg").body == b"large"
+    assert stage.get("/calls/7-raw.jpg").body == b"raw"
     assert stage.get("/calls/8.jpg").status == 404
     assert stage.get("/log.txt").body == b"a line"
 

@@ -141,6 +141,15 @@ def test_a_call_comes_with_its_picture_its_reason_and_what_to_do(desk: Desk) -> 
     desk.until(lambda: desk.console.picture(1, 7, "large") == desk.files["7-large.jpg"])
 
 
+def test_a_picture_that_is_announced_before_it_is_written_comes_soon(desk: Desk) -> None:
+    desk.until(lambda: bool(desk.rover()["words_known"]))
+    picture = desk.files.pop("7.jpg")
+    desk.announce()
+    desk.run(0.5)
+    desk.files["7.jpg"] = picture
+    desk.until(lambda: "small" in desk.shown()["pictures"], seconds=4.0)
+
+
 def test_a_tap_with_a_name_leaves_as_one_answer_and_what_becomes_of_it_is_told(desk: Desk) -> None:
     desk.announce()
     desk.run(3.0)

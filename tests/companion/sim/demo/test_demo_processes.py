@@ -151,5 +151,20 @@ def test_a_rehearsal_without_pictures_says_what_is_missing(tmp_path: Path) -> No
         run_camera_demo(f"folder:{tmp_path}", tmp_path, Story(io.StringIO()), auto=True)
 
 
+def test_a_sheet_shows_each_call_as_it_was_seen_beside_its_judgement(tmp_path: Path) -> None:
+    for folder in ("pictures", "calls"):
+        (tmp_path / "state" / folder).mkdir(parents=True)
+    names = ("00001-c7-unknown-thing", "00002-c7-answered", "00003-c7-drives-on", "00004-known-place-again")
+    for level, name in zip((60, 90, 100, 120), names, strict=True):
+        tile = np.full((34 + 36 + 30, 48, 3), level, np.uint8)
+        cv2.imwrite(str(tmp_path / "state" / "pictures" / f"{name}.jpg"), tile)
+    cv2.imwrite(str(tmp_path / "state" / "calls" / "7-raw.jpg"), np.full((36, 48, 3), 200, np.uint8))
+    path = write_sheet(tmp_path)
+    assert path is not None
+    sheet = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    assert sheet is not None
+    assert sheet[56 + 52 :: 116, 16 + 24 :: 64].tolist() == [[200, 60, 120, 255]]
+
+
 def test_without_pictures_there_is_no_sheet(tmp_path: Path) -> None:
     assert write_sheet(tmp_path) is None

@@ -138,6 +138,8 @@ def hatching(height: int, width: int, step: int = 7) -> NDArray[np.bool_]:
 
 def tint(canvas: Image, colour: Colour, strength: NDArray[np.floating]) -> None:
     """Blend a colour into the canvas; strength: (h, w), in [0, 1]."""
+    if not canvas.size:  # OpenCV would return None
+        return
     share = strength.clip(0, 1).astype(np.float32, copy=False)
     plain = np.empty(canvas.shape, np.uint8)
     plain[:] = colour

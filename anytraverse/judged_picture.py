@@ -1,6 +1,6 @@
 """Draws a judged frame for people: the judgement over the frame, its figures, and what the colours mean.
 
-All public functions take RGB uint8. `draw_boxes` and `tint_judgement` draw in place; the others do not change
+All public functions take RGB uint8. `draw_boxes` and `draw_judgement` draw in place; the others do not change
 their arguments.
 """
 
@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from anytraverse.assessment import NAMED_TILE, WORST_TILE, Assessment, Maps, Reason
+from anytraverse.assessment import NAMED_TILE, WORST_TILE, Assessment, Reason
 from anytraverse.drawing import (
     FAINT,
     GREEN,
@@ -66,31 +66,30 @@ def draw_state(
     is `marked_box`, in which nothing is tinted; a yellow line surrounds the thing that reaches into it.
     """
     picture = fitted(image, width)
-    height = picture.shape[0]
-    marked = marked_box(assessment)
-    if assessment.maps is not None:
-        unsure = enlarged(assessment.maps.uncertainty, width, height)
-        untouched = np.s_[:0, :0] if marked is None else marked.slices(height, width)
-        seen = picture[untouched].copy()
-        around = _thing_around(unsure, untouched) if Reason.UNKNOWN_OBJECT in assessment.reasons else []
-        tint_judgement(picture, assessment.maps)
-        cv2.drawContours(picture, around, -1, (20, 20, 20), 4, cv2.LINE_AA)
-        cv2.drawContours(picture, around, -1, YELLOW, 2, cv2.LINE_AA)
-        picture[untouched] = seen
-    draw_boxes(picture, assessment, region.bounds)
+    draw_judgement(picture, assessment, region.bounds)
     foot = _foot(width, note or figures(assessment))
     _draw_legend(foot, 8, 26)
     return np.vstack([_bar(width, title, colour), picture, foot])
 
 
-def tint_judgement(picture: Image, maps: Maps) -> None:
-    """Tint a picture of any size: green is drivable, vermilion is not, violet stripes are unknown."""
+def draw_judgement(picture: Image, assessment: Assessment, roi: Box) -> None:
+    """Draw tint, boxes and the thing's outline of `draw_state` into a picture of any size."""
     height, width = picture.shape[:2]
-    signed, unsure = enlarged(maps.signed, width, height), enlarged(maps.uncertainty, width, height)
-    tint(picture, GREEN, _TINT * signed.clip(0, 1))
-    tint(picture, VERMILION, _TINT * (-signed).clip(0, 1))
-    strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
-    tint(picture, VIOLET, strength * 0.8 * hatching(height, width))
+    marked = marked_box(assessment)
+    if assessment.maps is not None:
+        signed = enlarged(assessment.maps.signed, width, height)
+        unsure = enlarged(assessment.maps.uncertainty, width, height)
+        untouched = np.s_[:0, :0] if marked is None else marked.slices(height, width)
+        seen = picture[untouched].copy()
+        around = _thing_around(unsure, untouched) if Reason.UNKNOWN_OBJECT in assessment.reasons else []
+        tint(picture, GREEN, _TINT * signed.clip(0, 1))
+        tint(picture, VERMILION, _TINT * (-signed).clip(0, 1))
+        strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
+        tint(picture, VIOLET, strength * 0.8 * hatching(height, width))
+        cv2.drawContours(picture, around, -1, (20, 20, 20), 4, cv2.LINE_AA)
+        cv2.drawContours(picture, around, -1, YELLOW, 2, cv2.LINE_AA)
+        picture[untouched] = seen
+    draw_boxes(picture, assessment, roi)
 
 
 def draw_frame(image: Image, title: str, note: str = "", *, width: int = STATE_WIDTH) -> Image:

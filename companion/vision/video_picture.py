@@ -29,14 +29,12 @@ def video_picture(seen: Assessment, region: Region, title: str, colour: Colour, 
     """
     import cv2
 
-    from anytraverse.drawing import INK, PAPER, YELLOW, fitted, outline, readable_on, shortened, write
-    from anytraverse.judged_picture import tint_judgement
+    from anytraverse.drawing import INK, YELLOW, fitted, outline, readable_on, shortened, write
+    from anytraverse.judged_picture import draw_judgement
 
     height, width = video_size(*seen.frame.image.shape[:2])
     picture = fitted(seen.frame.image, width)[:height]
-    if seen.maps is not None:
-        tint_judgement(picture, seen.maps)
-    outline(picture, region.bounds, PAPER, 1)
+    draw_judgement(picture, seen, region.bounds)
     if marks.place is not None:
         outline(picture, marks.place, YELLOW, 3)
     for tap in marks.taps:

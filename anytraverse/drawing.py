@@ -5,6 +5,7 @@ The colours can be told apart by people with red-green blindness, and by lightne
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -129,10 +130,12 @@ def outline(canvas: Image, box: Box, colour: Colour, thickness: int = 2) -> None
     cv2.rectangle(canvas, first, last, colour, thickness, cv2.LINE_AA)
 
 
+@lru_cache(maxsize=8)
 def hatching(height: int, width: int, step: int = 7) -> NDArray[np.bool_]:
-    """Return a mask of diagonal stripes, (height, width)."""
+    """Return a mask of diagonal stripes, (height, width), which is not to be changed."""
     rows, columns = np.ogrid[:height, :width]
     stripes: NDArray[np.bool_] = (rows + columns) % step < max(2, step // 3)
+    stripes.flags.writeable = False
     return stripes
 
 
@@ -141,8 +144,7 @@ def tint(canvas: Image, colour: Colour, strength: NDArray[np.floating]) -> None:
     if not canvas.size:  # OpenCV would return None
         return
     share = strength.clip(0, 1).astype(np.float32, copy=False)
-    plain = np.empty(canvas.shape, np.uint8)
-    plain[:] = colour
+    plain = cv2.resize(np.array([[colour]], np.uint8), canvas.shape[1::-1], interpolation=cv2.INTER_NEAREST)
     canvas[:] = cv2.blendLinear(np.ascontiguousarray(canvas), plain, 1 - share, share)
 
 

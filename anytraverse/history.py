@@ -129,7 +129,7 @@ class History(Sequence[Entry]):
 
         Left out are those that `matches` leaves out. None when none is left.
         """
-        return next(self._nearest(embedding), None)
+        return next(self.nearest(embedding), None)
 
     def matches(self, embedding: Embedding, least: float) -> list[Match]:
         """Return the entries that a frame resembles by a cosine of at least `least`, the most similar first.
@@ -137,9 +137,10 @@ class History(Sequence[Entry]):
         Entries whose embedding is not finite or has another length are left out, and those to which the frame
         is not more similar than to a frame that was refused as another place.
         """
-        return list(takewhile(lambda match: match.similarity >= least, self._nearest(embedding)))
+        return list(takewhile(lambda match: match.similarity >= least, self.nearest(embedding)))
 
-    def _nearest(self, embedding: Embedding) -> Iterator[Match]:
+    def nearest(self, embedding: Embedding) -> Iterator[Match]:
+        """Yield all entries, the most similar first, but for those that `matches` leaves out."""
         fitting = [entry for entry in reversed(self._entries) if entry.embedding.shape == embedding.shape]
         if not fitting or embedding.ndim != 1:
             return

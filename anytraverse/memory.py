@@ -86,6 +86,17 @@ class Memory:
         after = replace(self, history=kept.added(entry), clock=clock)
         return after.at(embedding) if move else after
 
+    def taught(self, entry: Entry) -> dict[str, float]:
+        """Return the words that came with a scene of H: those set since the scene before it was remembered,
+        but for those set without a call.
+        """
+        before = max((one.order for one in self.history if one.order < entry.order), default=0)
+        return {
+            word: setting.weight
+            for word, setting in entry.preferences.settings.items()
+            if setting.order > before and self.settled.get(word) != setting.order
+        }
+
     def at(self, reference: Embedding | None) -> Memory:
         """Return this memory with another reference, to which no match led. None: none, as at first."""
         left = None if self.adoption is None or reference is None else replace(self.adoption, reference=None)

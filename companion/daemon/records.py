@@ -20,7 +20,7 @@ from companion.calls.machine import OperatorCalls
 from companion.daemon.persistence import Persistence
 from companion.storage import Journal, JournalError
 from companion.storage.batch import record_of
-from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name
+from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name, scene_picture
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
 from companion.vision.client import Applied, Judged, VisionClient
@@ -248,8 +248,25 @@ class Records:
     def _publish(self, call: Call, seen: Assessment, state: State, title: str) -> None:
         self._store_and_draw(call.id, seen, state, title)
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
-        job = partial(self._files.begin_record, call.id, record_of(call), answers, self._remembered())
+        figures = {**record_of(call), "nearest": self._nearest(call.id, seen)}
+        job = partial(self._files.begin_record, call.id, figures, answers, self._remembered())
         self._writer.queue_job("record", job)
+
+    def _nearest(self, number: int, seen: Assessment) -> dict[str, Any] | None:
+        """Describe the remembered scene most like a call's frame, of those that another answer taught."""
+        memory = self._vision.memory
+        if seen.observation is None:
+            return None
+        for match in memory.history.nearest(seen.observation.embedding):
+            entry, words = match.entry, memory.taught(match.entry)
+            if entry.call_id != number and (entry.call_id or words):
+                return {
+                    "call": entry.call_id or None,
+                    "similarity": round(match.similarity, 4),
+                    "words": words,
+                    "picture": scene_picture(entry),
+                }
+        return None
 
     def _store_and_draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
         accepted = self._vision.draw(seen.frame.id, title, state, store=True, roi=seen.roi)

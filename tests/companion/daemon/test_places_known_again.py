@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -48,6 +51,38 @@ def test_it_is_told_which_place_matched_how_well_and_with_which_words(back: Rig)
     assert f"{AGAIN} (0.98)" in back.texts
     assert "C1: grass 0.8 (was 1)" in back.texts
     assert back.calls.call is None
+
+
+def test_a_call_tells_the_answered_scene_most_like_its_frame_and_its_words(
+    back: Rig,
+) -> None:
+    def nearest(number: int) -> dict[str, Any] | None:
+        opened = back.served.tree.open(f"/calls/{number}.json")
+        found: dict[str, Any] | None = json.loads(opened.read(0, opened.size))["nearest"]
+        return found
+
+    assert nearest(1) is None, "the first scene was not taught by an answer"
+    back.see(2.0, scene=40)
+    assert nearest(2) == {
+        "call": 1,
+        "similarity": pytest.approx(np.cos(np.radians(50)), abs=1e-3),
+        "words": {"drum": 0.5, "grass": 0.8},
+        "picture": "/calls/1.jpg",
+    }
+    row = re.search(r"`nearest` \|(.*)", PROTOCOL.read_text())
+    assert row is not None
+    assert set(re.findall(r"`([a-z]+)`", row[1])) == set(nearest(2) or ())
+    back.answer(2, Motion.STAY, SetWord("grass", -0.5), transaction=9)
+    back.see(2.0, scene=40)
+    again = nearest(2)
+    assert again is not None
+    assert again["call"] == 1, "not the call itself"
+    back.answer(2, Motion.GO, SetWord("grass", 0.7), transaction=10)
+    back.see(3.0, scene=40)
+    back.see(2.0, "rock", scene=150)
+    then = nearest(3)
+    assert then is not None
+    assert (then["call"], then["words"]) == (1, {"drum": 0.5, "grass": 0.8})
 
 
 def test_only_words_that_the_place_changes_are_told(rig: Rig) -> None:

@@ -59,6 +59,11 @@ class Links:
         ]
         self._out: list[Any] = []
 
+    @property
+    def doubled(self) -> int:
+        """How many signed frames came over more than one connection, and counted once."""
+        return 0 if self.signing is None else self.signing.doubled
+
     def step(self, now: float) -> None:
         """Read and process what was received, then send what is due."""
         self._out = self.client.outgoing(now)

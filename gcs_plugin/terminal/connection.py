@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from companion.wire.devices import open_port, watch_peer
+from gcs_plugin.terminal.lookup import Address, Name
 
 MAX_READ = 4096
 MAX_UNSENT = 8192
@@ -15,7 +16,10 @@ REOPEN_S = 1.0
 
 
 class Stream:
-    """Opens a stream with `opener`, and opens it again a second after it broke."""
+    """Opens a stream with `opener`, and opens it again a second after it broke.
+
+    opener: raises BlockingIOError while it has to wait for something; then it is called again.
+    """
 
     def __init__(self, name: str, opener: Callable[[], Any]) -> None:
         self.name = name
@@ -59,8 +63,11 @@ class Stream:
         self._reopen_at = now + REOPEN_S
         try:
             self._stream = self._opener()
-        except OSError as error:
-            self.trouble = error.strerror or str(error)
+        except BlockingIOError as error:  # its name is being looked up
+            self._reopen_at, self.trouble = now, error.strerror or self.trouble
+            return False
+        except (OSError, ValueError) as error:
+            self.trouble = getattr(error, "strerror", None) or str(error)
             return False
         return True
 
@@ -225,26 +232,32 @@ def open_connection(link: str) -> Connection:
     if kind == "serial" and rest:
         return _open_serial(link, rest)
     if kind == "udpin":
-        family, address = _resolve(link, rest)
+        family, address = _first(_name(link, rest))
         return Udp(family, bind=address)
     if kind == "udpout":
-        family, address = _resolve(link, rest)
+        family, address = _first(_name(link, rest))
         return Udp(family, peer=address)
     if kind == "tcp":
-        _resolve(link, rest)
-        return Stream(link, lambda: Tcp(*_resolve(link, rest)))
+        name = _name(link, rest)
+        _first(name)
+        return Stream(link, lambda: Tcp(*name.now()))
     raise LinkError(f'"{link}" is not a link: write it as {EXAMPLES}')
 
 
-def _resolve(link: str, rest: str) -> tuple[int, Any]:
+def _name(link: str, rest: str) -> Name:
     host, _, port = rest.rpartition(":")
     if not host or not port.isascii() or not port.isdigit() or int(port) > 0xFFFF:
         raise LinkError(f'"{link}" is not a link: write it as {EXAMPLES}')
+    return Name(host.strip("[]"), int(port))
+
+
+def _first(name: Name) -> Address:
     try:
-        found = socket.getaddrinfo(host.strip("[]"), int(port))[0]
+        return name.first()
+    except BlockingIOError as error:
+        raise LinkError(f"{error.strerror}. Is there a network? Else give the address as a number") from error
     except (OSError, ValueError) as error:
-        raise LinkError(f"{host}: {error}. Is the name right?") from error
-    return int(found[0]), found[4]
+        raise LinkError(f"{name.host}: {error}. Is the name right?") from error
 
 
 def _open_serial(link: str, rest: str) -> Connection:

@@ -133,7 +133,7 @@ class Runner:
         self._connection.write(frame)
 
     def _accepts(self, signing: Signing, message: mavlink.MAVLink_message) -> bool:
-        return message.get_msgId() >= 0 and signing.accepts(message)
+        return message.get_msgId() >= 0 and signing.accepts(message, self)
 
     def _forget_parsed(self) -> None:
         """Drop parsed bytes: pymavlink empties its buffer only when a stream pauses between frames."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,9 @@ class StoredTimestamps:
 
 
 MAX_PROBLEMS = 8
+RECENT = 512
+"""Accepted frames by whose signature a copy that came over another link is known."""
+_SIGNATURE_BYTES = 13
 _RADIO = frozenset({"RADIO", "RADIO_STATUS"})
 _WHY = {
     wire.UNSIGNED: "is not signed, and ignored: load the key into it",
@@ -72,16 +76,25 @@ class Signing:
         self._link = link
         self._wall = wall
         self._timestamps = Timestamps() if kept is None else kept.file.timestamps
+        self.doubled = 0
+        """Frames that came again over another link."""
+        self._recent: deque[tuple[bytes, object]] = deque(maxlen=RECENT)
         self._own: Stream | None = None
         self._reported: set[tuple[str, str]] = set()
         self._problems: list[str] = []
 
-    def accepts(self, message: Any) -> bool:
-        """Return whether a decoded message is signed with our key and is not a replay."""
+    def accepts(self, message: Any, link: object = None) -> bool:
+        """Return whether a decoded message is signed with our key and is not a replay.
+
+        link: over which it came; a copy that comes over another one is dropped without a report.
+        """
         frame = bytes(message.get_msgbuf())
         reason = wire.refusal(frame, self._key, self._timestamps, self._clock())
         if not reason:
+            self._recent.append((frame[-_SIGNATURE_BYTES:], link))
             self._keep(wire.stream_of(frame))
+        elif reason == wire.REPLAY and self._came_elsewhere(frame[-_SIGNATURE_BYTES:], link):
+            self.doubled += 1
         elif not self._is_expected(reason, frame, message):
             self._report_ignored(reason, f"{message.get_srcSystem()}/{message.get_srcComponent()}")
         return not reason
@@ -119,6 +132,9 @@ class Signing:
     def _keep(self, stream: Stream) -> None:
         if self._kept is not None:
             self._kept.file.keep(stream)
+
+    def _came_elsewhere(self, signature: bytes, link: object) -> bool:
+        return any(one == signature and where is not link for one, where in self._recent)
 
     def _is_expected(self, reason: str, frame: bytes, message: Any) -> bool:
         """Return whether no report is needed: radios have no key, and routers echo our own frames."""

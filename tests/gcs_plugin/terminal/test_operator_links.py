@@ -10,11 +10,13 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from companion.wire import devices
 from gcs_plugin.terminal import connection as streams
+from gcs_plugin.terminal import lookup
 from gcs_plugin.terminal.connection import Connection, LinkError, Udp, open_connection
 from tests.waiting import wait_for
 
@@ -221,6 +223,40 @@ def test_a_port_that_is_taken_is_said(opened: Callable[[str], Connection]) -> No
     ground = opened("udpin:127.0.0.1:0")
     with pytest.raises(LinkError, match="Is the port taken"):
         open_connection(ground.name)
+
+
+def test_a_name_server_that_does_not_answer_blocks_nothing_but_the_link(
+    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(streams, "REOPEN_S", 0.02)
+    monkeypatch.setattr(lookup, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(lookup, "SILENT_S", 0.05)
+    answers, asked = threading.Event(), []
+
+    def looked_up(host: str, port: int, flags: int = 0) -> Any:
+        if flags:
+            raise socket.gaierror("a name")
+        asked.append(host)
+        assert answers.wait(DEADLINE_S)
+        return [(socket.AF_INET, None, None, "", ("127.0.0.1", port))]
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = f"tcp:ground.example:{server.getsockname()[1]}"
+        monkeypatch.setattr(socket, "getaddrinfo", looked_up)
+        with pytest.raises(LinkError, match="no name server says who ground"):
+            open_connection(link)
+        answers.set()
+        connection = opened(link)
+        wait_for(lambda: connection.read() == b"" and connection.fileno() is not None, DEADLINE_S)
+        answers.clear()
+        server.accept()[0].close()
+        before = len(asked)
+        wait_for(lambda: connection.read() == b"" and "no name server" in connection.trouble, DEADLINE_S)
+        for _ in range(50):
+            connection.read()
+        assert len(asked) == before + 1, "one lookup at a time"
+        answers.set()
+        wait_for(lambda: connection.read() == b"" and connection.fileno() is not None, DEADLINE_S)
 
 
 def test_a_host_that_cannot_be_is_said() -> None:

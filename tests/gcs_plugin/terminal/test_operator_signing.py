@@ -94,6 +94,17 @@ def test_what_is_not_believed_is_not_shown_and_said_once(what: str, said: str) -
     assert bench.signing.problems() == []
 
 
+def test_what_several_links_carry_counts_as_doubled_and_not_as_a_replay() -> None:
+    bench = Bench()
+    other = Bench(signing=bench.signing)
+    for frame in [bench.heartbeat() for _ in range(3)]:
+        assert bench.hear(frame) == 1
+        assert other.hear(frame) == 0
+    assert (bench.signing.doubled, bench.signing.problems()) == (3, [])
+    bench.hear(frame)
+    assert "repeats itself" in bench.signing.problems()[0], "it came twice over one link"
+
+
 def test_a_replayed_frame_is_not_shown() -> None:
     bench = Bench()
     frame = bench.heartbeat()

@@ -34,7 +34,7 @@ from gcs_plugin.client.fetch import Fetch
 from gcs_plugin.client.listing import Listing
 from gcs_plugin.client.outbox import Outbox
 from gcs_plugin.client.rovers import Rover
-from gcs_plugin.client.vehicle import read_vehicle
+from gcs_plugin.client.vehicle import read_position, read_vehicle
 
 MAX_ROVERS = 16
 MAX_EVENTS = 1024
@@ -90,6 +90,8 @@ class OperatorClient:
                 self._events.extend(rover.handle_vehicle(vehicle))
             elif kind == "STATUSTEXT":
                 self._events.extend(rover.handle_vehicle_text(message.severity, message.text, now))
+            elif kind == "GLOBAL_POSITION_INT":
+                rover.position = read_position(message.lat, message.lon, message.hdg) or rover.position
             return
         frame = bytes(message.get_msgbuf() or b"")
         rover.counters.bytes += len(frame)

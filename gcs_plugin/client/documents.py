@@ -24,7 +24,7 @@ LONGEST = 300
 """Characters of a text."""
 MOST_ROWS = 64
 """Answers of a call, and checks."""
-_PICTURE = re.compile(r"/(calls|scenes)/[0-9a-f]{1,16}(-large)?\.jpg", re.ASCII)
+_PICTURE = re.compile(r"/(calls|scenes)/[0-9a-f]{1,16}(-large|-raw)?\.jpg", re.ASCII)
 _REASONS = {"unknown_scene": 1, "unknown_object": 2, "blocked": 4, "fault": 8}
 
 
@@ -40,6 +40,19 @@ class KnownPlace:
     similarity: float | None
     needed: float | None
     changed: Mapping[str, tuple[float | None, float | None]]
+    picture: str
+
+
+@dataclass(frozen=True)
+class NearestScene:
+    """The answered scene most like a call's. call_id: of the call that taught it, None: of another rover.
+
+    words: weight by word, of those that came with that answer. picture: its path, "" for none.
+    """
+
+    call_id: int | None
+    similarity: float
+    words: Mapping[str, float]
     picture: str
 
 
@@ -82,7 +95,7 @@ class GivenAnswer:
 
 @dataclass(frozen=True)
 class CallRecord:
-    """A call as its rover recorded it. outcome: "" while it is open. picture, large: paths, "" for none."""
+    """A call as its rover recorded it. outcome: "" while it is open. picture, raw, large: paths, or ""."""
 
     id: int
     reasons: Reasons
@@ -96,7 +109,9 @@ class CallRecord:
     outcome: str
     closed: float | None
     answers: tuple[GivenAnswer, ...]
+    nearest: NearestScene | None
     picture: str
+    raw: str
     large: str
 
 
@@ -153,7 +168,9 @@ def read_record(content: bytes) -> CallRecord:
         outcome=_text(told.get("outcome")),
         closed=_number(told.get("closed"), 0, 1e11),
         answers=tuple(map(_answer, _list(told.get("answers"))[-MOST_ROWS:])),
+        nearest=_nearest(_mapping(told.get("nearest"))),
         picture=_picture(told.get("picture")),
+        raw=_picture(told.get("raw")),
         large=_picture(told.get("large")),
     )
 
@@ -221,6 +238,14 @@ def _known_place(raw: Any) -> KnownPlace | None:
         changed,
         _picture(raw.get("picture")),
     )
+
+
+def _nearest(told: Mapping[str, Any]) -> NearestScene | None:
+    number, similarity = _number(told.get("call"), 1, 0xFFFF), _number(told.get("similarity"), -1, 1)
+    if similarity is None:
+        return None
+    call_id = None if number is None else int(number)
+    return NearestScene(call_id, similarity, _weights(told.get("words")), _picture(told.get("picture")))
 
 
 def _answer(raw: Any) -> GivenAnswer:

@@ -27,7 +27,7 @@ from companion.wire.ids import (
 from companion.wire.parameters import WORD_PREFIX
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.vehicle import Vehicle
+from gcs_plugin.client.vehicle import Position, Vehicle
 
 FRESH_S = 3.0
 """The companion is alive while its last heartbeat is younger than this."""
@@ -112,6 +112,7 @@ class Rover:
         self.signs = False
         """Whether its companion signs; then it also ignores messages that are not signed."""
         self.vehicle: Vehicle | None = None
+        self.position: Position | None = None
         self.summary: Summary | None = None
         self.computer: Computer | None = None
         self.calls: dict[int, Call] = {}

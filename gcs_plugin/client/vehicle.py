@@ -41,6 +41,22 @@ class Vehicle:
         return f"{self.mode} {'armed' if self.armed else 'disarmed'}"
 
 
+@dataclass(frozen=True)
+class Position:
+    """Where the vehicle is: degrees. heading: clockwise from north, None where it is not known."""
+
+    latitude: float
+    longitude: float
+    heading: float | None
+
+
+def read_position(latitude: int, longitude: int, heading: int) -> Position | None:
+    """Read the fields of GLOBAL_POSITION_INT; None for what is none, and for 0, 0, which means no fix."""
+    if not (abs(latitude) <= 900_000_000 and abs(longitude) <= 1_800_000_000 and (latitude or longitude)):
+        return None
+    return Position(latitude / 1e7, longitude / 1e7, heading / 100.0 if heading < 36_000 else None)
+
+
 def mode_name(autopilot: int, custom_mode: int) -> str:
     """Return the name of `custom_mode` of an ArduPilot rover or a PX4 vehicle."""
     if autopilot == ARDUPILOT:

@@ -12,11 +12,11 @@ from companion.wire.answers import ForgetCall, ForgetWord, Operation, SetWord, T
 from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Outcome, Reasons, Result, Stage
 from companion.wire.texts import name
 from gcs_plugin.client.delivery import Pending, Status
-from gcs_plugin.client.documents import CallRecord
+from gcs_plugin.client.documents import CallRecord, GivenAnswer
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console import wording as own_wording
 from gcs_plugin.terminal import wording
-from gcs_plugin.terminal.output import STATUS_TEXTS, plain
+from gcs_plugin.terminal.output import plain
 from gcs_plugin.terminal.pictures import jpeg_size
 
 SHOWN = 24
@@ -43,11 +43,17 @@ class Answered:
         ack = self.pending.acknowledgement
         return ack is not None and ack.result in CHANGING_RESULTS
 
+    @property
+    def taught(self) -> bool:
+        """Whether the rover learnt something from it: words, or that it may go."""
+        return self.applied and (bool(self.pending.operations) or self.pending.motion is Motion.GO)
+
 
 @dataclass
 class Story:
     """One call or hold. serial: as of `Call`; 0 for one that only its record tells of. opened: seconds since
-    1970. pictures: JPEG by "small" and "large". revision: rises when a picture is replaced.
+    1970. pictures: JPEG by "small", "raw", "large" and "nearest". revision: rises when a picture is replaced.
+    record: as it was read last; reads: how often it was asked for.
     """
 
     id: int
@@ -58,9 +64,16 @@ class Story:
     answers: list[Answered] = field(default_factory=list)
     said: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=MOST_SAID))
     record: CallRecord | None = None
+    reads: int = 0
     undone: Pending | None = None
     closed_at: float | None = None
     driven_on: bool = False
+
+    @property
+    def first_given(self) -> GivenAnswer | None:
+        """The first answer of its record that changed something, None without one."""
+        given = self.record.answers if self.record is not None else ()
+        return next((one for one in given if one.result in _APPLIED), None)
 
     def keep(self, size: str, content: bytes) -> None:
         """Keep a picture, if it is one."""
@@ -139,7 +152,7 @@ class Stories:
     def undo(self, number: int) -> tuple[Operation, ...]:
         """Return what takes back the answers to a call: its scene is forgotten, its words are as before."""
         story = self.by_id.get(number)
-        applied = [one for one in story.answers if one.applied] if story is not None else []
+        applied = [one for one in story.answers if one.taught] if story is not None else []
         if not applied:
             return ()
         before = applied[0].words
@@ -159,10 +172,49 @@ class Stories:
         drives = vehicle is not None and vehicle.armed and vehicle.mode in _DRIVES
         return went and drives and not call.data.holding and call.data.stage is Stage.CLOSED
 
-    def documents(self, rover: Rover, now: float, ids: tuple[int, int] | None) -> list[dict[str, Any]]:
-        """Return all calls for the page, the open ones first, then the newest."""
+    def documents(
+        self, rover: Rover, now: float, ids: tuple[int, int] | None, alike: float | None
+    ) -> list[dict[str, Any]]:
+        """Return all calls for the page, the open ones first, then the newest.
+
+        alike: the similarity from which two scenes count as one.
+        """
         ordered = sorted(self.by_id.values(), key=lambda one: (_is_open(rover.calls.get(one.id)), one.opened))
-        return [self._document(story, rover.calls.get(story.id), now, ids) for story in reversed(ordered)]
+        return [
+            self._document(story, rover.calls.get(story.id), now, ids)
+            | {"nearest": self._nearest(story, alike)}
+            for story in reversed(ordered)
+        ]
+
+    def _nearest(self, story: Story, alike: float | None) -> dict[str, Any] | None:
+        """Return what was answered in the scene most like a call's."""
+        found = story.record.nearest if story.record is not None else None
+        if found is None:
+            return None
+        there = self.by_id.get(found.call_id or 0)
+        said, motion = "the answer was", ""
+        if there is not None:
+            own = [one.pending.motion for one in there.answers if one.applied]
+            given = [one.motion for one in there.record.answers] if there.record is not None else []
+            said = "you said" if own else said
+            told = [plain(one) for one in own] or given
+            motion = next((one.replace("_", " ") for one in reversed(told) if one not in ("none", "")), "")
+        picture = self._url(story, "nearest")
+        if not picture and there is not None:
+            picture = self._url(there, "small")
+        return {
+            "call": found.call_id,
+            "similarity": round(found.similarity, 2),
+            "words": [[word, weight] for word, weight in found.words.items()],
+            "alike": alike is None or found.similarity >= alike,
+            "text": own_wording.nearest(found, said, motion, alike),
+            "picture": picture,
+        }
+
+    def _url(self, story: Story, size: str) -> str:
+        if size not in story.pictures:
+            return ""
+        return f"/pictures/{self._system}/{story.id}/{size}.jpg?v={story.serial}.{story.revision}"
 
     def _document(
         self, story: Story, call: Call | None, now: float, ids: tuple[int, int] | None
@@ -172,23 +224,18 @@ class Stories:
             "key": f"{story.id}-{story.serial}",
             "opened": round(story.opened, 2),
             "closed": story.closed_at and round(story.closed_at, 2),
-            "pictures": {
-                size: f"/pictures/{self._system}/{story.id}/{size}.jpg?v={story.serial}.{story.revision}"
-                for size in story.pictures
-            },
+            "pictures": {size: self._url(story, size) for size in story.pictures},
             "size": _frame_size(story),
             "answers": [_answer(one) for one in story.answers],
             "said": [{"at": round(at, 2), "text": text} for at, text in story.said],
             "undo": bool(self.undo(story.id)) and story.undone is None,
-            "undone": None if story.undone is None else _status(story.undone),
+            "undone": None if story.undone is None else own_wording.status(story.undone),
         }
         if call is None:
             return shown | _recorded(story)
         data = call.data
         others = self.others_were_first(call)
-        first = None
-        if others and story.record is not None:
-            first = next((one for one in story.record.answers if one.result in _APPLIED), None)
+        first = story.first_given
         return shown | {
             "name": name(data.kind, data.id),
             "kind": plain(data.kind),
@@ -247,13 +294,6 @@ def _frame_size(story: Story) -> list[int] | None:
     return None if size is None else list(size)
 
 
-def _status(pending: Pending) -> str:
-    ack = pending.acknowledgement
-    if ack is not None and pending.status is Status.ACKNOWLEDGED:
-        return wording.result(ack)
-    return STATUS_TEXTS[pending.status]
-
-
 def _answer(one: Answered) -> dict[str, Any]:
     pending = one.pending
     ack = pending.acknowledgement
@@ -261,7 +301,7 @@ def _answer(one: Answered) -> dict[str, Any]:
     return {
         "at": round(one.at, 2),
         "said": own_wording.answer(pending.motion, pending.operations),
-        "text": _status(pending),
+        "text": own_wording.status(pending),
         "tone": "wait" if not pending.settled else "good" if settled in _WELL else "bad",
         "settled": pending.settled,
     }

@@ -82,7 +82,7 @@ class Console:
         desk = self.desks.get(system)
         if desk is None:
             return None
-        calls = {one["id"]: one for one in desk.stories.documents(desk.rover, now, self.client.ids)}
+        calls = {one["id"]: one for one in desk.calls(now, self.client.ids)}
         chosen = list(dict.fromkeys(numbers)) or list(calls)
         if not chosen or not set(chosen) <= set(calls):
             return None

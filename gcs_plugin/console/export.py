@@ -21,7 +21,14 @@ _EARLIEST = 315_532_800
 """1980 in seconds since 1970: a zip knows no earlier time."""
 _LATEST = 253_402_300_799
 """The end of the year 9999 in seconds since 1970."""
-_SIZES = {"small": "What it saw", "large": "How it judged that"}
+_SIZES = {
+    "small": "What it saw, as a radio carries it",
+    "raw": "What it saw",
+    "large": "How it judged that",
+    "nearest": "The answered scene most like it",
+}
+_MARKED = ("small", "raw")
+"""Pictures in which the page marks the place meant. The large one has bars, and its own marks."""
 _ONLY_HERE = frozenset({"pictures", "size", "since", "key", "large", "small_problem", "undo", "todo"})
 _STYLE = """
 body { font: 1rem/1.45 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
@@ -40,7 +47,7 @@ time { color: #57606a; font-variant-numeric: tabular-nums; }
 
 @dataclass(frozen=True)
 class Exhibit:
-    """A call to pack. shown: what the page shows of it. pictures: JPEG by "small" and "large"."""
+    """A call to pack. shown: what the page shows of it. pictures: JPEG by the names of `_SIZES`."""
 
     shown: Mapping[str, Any]
     pictures: Mapping[str, bytes]
@@ -110,6 +117,7 @@ def _section(shown: Mapping[str, Any], pictures: Mapping[str, bytes], left_out: 
         f"<section><h2>{kind} {_text(shown.get('name'))}: {_text(state)}</h2>",
         _line(shown.get("reason")),
         _line(shown.get("figures"), faint=True),
+        _line((shown.get("nearest") or {}).get("text")),
         f'<p class="faint">Opened {_time(shown.get("opened"))}{_closed(shown)}.</p>',
         _line(_place(shown.get("place")), faint=True),
         f'<div class="shots">{shots}</div>' if shots else "",
@@ -122,7 +130,7 @@ def _section(shown: Mapping[str, Any], pictures: Mapping[str, bytes], left_out: 
 
 def _figure(size: str, jpeg: bytes, box: Sequence[float] | None) -> str:
     mark = ""
-    if box and size == "small":  # the large one has bars and its own marks
+    if box and size in _MARKED:
         left, top, right, bottom = (100 * float(side) for side in box)
         mark = (
             '<svg viewBox="0 0 100 100" preserveAspectRatio="none"><rect '

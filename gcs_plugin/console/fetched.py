@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from companion.wire.ids import Stage, newest_first, words_hash
+from companion.wire.ids import Kind, Stage, newest_first, words_hash
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.documents import Check, KnownPlace, StateFile, read_checks, read_record, read_state
 from gcs_plugin.client.rovers import Call, Rover
@@ -17,14 +17,16 @@ from gcs_plugin.terminal.pictures import jpeg_size
 
 STATE_AGAIN_S, STATE_LONGEST_S = 5.0, 80.0
 """Seconds between two readings of /state.json: twice as long each time that it left something untold."""
-QUICK = 3000.0
-"""Bytes a second from which a large picture is fetched without being asked for."""
-LARGE_BYTES = 65_000
-"""About what a large picture has."""
+QUICK_FOR_RAW, QUICK_FOR_LARGE = 1000.0, 3000.0
+"""Bytes a second from which the plain frame and the judged one are fetched without being asked for."""
+LARGE_BYTES = 50_000
+"""About what the judged frame has; the plain one has 16,000."""
 STATE_PATH, CHECK_PATH, CALLS_PATH = "/state.json", "/check.json", "/calls/"
 EARLIER = 8
 """Calls before this console began that are fetched."""
 MOST_NAMED = 24
+MOST_READS = 4
+"""How often a call's record is asked for."""
 _RECORD = re.compile(r"([0-9]{1,5})\.json", re.ASCII)
 _NAMED = re.compile(r"(?:tap )?([^:;]{1,48}): (-?[01](?:\.[0-9]{1,4})?)(?: .*)?")
 
@@ -83,15 +85,20 @@ class Fetched:
         story = self._stories.by_id.get(call.data.id)
         if story is None:
             return
-        if call.open and call.data.picture and "small" in story.pictures and self._is_quick():
-            self._want_large(story)
-        if story.record is None and self._stories.others_were_first(call):
+        if self._needs_record(story, call):
             self._want_record(story)
+        pictured = call.open and call.data.picture and "small" in story.pictures
+        if pictured and not self.files.waits(_record_path(story.id)):
+            if self._carries(QUICK_FOR_RAW):
+                self._want_raw(story, call)
+            if self._carries(QUICK_FOR_LARGE):
+                self._want_large(story)
 
     def _want_small(self, story: Story, rover: Rover) -> None:
         call = rover.calls.get(story.id)
         if call is not None and call.data.picture:
             self.files.put_back(Rank.CALL_PICTURE)
+            self.files.put_back(Rank.LARGE_PICTURE)
             self.files.want(call.data.picture, Rank.CALL_PICTURE, lambda jpeg: story.keep("small", jpeg))
 
     def _want_large(self, story: Story) -> None:
@@ -99,16 +106,41 @@ class Fetched:
         if "large" not in story.pictures and path not in self.files.problems:
             self.files.want(path, Rank.LARGE_PICTURE, lambda jpeg: story.keep("large", jpeg))
 
+    def _want_raw(self, story: Story, call: Call) -> None:
+        """Fetch the frame without marks, where there is one. A hold has no record that could tell."""
+        path = f"/calls/{story.id}-raw.jpg" if call.data.kind is Kind.HOLD else ""
+        if story.record is not None:
+            path = story.record.raw
+        if path and "raw" not in story.pictures and path not in self.files.problems:
+            self.files.want(path, Rank.LARGE_PICTURE, lambda jpeg: story.keep("raw", jpeg))
+
+    def _needs_record(self, story: Story, call: Call) -> bool:
+        """Whether a call's record has something to tell: its pictures, and who was first."""
+        pictured = "small" in story.pictures
+        if story.record is None:
+            failed = not call.data.picture or _small_path(story.id) in self.files.problems
+            wanted = call.open and call.data.kind is Kind.CALL and not call.data.test and (pictured or failed)
+            return wanted or self._stories.others_were_first(call)
+        if story.first_given is None and self._stories.others_were_first(call):
+            return True
+        return call.open and pictured and not story.record.picture
+
     def _want_record(self, story: Story) -> None:
         def take(content: bytes) -> None:
-            story.record = read_record(content)
+            story.record = record = read_record(content)
+            nearest = record.nearest
+            if nearest is not None and nearest.picture and "nearest" not in story.pictures:
+                there = self._stories.by_id.get(nearest.call_id or 0)
+                if there is None or "small" not in there.pictures:
+                    self.files.want(nearest.picture, Rank.RECORD, lambda jpeg: story.keep("nearest", jpeg))
 
-        path = f"/calls/{story.id}.json"
-        if path not in self.files.problems:
+        path = _record_path(story.id)
+        if story.reads < MOST_READS and not self.files.waits(path):
+            story.reads += 1
             self.files.want(path, Rank.RECORD, take)
 
-    def _is_quick(self) -> bool:
-        return (self.files.rate or 0.0) >= QUICK
+    def _carries(self, rate: float) -> bool:
+        return (self.files.rate or 0.0) >= rate
 
     def _want_state(self, rover: Rover, now: float) -> None:
         missing = rover.current_id and not _is_open(rover.calls.get(rover.current_id))
@@ -132,7 +164,7 @@ class Fetched:
         known = None if call is None else rover.calls.get(call.id)
         if call is not None and call.id == rover.current_id and not _is_open(known):
             rover.handle_call(call, asked_at)
-        if self._is_quick():
+        if self._carries(QUICK_FOR_LARGE):
             if not self.checked:
                 self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
             if self.earlier == "unknown":
@@ -163,7 +195,7 @@ class Fetched:
         numbers = newest_first([int(found[1]) for found in listed if found])
         for number in numbers[:EARLIER]:
             if number not in self._stories.by_id:
-                self.files.want(f"/calls/{number}.json", Rank.OLD, self._take_record)
+                self.files.want(_record_path(number), Rank.OLD, self._take_record)
 
     def _take_record(self, content: bytes) -> None:
         record = read_record(content)
@@ -196,7 +228,7 @@ class Fetched:
     def pictures_of(self, number: int) -> dict[str, Any]:
         """Return how the pictures of a call come: why not, progress, or how long the large one would take."""
         path = _large_path(number)
-        small = self.files.problems.get(f"/calls/{number}.jpg", "")
+        small = self.files.problems.get(_small_path(number), "")
         return {
             "small_problem": small and f"Its picture did not come: {small}.",
             "large": {
@@ -206,6 +238,14 @@ class Fetched:
                 "problem": self.files.problems.get(path, ""),
             },
         }
+
+
+def _record_path(number: int) -> str:
+    return f"/calls/{number}.json"
+
+
+def _small_path(number: int) -> str:
+    return f"/calls/{number}.jpg"
 
 
 def _large_path(number: int) -> str:

@@ -26,8 +26,8 @@ class Rank(IntEnum):
 
     CALL_PICTURE = 0
     STATE = 1
-    LARGE_PICTURE = 2
-    RECORD = 3
+    RECORD = 2
+    LARGE_PICTURE = 3
     CHECK = 4
     OLD = 5
 

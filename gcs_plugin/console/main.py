@@ -14,6 +14,7 @@ import time
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from anytraverse.release import own_version
 from companion.browser.listen import Listen, check_token, read_listen
@@ -21,6 +22,7 @@ from companion.wire.signing_key import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.links import Links
+from gcs_plugin.console.track import Background, read_background
 from gcs_plugin.terminal.connection import EXAMPLES, LinkError, open_connection
 from gcs_plugin.terminal.main import NOBODY, SILENT_S, UNSIGNED, identity, open_log
 from gcs_plugin.terminal.output import JsonOutput
@@ -40,11 +42,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _options(argv)
     try:
         listen, token = _listen(options)
-        if len(options.connect) > MOST_LINKS:
+        chosen = options.connect or [DEFAULT_LINK]
+        if len(chosen) > MOST_LINKS:
             raise OptionError(f"at most {MOST_LINKS} --connect")
+        background = None if options.background is None else _background(options.background)
         key = None if options.signing_key is None else read_key(options.signing_key)
         taken = listen.bind()
-        connections = [open_connection(link) for link in options.connect or [DEFAULT_LINK]]
+        connections = [open_connection(link) for link in chosen]
     except (LinkError, SigningKeyError, OptionError) as error:
         print(f"anytraverse-console: {error}", file=sys.stderr)
         return 2
@@ -80,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ).start()
     console = Console(client, None if log is None else JsonOutput(log, time.monotonic()))
     try:
-        asyncio.run(_run(taken, listen, token, options.origin, links, console))
+        asyncio.run(_run(taken, listen, token, options.origin, links, console, background))
     finally:
         links.close()
         if log is not None:
@@ -89,13 +93,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 async def _run(
-    taken: socket.socket, listen: Listen, token: str, origin: str, links: Links, console: Console
+    taken: socket.socket,
+    listen: Listen,
+    token: str,
+    origin: str,
+    links: Links,
+    console: Console,
+    background: Background | None,
 ) -> None:
     from companion.browser.access import Gate
     from companion.browser.site import Server
     from gcs_plugin.console.server import CYCLE, MOST_POSTED, Site
 
-    site = Site(console, [one.name for one in links.connections], _Problems(links, console).now)
+    problems = _Problems(links, console)
+
+    def about() -> dict[str, Any]:
+        names = [one.name for one in links.connections]
+        return {"links": names, "problems": problems.now(), "doubled": links.doubled}
+
+    site = Site(console, about, background)
     gate = Gate(
         site.app(),
         token=token,
@@ -167,6 +183,13 @@ def _listen(options: argparse.Namespace) -> tuple[Listen, str]:
     return listen, token
 
 
+def _background(text: str) -> Background:
+    try:
+        return read_background(text)
+    except ValueError as error:
+        raise OptionError(str(error)) from error
+
+
 def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="anytraverse-console", description=__doc__)
     parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
@@ -180,6 +203,11 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--host", default="127.0.0.1", help="where the page listens (default %(default)s)")
     parser.add_argument("--origin", default="", metavar="URL", help="how browsers elsewhere open it")
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="what a browser must know to see it")
+    parser.add_argument(
+        "--background",
+        metavar="FILE@NORTH,WEST,SOUTH,EAST",
+        help="PNG or JPEG to draw tracks on, with its upper left and lower right corner in degrees",
+    )
     parser.add_argument("--no-browser", action="store_true", help="do not open a browser")
     parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="write events to a file, for programs")
     parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")

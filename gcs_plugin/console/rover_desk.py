@@ -13,6 +13,7 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.console.calls import Stories
 from gcs_plugin.console.fetched import CALLS_PATH, Fetched
+from gcs_plugin.console.track import Track
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import ALARM, GOOD, TextOutput, plain
 
@@ -38,6 +39,7 @@ class RoverDesk:
         """How many entries the timeline ever had."""
         self.summaries = 0
         """How many points there ever were."""
+        self.track = Track()
         self._client = client
         self._output = TextOutput(io.StringIO(), colours=False)
 
@@ -61,7 +63,12 @@ class RoverDesk:
     def step(self, now: float, wall: float) -> bool:
         """Follow the rover's calls and files. Returns whether something changed."""
         rover = self.rover
-        return self.fetched.step(rover, self.stories.follow(rover, wall, now), now)
+        moved = rover.position is not None and self.track.follow(rover.position)
+        return self.fetched.step(rover, self.stories.follow(rover, wall, now), now) or moved
+
+    def calls(self, now: float, ids: tuple[int, int] | None) -> list[dict[str, Any]]:
+        """Return all calls for the page."""
+        return self.stories.documents(self.rover, now, ids, self._thresholds().get("scene"))
 
     def document(self, now: float, ids: tuple[int, int] | None) -> dict[str, Any]:
         """Return all that the page shows, but for points and timeline. Times are those of `now`."""
@@ -69,7 +76,7 @@ class RoverDesk:
         state = fetched.state
         counters, summary, computer = rover.counters, rover.summary, rover.computer
         heard = counters.summaries + counters.summaries_lost
-        calls = self.stories.documents(rover, now, ids)
+        calls = self.calls(now, ids)
         lost = fetched.earlier == "coming" and not fetched.files.waits(CALLS_PATH)
         return {
             "system": self.system,
@@ -80,6 +87,7 @@ class RoverDesk:
             "current": rover.current_id,
             "policy": "" if rover.policy is None else plain(rover.policy),
             "signs": rover.signs,
+            "position": None if rover.position is None else plain(rover.position),
             "vehicle": None if rover.vehicle is None else plain(rover.vehicle),
             "link": {
                 "bytes": counters.bytes,

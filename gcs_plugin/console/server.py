@@ -19,6 +19,7 @@ from companion.browser.site import EventStreams, as_json, event, static_routes
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.export import MOST_CALLS
 from gcs_plugin.console.requests import RequestError, read_request
+from gcs_plugin.console.track import Background
 
 MOST_POSTED = 16 << 10
 CYCLE = 0.02
@@ -28,16 +29,19 @@ _TELL_EVERY = 0.05
 _BEAT = 1.0
 _STATIC = Path(__file__).parent / "static"
 _EXPORT = re.compile(rf"(?:all|([0-9]{{1,5}}(?:,[0-9]{{1,5}}){{0,{MOST_CALLS - 1}}}))\.zip", re.ASCII)
-_PICTURE = re.compile(r"(small|large|place)\.jpg", re.ASCII)
+_PICTURE = re.compile(r"(small|raw|large|nearest|place)\.jpg", re.ASCII)
 
 
 class Site:
-    """Answers the page's requests. problems: returns what is wrong with the links."""
+    """Answers the page's requests."""
 
-    def __init__(self, console: Console, links: list[str], problems: Callable[[], list[str]]) -> None:
+    def __init__(
+        self, console: Console, about: Callable[[], dict[str, Any]], background: Background | None = None
+    ) -> None:
+        """about: returns "links", their "problems", and "doubled", how many messages two links brought."""
         self._console = console
-        self._links = links
-        self._problems = problems
+        self._tell_about = about
+        self._background = background
         self._streams = EventStreams()
 
     def app(self) -> Starlette:
@@ -48,7 +52,7 @@ class Site:
         ]
         pictures = Route("/pictures/{system:int}/{call:int}/{name}", self._picture)
         export = Route("/export/{system:int}/{name}", self._export)
-        gets = [Route("/events", self._events), pictures, export]
+        gets = [Route("/events", self._events), Route("/background", self._show_background), pictures, export]
         return Starlette(routes=[*gets, *posts, *static_routes(_STATIC)])
 
     def _post(self, kind: str) -> Callable[[Request], Any]:
@@ -85,6 +89,11 @@ class Site:
         saved_as = f'attachment; filename="rover-{system}-{which}.zip"'
         return Response(packed, media_type="application/zip", headers={"content-disposition": saved_as})
 
+    async def _show_background(self, _: Request) -> Response:
+        if self._background is None:
+            return PlainTextResponse("there is no such picture\n", 404)
+        return Response(self._background.content, media_type=self._background.kind)
+
     async def _events(self, request: Request) -> Response:
         return self._streams.answer(request, self._news)
 
@@ -97,7 +106,8 @@ class Site:
             await self._more(told)
 
     def _about(self) -> dict[str, Any]:
-        return {"version": own_version(), "links": self._links, "problems": self._problems()}
+        corners = None if self._background is None else self._background.corners
+        return {"version": own_version(), "background": corners, **self._tell_about()}
 
     async def _more(self, told: _Told) -> None:
         """Wait until there is something new, a beat at most."""
@@ -114,6 +124,7 @@ class _Told:
         self.revision = -1
         self._points: dict[int, int] = {}
         self._entries: dict[int, int] = {}
+        self._tracks: dict[int, int] = {}
 
     def news(self, console: Console, about: dict[str, Any]) -> list[bytes]:
         self.revision = console.revision
@@ -125,6 +136,9 @@ class _Told:
             added = desk.entries - self._entries.get(system, 0)
             if added:
                 found.append(event("timeline", {"system": system, "entries": list(desk.timeline)[-added:]}))
+            if desk.track.revision != self._tracks.get(system, 0):
+                found.append(event("track", {"system": system, "points": desk.track.points}))
             self._points[system], self._entries[system] = desk.summaries, desk.entries
+            self._tracks[system] = desk.track.revision
         found.append(event("news", {**about, "rovers": console.documents(time.monotonic())}))
         return found

@@ -6,8 +6,10 @@ from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation
 from companion.wire.ids import Kind, Motion, Reasons, Stage
 from companion.wire.payloads import CallData
 from companion.wire.texts import percent
-from gcs_plugin.client.documents import GivenAnswer
-from gcs_plugin.terminal.wording import clean, where
+from gcs_plugin.client.delivery import Pending, Status
+from gcs_plugin.client.documents import GivenAnswer, NearestScene
+from gcs_plugin.terminal.output import STATUS_TEXTS
+from gcs_plugin.terminal.wording import clean, result, where
 
 _MOTIONS = {Motion.GO: "go", Motion.STAY: "stay", Motion.LOOK_AGAIN: "look again"}
 
@@ -84,6 +86,14 @@ def answer(motion: Motion, operations: tuple[Operation, ...]) -> str:
     return ", ".join([*map(_operation, operations), *([_MOTIONS[motion]] if motion in _MOTIONS else [])])
 
 
+def status(pending: Pending) -> str:
+    """Say what became of an answer that was sent from here."""
+    ack = pending.acknowledgement
+    if ack is not None and pending.status is Status.ACKNOWLEDGED:
+        return result(ack)
+    return STATUS_TEXTS[pending.status]
+
+
 def _operation(operation: Operation) -> str:
     match operation:
         case SetWord(word, weight) | TapBox(_, _, word, weight):
@@ -96,6 +106,20 @@ def _operation(operation: Operation) -> str:
             return "new episode"
         case OtherPlace():
             return "another place"
+
+
+def nearest(found: NearestScene, said: str, motion: str, alike: float | None) -> str:
+    """Say which answered scene a call's is most like, and what the answer was.
+
+    said: who answered, for a person. motion: of that answer, "" where it is not known. alike: the similarity
+    from which two scenes count as one.
+    """
+    words = ", ".join(f"{word} {weight:g}" for word, weight in found.words.items())
+    answer_ = ", ".join(filter(None, (words, motion))) or "go"
+    where_ = f"call C{found.call_id}" if found.call_id else "a place that another rover learnt"
+    far = alike is not None and found.similarity < alike
+    most = "Not much like any place that was answered; nearest is" if far else "Most like"
+    return clean(f"{most} {where_} ({found.similarity:.2f}): {said} {answer_}.")
 
 
 def first_answer(given: GivenAnswer, own: tuple[int, int] | None) -> str:

@@ -1,7 +1,7 @@
 // One call: its pictures, why, what can be answered, and what became of the answers.
 
 import { changed, element, showText } from "./elements.js";
-import { labels, weightText } from "./model.js";
+import { fitting, labels, weightText } from "./model.js";
 import { Picture } from "./picture.js";
 import { duration, clock } from "./wording.js";
 
@@ -10,14 +10,15 @@ let numbered = 0;
 
 export class CallCard {
   // send: posts, and returns a promise of "" or of what is wrong. staged: words set by sliders for this answer.
-  constructor(system, send, say, staged, time) {
+  // chosen: called when it was put into the report, or taken out.
+  constructor(system, send, say, staged, time, chosen) {
     Object.assign(this, { system, post: send, say, staged });
     this.id = `call${++numbered}`;
     this.shownAt = time;
     this.replaces = false;
     this.own = null;
     this.data = null;
-    this.title = element("h3", { id: this.id });
+    this.title = element("h3", { id: this.id, tabIndex: -1 });
     this.reason = element("p", { className: "reason" });
     this.stands = element("p", { className: "stands" });
     this.figures = element("p", { className: "faint" });
@@ -30,12 +31,15 @@ export class CallCard {
     this.first = element("p", { className: "first" });
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
     this.save = element("a", { className: "save", download: "" });
+    this.chosen = element("input", { type: "checkbox", onchange: () => chosen() });
+    this.choice = element("label", { className: "choice" }, this.chosen, "in the report");
     this.problem = element("p", { className: "problem", role: "alert" });
+    this.near = element("div", { className: "near" });
     this.part = element("section", { className: "call", "aria-labelledby": this.id },
       element("header", {}, this.title, this.stands, this.reason),
       element("div", { className: "shots" }, this.raw.part, this.judged.part),
       element("div", { className: "under" }, legend(), this.more),
-      element("div", { className: "ask" }, this.figures, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo, this.save));
+      element("div", { className: "ask" }, this.figures, this.near, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo, element("div", { className: "keep" }, this.save, this.choice)));
   }
 
   form() {
@@ -80,13 +84,15 @@ export class CallCard {
     const marks = { roi: data.roi, box: data.box, own: this.own, open: data.open && !data.test, size: data.size };
     const large = data.large;
     const progress = large.progress ? `${Math.round(large.progress[0] / 1000)}${large.progress[1] ? ` of ${Math.round(large.progress[1] / 1000)}` : ""} kB` : "";
-    this.raw.show({ ...marks, url: data.pictures.small ?? "", note: data.small_problem || (data.open ? "Its picture is on its way." : "No picture is here."), alt: `What the rover saw at ${data.name}${data.box ? ", with the place meant in yellow" : ""}` });
-    this.judged.show({ ...marks, url: data.pictures.large ?? "", alt: `The same with the judgement: drivable, not drivable and unknown ground`,
+    const shot = data.pictures.raw ?? data.pictures.small ?? "";
+    this.raw.show({ ...marks, url: shot, plain: Boolean(data.pictures.raw), note: data.small_problem || (data.open ? "Its picture is on its way." : "No picture is here."), alt: `What the rover saw at ${data.name}${data.box ? ", with the place meant in yellow" : ""}` });
+    this.judged.show({ ...marks, url: data.pictures.large ?? "", under: data.pictures.large && data.pictures.raw, alt: `The same with the judgement: drivable, not drivable and unknown ground`,
       note: large.waits ? `On its way${progress ? `: ${progress}` : "."}` : large.problem ? `It did not come: ${large.problem}.` : "" });
     this.judged.part.hidden = !data.pictures.large && !large.waits;
     this.more.hidden = Boolean(data.pictures.large) || large.waits || !data.pictures.small;
     showText(this.more, `Show how it judged that${large.seconds === null ? "" : ` (about ${duration(large.seconds)} on this link)`}${large.problem ? `. It did not come: ${large.problem}` : ""}`);
     this.entry.hidden = !data.open;
+    this.showNearest(data);
     this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
     this.showNames(rover);
     this.refresh();
@@ -112,6 +118,22 @@ export class CallCard {
     changed(this.options, names, (list) => list.replaceChildren(...names.map(([word]) => element("option", { value: word }))));
     changed(this.chips, names.slice(0, 10), (part) => part.replaceChildren(...names.slice(0, 10).map(([word, weight]) =>
       element("button", { type: "button", className: "chip", onclick: () => this.choose(word, weight) }, word))));
+  }
+
+  // What was answered in the scene most like this one.
+  showNearest({ nearest, open, test, box }) {
+    this.near.hidden = !nearest;
+    const fits = nearest?.alike && open && !test && fitting(nearest.words, box);
+    changed(this.near, [nearest, fits], (part) => nearest && part.replaceChildren(
+      nearest.picture ? element("img", { src: nearest.picture, alt: nearest.call ? `What it saw at C${nearest.call}` : "That place" }) : "",
+      element("div", {}, element("p", {}, nearest.text),
+        fits ? element("button", { type: "button", className: "plain", onclick: () => this.takeOver(nearest.words) }, "Say the same") : "")));
+  }
+
+  // The first word is the thing's name; the others go with the answer.
+  takeOver([[word, weight], ...others]) {
+    for (const [other, its] of others) this.staged.changes.set(other, its);
+    this.choose(word, weight);
   }
 
   choose(word, weight) {
@@ -161,6 +183,11 @@ export class CallCard {
 
   name() {
     this.word.focus();
+  }
+
+  look() {
+    this.part.scrollIntoView({ block: "nearest" });
+    this.title.focus({ preventScroll: true });
   }
 
   aim() {

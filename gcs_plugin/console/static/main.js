@@ -10,6 +10,7 @@ const now = () => performance.now() / 1000;
 const rovers = new Map(); // system -> RoverView
 const points = new Map();
 const entries = new Map();
+const tracks = new Map();
 const alarm = new Alarm(document.getElementById("alarm"));
 let news = null;
 let connection = "";
@@ -58,7 +59,7 @@ function show() {
   arrange(main, shown.map((one) => view(one.system).part), 1);
   main.classList.toggle("several", shown.length > 1);
   for (const one of shown) {
-    view(one.system).show(one, { points: points.get(one.system) ?? [], entries: entries.get(one.system) ?? [], time, several: shown.length > 1 });
+    view(one.system).show(one, { points: points.get(one.system) ?? [], entries: entries.get(one.system) ?? [], track: tracks.get(one.system) ?? [], corners: news.background, time, several: shown.length > 1 });
   }
   const top = model.summary(shown, connection, time);
   document.getElementById("top").dataset.tone = top.tone;
@@ -68,7 +69,7 @@ function show() {
   const problems = stale ? [connection] : news?.problems ?? [];
   const list = document.getElementById("problems");
   if (list.textContent !== problems.join("")) list.replaceChildren(...problems.map((text) => element("li", {}, text)));
-  if (news) showText("about", `AnyTraverse companion ${news.version}. Listening on ${news.links.join(", ")}.`);
+  if (news) showText("about", `AnyTraverse companion ${news.version}. Listening on ${news.links.join(", ")}.${news.doubled ? ` ${news.doubled} signed messages came over two links, and counted once.` : ""}`);
 }
 
 function tell() {
@@ -79,14 +80,15 @@ function tell() {
   }
 }
 
-new Stream(["fresh", "news", "points", "timeline"], (kind, content, late) => {
+new Stream(["fresh", "news", "points", "timeline", "track"], (kind, content, late) => {
   if (kind === "connection") {
     if (connection === content) return;
     connection = content;
   } else {
     offset = now() - late - content.clock;
-    if (kind === "fresh") [points, entries].forEach((one) => one.clear());
+    if (kind === "fresh") [points, entries, tracks].forEach((one) => one.clear());
     if (kind === "points") points.set(content.system, model.joined(points.get(content.system), content.points));
+    if (kind === "track") tracks.set(content.system, content.points);
     if (kind === "timeline") entries.set(content.system, model.added(entries.get(content.system), content.entries));
     if (kind !== "news") return;
     news = content;

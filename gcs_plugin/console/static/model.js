@@ -112,6 +112,9 @@ export function labels(changes) {
     : { go: "Go", stay: "Stay", none: "" };
 }
 
+// Whether words said elsewhere may be said here with one click: a thing is not named as ground that is driven on.
+export const fitting = (words, box) => words.length > 0 && words.every(([, weight]) => (box ? weight <= 0 : weight > 0));
+
 export const sign = (weight) => `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`;
 
 export function weightText(weight) {
@@ -146,6 +149,28 @@ export function movedBox(box, dx, dy, grow) {
     [left, right, top, bottom] = [left + across, right + across, top + down, bottom + down];
   }
   return [left, top, right, bottom].map(fraction);
+}
+
+const METRES = 111320; // of a degree of latitude
+const LEAST = 20; // metres across that are shown at least
+
+// How places [latitude, longitude] come into a picture of width x height that shows them all, north up.
+// Returns at: place -> [x, y], and metres: how many of its pixels are a metre.
+export function surroundings(places, width, height) {
+  const [lat, lon] = places[0];
+  const east = (place) => ((((place[1] - lon + 540) % 360) + 360) % 360 - 180) * METRES * Math.cos((lat * Math.PI) / 180);
+  const north = (place) => (place[0] - lat) * METRES;
+  const range = (values) => [Math.min(...values), Math.max(...values)];
+  const [west, far] = range(places.map(east)), [south, top] = range(places.map(north));
+  const metres = 0.76 * Math.min(width / Math.max(LEAST, far - west), height / Math.max(LEAST, top - south));
+  const at = (place) => [width / 2 + (east(place) - (west + far) / 2) * metres, height / 2 - (north(place) - (south + top) / 2) * metres];
+  return { at, metres };
+}
+
+// The largest of 1, 2, 5, 10, 20... that is at most so much.
+export function nice(most) {
+  const tens = 10 ** Math.floor(Math.log10(most));
+  return tens * [5, 2, 1].find((one) => one * tens <= most);
 }
 
 const clamp = (value, low, high) => Math.min(Math.max(value, low), Math.max(low, high));

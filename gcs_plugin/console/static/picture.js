@@ -10,11 +10,14 @@ export class Picture {
   // picked: called with the operator's box, in fractions of the frame.
   constructor(kind, title, picked) {
     Object.assign(this, { kind, picked });
+    this.under = element("img", { draggable: false, alt: "", hidden: true });
     this.image = element("img", { draggable: false, alt: "" });
     this.marks = drawn("svg", { viewBox: "0 0 100 100", preserveAspectRatio: "none", "aria-hidden": "true" });
     this.note = element("p", { className: "note" });
-    this.frame = element("button", { type: "button", className: "aim", "aria-label": `${title}. Click or drag to point at the thing; arrow keys move your frame, with shift they change its size.` }, this.image, this.marks);
-    this.part = element("figure", { className: `shot ${kind}` }, element("div", { className: "pane" }, this.frame, this.note), element("figcaption", {}, title));
+    this.frame = element("button", { type: "button", className: "aim", "aria-label": `${title}. Click or drag to point at the thing; arrow keys move your frame, with shift they change its size.` }, this.under, this.image, this.marks);
+    this.share = element("input", { type: "range", min: 0, max: 100, step: 5, value: 100, oninput: () => this.blend() });
+    this.fade = element("label", { className: "fade", hidden: true }, "Fade", this.share);
+    this.part = element("figure", { className: `shot ${kind}` }, element("div", { className: "pane" }, this.frame, this.note), element("figcaption", {}, title, kind === "large" ? this.fade : ""));
     this.image.addEventListener("load", () => this.fit());
     this.image.addEventListener("error", () => showText(this.note, "The picture did not come whole."));
     this.listen();
@@ -59,9 +62,16 @@ export class Picture {
     this.image.style.height = `${(100 * height) / inside}%`;
   }
 
-  // own: the operator's box, null without one.
+  // The judgement fades out, and the frame under it comes out.
+  blend() {
+    this.image.style.opacity = this.share.value / 100;
+    this.share.setAttribute("aria-valuetext", `${this.share.value} percent of the judgement`);
+  }
+
+  // own: the operator's box, null without one. under: the picture without marks, over which this one lies.
+  // plain: whether the picture is without marks.
   show(what) {
-    const { url, alt, note, roi, box, own, open, size } = what;
+    const { url, alt, note, roi, box, own, open, size, under, plain } = what;
     this.last = what;
     this.like = box;
     this.own = own;
@@ -71,12 +81,18 @@ export class Picture {
       image.hidden = !url;
       if (url) image.src = url;
     });
+    changed(this.under, under ?? "", (image) => {
+      this.fade.hidden = image.hidden = !under;
+      if (under) image.src = under;
+      this.blend();
+    });
     if (!url && size) this.frame.style.aspectRatio = `${size[0]} / ${size[1]}`;
     this.image.alt = alt;
     showText(this.note, url ? "" : note);
-    changed(this.marks, [Boolean(url), roi, box, own], (marks) => {
+    const bare = !url || plain || under;
+    changed(this.marks, [bare, roi, box, own], (marks) => {
       const outline = (sides, kind) => sides ? [drawn("rect", { class: kind, x: 100 * sides[0], y: 100 * sides[1], width: 100 * (sides[2] - sides[0]), height: 100 * (sides[3] - sides[1]) })] : [];
-      marks.replaceChildren(...outline(url ? null : roi, "roi"), ...outline(own ? null : box, "halo"), ...outline(own ? null : box, "tile"), ...outline(own, "halo"), ...outline(own, "own"));
+      marks.replaceChildren(...outline(bare ? roi : null, "halo"), ...outline(bare ? roi : null, "roi"), ...outline(own ? null : box, "halo"), ...outline(own ? null : box, "tile"), ...outline(own, "halo"), ...outline(own, "own"));
     });
   }
 }

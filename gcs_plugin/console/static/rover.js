@@ -4,6 +4,7 @@ import { changed, element, showFacts, showText } from "./elements.js";
 import * as model from "./model.js";
 import { CallCard } from "./call.js";
 import { Fan, TimePlot } from "./plots.js";
+import { Track } from "./track.js";
 import { Words } from "./words.js";
 import { clock } from "./wording.js";
 
@@ -28,6 +29,7 @@ export class RoverView {
     this.fan = new Fan();
     this.words = new Words(system, send, () => this.refreshCards());
     this.place = element("div", { className: "place", hidden: true });
+    this.track = new Track((key) => this.cards.get(key)?.look());
     this.policy = element("div", { className: "policies", role: "group", "aria-label": "Policy" });
     this.policyText = element("p", { className: "faint" });
     this.facts = element("dl", { className: "facts" });
@@ -42,6 +44,7 @@ export class RoverView {
     this.part = element("article", { className: "rover", "aria-labelledby": `rover${system}` }, this.strip, this.open,
       element("div", { className: "panels" },
         box("Ahead", this.fan.part, this.traversability.part, this.uncertainty.part, this.place),
+        this.tracked = box("Track", this.track.part),
         box("Words", this.words.part),
         box("Policy", this.policy, this.policyText),
         box("What is wrong", this.faults, this.check),
@@ -51,7 +54,7 @@ export class RoverView {
     this.policy.append(...POLICIES.map((policy) => element("button", { type: "button", value: policy, onclick: () => send("policy", { rover: system, policy }) }, policy)));
   }
 
-  show(rover, { points, entries, time, several }) {
+  show(rover, { points, entries, track, corners, time, several }) {
     const state = model.state(rover, time);
     this.part.dataset.tone = state.tone;
     this.part.classList.toggle("silent", !rover.up);
@@ -63,6 +66,7 @@ export class RoverView {
     this.fan.show(rover.ahead);
     this.traversability.show(points, rover.thresholds.trav, time);
     this.uncertainty.show(points, rover.thresholds.unc, time);
+    this.tracked.hidden = !this.track.show(track, rover.position, rover.calls, corners);
     this.words.show(rover);
     this.showPlace(rover);
     for (const button of this.policy.children) button.setAttribute("aria-pressed", String(button.value === rover.policy));
@@ -84,7 +88,7 @@ export class RoverView {
     const latest = rover.calls.find((call) => !call.open);
     for (const call of rover.calls) {
       if (!this.cards.has(call.key)) {
-        const card = new CallCard(rover.system, this.send, this.say, this.words.staged, performance.now() / 1000);
+        const card = new CallCard(rover.system, this.send, this.say, this.words.staged, performance.now() / 1000, () => this.showChosen());
         card.replaces = [...this.cards.values()].some((other) => other.data?.open || performance.now() / 1000 - (other.closedAt ?? -Infinity) < 5);
         this.cards.set(call.key, card);
       }
@@ -97,11 +101,19 @@ export class RoverView {
     }
     arrange(this.open, inFront);
     arrange(this.past, [this.pastTitle, ...behind, this.saveAll, this.more]);
-    this.past.hidden = !behind.length && rover.earlier === "known";
-    this.saveAll.hidden = !behind.length;
+    this.past.hidden = !behind.length && rover.earlier === "known" && this.cards.size < 2;
+    this.showChosen();
     this.more.hidden = rover.earlier === "known";
     this.more.disabled = rover.earlier === "coming";
     showText(this.more, rover.earlier === "coming" ? "Earlier calls are on their way" : "Fetch the calls before this console began");
+  }
+
+  // The report is of the calls that are chosen, or of all.
+  showChosen() {
+    const chosen = [...this.cards.values()].filter((card) => card.chosen.checked).map((card) => card.data.id);
+    this.saveAll.hidden = this.cards.size < 2;
+    this.saveAll.href = `/export/${this.system}/${chosen.join(",") || "all"}.zip`;
+    showText(this.saveAll, chosen.length ? `Save ${chosen.length === 1 ? "the call chosen" : `the ${chosen.length} calls chosen`} as one report` : "Save all calls as one report");
   }
 
   showPlace(rover) {

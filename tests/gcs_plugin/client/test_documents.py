@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 
 from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.payloads import CallData
-from gcs_plugin.client.documents import LONGEST, DocumentError, read_checks, read_record, read_state
+from gcs_plugin.client.documents import (
+    LONGEST,
+    DocumentError,
+    NearestScene,
+    read_checks,
+    read_record,
+    read_state,
+)
 
 STATE: dict[str, Any] = {
     "state": "holding",
@@ -46,6 +53,8 @@ RECORD: dict[str, Any] = {
     "id": 7,
     "reasons": ["unknown_scene"],
     "place": {"latitude": 47.1, "longitude": 8.2},
+    "nearest": {"call": 3, "similarity": 0.91, "words": {"drum": -1}, "picture": "/calls/3.jpg"},
+    "raw": "/calls/7-raw.jpg",
     "outcome": "answered",
     "answers": [
         {
@@ -87,6 +96,8 @@ def test_a_record_says_who_answered() -> None:
     assert record.answers[0].sender == (254, 190)
     assert record.answers[0].operations == ("gravel: 1",)
     assert (record.latitude, record.longitude) == (47.1, 8.2)
+    assert record.nearest == NearestScene(3, 0.91, {"drum": -1.0}, "/calls/3.jpg")
+    assert (record.raw, record.large) == ("/calls/7-raw.jpg", "")
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"\xff", b"7", b"[" * 100_000])
@@ -102,7 +113,7 @@ def test_documents_with_any_values_in_any_place_are_read_within_bounds(
 ) -> None:
     told = json.loads(json.dumps(document))
     places = [(told, name) for name in told]
-    for inner in (told.get("open"), told.get("known_place"), *told.get("answers", [])):
+    for inner in (told.get("open"), told.get("known_place"), told.get("nearest"), *told.get("answers", [])):
         places += [(inner, name) for name in inner] if isinstance(inner, dict) else []
     for number, value in changes:
         owner, name = places[number % len(places)]

@@ -250,6 +250,17 @@ def test_undoing_forgets_the_scene_and_puts_the_words_back(desk: Desk) -> None:
     assert not desk.shown()["undo"]
 
 
+@pytest.mark.parametrize("motion", ["stay", "look"])
+def test_what_taught_nothing_cannot_be_undone(desk: Desk, motion: str) -> None:
+    desk.announce()
+    desk.run(3.0)
+    desk.post("answer", call=7, motion=motion)
+    desk.until(lambda: bool(desk.requests()))
+    desk.acknowledge(ids.Result.APPLIED, ids.Stage.OPEN)
+    desk.until(lambda: bool(desk.shown()["answers"][0]["settled"]))
+    assert not desk.shown()["undo"]
+
+
 def test_the_second_of_two_operators_is_told_who_was_first(desk: Desk) -> None:
     given = {
         "at": 1.0,
@@ -371,3 +382,57 @@ def test_a_record_with_any_operations_gives_only_names_that_are_words(desk: Desk
     desk.post("fetch", what="calls")
     desk.until(lambda: [call["id"] for call in desk.rover()["calls"]] == [3])
     assert dict(desk.rover()["names"]) == {"log": -1.0, "<b>": 1.0, "d": -1.0}
+
+
+def test_what_was_answered_in_a_similar_scene_is_told_with_its_picture(desk: Desk) -> None:
+    nearest = {"call": 3, "similarity": 0.91, "words": {"drum": -1, "gravel": 0.5}, "picture": "/calls/3.jpg"}
+    pictures = {"picture": "/calls/7.jpg", "raw": "/calls/7-raw.jpg"}
+    desk.files["7.json"] = json.dumps({"id": 7, "nearest": nearest, **pictures}).encode()
+    desk.files["3.jpg"], desk.files["7-raw.jpg"] = JPEG + bytes(900), JPEG + bytes(3000)
+    desk.announce()
+    desk.run(0.5)
+    desk.until(lambda: bool((desk.shown()["nearest"] or {}).get("picture")))
+    told = desk.shown()["nearest"]
+    assert told["text"] == "Most like call C3 (0.91): the answer was drum -1, gravel 0.5."
+    assert told["words"] == [["drum", -1.0], ["gravel", 0.5]]
+    assert desk.console.picture(1, 7, "nearest") == desk.files["3.jpg"]
+    assert "raw" not in desk.shown()["pictures"]
+    desk.until(lambda: "raw" in desk.shown()["pictures"])
+    desk.run(10.0)
+    assert "large" not in desk.shown()["pictures"], "a radio gets the judgement only when asked"
+
+
+def test_an_answer_of_this_console_in_a_similar_scene_is_told_as_such(desk: Desk) -> None:
+    desk.announce()
+    desk.run(3.0)
+    desk.post("answer", call=7, motion="go", changes=[])
+    desk.until(lambda: bool(desk.requests()))
+    desk.acknowledge(ids.Result.APPLIED, ids.Stage.CLOSED)
+    desk.until(lambda: bool(desk.shown()["answers"][0]["settled"]))
+    nearest = {"call": 7, "similarity": 0.6, "words": {}, "picture": "/calls/7.jpg"}
+    desk.files["8.json"] = json.dumps({"id": 8, "nearest": nearest, "picture": "/calls/8.jpg"}).encode()
+    desk.files["8.jpg"] = JPEG + bytes(800)
+    desk.state["settings"] = {"AT_THR_SCENE": 0.8}
+    desk.call = replace(desk.call, id=8, frame_id=4800, picture="/calls/8.jpg")
+    desk.announce()
+
+    def told() -> dict[str, Any]:
+        return next((one["nearest"] or {} for one in desk.rover()["calls"] if one["id"] == 8), {})
+
+    desk.until(lambda: bool(told().get("picture")))
+    far = "Not much like any place that was answered; nearest is call C7 (0.60): you said go."
+    desk.until(lambda: told()["text"] == far)
+    assert told()["picture"].startswith("/pictures/1/7/small.jpg"), "it is here already"
+
+
+def test_on_a_quick_link_the_frame_without_marks_comes_before_the_judgement(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcs_plugin.console.fetched.QUICK_FOR_LARGE", 500.0)
+    told = {"id": 7, "picture": "/calls/7.jpg", "raw": "/calls/7-raw.jpg"}
+    desk.files |= {"7.json": json.dumps(told).encode(), "7-raw.jpg": JPEG + bytes(3000)}
+    desk.announce()
+    desk.run(0.5)
+    desk.until(lambda: "raw" in desk.shown()["pictures"])
+    assert "large" not in desk.shown()["pictures"]
+    desk.until(lambda: "large" in desk.shown()["pictures"])

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
 from companion.wire.answers import TapBox
@@ -107,6 +108,56 @@ def test_a_call_is_saved_by_a_click_and_the_page_inside_opens_from_a_file(
     assert tab.get_by_role("link", name="Save all calls").count() == 0, "there is no earlier call"
 
 
+CARD = """async () => {
+  const { CallCard } = await import("/call.js");
+  const { Words } = await import("/words.js");
+  const words = new Words(1, () => "", () => {});
+  const card = new CallCard(1, () => "", () => {}, words.staged, 0, () => {});
+  document.querySelector("main").append(card.part);
+  const [small, raw, large, picture] = ["small", "raw", "large", "near"].map((one) => `/favicon.svg?${one}`);
+  const said = [["drum", -0.5], ["mud", -1]];
+  const call = {
+    id: 7, name: "C7", open: true, stage: "open", kind: "call", reasons: ["unknown_object"], frame: 9,
+    roi: [0.3, 0.5, 0.7, 0.95], box: [0.4, 0.5, 0.6, 0.8], large: {}, pictures: { small, raw, large },
+    nearest: { call: 3, text: "<b>Most</b> like call C3", words: said, alike: true, picture },
+    answers: [], said: [],
+  };
+  const each = (part, what, name) => [...part.querySelectorAll(what)].map((one) => one.getAttribute(name));
+  card.show(call, { names: [], words: [] }, 1);
+  const shown = {
+    sources: each(card.part, ".shots img:not([hidden])", "src"),
+    marks: each(card.raw.part, "rect", "class"),
+    near: card.near.textContent,
+    bold: card.near.querySelectorAll("b").length,
+  };
+  card.judged.share.value = 40;
+  card.judged.share.dispatchEvent(new Event("input"));
+  shown.opacity = card.judged.image.style.opacity;
+  card.near.querySelector("button").click();
+  shown.changes = card.changes();
+  delete call.pictures.raw;
+  card.show({ ...call }, { names: [], words: [] }, 2);
+  const ground = { ...call, nearest: { ...call.nearest, words: [["gravel", 1]] } };
+  card.show(ground, { names: [], words: [] }, 3);
+  shown.ground = card.near.querySelectorAll("button").length;
+  return { ...shown, without: each(card.raw.part, "rect", "class") };
+}"""
+
+
+def test_a_place_is_marked_in_the_plain_frame_and_what_was_said_in_a_similar_one_is_taken_over(
+    open_page: Callable[..., Any],
+) -> None:
+    told = open_page().evaluate(CARD)
+    assert told["sources"] == [f"/favicon.svg?{one}" for one in ("raw", "raw", "large")]
+    assert told["marks"] == ["halo", "roi", "halo", "tile"]
+    assert told["without"] == ["halo", "tile"], "the thumbnail has the region of interest in it"
+    assert (told["near"], told["bold"]) == ("<b>Most</b> like call C3Say the same", 0)
+    assert told["opacity"] == "0.4"
+    tap = {"tap": "drum", "weight": -0.5, "box": [0.4, 0.5, 0.6, 0.8], "frame": 9}
+    assert told["changes"] == [tap, {"word": "mud", "weight": -1}]
+    assert told["ground"] == 0, "a thing is not named as ground by one click"
+
+
 def test_by_keyboard_alone_a_frame_is_moved_named_and_sent(
     served: Served, open_page: Callable[..., Any], rover: Any
 ) -> None:
@@ -146,8 +197,17 @@ def test_after_a_reload_and_with_a_second_page_the_call_and_its_answer_are_there
     tab.locator(CALL).get_by_role("button", name="Go").click()
     served.until(lambda: rover.applied != [])
     served.until(lambda: "done" in tab.locator(".becoming").inner_text())
+    rover.call = replace(rover.call, latitude=47.0001, longitude=8.0)
+    where = mavlink.MAVLink_global_position_int_message(0, 470000000, 80000000, 0, 0, 0, 0, 0, 9000)
+    served.say(rover.autopilot.frame(where))
+    served.until(lambda: tab.locator(".track .own").count() == 1)
     tab.reload()
     served.until(tab.locator(CALL).is_visible)
+    served.until(lambda: tab.locator(".dots button").count() == 1)
+    dot, own = tab.locator(".dots button").bounding_box(), tab.locator(".track .own").bounding_box()
+    assert dot["y"] < own["y"], "the call was north of here"
+    tab.locator(".dots button").click()
+    assert tab.evaluate("document.activeElement.textContent").startswith("Call C7")
     assert "You: go done" in tab.locator(".becoming").inner_text()
     assert tab.locator(".timeline li").count() > 2
     other = open_page()
@@ -221,6 +281,13 @@ def test_a_call_that_takes_anothers_place_is_not_answered_before_it_can_be_read(
     tab.keyboard.press("g")
     assert "C8 is new, so nothing was sent" in tab.locator(CALL).inner_text()
     assert rover.applied == []
+    for chosen, calls in (("Save all calls as one report", ["7", "8"]), ("Save the call chosen", ["7"])):
+        with tab.expect_download() as saving:
+            tab.get_by_role("link", name=chosen).click()
+        with zipfile.ZipFile(saving.value.path()) as archive:
+            folders = {name.split("/")[0] for name in archive.namelist()} - {"report.html"}
+        assert folders == {f"call-{number}" for number in calls}
+        tab.locator(".past").get_by_label("in the report").check()
 
 
 @pytest.mark.usefixtures("rover")

@@ -55,7 +55,7 @@ def test_the_page_comes_from_here_under_a_strict_policy_and_is_small(served: Ser
 
 
 MODULES = (
-    "main", "model", "rover", "call", "picture", "plots", "words", "alarm",
+    "main", "model", "rover", "call", "picture", "plots", "track", "words", "alarm",
     "elements", "stream", "delay", "wording",
 )  # fmt: skip
 
@@ -152,7 +152,9 @@ def test_calls_that_are_not_known_are_not_saved(served: Served, name: str) -> No
 def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path: Path) -> None:
     token = "0123456789abcdef-TOKEN"
     (tmp_path / "token").write_text(f"{token}\n")
-    made = Served("--token-file", str(tmp_path / "token"), "--origin", "https://ground.example:8192")
+    (tmp_path / "map@home.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    options = ("--token-file", str(tmp_path / "token"), "--origin", "https://ground.example:8192")
+    made = Served(*options, "--background", f"{tmp_path / 'map@home.png'}@47.1,8.0,47.0,8.2")
     try:
         made.url = "https://ground.example:8192"
         named = {"Host": "ground.example:8192"}
@@ -164,6 +166,9 @@ def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path:
         assert "httponly" in headers["set-cookie"].lower()
         cookie = {"Cookie": headers["set-cookie"].split(";")[0]}
         assert made.ask("/", **named, **cookie)[0] == 200
+        assert made.ask("/background", **named)[0] == 401
+        status, headers, _ = made.ask("/background", **named, **cookie)
+        assert (status, headers["content-type"]) == (200, "image/png")
         assert made.post("answer", GO, **named, **cookie)[0] == 409, "no rover is heard"
         assert made.post("answer", GO, Host="evil.example", **cookie)[0] == 421
         assert made.post("answer", GO, Origin="https://evil.example", **named, **cookie)[0] == 403
@@ -180,6 +185,8 @@ def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path:
         (["--connect", "udp:14550"], "is not a link"),
         (["--token-file", "/nowhere"], "nowhere"),
         (["--origin", "ground.local"], "--origin"),
+        (["--background", "field.png"], "FILE@NORTH,WEST,SOUTH,EAST"),
+        (["--background", "/nowhere.png@47.1,8.0,47.0,8.2"], "No such file"),
     ],
 )
 def test_options_that_cannot_be_are_refused_with_what_to_do(

@@ -11,6 +11,7 @@ import json
 import sys
 import tempfile
 import time
+import zipfile
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -39,16 +40,20 @@ addEventListener("keydown", (event) => count(types(event)), true);
 class Person:
     """Looks at the page and answers by mouse and keyboard. actions: counted in the page, by kind."""
 
-    def __init__(self, page: Any, rover: Rover, out: Path, each: int, kinds: Sequence[str]) -> None:
+    def __init__(
+        self, page: Any, rover: Rover, out: Path, each: int, kinds: Sequence[str], picture: str | None = None
+    ) -> None:
         """each: how many calls it answers with look again and stay before it answers them otherwise.
 
-        kinds: of `KINDS`, those that it gives; without "tap and name" it says go to everything.
+        kinds: of `KINDS`, those that it gives; without "tap and name" it says go to everything. picture: file
+        for a picture of the first call that shows all there is.
         """
         self._page = page
         self._rover = rover
         self._out = out
         self._each = each
         self._kinds = kinds
+        self._picture = picture
         self.actions: defaultdict[str, list[int]] = defaultdict(list)
         self._since: dict[str, float] = {}
         self._tries: defaultdict[str, int] = defaultdict(int)
@@ -72,6 +77,9 @@ class Person:
         if self._since.setdefault(key, time.monotonic()) > time.monotonic() - READS:
             return
         self._tries[key] += 1
+        if self._picture and card.locator(".near img").count() and card.locator(".fade:visible").count():
+            self._page.screenshot(path=self._picture, type="jpeg", quality=85)
+            self._picture = None
         before = self._page.evaluate("window.actions")
         kind = self._answer(card, name, stage, thing)
         self.actions[kind].append(self._page.evaluate("window.actions") - before)
@@ -90,7 +98,8 @@ class Person:
                 if wanted and (name, kind) not in self._said:
                     card.get_by_role("button", name=button).click()
                     return kind
-        only_go = "tap and name" not in self._kinds or name.startswith("H")
+        in_turn = self._each > 0 and len(self.actions["go"]) < len(self.actions["tap and name"])
+        only_go = "tap and name" not in self._kinds or name.startswith("H") or in_turn
         if only_go or stage == "clear" or self._tries[f"{name}/{stage}"] > 4:
             card.locator("button.go").click()
             return "go"
@@ -151,10 +160,11 @@ def main() -> int:
         page.add_init_script(_COUNT)
         page.goto(url)
         rover.drive()
-        person = Person(page, rover, out, options.each, options.kinds)
+        person = Person(page, rover, out, options.each, options.kinds, options.picture)
         began = time.monotonic()
         driven_on = 0
-        while time.monotonic() - began < options.seconds and (
+        seconds = options.seconds or _limit(options.calls, options.each * len(options.kinds))
+        while time.monotonic() - began < seconds and (
             driven_on < options.calls
             or any(len(person.actions[kind]) < options.each for kind in options.kinds)
         ):
@@ -162,6 +172,10 @@ def main() -> int:
             driven_on = max(driven_on, page.locator(".becoming li", has_text="The rover drives on").count())
             time.sleep(0.3)
         page.screenshot(path=str(out / "end.png"), full_page=True)
+        with page.expect_download() as saving:
+            page.get_by_role("link", name="Save all calls as one report").click()
+        with zipfile.ZipFile(saving.value.path()) as report:
+            saved = sum(name.endswith("data.json") for name in report.namelist())
         said = page.locator(".becoming").all_inner_texts()
     figures = {
         "seconds": round(time.monotonic() - began, 1),
@@ -169,13 +183,20 @@ def main() -> int:
         "actions": {
             kind: {"calls": len(all_), "median": median(all_)} for kind, all_ in person.actions.items()
         },
+        "calls_in_the_report": saved,
+        "script_holds": rover.script_holds,
         "errors": errors,
         "out": str(out),
     }
     print("\n".join(said))
     print(json.dumps(figures))
     enough = all(len(person.actions[kind]) >= options.each for kind in options.kinds)
-    return 0 if driven_on >= options.calls and enough and not errors else 1
+    return 0 if driven_on >= options.calls and enough and saved and not errors else 1
+
+
+def _limit(calls: int, answers: int) -> float:
+    """Return the seconds that so many calls to drive on from, or so many answers, may take."""
+    return 60.0 + max(30.0 * calls, 20.0 * answers)
 
 
 def _options() -> argparse.Namespace:
@@ -183,8 +204,11 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--calls", type=int, default=3, help="calls to drive on from (default %(default)s)")
     parser.add_argument("--each", type=int, default=0, help="answers of each kind (default %(default)s)")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="answers that it gives")
-    parser.add_argument("--seconds", type=float, default=150.0, help="at most (default %(default)s)")
+    parser.add_argument(
+        "--seconds", type=float, help="at most; by default what so many calls and answers may take"
+    )
     parser.add_argument("--seed", type=int, default=0, help="which trail")
+    parser.add_argument("--picture", metavar="FILE.jpg", help="a picture of a call goes there")
     parser.add_argument("--out", help="folder for screenshots")
     return parser.parse_args()
 

@@ -53,6 +53,9 @@ class Rover:
             more.write(f'\n[link.more.second]\nurl = "udpin:127.0.0.1:{port}"\nbudget = 0.0\n')
         self.daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
         self._blocked_since: float | None = None
+        self._held_by_script = False
+        self.script_holds = 0
+        """How often the script on the autopilot held, since the companion was silent."""
 
     def drive(self, within: float = 40.0) -> None:
         """Let it drive once its daemon says ok."""
@@ -81,7 +84,15 @@ class Rover:
         return None if thing is None else str(thing["kind"])
 
     def tidy(self) -> None:
-        """Take a thing away that was named, and has kept the rover standing for two seconds."""
+        """Take a thing away that was named, and has kept the rover standing for two seconds.
+
+        Also drive on after the script on the autopilot held, as it does when this computer was too busy.
+        """
+        held = str(self.status().get("held_by")).startswith("script")
+        if held and not self._held_by_script:
+            self.script_holds += 1
+            self._control.mode("AUTO")
+        self._held_by_script = held
         thing = self._nearest()
         standing = self._control.status()["speed"] < STANDS
         if not (standing and thing is not None and self.status().get("state") == "blocked"):

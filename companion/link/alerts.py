@@ -12,6 +12,7 @@ from companion.wire import notices
 from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, SenderId, Stage
 from companion.wire.messages import (
     CLOSED_REPEATS,
+    DATA_FIRST_PERIOD,
     DATA_PERIOD,
     DATA_REPEATS,
     DATA_SLOW_PERIOD,
@@ -160,8 +161,8 @@ class AlertRepeater:
         if self._call is None:
             return None
         silent = now - self._data_at
-        fast = self._data_new or self._repeats < DATA_REPEATS
-        if silent < (DATA_PERIOD if fast else DATA_SLOW_PERIOD):
+        first = self._repeats < DATA_REPEATS
+        if silent < (DATA_FIRST_PERIOD if first else DATA_PERIOD if self._data_new else DATA_SLOW_PERIOD):
             return None
         self._data_at, self._data_new = now, False
         self._repeats += 1

@@ -106,11 +106,14 @@ TELEMETRY = frozenset(message.mavlink for message in TABLE if message.direction 
 SUMMARY_PERIOD_WHILE_CALLING = 5.0
 """s between summaries while a call or hold is open; the numbers then stop."""
 
+DATA_FIRST_PERIOD = 0.6
 DATA_PERIOD = 1.0
-DATA_REPEATS = 5
+DATA_REPEATS = 6
 DATA_SLOW_PERIOD = 10.0
 CLOSED_REPEATS = 3
-"""Call data is sent `DATA_REPEATS` times, every `DATA_PERIOD` s, then every `DATA_SLOW_PERIOD` s.
+"""Call data is sent `DATA_REPEATS` times, every `DATA_FIRST_PERIOD` s, then every `DATA_SLOW_PERIOD` s.
+
+One that has changed is sent after `DATA_PERIOD` s.
 
 A closed one is sent `CLOSED_REPEATS` times.
 """

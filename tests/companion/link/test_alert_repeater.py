@@ -29,11 +29,11 @@ def texts(stage: LoopbackLink) -> list[tuple[float, int, str]]:
     ]
 
 
-def test_call_data_leaves_five_times_a_second_apart_then_every_ten_seconds() -> None:
+def test_call_data_leaves_six_times_within_three_seconds_then_every_ten() -> None:
     stage = LoopbackLink(vehicle=None)
     stage.link.announce(CALL, TEXT, stage.now)
     stage.run(40, step=0.02)
-    assert [round(at) for at in stage.times("TUNNEL")] == [0, 1, 2, 3, 4, 14, 24, 34]
+    assert stage.times("TUNNEL") == pytest.approx([0, 0.6, 1.2, 1.8, 2.4, 3.0, 13.0, 23.0, 33.0], abs=0.2)
     assert calls(stage)[0] == CALL
 
 
@@ -69,7 +69,7 @@ def test_the_age_of_a_call_goes_on_between_announcements() -> None:
     stage = LoopbackLink(vehicle=None)
     stage.link.announce(replace(CALL, age_s=100), TEXT, stage.now)
     stage.run(15, step=0.05)
-    assert [call.age_s for call in calls(stage)] == [100, 101, 102, 103, 104, 114]
+    assert [call.age_s for call in calls(stage)] == [100, 100, 101, 101, 102, 103, 113]
 
 
 def test_the_age_goes_on_too_where_the_same_is_said_with_every_turn() -> None:
@@ -77,7 +77,7 @@ def test_the_age_goes_on_too_where_the_same_is_said_with_every_turn() -> None:
     for _ in range(300):
         stage.link.announce(replace(CALL, age_s=100), TEXT, stage.now)
         stage.run(0.05, step=0.05)
-    assert [call.age_s for call in calls(stage)] == [100, 101, 102, 103, 104, 114]
+    assert [call.age_s for call in calls(stage)] == [100, 100, 101, 101, 102, 103, 113]
 
 
 def test_changed_content_is_told_at_once_but_not_faster_than_the_limits() -> None:
@@ -259,4 +259,4 @@ def test_whatever_happens_texts_and_data_keep_their_distance(steps: list[tuple[f
                 spoken += 1
             assert spoken <= 5
             now += pause / 20
-    assert all(after - before >= 0.999 for before, after in pairwise(data_at))
+    assert all(after - before >= 0.599 for before, after in pairwise(data_at))

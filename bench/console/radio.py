@@ -36,8 +36,8 @@ setInterval(() => {
     const call = /([CH])(\\d+)/.exec(card.querySelector("h3").textContent);
     if (!call) continue;
     note(call[2], "shown");
-    const picture = card.querySelector(".shot.small img");
-    if (picture.complete && picture.naturalWidth && !picture.hidden) note(call[2], "picture");
+    const picture = card.querySelector(".shot.small img:not([hidden])");
+    if (picture?.complete && picture.naturalWidth) note(call[2], "picture");
     for (const row of card.querySelectorAll(".becoming li")) {
       if (row.dataset.tone === "good") note(call[2], "acknowledged");
       if (row.textContent.includes("drives on")) note(call[2], "driven_on");

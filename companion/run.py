@@ -197,4 +197,4 @@ def _run(
         video.poll(now)
         link.camera.url, daemon.video_pictures.watched = video.url, video.watched
         if (picture := daemon.video_pictures.take(now)) is not None:
-            video.show(picture.frame, picture.jpeg)
+            video.show(picture.number, picture.jpeg)

@@ -15,15 +15,23 @@ from companion.wire.texts import REASONS
 
 _SHOWN_AGAIN = 1.0
 """Seconds after which a still picture is given to the video again, which else says that it is old."""
+_DRAWN_AGAIN = 1.0
+"""Seconds after which a still picture is requested again when it could not be drawn."""
+_STRAINED_PERIOD = 1.0
+"""Seconds between two live pictures while the computer is too slow or hot to judge at its full rate."""
 LEGEND = "green: drivable, red: not, violet: unknown"
 
 
 class Shown(NamedTuple):
-    """A drawn frame. captured_at: monotonic seconds. jpeg: the panel, or the video's picture."""
+    """A drawn frame. captured_at: monotonic seconds. jpeg: the panel, or the video's picture.
+
+    number: of a still picture of the video, 0 for others.
+    """
 
     frame: int
     captured_at: float
     jpeg: bytes
+    number: int = 0
 
 
 class _Drawing:
@@ -101,6 +109,7 @@ class _Still(NamedTuple):
     title: str
     state: State
     marks: VideoMarks
+    number: int
 
 
 class VideoPictures:
@@ -116,47 +125,64 @@ class VideoPictures:
         self, vision: VisionClient, pointing: Pointing, told: Callable[[], str], rate: float
     ) -> None:
         """told: the text of what is open, or of what is wrong, "" for neither."""
+        self._vision = vision
         self._drawing = _Drawing(vision)
         self._pointing = pointing
         self._told = told
         self._period = 0.9 / rate
         self._asked_at = self._taken_at = -math.inf
         self._still: _Still | None = None
+        """The still picture that was requested last, None while live ones are."""
+        self._number = 0
+        """The number of the picture that was requested last."""
+        self._complete = False
+        """Whether that one was drawn."""
         self._drawn: Shown | None = None
         self._new = False
         self.watched = False
 
-    def judged(self, seen: Assessment, state: State, now: float) -> None:
-        """Request a picture of this frame, or of the one that is shown still, where it is time for it."""
+    def tick(self, state: State, now: float) -> None:
+        """Request the still picture when a call opens, when it changes, and when it could not be drawn."""
         if not self.watched:
             self._still = self._drawn = None
             return
         subject = self._pointing.subject(now)
         if subject is None:
             self._still = None
-            if now - self._asked_at >= self._period:
-                title = self._told() or _title(seen, state)
-                if self._drawing.ask(seen, title, state, VideoMarks(note=LEGEND)):
-                    self._asked_at = now
             return
-        still = _Still(subject, self._told(), state, self._pointing.marks())
-        if still != self._still and self._drawing.ask(*still):
-            self._still = still
+        if self._drawing.busy or not self._vision.watchdog.running:
+            return
+        number = self._pointing.picture()
+        still = _Still(subject, self._told(), state, self._pointing.marks(), number)
+        if still == self._still and (self._complete or now - self._asked_at < _DRAWN_AGAIN):
+            return
+        self._drawing.ask(still.seen, still.title, still.state, still.marks)
+        self._still, self._number, self._complete, self._asked_at = still, number, False, now
+
+    def judged(self, seen: Assessment, state: State, now: float) -> None:
+        """Request a picture of this frame where it is time for one, and none is shown still."""
+        self.tick(state, now)
+        period = max(self._period, _STRAINED_PERIOD) if self._vision.rate.why else self._period
+        if not self.watched or self._still is not None or now - self._asked_at < period:
+            return
+        title = self._told() or _title(seen, state)
+        if self._drawing.ask(seen, title, state, VideoMarks(note=LEGEND)):
+            self._number, self._complete, self._asked_at = 0, False, now
 
     def drawn(self, drawn: Drawn) -> bool:
         """Take a picture, if it was requested here. Whether it was."""
         picture = self._drawing.drawn(drawn)
-        if picture is None:
-            return False
-        if picture.jpeg:
-            self._drawn, self._new = picture, True
-        else:
-            self._still = None
-        return True
+        if picture is not None and picture.jpeg:
+            self._drawn, self._new, self._complete = picture._replace(number=self._number), True, True
+        return picture is not None
 
     def take(self, now: float) -> Shown | None:
-        """Return a new picture once, and a still one once a second."""
-        again = self._still is not None and now - self._taken_at >= _SHOWN_AGAIN
+        """Return a new picture once, and a still one once a second.
+
+        While vision hangs no tap can be judged: then the video says that its picture is old.
+        """
+        still = self._still is not None and self._complete and self._vision.watchdog.responsive
+        again = still and now - self._taken_at >= _SHOWN_AGAIN
         if self._drawn is None or not (self._new or again):
             return None
         self._new, self._taken_at = False, now

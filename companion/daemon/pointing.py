@@ -28,7 +28,7 @@ STILL_AFTER_TAP = 5.0
 class Pointing:
     """Knows which frame may be tapped, and what was tapped in it.
 
-    shown_for: for how many seconds the video's viewers have seen a frame, 0 where they do not.
+    shown_for: for how many seconds the video has shown a still picture, by its number; 0 where it does not.
     """
 
     def __init__(self, calls: OperatorCalls, link: Link) -> None:
@@ -38,7 +38,10 @@ class Pointing:
         self._tapped = 0
         """Id of the call or hold that `_taps` belong to."""
         self._tapped_at = -math.inf
-        self.shown_for: Callable[[int, float], float] = lambda _frame, _now: 0.0
+        self._current = 0
+        self._meant: tuple[object, ...] = ()
+        self._picture = 0
+        self.shown_for: Callable[[int, float], float] = lambda _picture, _now: 0.0
         link.camera.resolve = self.resolve
 
     @property
@@ -53,6 +56,18 @@ class Pointing:
         """Return the frame that the video shows still: that of what waits for an answer, None without one."""
         waits = self._calls.stage() is Stage.OPEN or now - self._tapped_at < STILL_AFTER_TAP
         return self._seen() if waits else None
+
+    def picture(self) -> int:
+        """Return the number of the still picture, 1 or more.
+
+        It is another one as soon as a tap in it means another frame, place, word or weight.
+        """
+        seen = self._seen()
+        place = place_of(self._calls.kind, seen) if seen is not None else None
+        meant = (seen and seen.frame.id, place, self.word)
+        if meant != self._meant:
+            self._meant, self._picture = meant, self._picture + 1
+        return self._picture
 
     def marks(self) -> VideoMarks:
         """Return what is marked in that frame."""
@@ -76,7 +91,7 @@ class Pointing:
             return texts.fit(f"{texts.name(kind, number)} has no picture to tap in: go or stay")
         if self.subject(now) is None:
             return texts.needs_no_tap(kind, number)
-        if self.shown_for(seen.frame.id, now) < self._calls.numbers.announce_guard:
+        if self.shown_for(self.picture(), now) < self._calls.numbers.announce_guard:
             return texts.not_shown(kind, number)
         box = tap.box or _around(tap, seen, place_of(kind, seen))
         operation = TapBox(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
@@ -92,8 +107,12 @@ class Pointing:
                 self._link.camera.mark(box)
                 self._link.parameters.set_value(TAP_WORD, -1.0, now)
 
-    def tick(self) -> None:
-        """Forget what was tapped once its call or hold is over."""
+    def tick(self, now: float) -> None:
+        """Forget what was tapped, and the word for the next tap, once their call or hold is over."""
+        if self._calls.current_id != self._current:
+            if self._current:
+                self._link.parameters.set_value(TAP_WORD, -1.0, now)
+            self._current = self._calls.current_id
         if self._taps and self._calls.current_id != self._tapped:
             self._taps = ()
             self._link.camera.mark(None)

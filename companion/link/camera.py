@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.regions import Box
 from anytraverse.release import own_version
 from companion.answers.answer import Answer, Via
+from companion.answers.store import SenderCache
 from companion.config.video import CameraSettings
 from companion.link import encode
 from companion.link.access_control import AccessControl
@@ -34,6 +35,7 @@ _PERIOD = MESSAGES["camera heartbeat"].period or 1.0
 _SILENT_FOR = 5.0
 """s for which the camera is silent after another component used its ids."""
 _REPEATED_WITHIN = 10.0
+_MOST_SENDERS = 16
 _FASTEST, _SLOWEST = 0.5, 10.0
 """s between two CAMERA_TRACKING_IMAGE_STATUS. One is for all who asked."""
 _IDLE_REPEATS = 3
@@ -91,8 +93,8 @@ class CameraService:
         self.resolve: Resolver = lambda _tap, _now: "the companion is starting: tap again"
         self._heartbeat_at = self._conflict_at = self._status_at = _NEVER
         self._conflict = False
-        self._last: tuple[tuple[Any, ...], Answer, float] | None = None
-        """The newest tap that became an answer: its command, and when it came."""
+        self._answered: SenderCache[tuple[Answer, float]] = SenderCache(1, _MOST_SENDERS)
+        """Each sender's newest tap that became an answer, and when it came."""
         self._target: Box | None = None
         self._status_period = math.inf
         self._idle_left = 0
@@ -180,10 +182,9 @@ class CameraService:
             return None
         key = (sender, via, message.param1, message.param2, message.param3, message.param4)
         # The call that a repeated tap meant may be closed by the answer that the first one was.
-        if self._last is not None and getattr(message, "confirmation", None):
-            known, answer, at = self._last
-            if known == key and now - at <= _REPEATED_WITHIN:
-                return self._answers.admit(replace(answer, confirmation=message.confirmation), now)
+        known = self._answered.get(key) if getattr(message, "confirmation", 0) else None
+        if known is not None and now - known[1] <= _REPEATED_WITHIN:
+            return self._answers.admit(replace(known[0], confirmation=message.confirmation), now)
         tap = read_tap(via, message)
         if tap is None:
             self._access.rejected["command"] += 1
@@ -195,7 +196,7 @@ class CameraService:
             self._acknowledge(message.command, _LATER, sender, now)
             return None
         answer = replace(resolved, sender=sender, via=via)
-        self._last = key, answer, now
+        self._answered.put(key, (answer, now))
         return self._answers.admit(answer, now)
 
     def _allowed(self, sender: SenderId, now: float) -> bool:

@@ -183,7 +183,7 @@ class MessageRouter:
             self._take_own_ids(message, channel, now)
             return None
         camera = self._requests.camera
-        if sender == (self._outbox.system_id, camera.component):
+        if camera.component and sender == (self._outbox.system_id, camera.component):
             if not self._outbox.is_own(message):
                 camera.note_id_conflict(now)
             return None

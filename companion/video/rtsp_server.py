@@ -5,7 +5,8 @@ system and not with pip. So it imports nothing of this project. It is given JPEG
 encodes them at its own rate, only while somebody watches.
 
 Each message is one datagram (SOCK_SEQPACKET). To it: b"c" and a JSON object (host, port, path, rate, encoder)
-once; then b"p", the id of a frame (u32) and its JPEG. From it, four times a second: `REPORT`.
+once; then b"p", the number of a picture (u32, 0: a live one) and its JPEG. From it, four times a second:
+`REPORT`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import resource
 import signal
 import socket
 import struct
@@ -21,7 +23,7 @@ import time
 from typing import Any, NoReturn
 
 REPORT = struct.Struct("<HIB")
-"""The port, the id of the frame that is shown, and whether anybody watches (0 or 1)."""
+"""The port, the number of the picture that is shown, and whether anybody watches (0 or 1)."""
 LARGEST = 192 << 10
 """Bytes of a message."""
 STALE_AFTER = 2.0
@@ -30,6 +32,8 @@ _REPORT_MS = 250
 _SESSION_TIMEOUT = 10
 """Seconds after which a viewer that is silent counts as gone."""
 _MOST_VIEWERS = 4
+_MOST_UNUSED, _UNUSED_FOR = 16, 10.0
+"""Connections that asked for no video yet, and the seconds after which they are closed."""
 _WAITING = 2 << 20
 """Bytes of pictures that may wait for the encoder."""
 _MOST_MEMORY = 1 << 30
@@ -46,7 +50,7 @@ PIPELINE = (
 
 
 class Stream:
-    """One stream for all viewers. picture: the newest one, with its frame's id."""
+    """One stream for all viewers."""
 
     def __init__(self, channel: socket.socket, setup: dict[str, Any]) -> None:
         """Listen on the port. Raises OSError when another program has it."""
@@ -58,7 +62,10 @@ class Stream:
         self._note: Any = None
         self._playing = False
         self._picture: tuple[int, bytes] | None = None
+        """The newest one, with its number."""
         self._shown = 0
+        self._connections: dict[Any, float] = {}
+        """When each was made."""
         self._picture_at = time.monotonic()
         self._server = GstRtspServer.RTSPServer()
         self._server.set_address(setup["host"])
@@ -100,14 +107,15 @@ class Stream:
             self._note.set_property("text", f"NO NEW PICTURE FOR {silent:.0f} s")
         self._note.set_property("silent", not stale)
         if source.get_property("current-level-bytes") < _WAITING:
-            frame, jpeg = self._picture
+            number, jpeg = self._picture
             source.emit("push-buffer", self._gst.Buffer.new_wrapped(jpeg))
-            self._shown = 0 if stale else frame
+            self._shown = 0 if stale else number
         return True
 
     def report(self) -> bool:
         """Tell the supervisor that this process lives, and what is shown."""
         self._pool.cleanup()
+        self._close_unused()
         shown = self._shown if self._playing else 0
         # A viewer is told how the video looks only once there is a picture of it.
         watched = self._source is not None
@@ -119,8 +127,34 @@ class Stream:
             os._exit(0)
         return True
 
+    def _close_unused(self) -> None:
+        now = time.monotonic()
+        connections = list(self._connections.items())  # oldest first
+        unused = [(client, at) for client, at in connections if not client.session_filter(None)]
+        for place, (client, at) in enumerate(reversed(unused)):
+            if place >= _MOST_UNUSED or now - at > _UNUSED_FOR:
+                client.close()
+
     def _connected(self, _server: Any, client: Any) -> None:
-        client.connect("new-session", lambda _client, session: session.set_timeout(_SESSION_TIMEOUT))
+        self._connections[client] = time.monotonic()
+        client.connect("new-session", self._joined)
+        client.connect("play-request", self._played)
+        client.connect("closed", self._left)
+
+    def _joined(self, client: Any, session: Any) -> None:
+        session.set_timeout(_SESSION_TIMEOUT)
+        # A viewer that lost its connection may come again at once.
+        client.connect("closed", lambda _client: self._pool.remove(session))
+
+    def _left(self, client: Any) -> None:
+        self._connections.pop(client, None)
+
+    def _played(self, _client: Any, _context: Any) -> None:
+        """Have a whole picture encoded: a new viewer sees nothing before the next one."""
+        gst, source = self._gst, self._source
+        if source is not None:
+            wanted = gst.Structure.new_from_string("GstForceKeyUnit, all-headers=(boolean)true")
+            source.send_event(gst.Event.new_custom(gst.EventType.CUSTOM_DOWNSTREAM, wanted))
 
     def _configure(self, _factory: Any, media: Any) -> None:
         element = media.get_element()
@@ -147,6 +181,10 @@ def main(descriptor: int, parent: int) -> NoReturn:
         with open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
             file.write(str(_FIRST_OUT))
     except OSError:
+        pass
+    try:
+        resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
+    except (OSError, ValueError):  # this computer's limit is lower
         pass
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

@@ -83,14 +83,14 @@ class Video:
                 if not self._process.running:
                     self._shown, self.watched = 0, False
 
-    def show(self, frame: int, picture: bytes) -> None:
-        """Show a picture until the next one. frame: its id. picture: JPEG."""
+    def show(self, number: int, picture: bytes) -> None:
+        """Show a picture until the next one. number: of a still picture, 0: a live one. picture: JPEG."""
         if len(picture) <= LARGEST - 5:
-            self._process.send(b"p" + frame.to_bytes(4, "little") + picture)
+            self._process.send(b"p" + number.to_bytes(4, "little") + picture)
 
-    def shown_for(self, frame: int, now: float) -> float:
-        """Return for how many seconds viewers have seen this frame and no other; 0 where they do not."""
-        return now - self._shown_since if frame and frame == self._shown else 0.0
+    def shown_for(self, number: int, now: float) -> float:
+        """Return for how many seconds the video has shown this still picture and no other; 0 if it does not."""
+        return now - self._shown_since if number and number == self._shown else 0.0
 
     def figures(self) -> dict[str, Any]:
         """Return where the video is, whether it is watched, what is wrong, and how often it was restarted."""
@@ -110,6 +110,8 @@ class Video:
             return False
         port, shown, watched = REPORT.unpack(said)
         if watched > 1 or not port or self._listen is None:
+            return False
+        if self._listen.port not in (0, port):
             return False
         if not self._process.running:
             # A port that was free is the same one after a restart.

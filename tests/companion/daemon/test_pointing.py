@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.video import CameraSettings
 from companion.daemon.live_picture import LEGEND, Shown
+from companion.vision import pictures
 from companion.vision.messages import Draw
 from companion.wire.ids import Policy
 from tests.anytraverse.conftest import AHEAD
@@ -27,15 +28,15 @@ class Viewer:
         rig.daemon.pointing.shown_for = self.shown_for
         rig.daemon.video_pictures.watched = True
 
-    def shown_for(self, frame: int, now: float) -> float:
-        return now - self.since if self.pictures and frame == self.pictures[-1].frame else 0.0
+    def shown_for(self, number: int, now: float) -> float:
+        return now - self.since if self.pictures and number == self.pictures[-1].number else 0.0
 
     def see(self, seconds: float, thing: str = "") -> None:
         for _ in range(round(seconds * 10)):
             self.rig.see(0.1, thing)
             picture = self.rig.daemon.video_pictures.take(self.rig.clock.now)
             if picture is not None:
-                if not self.pictures or picture.frame != self.pictures[-1].frame:
+                if not self.pictures or picture.number != self.pictures[-1].number:
                     self.since = self.rig.clock.now
                 self.pictures.append(picture)
 
@@ -65,6 +66,12 @@ def viewer(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> Viewer:
     viewer.see(5.0, "drum")
     assert viewer.rig.state == ("CALLING", 1)
     return viewer
+
+
+def word_index(rig: Rig) -> int:
+    """The index of the parameter of "drum"."""
+    parameters = rig.stage.link.parameters
+    return next(one for one in range(48) if getattr(parameters.at(one), "word", "") == "drum")
 
 
 def test_one_tap_and_one_button_are_a_complete_answer(viewer: Viewer) -> None:
@@ -97,14 +104,62 @@ def test_a_point_beside_it_is_a_small_square_in_the_picture(viewer: Viewer) -> N
 
 def test_the_word_is_chosen_by_a_parameter_for_one_tap(viewer: Viewer) -> None:
     rig = viewer.rig
-    index = next(one for one in range(48) if getattr(rig.stage.link.parameters.at(one), "word", "") == "drum")
+    index = word_index(rig)
     rig.set("AT_TAP_WORD", float(index))
     viewer.see(0.5, "drum")
     assert rig.echoes("AT_TAP_WORD")[-1] == index
     assert "Tap it: drum -1" in viewer.draws[-1].video.note  # type: ignore[union-attr]
+    # Another operator may have aimed while the video still said "obstacle".
+    refused(viewer, "C1 not in the video yet: look, then tap")
+    viewer.see(2.0, "drum")
     assert viewer.tap(*SIDES) == ACCEPTED
     assert rig.vision.words["drum"] == -1.0
     assert rig.echoes("AT_TAP_WORD")[-1] == -1.0
+
+
+def test_the_word_is_an_obstacle_again_once_the_call_is_over(viewer: Viewer) -> None:
+    rig = viewer.rig
+    rig.set("AT_TAP_WORD", float(word_index(rig)))
+    viewer.see(0.5, "drum")
+    viewer.command(191, ANSWER, 0, 1)
+    viewer.see(4.0)
+    assert rig.state == ("OK", 0)
+    assert rig.echoes("AT_TAP_WORD")[-1] == -1.0
+
+
+def test_the_still_picture_is_requested_in_the_turn_in_which_the_call_opens(viewer: Viewer) -> None:
+    still = next(one for one in viewer.draws if one.video is not None and one.video.note != LEGEND)
+    assert viewer.rig.calls.call is not None
+    assert still.frame_id == viewer.rig.calls.call.frame_id
+    later = viewer.draws[viewer.draws.index(still) + 1 :]
+    assert all(one.frame_id == still.frame_id for one in later)
+
+
+def test_a_still_picture_that_could_not_be_drawn_is_requested_again_and_none_poses_as_it(
+    viewer: Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> bytes:
+        raise ValueError("no picture")
+
+    shown = viewer.pictures[-1].number
+    with monkeypatch.context() as patched:
+        patched.setattr(pictures, "video_picture", fail)
+        viewer.rig.set("AT_TAP_WORD", float(word_index(viewer.rig)))
+        viewer.see(0.5, "drum")
+        viewer.pictures.clear()
+        viewer.see(2.0, "drum")
+        assert viewer.pictures == []
+        refused(viewer, "C1 not in the video yet: look, then tap")
+    viewer.see(1.5, "drum")
+    assert viewer.pictures[-1].number > shown > 0
+
+
+def test_while_vision_hangs_the_still_picture_is_not_given_as_new(viewer: Viewer) -> None:
+    viewer.rig.hung = True
+    viewer.see(2.6, "drum")
+    viewer.pictures.clear()
+    viewer.see(1.5, "drum")
+    assert viewer.pictures == []
 
 
 def test_an_index_that_is_no_words_is_refused(viewer: Viewer) -> None:

@@ -124,6 +124,10 @@ def test_a_companion_that_is_no_camera_says_and_answers_nothing_as_one() -> None
     send(stage, REQUEST, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION, target=(1, 100))
     assert {frame.message.get_srcComponent() for frame in stage.frames} == {191}
     assert stage.sent("COMMAND_ACK") == []
+    # pymavlink's component is 0 unless it is told another.
+    send(stage, REQUEST, 148.0, sender=(1, 0), target=(1, 191))
+    assert len(stage.sent("COMMAND_ACK")) == 1
+    assert stage.sent("STATUSTEXT") == []
 
 
 def test_a_tap_becomes_an_answer_and_its_result_comes_from_the_camera(stage: LoopbackLink) -> None:
@@ -149,11 +153,13 @@ def test_a_tap_becomes_an_answer_and_its_result_comes_from_the_camera(stage: Loo
 def test_a_tap_that_is_sent_again_is_one_tap_even_when_its_call_is_over(stage: LoopbackLink) -> None:
     send(stage, POINT, 0.5, 0.6)
     (answer,) = stage.reported(Answer)
+    send(stage, POINT, 0.1, 0.6, sender=(254, 190))
+    assert len(stage.reported(Answer)) == 2, "another operator's"
     send(stage, POINT, 0.5, 0.6, again=1)
     stage.link.acknowledge(answer, Acknowledgement.without_figures(0, 7, Result.APPLIED, "closed"), stage.now)
     stage.link.camera.resolve = lambda _tap, _now: "No call or hold is open: nothing changed"
     send(stage, POINT, 0.5, 0.6, again=2)
-    assert len(stage.reported(Answer)) == 1
+    assert len(stage.reported(Answer)) == 2
     assert [ack.result for ack in of_camera(stage, "COMMAND_ACK")] == [ACCEPTED, ACCEPTED]
 
 

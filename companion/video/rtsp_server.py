@@ -11,6 +11,7 @@ once; then b"p", the number of a picture (u32, 0: a live one) and its JPEG. From
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import json
 import os
@@ -32,6 +33,7 @@ _REPORT_MS = 250
 _SESSION_TIMEOUT = 10
 """Seconds after which a viewer that is silent counts as gone."""
 _MOST_VIEWERS = 4
+_BACKLOG = 64
 _MOST_UNUSED, _UNUSED_FOR = 16, 10.0
 """Connections that asked for no video yet, and the seconds after which they are closed."""
 _WAITING = 2 << 20
@@ -39,6 +41,8 @@ _WAITING = 2 << 20
 _MOST_MEMORY = 1 << 30
 _SETUP_WITHIN = 10.0
 _NICENESS, _FIRST_OUT = 10, 950
+PORT_TAKEN, NO_GSTREAMER = 3, 4
+"""Exit codes."""
 _DEATH_SIGNAL = 1
 
 PIPELINE = (
@@ -70,6 +74,7 @@ class Stream:
         self._server = GstRtspServer.RTSPServer()
         self._server.set_address(setup["host"])
         self._server.set_service(str(setup["port"]))
+        self._server.set_backlog(_BACKLOG)
         factory = GstRtspServer.RTSPMediaFactory()
         factory.set_launch(PIPELINE.format(rate=setup["rate"], encoder=setup["encoder"]))
         factory.set_shared(True)
@@ -182,10 +187,8 @@ def main(descriptor: int, parent: int) -> NoReturn:
             file.write(str(_FIRST_OUT))
     except OSError:
         pass
-    try:
+    with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
         resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
-    except (OSError, ValueError):  # this computer's limit is lower
-        pass
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     channel = socket.socket(fileno=descriptor)
@@ -194,18 +197,20 @@ def main(descriptor: int, parent: int) -> NoReturn:
     if packed[:1] != b"c":
         sys.exit("the first message is no setup")
     channel.settimeout(0)
-    import gi
+    try:
+        import gi
 
-    for name in ("Gst", "GstApp", "GstRtsp", "GstRtspServer"):
-        gi.require_version(name, "1.0")
-    from gi.repository import GLib, Gst
-
+        for name in ("Gst", "GstApp", "GstRtsp", "GstRtspServer"):
+            gi.require_version(name, "1.0")
+        from gi.repository import GLib, Gst
+    except (ImportError, ValueError):
+        sys.exit(NO_GSTREAMER)
     Gst.init(None)
     setup = json.loads(packed[1:])
     try:
         stream = Stream(channel, setup)
-    except OSError as error:
-        sys.exit(str(error))
+    except OSError:
+        sys.exit(PORT_TAKEN)
     GLib.io_add_watch(
         descriptor, GLib.PRIORITY_DEFAULT, GLib.IO_IN | GLib.IO_HUP, lambda *_: stream.receive()
     )

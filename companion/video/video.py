@@ -15,7 +15,7 @@ from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild, SideProcess
 from companion.system.watchdog import Restarts
 from companion.tasks import VIDEO
-from companion.video.rtsp_server import LARGEST, REPORT
+from companion.video.rtsp_server import LARGEST, NO_GSTREAMER, PORT_TAKEN, REPORT
 
 log = logging.getLogger(__name__)
 
@@ -26,6 +26,11 @@ PACKAGES = (
 )
 """What the video needs of Debian, Raspberry Pi OS and Ubuntu."""
 
+_WHY = {
+    f"exit code {PORT_TAKEN}": "another program has its port: set another [video] listen",
+    f"exit code {NO_GSTREAMER}": "GStreamer is missing: install the packages of docs/install.md",
+}
+
 
 class VideoChild(SideChild):
     """Runs the RTSP server, by the system's Python."""
@@ -35,6 +40,11 @@ class VideoChild(SideChild):
         # ORC compiles code while it runs, which the service forbids; without, it takes code made in advance.
         environment = {"ORC_CODE": "backup", "GST_REGISTRY": os.path.join(folder, "gstreamer-registry.bin")}
         super().__init__(command, buffer=2 * LARGEST, environment=environment, longest=REPORT.size + 1)
+
+    def ended(self) -> str:
+        """Say why the process ended, "" while it runs."""
+        how = super().ended()
+        return _WHY.get(how, how)
 
 
 class Video:
@@ -89,7 +99,7 @@ class Video:
             self._process.send(b"p" + number.to_bytes(4, "little") + picture)
 
     def shown_for(self, number: int, now: float) -> float:
-        """Return for how many seconds the video has shown this still picture and no other; 0 if it does not."""
+        """Return for how many seconds the video has shown this still picture and no other; 0: it does not."""
         return now - self._shown_since if number and number == self._shown else 0.0
 
     def figures(self) -> dict[str, Any]:

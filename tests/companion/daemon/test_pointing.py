@@ -205,6 +205,10 @@ def test_live_pictures_are_no_more_than_wanted(viewer: Viewer) -> None:
     before = len(viewer.draws)
     viewer.see(4.0)
     assert 16 <= len(viewer.draws) - before <= 21, "five a second, of ten frames"
+    viewer.rig.vision.rate.why = "hot computer"
+    before = len(viewer.draws)
+    viewer.see(4.0)
+    assert 3 <= len(viewer.draws) - before <= 5, "drawing must not take from judging"
 
 
 def refused(viewer: Viewer, text: str, thing: str = "drum") -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import select
+import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
@@ -41,8 +44,9 @@ def jpeg(bright: int) -> bytes:
 class Stage:
     """The supervisor's end, and one viewer."""
 
-    def __init__(self, folder: Path, **more: Any) -> None:
-        config = replace(Config(), video=Settings("127.0.0.1:0"), journal=Journal(folder=str(folder)))
+    def __init__(self, folder: Path, listen: str = "127.0.0.1:0", **more: Any) -> None:
+        settings = Settings(listen, rate=15.0)
+        config = replace(Config(), video=settings, journal=Journal(folder=str(folder)))
         self.video = Video(config, **{"restarts": LIMITS, **more})
         self.frame, self.bright = 1, GREY
         self.told_at = 0.0
@@ -51,7 +55,7 @@ class Stage:
     def turn(self) -> None:
         now = time.monotonic()
         self.video.poll(now)
-        if self.feeds and self.video.watched and now - self.told_at > 0.2:
+        if self.feeds and self.video.watched and now - self.told_at > 0.05:
             self.told_at = now
             self.video.show(self.frame, jpeg(self.bright))
         time.sleep(0.01)
@@ -93,7 +97,9 @@ class Viewer:
 
 _VIEW = """
 import os, sys
-os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
+os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = (
+    "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay|fpsprobesize;0"
+)
 import cv2
 capture = cv2.VideoCapture(sys.argv[1], cv2.CAP_FFMPEG)
 while True:
@@ -128,8 +134,16 @@ def test_a_viewer_sees_what_is_shown_and_the_supervisor_knows_which_frame_that_i
         stage.until(lambda: stage.video.shown_for(1, time.monotonic()) > 0.0)
         stage.frame, stage.bright = 2, 200
         stage.until(lambda: sees(200))
-        stage.until(lambda: stage.video.shown_for(2, time.monotonic()) > 0.5)
+        stage.until(lambda: stage.video.shown_for(2, time.monotonic()) > 0.1)
         assert stage.video.shown_for(1, time.monotonic()) == 0.0
+        # Whoever connects and asks for nothing keeps nobody out.
+        address = urlsplit(stage.video.url)
+        idle = [socket.create_connection((address.hostname, address.port), 5.0) for _ in range(30)]
+        stage.until(lambda: select.select(idle[:1], [], [], 0.0)[0] != [])
+        assert idle[0].recv(1) == b"", "closed"
+        stage.until(lambda: stage.video.shown_for(2, time.monotonic()) > 0.2)
+        for one in idle:
+            one.close()
         # Without new pictures the old one says so, and no tap can mean it.
         stage.feeds, stopped = False, time.monotonic()
         stage.until(lambda: stage.video.shown_for(2, time.monotonic()) == 0.0)
@@ -141,7 +155,14 @@ def test_a_viewer_sees_what_is_shown_and_the_supervisor_knows_which_frame_that_i
 
 
 @pytest.mark.parametrize(
-    "said", [b"x", REPORT.pack(0, 0, 0), REPORT.pack(8554, 1, 2), REPORT.pack(8554, 1, 1) + b"x"]
+    "said",
+    [
+        b"x",
+        REPORT.pack(0, 0, 0),
+        REPORT.pack(8554, 1, 2),
+        REPORT.pack(8554, 1, 1) + b"x",
+        REPORT.pack(8555, 1, 1),
+    ],
 )
 def test_a_process_that_says_nonsense_is_started_again(tmp_path: Path, said: bytes) -> None:
     import sys
@@ -151,7 +172,7 @@ def test_a_process_that_says_nonsense_is_started_again(tmp_path: Path, said: byt
     def launch(_command: object, folder: str) -> VideoChild:
         return VideoChild((sys.executable, "-c", code), folder)
 
-    stage = Stage(tmp_path, launch=launch)
+    stage = Stage(tmp_path, "127.0.0.1:8554", launch=launch)
     try:
         stage.until(lambda: stage.video.figures()["restarts"] >= 1)
         assert stage.video.trouble == "sent nonsense"
@@ -167,6 +188,16 @@ def test_a_python_without_gstreamer_is_said_and_harms_nothing(tmp_path: Path) ->
     video.poll(time.monotonic())
     assert video.trouble == "cannot be started on /nowhere/python3 (no such file or directory)"
     assert missing_of("/nowhere/python3", "x264enc").startswith("/nowhere/python3 cannot be run")
+
+
+def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
+    if _missing():
+        pytest.skip(_missing())
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        stage = Stage(tmp_path, f"127.0.0.1:{taken.getsockname()[1]}")
+        stage.until(lambda: stage.video.trouble not in ("", "starting"))
+        stage.video.close()
+    assert stage.video.trouble == "ended: another program has its port: set another [video] listen"
 
 
 def test_what_gstreamer_lacks_is_named() -> None:

@@ -37,7 +37,8 @@ _SILENT_FOR = 5.0
 _REPEATED_WITHIN = 10.0
 _MOST_SENDERS = 16
 _FASTEST, _SLOWEST = 0.5, 10.0
-"""s between two CAMERA_TRACKING_IMAGE_STATUS. One is for all who asked."""
+"""s between two CAMERA_TRACKING_IMAGE_STATUS. All who asked get them as the last one asked."""
+_MOST_ASKERS = 4
 _IDLE_REPEATS = 3
 _NEVER = float("-inf")
 _FLAGS = (
@@ -97,6 +98,8 @@ class CameraService:
         """Each sender's newest tap that became an answer, and when it came."""
         self._target: Box | None = None
         self._status_period = math.inf
+        self._askers: list[SenderId] = []
+        """Who is sent CAMERA_TRACKING_IMAGE_STATUS: on their connections alone, as a radio is slow."""
         self._idle_left = 0
 
     @property
@@ -139,7 +142,7 @@ class CameraService:
             case mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_STATUS:
                 result = self._send(mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS, sender, now)
             case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL if self._allowed(sender, now):
-                result = self._set_interval(first, message.param2)
+                result = self._set_interval(first, message.param2, sender)
             case mavlink.MAV_CMD_CAMERA_STOP_TRACKING if self._allowed(sender, now):
                 # What a tap taught stays: only an operator's "forget" takes it back.
                 self.mark(None)
@@ -173,7 +176,9 @@ class CameraService:
         if due and (self._target is not None or self._idle_left):
             self._status_at = now
             self._idle_left = _IDLE_REPEATS if self._target is not None else self._idle_left - 1
-            self._outbox.push("tracking status", self._tracking_status(), now, key=0, lifetime=1.0)
+            for asker in self._askers:
+                status = self._tracking_status()
+                self._outbox.push("tracking status", status, now, key=asker, lifetime=1.0, to=asker)
 
     def _tapped(self, sender: SenderId, message: Any, now: float) -> Answer | None:
         via = _VIAS[message.command]
@@ -225,14 +230,16 @@ class CameraService:
         self._outbox.push(row, make(), now, key=to, to=to)
         return _ACCEPTED
 
-    def _set_interval(self, message_id: float, interval: float) -> int:
+    def _set_interval(self, message_id: float, interval: float, sender: SenderId) -> int:
         if message_id != mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS:
             return _UNSUPPORTED
+        others = [asker for asker in self._askers if asker != sender]
         if interval == -1:
-            self._status_period = math.inf
+            self._askers = others
         elif math.isfinite(interval) and interval >= 0:
             seconds = interval / 1e6 or 1.0
             self._status_period, self._idle_left = min(max(seconds, _FASTEST), _SLOWEST), _IDLE_REPEATS
+            self._askers = [*others, sender][-_MOST_ASKERS:]
         else:
             return _DENIED
         return _ACCEPTED

@@ -211,6 +211,10 @@ def test_what_was_tapped_is_told_at_the_wanted_rate_and_that_it_is_over(stage: L
     stage.run(5.0)
     over = of_camera(stage, "CAMERA_TRACKING_IMAGE_STATUS")[len(told) :]
     assert [one.tracking_status for one in over] == [0, 0, 0], "and then it is quiet"
+    ask(stage, SET_RATE, mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS, -1.0)
+    stage.link.camera.mark(Box(0.4, 0.5, 0.6, 0.7))
+    stage.run(2.0)
+    assert len(of_camera(stage, "CAMERA_TRACKING_IMAGE_STATUS")) == len(told) + 3
     assert ask(stage, SET_RATE, mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS, math.nan) == DENIED
 
 
